@@ -1,0 +1,72 @@
+"""`Fit`: what an estimator found, how sure it is, and how the search ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+M = TypeVar("M", covariant=True)
+
+
+class Ending(Enum):
+    """How an estimation ended; only the first two are answers to the question that was asked."""
+
+    SOLVED = "solved"  # a linear problem, by factorisation or recursion
+    CONVERGED = "converged"  # a nonlinear search, at a minimum
+    RANK_DEFICIENT = "rank deficient"  # the data cannot tell all parameters apart
+    STALLED = "stalled"  # no step makes progress any more, short of a minimum
+    OUT_OF_BUDGET = "out of budget"  # iterations or time ran out
+    INTERRUPTED = "interrupted"  # by the user; what was found is kept
+
+
+@dataclass(frozen=True, eq=False)
+class Fit(Generic[M]):
+    """A model fitted to a record.
+
+    Attributes:
+        model: the model with the estimated parameters in it.
+        names: a name for each of the p free parameters.
+        estimate: (p,) their values.
+        covariance: (p, p) of the estimate; infinite on the diagonal of what the data cannot tell.
+        noise_variance: of the residual that was minimised, in its unit squared.
+        samples: how many equations the fit rests on.
+        condition: condition number of the problem with its columns scaled to unit length.
+        rank: how many parameters (or combinations of them) the data can tell.
+        ending: how it ended.
+        message: one sentence for the user: what the ending means here, empty where all is well.
+        method: what was used, for tables: ``ls``, ``rls``, …
+        iterations: steps that a nonlinear search took.
+        history: (k, p) estimate after every sample or step, where it was asked for.
+    """
+
+    model: M
+    names: tuple[str, ...]
+    estimate: Array
+    covariance: Array
+    noise_variance: float
+    samples: float
+    condition: float
+    rank: int
+    ending: Ending = Ending.SOLVED
+    message: str = ""
+    method: str = "ls"
+    iterations: int = 0
+    history: Array | None = None
+
+    @property
+    def standard_error(self) -> Array:
+        """(p,) standard deviation of every estimate."""
+        spread: Array = np.sqrt(np.diag(self.covariance))
+        return spread
+
+    def interval(self, level: float = 0.95) -> Array:
+        """(p, 2) confidence interval of every parameter, by the normal distribution."""
+        from scipy.special import ndtri
+
+        half = float(ndtri(0.5 + level / 2)) * self.standard_error
+        return np.column_stack([self.estimate - half, self.estimate + half])

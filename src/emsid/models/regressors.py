@@ -1,0 +1,516 @@
+"""Linear-in-the-parameters structures as data.
+
+A model that is linear in its parameters, ``y(t) = φᵀ(t)θ + e(t)`` (paper, eq. 3.6), is nothing but a list of
+regressors φᵢ, and a regressor is nothing but a product of powers of lagged channels, a channel being an output, an
+input, or a static transform of one. So a `Structure` is a value: it prints its equation, reads it back, saves as text,
+and one compiled kernel builds the regression of any of them. ARX, the paper's Wiener–Hammerstein regression and
+regressions with friction terms are functions that return such a list.
+
+Sign convention (the paper's and MATLAB's): ``A(q)y = B(q)u + e`` with ``A = 1 + a₁q⁻¹ + …``, so the regressor of a₁ is
+−y(t−1).
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+from itertools import combinations_with_replacement
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# Rows of a regression built at a time: small enough for the second-level cache.
+BLOCK = 4096
+
+
+class Transform(IntEnum):
+    """Static transforms of a channel x, with one parameter p; the value is its code in the kernels."""
+
+    VALUE = 0  # x
+    SIGN = 1  # sgn(x), eq. (4.8)
+    TANH = 2  # tanh(x/p), a sign that is smooth over p
+    ABOVE = 3  # max(x − p, 0), the right branch of a dead zone (4.9)
+    BELOW = 4  # min(x − p, 0), its left branch
+    ABS = 5  # |x|
+    DECAY = 6  # exp(−|x|/p), the Stribeck term of (4.7)
+
+
+@dataclass(frozen=True, order=True)
+class Factor:
+    """A power of a lagged, perhaps transformed, channel.
+
+    Attributes:
+        channel: 0 for the output y, k for the k-th input.
+        lag: how many samples back, at least 1 for the output.
+        power: exponent, at least 1.
+        transform: what is done to the channel first.
+        parameter: of the transform, in the channel's unit.
+    """
+
+    channel: int
+    lag: int
+    power: int = 1
+    transform: Transform = Transform.VALUE
+    parameter: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.lag < (1 if self.channel == 0 else 0):
+            raise ModelError(f"lag {self.lag} of {'y' if self.channel == 0 else 'u'}: a model cannot look ahead")
+        if self.power < 1:
+            raise ModelError(f"power {self.power}: powers are whole numbers from 1 on")
+        if self.transform in (Transform.TANH, Transform.DECAY) and not self.parameter > 0:
+            raise ModelError(f"{self.transform.name.lower()} over {self.parameter}: its scale must be positive")
+
+    def __str__(self) -> str:
+        letter = "y" if self.channel == 0 else "u" if self.channel == 1 else f"u{self.channel}"
+        x = f"{letter}(t-{self.lag})" if self.lag else f"{letter}(t)"
+        shift = f"{x}{-self.parameter:+.12g}" if self.parameter else x
+        text = {
+            Transform.VALUE: x,
+            Transform.SIGN: f"sign({x})",
+            Transform.TANH: f"tanh({x}/{self.parameter:.12g})",
+            Transform.ABOVE: f"max({shift}, 0)",
+            Transform.BELOW: f"min({shift}, 0)",
+            Transform.ABS: f"abs({x})",
+            Transform.DECAY: f"exp(-abs({x})/{self.parameter:.12g})",
+        }[self.transform]
+        return text if self.power == 1 else f"{text}^{self.power}"
+
+
+@dataclass(frozen=True)
+class Regressor:
+    """A product of factors, perhaps with a minus sign; no factor at all is the constant 1."""
+
+    factors: tuple[Factor, ...] = ()
+    negative: bool = False
+
+    def __str__(self) -> str:
+        product = "*".join(str(factor) for factor in self.factors) or "1"
+        return f"-{product}" if self.negative else product
+
+    @property
+    def uses_output(self) -> bool:
+        """Whether a measured or simulated output enters."""
+        return any(factor.channel == 0 for factor in self.factors)
+
+
+class Tables(NamedTuple):
+    """A structure as the kernels read it: factor ``offsets[j]`` to ``offsets[j + 1]`` belong to regressor j."""
+
+    signs: Array
+    offsets: Integers
+    factors: Integers  # (f, 4): channel, lag, power, transform
+    parameters: Array  # (f,)
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A list of regressors: everything about a linear-in-the-parameters model but its parameters.
+
+    Args:
+        regressors: the list, or their text: ``Structure.parse("y(t-1)", "u(t-1)^2")``.
+        name: what to call it in tables and files.
+        parameter_names: a name for every parameter, θ1, θ2, … by default.
+        inputs: how many input channels a record must have; by default as many as are used.
+    """
+
+    regressors: tuple[Regressor, ...]
+    name: str = "structure"
+    parameter_names: tuple[str, ...] = ()
+    inputs: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.regressors:
+            raise ModelError(f"{self.name}: a structure needs at least one regressor")
+        if len(set(self.regressors)) < len(self.regressors):
+            twice = next(r for k, r in enumerate(self.regressors) if r in self.regressors[:k])
+            raise ModelError(f"{self.name}: regressor {twice} stands twice in the list")
+        used = max((f.channel for r in self.regressors for f in r.factors), default=0)
+        names = self.parameter_names or tuple(f"θ{k + 1}" for k in range(len(self)))
+        if len(names) != len(self):
+            raise ModelError(f"{self.name}: {len(names)} parameter names for {len(self)} regressors")
+        object.__setattr__(self, "parameter_names", names)
+        object.__setattr__(self, "inputs", max(self.inputs, used))
+
+    @classmethod
+    def parse(cls, *texts: str, name: str = "structure") -> Structure:
+        """The structure whose regressors are written as text.
+
+        Understood are products and powers of ``y(t-1)``, ``u(t-2)``, ``u2(t)``, ``sign(…)``, ``abs(…)``,
+        ``tanh(…/0.1)``, ``exp(-abs(…)/0.1)``, ``max(…-0.3, 0)``, ``min(…+0.3, 0)``, a leading minus, and ``1``.
+
+        >>> Structure.parse("y(t-1)*u(t-2)^2", "sign(y(t-1))", "max(u(t-1)-0.3, 0)").equation()
+        'y(t) = θ1*y(t-1)*u(t-2)^2 + θ2*sign(y(t-1)) + θ3*max(u(t-1)-0.3, 0) + e(t)'
+
+        Raises:
+            ModelError: where a text is not understood, with the text and the part at fault.
+        """
+        return cls(tuple(parse_regressor(text) for text in texts), name=name)
+
+    def __len__(self) -> int:
+        return len(self.regressors)
+
+    def __add__(self, other: Structure) -> Structure:
+        """Both lists of regressors, those of `other` that are already there left out."""
+        new = [k for k, regressor in enumerate(other.regressors) if regressor not in self.regressors]
+        return Structure(
+            self.regressors + tuple(other.regressors[k] for k in new),
+            name=self.name,
+            inputs=max(self.inputs, other.inputs),
+        )
+
+    @cached_property
+    def memory(self) -> int:
+        """How many past samples a prediction needs: the largest lag."""
+        return max((f.lag for r in self.regressors for f in r.factors), default=0)
+
+    def equation(self, parameters: Sequence[float] | None = None) -> str:
+        """The difference equation, with names or with numbers for the parameters."""
+        terms = []
+        for k, regressor in enumerate(self.regressors):
+            product = str(Regressor(regressor.factors))
+            tail = "" if product == "1" else f"*{product}"
+            if parameters is None:
+                sign, weight = ("-" if regressor.negative else "+"), self.parameter_names[k]
+            else:
+                value = -parameters[k] if regressor.negative else parameters[k]
+                sign, weight = ("-" if value < 0 else "+"), f"{abs(value):.6g}"
+            terms.append(f"{sign} {weight}{tail}")
+        text = " ".join(terms)
+        return f"y(t) = {text[2:] if text.startswith('+') else text} + e(t)"
+
+    @cached_property
+    def tables(self) -> Tables:
+        """The structure as the kernels read it."""
+        factors = [f for r in self.regressors for f in r.factors]
+        return Tables(
+            signs=np.array([-1.0 if r.negative else 1.0 for r in self.regressors]),
+            offsets=np.cumsum([0] + [len(r.factors) for r in self.regressors]).astype(np.int64),
+            factors=np.array(
+                [(f.channel, f.lag, f.power, int(f.transform)) for f in factors], dtype=np.int64
+            ).reshape(-1, 4),
+            parameters=np.array([f.parameter for f in factors], dtype=float),
+        )
+
+    def check(self, record: Record) -> None:
+        """Refuse a record that this structure cannot be fitted to or run on.
+
+        Raises:
+            ModelError: for other than one output, too few inputs, or no segment longer than the memory.
+        """
+        if record.output.shape[1] != 1:
+            raise ModelError(
+                f"{self.name} has one output and {record.name} {record.output.shape[1]}; choose one of "
+                f"{', '.join(record.output_names) or 'them'}"
+            )
+        if record.input.shape[1] < self.inputs:
+            raise ModelError(f"{self.name} uses input u{self.inputs}; {record.name} has {record.input.shape[1]}")
+        longest = max(len(segment) for segment in record.segments)
+        if longest <= self.memory:
+            raise ModelError(
+                f"{record.name}: its longest segment has {longest} samples; {self.name} looks back {self.memory}"
+            )
+
+    def columns(self, record: Record, start: int, stop: int) -> Array:
+        """[Φ y] of samples ``start`` to ``stop`` of a single segment, (n + 1, stop − start), a row per regressor."""
+        block = np.empty((len(self) + 1, stop - start))
+        fill(block, *self.tables, record.output[:, 0], record.input, start)
+        return block
+
+    def blocks(self, record: Record) -> Iterator[Array]:
+        """[Φ y] of a record, segment by segment, in blocks of columns (n + 1, ≤ `BLOCK`)."""
+        for segment in record.segments:
+            for start in range(self.memory, len(segment), BLOCK):
+                yield self.columns(segment, start, min(start + BLOCK, len(segment)))
+
+    def regression(self, record: Record) -> tuple[Array, Array]:
+        """Φ (N, n) and y (N,) of a whole record, for whoever wants to look at them."""
+        stacked = np.hstack(list(self.blocks(record)))
+        return stacked[:-1].T, stacked[-1]
+
+
+def parse_regressor(text: str) -> Regressor:
+    """The regressor a text stands for; see `Structure.parse`."""
+    try:
+        tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
+    except SyntaxError as problem:
+        raise ModelError(f"regressor {text!r} is not understood: {problem.msg}") from None
+    negative = isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub)
+    if negative:
+        assert isinstance(tree, ast.UnaryOp)
+        tree = tree.operand
+    # In -a*b the parser hangs the minus on a.
+    factors: dict[Factor, int] = {}
+    for node, power in _products(tree, 1):
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+            negative, node = not negative, node.operand
+        if isinstance(node, ast.Constant) and node.value == 1:
+            continue
+        factor = _factor(node, text)
+        factors[factor] = factors.get(factor, 0) + power
+    return Regressor(
+        tuple(
+            Factor(f.channel, f.lag, power, f.transform, f.parameter) for f, power in factors.items()
+        ),
+        negative,
+    )
+
+
+def _products(node: ast.expr, power: int) -> Iterator[tuple[ast.expr, int]]:
+    """The factors of a product with their powers."""
+    match node:
+        case ast.BinOp(left, ast.Mult(), right):
+            yield from _products(left, power)
+            yield from _products(right, power)
+        case ast.BinOp(base, ast.Pow(), ast.Constant(int(exponent))) if exponent >= 1:
+            yield from _products(base, power * exponent)
+        case _:
+            yield node, power
+
+
+def _factor(node: ast.expr, text: str) -> Factor:
+    """One lagged channel, perhaps transformed."""
+
+    def lagged(inner: ast.expr, transform: Transform, parameter: float = 0.0) -> Factor:
+        match inner:
+            case ast.Call(ast.Name(letter), [ast.Name("t")]):
+                lag = 0
+            case ast.Call(ast.Name(letter), [ast.BinOp(ast.Name("t"), ast.Sub(), ast.Constant(int(lag)))]):
+                pass
+            case _:
+                raise ModelError(
+                    f"regressor {text!r}: {ast.unparse(inner)!r} is not a lagged channel such as y(t-1) or u(t-2)"
+                )
+        number = letter[1:] or "1"
+        if letter != "y" and not (letter[:1] == "u" and number.isdigit() and int(number) > 0):
+            raise ModelError(f"regressor {text!r}: no channel {letter!r}; there are y, u, u2, u3, …")
+        return Factor(0 if letter == "y" else int(number), lag, 1, transform, parameter)
+
+    match node:
+        case ast.Call(ast.Name("sign"), [inner]):
+            return lagged(inner, Transform.SIGN)
+        case ast.Call(ast.Name("abs"), [inner]):
+            return lagged(inner, Transform.ABS)
+        case ast.Call(ast.Name("tanh"), [ast.BinOp(inner, ast.Div(), ast.Constant(scale))]):
+            return lagged(inner, Transform.TANH, float(scale))
+        case ast.Call(
+            ast.Name("exp"),
+            [ast.BinOp(ast.UnaryOp(ast.USub(), ast.Call(ast.Name("abs"), [inner])), ast.Div(), ast.Constant(scale))],
+        ):
+            return lagged(inner, Transform.DECAY, float(scale))
+        case ast.Call(ast.Name("max" | "min" as side), [hinge, ast.Constant(0 | 0.0)]):
+            transform = Transform.ABOVE if side == "max" else Transform.BELOW
+            match hinge:
+                case ast.BinOp(inner, ast.Sub(), ast.Constant(knot)):
+                    return lagged(inner, transform, float(knot))
+                case ast.BinOp(inner, ast.Add(), ast.Constant(knot)):
+                    return lagged(inner, transform, -float(knot))
+                case _:
+                    return lagged(hinge, transform)
+        case _:
+            return lagged(node, Transform.VALUE)
+
+
+# --- the structures with a name ------------------------------------------------------------------------------------
+
+
+def arx(na: int, nb: int, nk: int = 1, inputs: int = 1) -> Structure:
+    """ARX, ``A(q)y(t) = B(q)u(t − nk) + e(t)``; with na = 4, nb = 4 the paper's linear model (5.12, 5.13).
+
+    Args:
+        na: how many coefficients a₁ … a_na.
+        nb: how many coefficients b₁ … b_nb, for every input.
+        nk: delay in samples from the input to its first effect.
+        inputs: how many inputs.
+    """
+    _check_counts("arx", na=na, nb=nb, nk=nk, inputs=inputs - 1)
+    return Structure(
+        _autoregressive(na) + tuple(_lagged(k, nk + i) for k in range(1, inputs + 1) for i in range(nb)),
+        name="arx",
+        parameter_names=(
+            *(f"a{i + 1}" for i in range(na)),
+            *(f"b{i + 1}" if inputs == 1 else f"b{k}_{i + 1}" for k in range(1, inputs + 1) for i in range(nb)),
+        ),
+        inputs=inputs,
+    )
+
+
+def wiener_hammerstein_regression(
+    na: int, nb: int, degree: int, taps: int = 1, nk: int = 1, cross_terms: bool = True
+) -> Structure:
+    """The paper's expanded Wiener–Hammerstein model (3.5, 3.6): ARX in y, and every monomial in the lagged input.
+
+    An FIR filter of ``taps`` taps, a polynomial of this degree without constant term, and a second filter with ``nb``
+    numerator and ``na`` denominator coefficients. Expanded, the term h_l of the second filter brings every product of
+    up to ``degree`` inputs with lags from l to l + taps − 1. With one tap there are no cross terms, and na = 4, nb = 3,
+    degree = 2 is the paper's (5.10).
+
+    Args:
+        na, nb: coefficients of the second filter's denominator and numerator.
+        degree: of the polynomial.
+        taps: of the first filter, N_g.
+        nk: delay in samples from the input to its first effect.
+        cross_terms: whether products of differently lagged inputs are kept (in full, eq. 3.6) or only powers.
+    """
+    _check_counts("wiener_hammerstein_regression", na=na, nb=nb - 1, degree=degree - 1, taps=taps - 1, nk=nk)
+    regressors = list(_autoregressive(na))
+    for power in range(1, degree + 1):
+        seen: dict[tuple[int, ...], None] = {}
+        for shift in range(nb):
+            for lags in combinations_with_replacement(range(nk + shift, nk + shift + taps), power):
+                if cross_terms or len(set(lags)) == 1:
+                    seen[lags] = None
+        for lags in sorted(seen):
+            factors = tuple(Factor(1, lag, lags.count(lag)) for lag in dict.fromkeys(lags))
+            regressors.append(Regressor(factors))
+    return Structure(
+        tuple(regressors),
+        name="wiener-hammerstein-regression",
+        parameter_names=(
+            *(f"a{i + 1}" for i in range(na)),
+            *(f"s{i + 1}" for i in range(len(regressors) - na)),
+        ),
+    )
+
+
+def friction_narx(
+    na: int,
+    nb: int,
+    knots: Sequence[float] = (),
+    nk: int = 1,
+    sign: Transform = Transform.SIGN,
+    width: float = 0.0,
+    speeds: Sequence[float] = (),
+) -> Structure:
+    """ARX with what dry friction and a dead zone add, all of it linear in the parameters.
+
+    A dead zone (4.9) of unknown width is a sum of hinges of the input with their knots where its edges may be. Coulomb
+    friction is the sign of the lagged speed, its Stribeck part (4.7) that sign times exp(−|y|/v). A drive at rest is
+    released only by an input beyond break-away, another pair of hinges, so the same knots serve that too. A constant
+    takes up offsets.
+
+    Args:
+        na, nb: coefficients of past outputs and inputs.
+        knots: where hinges are put, in the input's unit: max(u − k, 0) for k ≥ 0, min(u − k, 0) for k < 0.
+        nk: delay in samples from the input to its first effect.
+        sign: `Transform.SIGN`, or `Transform.TANH`, smooth over ``width``.
+        width: scale of the smooth sign, in the output's unit.
+        speeds: Stribeck speeds v, in the output's unit, each a regressor sign(y)·exp(−|y|/v).
+    """
+    _check_counts("friction_narx", na=na - 1, nb=nb - 1, nk=nk)
+    direction = Factor(0, 1, 1, sign, width if sign is Transform.TANH else 0.0)
+    hinges = tuple(
+        Regressor((Factor(1, nk + i, 1, Transform.ABOVE if knot >= 0 else Transform.BELOW, float(knot)),))
+        for knot in knots
+        for i in range(nb)
+    )
+    friction = (
+        Regressor((direction,), negative=True),
+        *(Regressor((direction, Factor(0, 1, 1, Transform.DECAY, float(v))), negative=True) for v in speeds),
+    )
+    return Structure(
+        (*_autoregressive(na), *(_lagged(1, nk + i) for i in range(nb)), *hinges, *friction, Regressor()),
+        name="friction-narx",
+        parameter_names=(
+            *(f"a{i + 1}" for i in range(na)),
+            *(f"b{i + 1}" for i in range(nb)),
+            *(f"h{k + 1}_{i + 1}" for k in range(len(knots)) for i in range(nb)),
+            *(f"c{k}" for k in range(len(friction))),
+            "offset",
+        ),
+    )
+
+
+def _lagged(channel: int, lag: int) -> Regressor:
+    return Regressor((Factor(channel, lag),))
+
+
+def _autoregressive(na: int) -> tuple[Regressor, ...]:
+    return tuple(Regressor((Factor(0, i + 1),), negative=True) for i in range(na))
+
+
+def _check_counts(name: str, **counts: int) -> None:
+    for what, value in counts.items():
+        if value < 0 or int(value) != value:
+            raise ModelError(f"{name}: {what} is too small; it counts coefficients (or samples), see its help")
+
+
+def regression_reference(structure: Structure, y: Iterable[float], u: Array) -> Array:
+    """Φ by the definition, sample by sample: slow, obvious, and what `fill` is compared with."""
+    signals = [np.asarray(list(y)), *np.asarray(u, dtype=float).T]
+    transforms = {
+        Transform.VALUE: lambda x, p: x,
+        Transform.SIGN: lambda x, p: np.sign(x),
+        Transform.TANH: lambda x, p: np.tanh(x / p),
+        Transform.ABOVE: lambda x, p: max(x - p, 0.0),
+        Transform.BELOW: lambda x, p: min(x - p, 0.0),
+        Transform.ABS: lambda x, p: abs(x),
+        Transform.DECAY: lambda x, p: np.exp(-abs(x) / p),
+    }
+    rows = []
+    for t in range(structure.memory, len(signals[0])):
+        row = []
+        for regressor in structure.regressors:
+            value = -1.0 if regressor.negative else 1.0
+            for f in regressor.factors:
+                value *= transforms[f.transform](signals[f.channel][t - f.lag], f.parameter) ** f.power
+            row.append(value)
+        rows.append(row)
+    return np.array(rows)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def transformed(code: int, x: float, p: float) -> float:
+    """A static transform of one value; the codes are `Transform`'s."""
+    if code == 0:
+        return x
+    if code == 1:
+        return float(np.sign(x))
+    if code == 2:
+        return float(np.tanh(x / p))
+    if code == 3:
+        return max(x - p, 0.0)
+    if code == 4:
+        return min(x - p, 0.0)
+    if code == 5:
+        return abs(x)
+    return float(np.exp(-abs(x) / p))
+
+
+@numba.njit(cache=True, nogil=True)
+def fill(
+    block: Array, signs: Array, offsets: Integers, factors: Integers, parameters: Array, y: Array, u: Array, start: int
+) -> None:
+    """Write the regressors of samples ``start`` … into the rows of ``block``, and y itself into the last."""
+    count = block.shape[1]
+    for j in range(len(signs)):
+        row = block[j]
+        row[:] = signs[j]
+        for f in range(offsets[j], offsets[j + 1]):
+            channel, lag, power, code = factors[f]
+            p = parameters[f]
+            signal = y if channel == 0 else u[:, channel - 1]
+            first = start - lag
+            if code == 0 and power == 1:
+                for i in range(count):
+                    row[i] *= signal[first + i]
+            else:
+                for i in range(count):
+                    value = transformed(code, signal[first + i], p)
+                    product = value
+                    for _ in range(power - 1):
+                        product *= value
+                    row[i] *= product
+    for i in range(count):
+        block[-1, i] = y[start + i]

@@ -1,0 +1,399 @@
+"""`Record`, the one currency of the program, and what can be done to one.
+
+A record is a sampled experiment: inputs ``(N, nu)`` and outputs ``(N, ny)`` at a constant sample time. It may hold
+several *segments*, pieces without a gap, as left by masking bad samples out of a log or by putting several experiments
+together; no lagged value, filter or simulation ever reaches across a break. Everything that identifies, validates,
+plots or exports takes a record, or several, and goes through their segments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import DataError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Record:
+    """A sampled experiment.
+
+    Args:
+        input: (N, nu) inputs; a 1-D array is one channel.
+        output: (N, ny) outputs; a 1-D array is one channel. May have no column where only an input is known.
+        dt: sample time in seconds.
+        input_names, output_names: a name for every channel, ``u1, u2, …`` and ``y1, y2, …`` by default.
+        input_units, output_units: a unit for every channel, empty where unknown.
+        breaks: the first sample of every further segment, ascending; empty for a record without gaps.
+        times: the time in seconds of the first sample of every segment; by default the segments follow each other.
+        name: where the record comes from, for messages and figures.
+
+    Raises:
+        DataError: for arrays of other shapes, unequal lengths, values that are not finite, a bad sample time.
+    """
+
+    input: Array
+    output: Array
+    dt: float
+    input_names: tuple[str, ...] = ()
+    output_names: tuple[str, ...] = ()
+    input_units: tuple[str, ...] = ()
+    output_units: tuple[str, ...] = ()
+    breaks: tuple[int, ...] = ()
+    times: tuple[float, ...] = ()
+    name: str = "record"
+
+    def __post_init__(self) -> None:
+        put = lambda field, value: object.__setattr__(self, field, value)  # noqa: E731  (frozen)
+        put("input", _channels(self.input, "input"))
+        put("output", _channels(self.output, "output"))
+        if len(self.input) != len(self.output):
+            raise DataError(
+                f"{self.name}: input has {len(self.input)} samples and output {len(self.output)}; they must agree"
+            )
+        if not (np.isfinite(self.dt) and self.dt > 0):
+            raise DataError(f"{self.name}: sample time {self.dt} s; give a positive number of seconds")
+        put("dt", float(self.dt))
+        for side, letter in (("input", "u"), ("output", "y")):
+            width = getattr(self, side).shape[1]
+            names = tuple(getattr(self, f"{side}_names")) or tuple(f"{letter}{k + 1}" for k in range(width))
+            units = tuple(getattr(self, f"{side}_units")) or ("",) * width
+            for what, values in (("names", names), ("units", units)):
+                if len(values) != width:
+                    raise DataError(f"{self.name}: {len(values)} {side} {what} for {width} {side} channels")
+            put(f"{side}_names", names)
+            put(f"{side}_units", units)
+            _check_finite(getattr(self, side), names, self.name)
+        put("breaks", tuple(int(b) for b in self.breaks))
+        edges = (0, *self.breaks, len(self))
+        if len(self) and any(b <= a for a, b in pairwise(edges)):
+            raise DataError(f"{self.name}: breaks {self.breaks} must ascend inside 1 … {len(self) - 1}")
+        put("times", tuple(float(t) for t in self.times) or tuple(edge * self.dt for edge in edges[:-1]))
+        if len(self.times) != len(edges) - 1:
+            raise DataError(f"{self.name}: {len(self.times)} segment times for {len(edges) - 1} segments")
+
+    def __len__(self) -> int:
+        return len(self.input)
+
+    def __repr__(self) -> str:
+        channels = ", ".join(
+            f"{name} [{unit}]" if unit else name
+            for name, unit in zip(
+                self.input_names + self.output_names, self.input_units + self.output_units, strict=True
+            )
+        )
+        pieces = f" in {len(self.breaks) + 1} segments" if self.breaks else ""
+        return f"Record({self.name}: {len(self)} samples{pieces}, dt {self.dt:g} s; {channels})"
+
+    @property
+    def time(self) -> Array:
+        """(N,) time of every sample in seconds."""
+        edges = (0, *self.breaks, len(self))
+        return np.concatenate(
+            [start + self.dt * np.arange(b - a) for start, (a, b) in zip(self.times, pairwise(edges), strict=True)]
+        )
+
+    @property
+    def segments(self) -> tuple[Record, ...]:
+        """The pieces without a gap, each a record of its own (views, no copies)."""
+        edges = (0, *self.breaks, len(self))
+        return tuple(self[a:b] for a, b in pairwise(edges)) if self.breaks else (self,)
+
+    def __getitem__(self, rows: slice) -> Record:
+        """Samples ``rows`` (a slice without a step), keeping breaks and time."""
+        if not isinstance(rows, slice) or rows.step not in (None, 1):
+            raise DataError(f"{self.name}: a record is sliced as record[a:b], without a step")
+        start, stop, _ = rows.indices(len(self))
+        if stop <= start:
+            raise DataError(
+                f"{self.name}: rows {rows.start}:{rows.stop} select nothing of its {len(self)} samples"
+            )
+        edges = (0, *self.breaks)
+        first = max(k for k, edge in enumerate(edges) if edge <= start)
+        inside = [(b, t) for b, t in zip(self.breaks, self.times[1:], strict=True) if start < b < stop]
+        return replace(
+            self,
+            input=self.input[start:stop],
+            output=self.output[start:stop],
+            breaks=tuple(b - start for b, _ in inside),
+            times=(self.times[first] + (start - edges[first]) * self.dt, *(t for _, t in inside)),
+        )
+
+    def split(self, fraction: float) -> tuple[Record, Record]:
+        """The first ``fraction`` of the samples, to identify, and the rest, to verify."""
+        if not 0 < fraction < 1:
+            raise DataError(f"{self.name}: cannot split at {fraction}; give a fraction between 0 and 1")
+        at = round(fraction * len(self))
+        return self[:at], self[at:]
+
+    def mask(self, leave_out: ArrayLike) -> Record:
+        """The record without the samples where ``leave_out`` (N,) is true; what remains falls into segments."""
+        out = np.asarray(leave_out, dtype=bool)
+        if out.shape != (len(self),):
+            raise DataError(f"{self.name}: a mask of shape {out.shape} for {len(self)} samples")
+        if out.all():
+            raise DataError(f"{self.name}: the mask leaves no sample; relax it")
+        kept = np.flatnonzero(~out)
+        new = np.diff(kept, prepend=kept[0] - 1) > 1
+        starts = np.union1d(np.flatnonzero(new), np.searchsorted(kept, self.breaks)) if self.breaks else np.flatnonzero(new)
+        starts = starts[(starts > 0) & (starts < len(kept))]
+        first = np.concatenate([[0], starts]).astype(int)
+        return replace(
+            self,
+            input=self.input[kept],
+            output=self.output[kept],
+            breaks=tuple(int(b) for b in starts),
+            times=tuple(float(t) for t in self.time[kept[first]]),
+        )
+
+    def channel(self, name: str) -> Array:
+        """(N,) the samples of one channel by name."""
+        for names, values in ((self.input_names, self.input), (self.output_names, self.output)):
+            if name in names:
+                return values[:, names.index(name)]
+        raise DataError(
+            f"{self.name}: no channel {name!r}; there are {', '.join(self.input_names + self.output_names)}"
+        )
+
+    def detrend(self, order: int = 0) -> Record:
+        """The record less a polynomial in time of this order, fitted to every channel over the whole record.
+
+        Order 0 takes off the mean. The polynomial is common to all segments, so that they keep one operating point.
+        """
+        if order < 0:
+            raise DataError(f"{self.name}: detrending of order {order}; give 0 (mean), 1 (line) or more")
+        powers = np.polynomial.legendre.legvander(_to_unit_interval(self.time), order)
+
+        def without_trend(values: Array) -> Array:
+            return values - powers @ np.linalg.lstsq(powers, values, rcond=None)[0]
+
+        return replace(self, input=without_trend(self.input), output=without_trend(self.output))
+
+    def decimate(self, factor: int) -> Record:
+        """Every ``factor``-th sample after a zero-phase FIR anti-alias filter, segment by segment.
+
+        Raises:
+            DataError: where a segment is too short for the filter (20 samples of the slow rate).
+        """
+        if factor < 1:
+            raise DataError(f"{self.name}: cannot decimate by {factor}; give a whole number of at least 1")
+        if factor == 1:
+            return self
+        from scipy.signal import decimate
+
+        pieces = []
+        for segment in self.segments:
+            if len(segment) <= 20 * factor:
+                raise DataError(
+                    f"{self.name}: a segment of {len(segment)} samples is too short to decimate by {factor}; "
+                    f"it needs more than {20 * factor}"
+                )
+            # `decimate` filters as if the signal were zero outside; taking off the first value keeps a start from a
+            # standing level free of a false transient.
+            slow = [
+                decimate(values - values[:1], factor, ftype="fir", axis=0) + values[:1]
+                for values in (segment.input, segment.output)
+            ]
+            pieces.append(
+                replace(segment, input=slow[0], output=slow[1], dt=self.dt * factor, times=segment.times)
+            )
+        return concatenate(pieces, name=self.name)
+
+    def scale(self, name: str, gain: float, offset: float = 0.0, unit: str | None = None) -> Record:
+        """Channel ``name`` replaced by gain·x + offset, with its new unit."""
+        self.channel(name)
+        changes: dict[str, Any] = {}
+        for side in ("input", "output"):
+            names: tuple[str, ...] = getattr(self, f"{side}_names")
+            if name in names:
+                k = names.index(name)
+                values, units = getattr(self, side).copy(), list(getattr(self, f"{side}_units"))
+                values[:, k] = gain * values[:, k] + offset
+                units[k] = units[k] if unit is None else unit
+                changes |= {side: values, f"{side}_units": tuple(units)}
+        return replace(self, **changes)
+
+    def convert(self, units: Mapping[str, str] | None = None, **scales: float) -> Record:
+        """Every channel with a unit brought to SI, or the named ones to the units asked for.
+
+        Args:
+            units: for each channel to convert, the unit it is to have; all to SI where None.
+            scales: what counts and PWM stand for, see `emsid.units.conversion`: ``counts_per_revolution``,
+                ``supply_voltage``, ``pwm_full_scale``.
+        """
+        from emsid.units import conversion
+
+        present = dict(
+            zip(self.input_names + self.output_names, self.input_units + self.output_units, strict=True)
+        )
+        wanted = {name: None for name, unit in present.items() if unit} if units is None else dict(units)
+        result = self
+        for name, target in wanted.items():
+            self.channel(name)
+            gain, offset, unit = conversion(present[name], target, sample_time=self.dt, **scales)
+            result = result.scale(name, gain, offset, unit)
+        return result
+
+
+def concatenate(records: Iterable[Record], name: str | None = None) -> Record:
+    """Several experiments as one record, each a segment (or several) of it.
+
+    Raises:
+        DataError: where sample times, channel names or units differ.
+    """
+    pieces = tuple(records)
+    if not pieces:
+        raise DataError("no record to concatenate")
+    first = pieces[0]
+    for other in pieces[1:]:
+        check_same_channels(first, other)
+    offsets = np.cumsum([0] + [len(piece) for piece in pieces])
+    starts = [
+        int(offset + edge)
+        for offset, piece in zip(offsets[:-1], pieces, strict=True)
+        for edge in (0, *piece.breaks)
+    ]
+    return replace(
+        first,
+        input=np.concatenate([piece.input for piece in pieces]),
+        output=np.concatenate([piece.output for piece in pieces]),
+        breaks=tuple(starts[1:]),
+        times=tuple(time for piece in pieces for time in piece.times),
+        name=name or first.name,
+    )
+
+
+def check_same_channels(first: Record, other: Record) -> None:
+    """Refuse two records that a single model cannot describe: other sample time, channels or units."""
+    if not np.isclose(first.dt, other.dt, rtol=1e-6, atol=0.0):
+        raise DataError(
+            f"{other.name} is sampled every {other.dt:g} s and {first.name} every {first.dt:g} s; resample one of them"
+        )
+    for what in ("input_names", "output_names", "input_units", "output_units"):
+        if getattr(first, what) != getattr(other, what):
+            raise DataError(
+                f"{other.name} has {what.replace('_', ' ')} {getattr(other, what)} and {first.name} "
+                f"{getattr(first, what)}; they must agree"
+            )
+
+
+def segments(records: Record | Iterable[Record]) -> Iterator[Record]:
+    """Every segment of one record or of several, in order; they need not be in memory together."""
+    for record in (records,) if isinstance(records, Record) else records:
+        yield from record.segments
+
+
+class TimeAxis(NamedTuple):
+    """What a time column says about the sampling.
+
+    Attributes:
+        dt: median sample time in seconds.
+        jitter: largest deviation of an interval from ``dt``, as a fraction of it, gaps left aside.
+        gaps: index of every sample that comes more than 1.5·dt after the one before.
+        duplicates: index of every sample that does not come after the one before.
+    """
+
+    dt: float
+    jitter: float
+    gaps: tuple[int, ...]
+    duplicates: tuple[int, ...]
+
+    @property
+    def regular(self) -> bool:
+        """Whether the samples may be taken as equidistant: no gap, no duplicate, jitter under 5 %."""
+        return not self.gaps and not self.duplicates and self.jitter < 0.05
+
+    def __str__(self) -> str:
+        parts = [f"sample time {self.dt:.6g} s", f"jitter {100 * self.jitter:.2g} %"]
+        for what, where in (("gap", self.gaps), ("duplicate", self.duplicates)):
+            if where:
+                parts.append(f"{len(where)} {what}{'s' if len(where) > 1 else ''} (first at sample {where[0]})")
+        return ", ".join(parts)
+
+
+def time_axis(time: ArrayLike) -> TimeAxis:
+    """The regularity of a time column (N,) in seconds."""
+    t = np.asarray(time, dtype=float)
+    if t.ndim != 1 or len(t) < 2:
+        raise DataError("a time column needs at least two samples")
+    if not np.isfinite(t).all():
+        raise DataError(f"the time column has no finite value at sample {int(np.flatnonzero(~np.isfinite(t))[0])}")
+    steps = np.diff(t)
+    forward = steps[steps > 0]
+    if not len(forward):
+        raise DataError("the time column never advances")
+    dt = float(np.median(forward))
+    gap, back = steps > 1.5 * dt, steps <= 0
+    ordinary = steps[~gap & ~back]
+    return TimeAxis(
+        dt=dt,
+        jitter=float(np.max(np.abs(ordinary - dt)) / dt) if len(ordinary) else 0.0,
+        gaps=tuple(int(k) + 1 for k in np.flatnonzero(gap)),
+        duplicates=tuple(int(k) + 1 for k in np.flatnonzero(back)),
+    )
+
+
+def resample(time: ArrayLike, record: Record, dt: float | None = None) -> Record:
+    """The record brought from the time axis it was really sampled on to an equidistant one.
+
+    Inputs are held from sample to sample (they come from a digital output), outputs are interpolated linearly. Where
+    the new sample time is longer than the old one, decimate first: this function does not filter.
+
+    Args:
+        time: (N,) the time of every sample in seconds, ascending; of equal times the last sample counts.
+        record: the samples; its own ``dt`` is ignored. Must be a single segment.
+        dt: the new sample time in seconds, by default the median of the old intervals.
+    """
+    t = np.asarray(time, dtype=float)
+    if t.shape != (len(record),) or record.breaks:
+        raise DataError(f"{record.name}: resampling takes one segment and a time for each of its samples")
+    step = time_axis(t).dt if dt is None else dt
+    last = np.append(np.diff(t) > 0, True)
+    t, u, y = t[last], record.input[last], record.output[last]
+    if np.any(np.diff(t) <= 0):
+        raise DataError(f"{record.name}: the time column goes back; sort the file by time first")
+    grid = t[0] + step * np.arange(int(np.floor((t[-1] - t[0]) / step * (1 + 1e-12))) + 1)
+    held = np.searchsorted(t, grid * (1 + 1e-15), side="right") - 1
+    columns = [np.interp(grid, t, y[:, k]) for k in range(y.shape[1])]
+    return replace(
+        record,
+        input=u[np.clip(held, 0, len(t) - 1)],
+        output=np.column_stack(columns) if columns else np.empty((len(grid), 0)),
+        dt=step,
+        times=(float(grid[0]),),
+    )
+
+
+def _channels(values: ArrayLike, side: str) -> Array:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 1:
+        array = array[:, None]
+    if array.ndim != 2:
+        raise DataError(f"{side} has shape {array.shape}; give (N,) or (N, channels)")
+    if array.shape[1] > array.shape[0] > 0:
+        raise DataError(
+            f"{side} has shape {array.shape}: more channels than samples; samples go down, channels across"
+        )
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def _check_finite(values: Array, names: Sequence[str], where: str) -> None:
+    for k, name in enumerate(names):
+        column = values[:, k]
+        if not np.isfinite(column.sum()) and not np.isfinite(column).all():
+            bad = int(np.flatnonzero(~np.isfinite(column))[0])
+            raise DataError(f"{where}: channel {name!r} is {column[bad]} at sample {bad}; mask or repair it")
+
+
+def _to_unit_interval(time: Array) -> Array:
+    span = time[-1] - time[0]
+    return 2 * (time - time[0]) / span - 1 if span else np.zeros_like(time)

@@ -8,7 +8,7 @@ plots or exports takes a record, or several, and goes through their segments.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -311,10 +311,14 @@ class TimeAxis(NamedTuple):
         return not self.gaps and not self.duplicates and self.jitter < 0.05
 
     def __str__(self) -> str:
+        return self.describe(lambda sample: f"sample {sample}")
+
+    def describe(self, place: Callable[[int], str]) -> str:
+        """The axis in words, with ``place`` to say where a sample is."""
         parts = [f"sample time {self.dt:.6g} s", f"jitter {100 * self.jitter:.2g} %"]
         for what, where in (("gap", self.gaps), ("duplicate", self.duplicates)):
             if where:
-                parts.append(f"{len(where)} {what}{'s' if len(where) > 1 else ''} (first at sample {where[0]})")
+                parts.append(f"{len(where)} {what}{'s' if len(where) > 1 else ''} (first at {place(where[0])})")
         return ", ".join(parts)
 
 

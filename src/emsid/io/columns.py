@@ -1,0 +1,104 @@
+"""What every reader returns: the columns of a file, and enough about the rest of it to word a good
+message."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import polars as pl
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The content of one file.
+
+    Attributes:
+        series: every column by name, one value per sample; they need not be equally long (a MAT file may hold
+            two experiments). Numbers are numeric series; a column holding any text stays text.
+        others: what else the file holds under a name, and why it is no column (``"a single number"``).
+        units: the unit of a column, where the file has a row of units under its header.
+        preamble: the lines above the header, for hints.
+        lines: the line of the file that each row was read from, 1-based; None for formats without lines.
+    """
+
+    series: Mapping[str, pl.Series]
+    others: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    preamble: tuple[str, ...] = ()
+    lines: Sequence[int] | None = None
+
+    def place(self, row: int) -> str:
+        """Where the user finds row ``row`` (counted from 0): ``line 7`` of a text file, ``row 4`` of
+        another."""
+        return f"row {row + 1}" if self.lines is None else f"row {self.lines[row]} of the file"
+
+
+def nearest(name: str, candidates: Iterable[str]) -> str:
+    """``"; did you mean 'speed'?"``, or nothing where no candidate resembles ``name``."""
+    candidates = list(candidates)
+    by_lower = {candidate.lower(): candidate for candidate in candidates}
+    close = get_close_matches(name, candidates, n=1) or [
+        by_lower[match] for match in get_close_matches(name.lower(), by_lower, n=1)
+    ]
+    return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def from_arrays(variables: Iterable[tuple[str, object]]) -> Columns:
+    """The columns held by named arrays, as MAT and NPZ files store them.
+
+    A vector (N,), (N, 1) or (1, N) is a column; a matrix (N, k) with k ≤ N becomes ``name_1`` … ``name_k``.
+    Everything else is listed among `Columns.others`; a variable that could not be read comes as the reason,
+    in words.
+    """
+    import polars as pl
+
+    series: dict[str, pl.Series] = {}
+    others: dict[str, str] = {}
+    for name, value in variables:
+        reason = _no_column(value)
+        if reason:
+            others[name] = reason
+            continue
+        assert isinstance(value, np.ndarray)
+        values = _plain(value)
+        if 1 in values.shape or values.ndim == 1:
+            series[name] = pl.Series(name, values.ravel())
+        else:
+            for k in range(values.shape[1]):
+                series[f"{name}_{k + 1}"] = pl.Series(f"{name}_{k + 1}", np.ascontiguousarray(values[:, k]))
+    return Columns(series, others)
+
+
+def _no_column(value: object) -> str:
+    """Why ``value`` is not one or several columns; empty where it is."""
+    if isinstance(value, str):
+        return value
+    if not isinstance(value, np.ndarray):
+        return f"a {type(value).__name__}"
+    if value.dtype.kind == "c":
+        return "complex numbers"
+    if value.dtype.kind not in "biuf":
+        return "text" if value.dtype.kind in "US" else "not numbers"
+    if value.size == 0:
+        return "empty"
+    if value.size == 1:
+        return "a single number"
+    if value.ndim > 2:
+        return f"a {value.ndim}-dimensional array"
+    if value.ndim == 2 and value.shape[0] != 1 and value.shape[1] > value.shape[0]:
+        return f"a matrix of {value.shape[0]} rows and {value.shape[1]} columns; samples go down, so transpose it"
+    return ""
+
+
+def _plain(values: NDArray[np.generic]) -> NDArray[np.generic]:
+    """The numbers in a type and byte order that polars takes as they are."""
+    if values.dtype.kind == "f":
+        return values.astype(np.float64)
+    return values.astype(values.dtype.newbyteorder("="))

@@ -1,0 +1,104 @@
+"""The only two ways in which files are opened: read whole, or written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from difflib import get_close_matches
+from pathlib import Path
+from secrets import token_hex
+
+from emsid.errors import FormatError
+
+_SIGNATURES = (
+    (b"\x89PNG", "a PNG image"),
+    (b"\xff\xd8\xff", "a JPEG image"),
+    (b"GIF8", "a GIF image"),
+    (b"%PDF", "a PDF document"),
+    (b"PK\x03\x04", "a ZIP archive (an NPZ file or a spreadsheet)"),
+    (b"\xd0\xcf\x11\xe0", "an old spreadsheet or document"),
+    (b"\x1f\x8b", "a gzip archive"),
+    (b"\x89HDF", "an HDF5 file"),
+    (b"MATLAB", "a MAT file"),
+    (b"PAR1", "a Parquet file"),
+    (b"\x93NUMPY", "an NPY file"),
+    (b"SQLite", "a database"),
+)
+
+
+def read_bytes(path: str | os.PathLike[str]) -> bytes:
+    """The content of a file.
+
+    Raises:
+        FormatError: where it is missing (naming files with a similar name), a folder, empty or unreadable.
+    """
+    path = Path(path)
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise FormatError(f"{path}: there is no such file{_similar(path)}") from None
+    except IsADirectoryError:
+        raise FormatError(f"{path}: this is a folder; name a file in it") from None
+    except (OSError, ValueError) as problem:  # ValueError: a name with a null character
+        raise FormatError(
+            f"{path}: cannot be read ({_reason(problem)}); check the name and its permissions"
+        ) from None
+    if not content:
+        raise FormatError(f"{path}: the file is empty; record it again or name another")
+    return content
+
+
+def looks_like(content: bytes) -> str:
+    """What the first bytes of a file give it away as: ``a PNG image``, ``text``, ``binary data`` …"""
+    for signature, what in _SIGNATURES:
+        if content.startswith(signature):
+            return what
+    return "binary data" if any(byte < 9 for byte in content[:4096]) else "text"
+
+
+def atomic_write(path: str | os.PathLike[str], content: bytes | str) -> None:
+    """Write a file so that at every moment it is the old one or the new one, whole.
+
+    The content goes to a temporary file beside it, is forced to disk, and takes the name in one step;
+    whatever interrupts this (an error, Ctrl-C) leaves the old file and no temporary one. Missing parent
+    folders are made.
+
+    Args:
+        path: where to.
+        content: text is written as UTF-8.
+
+    Raises:
+        FormatError: where the folder cannot be made or written to, or ``path`` is itself a folder.
+    """
+    path = Path(path)
+    data = content.encode() if isinstance(content, str) else content
+    temporary = path.with_name(f".{path.name}.{token_hex(4)}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with open(temporary, "xb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, path)
+        except BaseException:
+            with suppress(OSError):
+                temporary.unlink()
+            raise
+    except (OSError, ValueError) as problem:
+        raise FormatError(
+            f"{path}: cannot be written ({_reason(problem)}); choose another place or free this one"
+        ) from None
+
+
+def _reason(problem: Exception) -> str:
+    return (getattr(problem, "strerror", None) or str(problem)).lower()
+
+
+def _similar(path: Path) -> str:
+    try:
+        names = [entry.name for entry in path.parent.iterdir()]
+    except OSError:
+        return f"; nor a folder {path.parent}" if not path.parent.is_dir() else ""
+    close = get_close_matches(path.name, names, n=3, cutoff=0.6)
+    return f"; did you mean {' or '.join(close)}?" if close else f" in {path.parent.resolve()}"

@@ -1,0 +1,465 @@
+"""From a file to a `Record`: which columns, which samples, which sample time, which units.
+
+The order of things is fixed, so that every option has one meaning: ``rows`` are taken; ``mask`` is evaluated
+on the columns as the file has them; a column becomes ``scale·x + offset``; samples that are masked out are
+never looked at again, and what remains is checked and falls into segments; derivatives are taken within each
+segment; units become SI.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import DataError, FormatError
+from emsid.io.columns import Columns, nearest
+from emsid.io.derivative import check_window, derivative
+from emsid.io.files import read_bytes
+from emsid.io.mask import left_out
+from emsid.io.mat import read_mat
+from emsid.io.npz import read_npz
+from emsid.io.parquet import read_parquet
+from emsid.io.table import read_table
+from emsid.record import Record, concatenate, time_axis
+from emsid.record import resample as resampled
+
+if TYPE_CHECKING:
+    import polars as pl
+
+Array = NDArray[np.float64]
+
+READERS: dict[str, Callable[[bytes], Columns]] = {
+    ".csv": read_table,
+    ".tsv": read_table,
+    ".dat": read_table,
+    ".txt": read_table,
+    ".mat": read_mat,
+    ".parquet": read_parquet,
+    ".npz": read_npz,
+}
+"""The reader for each suffix: from the content of a file to its columns."""
+
+BRIDGED = 10
+"""Resampling interpolates across a gap of fewer sample times than this; a longer one ends a segment."""
+
+_AGREEMENT = 0.01  # by how much of itself a given sample time may differ from that of the time column
+
+_SECONDS = {
+    "ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "msec": 1e-3, "s": 1.0, "sec": 1.0, "seconds": 1.0,
+    "min": 60.0, "h": 3600.0,
+}  # fmt: skip
+_UNIT_IN_NAME = re.compile(r"[\s_]*(?:[(\[{]\s*(?P<bracketed>[^)\]}]+?)\s*[)\]}]|_(?P<suffix>ns|us|ms|s))$")
+_LIKE_TIME = re.compile(r"t|time|timestamp|zeit|sec|seconds", re.IGNORECASE)
+_DERIVATIVE = re.compile(r"d\((?P<column>.+)\)")
+
+
+@dataclass(frozen=True)
+class _Signal:
+    """What a channel of the record is made of: a column, or the derivative of one."""
+
+    name: str
+    column: str
+    is_derivative: bool
+
+
+def read_columns(path: str | os.PathLike[str]) -> Columns:
+    """The columns of a file, by the reader for its suffix.
+
+    Raises:
+        FormatError: where the file cannot be read, has an unknown suffix, or is not what the suffix says.
+    """
+    path = Path(path)
+    reader = READERS.get(path.suffix.lower())
+    content = read_bytes(path)
+    if reader is None:
+        raise FormatError(f"{path}: no reader for the suffix {path.suffix!r}; there are {', '.join(READERS)}")
+    try:
+        columns = reader(content)
+    except FormatError as problem:
+        raise FormatError(f"{path}: {problem}") from None
+    if not columns.series:
+        raise FormatError(f"{path}: there is no column in this file{_besides(columns)}; name another")
+    return columns
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    input: str | Sequence[str],
+    output: str | Sequence[str],
+    dt: float | None = None,
+    time: str | None = None,
+    time_unit: str | None = None,
+    rows: slice | None = None,
+    mask: str | None = None,
+    scale: Mapping[str, float] | None = None,
+    offset: Mapping[str, float] | None = None,
+    units: Mapping[str, str] | None = None,
+    counts_per_revolution: float | None = None,
+    supply_voltage: float | None = None,
+    pwm_full_scale: float = 255.0,
+    resample: bool = False,
+    derivative_window: int = 9,
+) -> Record:
+    """Read a record from a file.
+
+    Args:
+        path: a CSV, TSV, ``.dat`` or ``.txt`` table, a MAT file (version 5 to 7.3), Parquet or NPZ.
+        input: the column, or columns, that drive the system. ``d(name)`` is the derivative of column
+            ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name.
+        output: the column, or columns, that answer; likewise.
+        dt: sample time in seconds; with ``resample``, the sample time to bring the record to.
+        time: the time column, from which the sample time is taken if it is regular.
+        time_unit: unit of the time column; by default the one in its header (``Timestamp(ms)``), else
+            seconds.
+        rows: the data rows to take, counted from 0, as in ``slice(5200, 105200)``.
+        mask: an SQL condition on the columns of the file, true for the samples to leave out, as in ``abs(PWM)
+            > 255``; what remains falls into segments. A sample for which it cannot be told (a missing value)
+            is left out.
+        scale, offset: by column, ``scale·x + offset`` takes the place of x.
+        units: by column, the unit it is in after that; the channel is then converted to SI. A derivative has
+            the unit of its column per second, if not given under its own name.
+        counts_per_revolution, supply_voltage, pwm_full_scale: what the units ``count`` and ``pwm`` stand for.
+        resample: bring an irregular time column to an equidistant one (inputs held, outputs interpolated). A
+            gap of 10 sample times or more is not bridged but ends a segment.
+        derivative_window: number of samples (odd) of the derivative's filter; segments shorter than it are
+            left out of a record with a derivative.
+
+    Raises:
+        FormatError: where the file cannot be read.
+        DataError: where a column, sample, sample time, mask or unit cannot be used; the message says which.
+    """
+    file = Path(path)
+    columns = read_columns(file)
+    try:
+        return _record(
+            columns,
+            name=file.name,
+            inputs=_as_tuple(input),
+            outputs=_as_tuple(output),
+            clock=_Clock(dt, time, time_unit, resample),
+            rows=rows or slice(None),
+            mask=mask,
+            scale=scale or {},
+            offset=offset or {},
+            units=units or {},
+            derivative_window=derivative_window,
+            meanings={
+                "counts_per_revolution": counts_per_revolution,
+                "supply_voltage": supply_voltage,
+                "pwm_full_scale": pwm_full_scale,
+            },
+        )
+    except DataError as problem:
+        message = str(problem)
+        raise DataError(f"{file}: {message.removeprefix(f'{file.name}: ')}") from None
+
+
+@dataclass(frozen=True)
+class _Clock:
+    """Where the sample time comes from: the options of `read` by the same names."""
+
+    dt: float | None
+    time: str | None
+    time_unit: str | None
+    resample: bool
+
+
+@dataclass(frozen=True)
+class _Selection:
+    """The rows of a file that a record is made of: all of ``start … start + N − 1`` but those left out.
+
+    Attributes:
+        columns: the file.
+        start: the first data row, counted from 0.
+        kept: (N,) true for the rows to use.
+    """
+
+    columns: Columns
+    start: int
+    kept: NDArray[np.bool_]
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """The data rows used, counted from 0."""
+        return self.start + np.flatnonzero(self.kept)
+
+    @property
+    def follows(self) -> NDArray[np.bool_]:
+        """For every row used but the first, whether the row before it is used as well."""
+        follows: NDArray[np.bool_] = np.diff(self.rows) == 1
+        return follows
+
+    def numbers(self, name: str) -> Array:
+        """The values of a column in the rows used.
+
+        Raises:
+            DataError: at the first text, missing value, NaN or infinity among them.
+        """
+        series = self.columns.series[name].gather(self.rows)
+        values = _as_numbers(series)
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            found = "no value" if series[int(bad[0])] is None else repr(series[int(bad[0])])
+            raise DataError(
+                f"column {name!r} has {found} in {self.columns.place(int(self.rows[bad[0]]))}, not a number; repair it or "
+                "leave it out with rows or a mask"
+            )
+        return values
+
+
+def _record(
+    columns: Columns,
+    *,
+    name: str,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    clock: _Clock,
+    rows: slice,
+    mask: str | None,
+    scale: Mapping[str, float],
+    offset: Mapping[str, float],
+    units: Mapping[str, str],
+    derivative_window: int,
+    meanings: Mapping[str, float | None],
+) -> Record:
+    signals = _signals(inputs, outputs, columns)
+    _check_options({"scale": scale, "offset": offset, "units": units}, signals)
+    selection = _select(
+        columns, [*(s.column for s in signals), *([clock.time] if clock.time else [])], rows, mask
+    )
+    with np.errstate(all="ignore"):  # what overflows is refused by the record, with its sample
+        values = [
+            scale.get(s.column, 1.0) * selection.numbers(s.column) + offset.get(s.column, 0.0)
+            for s in signals
+        ]
+        record = _sampled(
+            selection,
+            clock,
+            Record(
+                input=np.column_stack(values[: len(inputs)]),
+                output=np.column_stack(values[len(inputs) :]) if outputs else np.empty((len(values[0]), 0)),
+                dt=1.0,
+                input_names=tuple(inputs),
+                output_names=tuple(outputs),
+                input_units=tuple(_unit(s, units) for s in signals[: len(inputs)]),
+                output_units=tuple(_unit(s, units) for s in signals[len(inputs) :]),
+                name=name,
+            ),
+        )
+        record = _differentiated(record, [s.name for s in signals if s.is_derivative], derivative_window)
+        return record.convert(**{key: value for key, value in meanings.items() if value is not None})
+
+
+def _signals(inputs: Sequence[str], outputs: Sequence[str], columns: Columns) -> list[_Signal]:
+    """What every channel is made of, in the order inputs, outputs."""
+    names = [*inputs, *outputs]
+    if not inputs:
+        raise DataError("no input column; name at least one")
+    for name in names:
+        if names.count(name) > 1:
+            raise DataError(
+                f"column {name!r} is named twice among inputs and outputs; every channel is one column"
+            )
+    signals = []
+    for name in names:
+        inner = _DERIVATIVE.fullmatch(name)
+        is_derivative = inner is not None and name not in columns.series
+        column = inner["column"] if inner is not None and is_derivative else name
+        _check_column(column, columns)
+        signals.append(_Signal(name, column, is_derivative))
+    return signals
+
+
+def _check_column(name: str, columns: Columns) -> None:
+    if name in columns.others:
+        raise DataError(
+            f"{name!r} is no column: it is {columns.others[name]}; columns are {', '.join(columns.series)}"
+        )
+    if name not in columns.series:
+        raise DataError(
+            f"there is no column {name!r}{nearest(name, columns.series)}; there are {', '.join(columns.series)}"
+            f"{_besides(columns)}"
+        )
+
+
+def _check_options(options: Mapping[str, Mapping[str, object]], signals: Sequence[_Signal]) -> None:
+    """Refuse an option for a column that is no channel, which is a misspelling."""
+    known = dict.fromkeys(s.column for s in signals)
+    for option, by_column in options.items():
+        allowed = [*known, *(s.name for s in signals if s.is_derivative)] if option == "units" else [*known]
+        for name in by_column:
+            if name not in allowed:
+                raise DataError(
+                    f"{option} is given for {name!r}, which is neither input nor output{nearest(name, allowed)}; these "
+                    f"are {', '.join(allowed)}"
+                )
+
+
+def _select(columns: Columns, used: Sequence[str], rows: slice, mask: str | None) -> _Selection:
+    for name in used:
+        _check_column(name, columns)
+    lengths = {name: len(columns.series[name]) for name in used}
+    length = lengths[used[0]]
+    for name, other in lengths.items():
+        if other != length:
+            raise DataError(f"column {used[0]!r} has {length} samples and {name!r} {other}; they must agree")
+    if rows.step not in (None, 1):
+        raise DataError(
+            f"rows {rows.start}:{rows.stop}:{rows.step}; rows are taken without a step, decimate the record instead"
+        )
+    start, stop, _ = rows.indices(length)
+    if stop <= start:
+        first, last = ("" if edge is None else edge for edge in (rows.start, rows.stop))
+        raise DataError(
+            f"rows {first}:{last} select nothing of {length} rows; give A:B with 0 ≤ A < B ≤ {length}"
+        )
+    kept = np.ones(stop - start, dtype=bool)
+    if mask is not None:
+        same = {name: series[start:stop] for name, series in columns.series.items() if len(series) == length}
+        kept = ~left_out(mask, same)
+        if not kept.any():
+            raise DataError(f"the mask {mask!r} leaves none of {len(kept)} samples; relax it")
+    return _Selection(columns, start, kept)
+
+
+def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
+    """The record with its sample time and segments."""
+    breaks = 1 + np.flatnonzero(~selection.follows)
+    if clock.time is None:
+        if clock.dt is None:
+            raise DataError(_no_sample_time(selection.columns))
+        if clock.resample:
+            raise DataError("resampling needs a time column; name it with time (--time COLUMN)")
+        return replace(record, dt=clock.dt, breaks=tuple(map(int, breaks)), times=())
+
+    column = f"time column {clock.time!r}"
+    seconds = _time_unit(clock, selection.columns) * selection.numbers(clock.time)
+    rows = np.arange(1, len(seconds))[selection.follows]  # those whose step in time counts
+    try:
+        axis = time_axis(
+            seconds
+            if len(rows) == len(seconds) - 1
+            else np.append(0.0, np.cumsum(np.diff(seconds)[selection.follows]))
+        )
+    except DataError as problem:
+        raise DataError(f"{column}: {problem}") from None
+
+    if clock.resample:
+        gaps = 1 + np.flatnonzero(np.diff(seconds) >= BRIDGED * axis.dt)
+        breaks = np.union1d(breaks, gaps)
+        edges = (0, *breaks, len(seconds))
+        pieces = replace(record, breaks=tuple(map(int, breaks)), times=()).segments
+        return concatenate(
+            resampled(seconds[a:b], piece, clock.dt or axis.dt)
+            for (a, b), piece in zip(pairwise(edges), pieces, strict=True)
+        )
+    if not axis.regular:
+        report = axis.describe(lambda k: selection.columns.place(int(selection.rows[rows[k - 1]])))
+        raise DataError(
+            f"{column} is not regular: {report}; give resample (--resample) to bring it to an equidistant one, or dt "
+            "(--dt SECONDS) in its place to take the samples as equidistant"
+        )
+    if clock.dt is not None and abs(clock.dt - axis.dt) > _AGREEMENT * axis.dt:
+        raise DataError(
+            f"{column} says a sample time of {axis.dt:.6g} s and dt is {clock.dt:g} s; leave one of them out, or give "
+            "the unit of the column with time_unit (--time-unit)"
+        )
+    starts = seconds[[0, *breaks]]
+    return replace(
+        record,
+        dt=axis.dt if clock.dt is None else clock.dt,
+        breaks=tuple(map(int, breaks)),
+        times=tuple(map(float, starts)),
+    )
+
+
+def _differentiated(record: Record, names: Iterable[str], window: int) -> Record:
+    """The record with the channels ``names`` differentiated, without the segments too short for that."""
+    names = set(names)
+    if not names:
+        return record
+    check_window(window)
+    pieces = [piece for piece in record.segments if len(piece) >= window]
+    if not pieces:
+        longest = max(map(len, record.segments))
+        raise DataError(
+            f"the longest segment has {longest} samples, too few for a derivative over {window}; take more rows, relax the "
+            "mask or give a shorter derivative_window (--derivative-window)"
+        )
+
+    def sides(piece: Record) -> dict[str, Array]:
+        result = {}
+        for side, channels in (("input", piece.input_names), ("output", piece.output_names)):
+            values = np.array(getattr(piece, side))
+            which = [k for k, channel in enumerate(channels) if channel in names]
+            if which:
+                values[:, which] = derivative(values[:, which], piece.dt, window)
+            result[side] = values
+        return result
+
+    return concatenate(replace(piece, **sides(piece)) for piece in pieces)
+
+
+def _as_tuple(names: str | Sequence[str]) -> tuple[str, ...]:
+    return (names,) if isinstance(names, str) else tuple(names)
+
+
+def _as_numbers(series: pl.Series) -> Array:
+    """(N,) the values as real numbers, NaN where there is none; dates and durations become seconds."""
+    import polars as pl
+
+    if series.dtype.is_temporal():
+        physical = series.to_physical()
+        per_second = {"ms": 1e3, "us": 1e6, "ns": 1e9}[getattr(series.dtype, "time_unit", None) or "ns"]
+        series = (physical - physical.min()).cast(pl.Float64) / per_second
+    return series.cast(pl.Float64, strict=False).fill_null(np.nan).to_numpy().astype(np.float64)
+
+
+def _unit(signal: _Signal, units: Mapping[str, str]) -> str:
+    if not signal.is_derivative or signal.name in units:
+        return units.get(signal.name, "")
+    unit = units.get(signal.column, "")
+    return unit and f"{unit}/s"
+
+
+def _time_unit(clock: _Clock, columns: Columns) -> float:
+    """Seconds in one unit of the time column."""
+    assert clock.time is not None
+    if columns.series[clock.time].dtype.is_temporal():
+        return 1.0
+    if clock.time_unit is not None:
+        if clock.time_unit not in _SECONDS:
+            raise DataError(
+                f"time unit {clock.time_unit!r} is not understood; give one of {', '.join(_SECONDS)}"
+            )
+        return _SECONDS[clock.time_unit]
+    written = _UNIT_IN_NAME.search(clock.time)
+    unit = columns.units.get(clock.time) or (written and (written["bracketed"] or written["suffix"])) or "s"
+    return _SECONDS.get(unit, 1.0)
+
+
+def _no_sample_time(columns: Columns) -> str:
+    """What to say where neither a sample time nor a time column is given, with what the file suggests."""
+    candidates = [name for name in columns.series if _LIKE_TIME.fullmatch(_UNIT_IN_NAME.sub("", name))]
+    hint = f"; {candidates[0]!r} looks like the time column" if candidates else ""
+    for k, line in enumerate(columns.preamble):
+        if re.search(r"\bdt\b", line):
+            says = line if re.search(r"\d", line) else " / ".join(columns.preamble[k : k + 2])
+            hint += f"; the file says {' '.join(says.split())!r} above its header (mind the unit)"
+            break
+    return f"no sample time; give dt (--dt SECONDS) or time (--time COLUMN){hint}"
+
+
+def _besides(columns: Columns) -> str:
+    if not columns.others:
+        return ""
+    return f" (and, no columns: {', '.join(f'{name}, {reason}' for name, reason in columns.others.items())})"

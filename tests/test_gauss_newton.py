@@ -1,0 +1,254 @@
+"""The Gauss–Newton engine against SciPy, at bounds, with outliers, and where it has to give up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from emsid.errors import ModelError
+from emsid.estimation.fit import Ending
+from emsid.estimation.gauss_newton import Infeasible, Iteration, gauss_newton
+from emsid.estimation.losses import SQUARES, Cauchy, Huber, Loss
+from emsid.estimation.sandwich import automatic_window, long_run_variance
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Residuals of one or more experiments with one derivative function each."""
+
+    residual: Callable[[Array], list[Array]]
+    jacobian: Callable[[Array], list[Array]]
+
+    def residuals(self, theta: Array) -> Sequence[Array]:
+        return self.residual(theta)
+
+    def linearised(self, theta: Array) -> Sequence[tuple[Array, Array]]:
+        return list(zip(self.residual(theta), self.jacobian(theta), strict=True))
+
+
+def decay(noise: float = 0.05, outliers: float = 0.0, experiments: int = 1) -> Curves:
+    """y = a·exp(−bx) + c, split over experiments."""
+    x = np.linspace(0, 5, 240)
+    y = 2 * np.exp(-1.3 * x) + 0.5 + noise * np.random.default_rng(0).standard_normal(len(x))
+    y[::12] += outliers
+    parts = np.array_split(np.arange(len(x)), experiments)
+
+    def residual(theta: Array) -> list[Array]:
+        return [theta[0] * np.exp(-theta[1] * x[i]) + theta[2] - y[i] for i in parts]
+
+    def jacobian(theta: Array) -> list[Array]:
+        e = [np.exp(-theta[1] * x[i]) for i in parts]
+        return [
+            np.column_stack([ei, -theta[0] * x[i] * ei, np.ones_like(ei)])
+            for ei, i in zip(e, parts, strict=True)
+        ]
+
+    return Curves(residual, jacobian)
+
+
+def by_scipy(
+    problem: Curves, start: list[float], lower: object, upper: object, loss: str = "linear"
+) -> Array:
+    found = least_squares(
+        lambda t: np.concatenate(problem.residual(t)),
+        start,
+        lambda t: np.concatenate(problem.jacobian(t)),
+        bounds=(lower, upper),
+        method="dogbox",
+        loss=loss,
+        f_scale=0.1,
+        ftol=1e-15,
+        xtol=1e-15,
+        gtol=1e-15,
+    )
+    return np.asarray(found.x)
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper"),
+    [
+        (-np.inf, np.inf),
+        ([0, 0, 0], [9, 9, 9]),
+        ([0, 0, 0.6], [3, 9, 2]),  # one bound is touched
+        ([0, 0, 0.6], [3, 1.2, 2]),  # two are
+        ([0, 0, 0.6], [1.5, 1.2, 2]),  # all are
+    ],
+)
+def test_finds_the_minimum_that_scipy_finds(lower: object, upper: object) -> None:
+    problem, start = decay(), [1.0, 1.0, 0.7]
+    found = gauss_newton(problem, start, lower=lower, upper=upper, tolerance=1e-9)
+    assert found.ending is Ending.CONVERGED
+    np.testing.assert_allclose(found.estimate, by_scipy(problem, start, lower, upper), rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("loss", "name"), [(SQUARES, "linear"), (Huber(0.1), "huber"), (Cauchy(0.1), "cauchy")]
+)
+def test_robust_losses_agree_with_scipy_and_ignore_outliers(loss: Loss, name: str) -> None:
+    problem, start = decay(outliers=3.0), [1.0, 1.0, 0.7]
+    found = gauss_newton(problem, start, loss=loss, tolerance=1e-9)
+    np.testing.assert_allclose(found.estimate, by_scipy(problem, start, -np.inf, np.inf, name), rtol=1e-7)
+    if loss is not SQUARES:
+        assert np.abs(found.estimate - [2, 1.3, 0.5]).max() < 0.1
+
+
+@pytest.mark.parametrize("loss", [SQUARES, Huber(0.4), Cauchy(0.4)])
+def test_loss_derivatives(loss: Loss) -> None:
+    r = np.linspace(-2, 2, 41) + 0.003
+    step = 1e-5
+    slope = (loss.cost(r + step) - loss.cost(r - step)) / (2 * step)
+    bend = (loss.cost(r + step) - 2 * loss.cost(r) + loss.cost(r - step)) / step**2
+    np.testing.assert_allclose(loss.weight(r) * r, slope, atol=1e-8)
+    np.testing.assert_allclose(loss.curvature(r), bend, atol=1e-4)
+
+
+def test_experiments_count_like_one() -> None:
+    whole = gauss_newton(decay(), [1, 1, 0.7], tolerance=1e-9)
+    parts = gauss_newton(decay(experiments=5), [1, 1, 0.7], tolerance=1e-9)
+    np.testing.assert_allclose(parts.estimate, whole.estimate, rtol=1e-10)
+    np.testing.assert_allclose(parts.white_covariance, whole.white_covariance, rtol=1e-8)
+
+
+def test_equal_bounds_fix_a_parameter_and_the_rest_is_the_smaller_problem() -> None:
+    found = gauss_newton(decay(), [1, 1.3, 0.7], lower=[-9, 1.3, -9], upper=[9, 1.3, 9], tolerance=1e-9)
+    assert found.estimate[1] == 1.3
+    assert found.free.tolist() == [True, False, True]
+    assert found.covariance[1].tolist() == [0, 0, 0]
+    x = np.linspace(0, 5, 240)
+    y = -decay().residual(np.zeros(3))[0]
+    linear = np.linalg.lstsq(np.column_stack([np.exp(-1.3 * x), np.ones_like(x)]), y)[0]
+    np.testing.assert_allclose(found.estimate[[0, 2]], linear, rtol=1e-10)
+
+
+def test_a_linear_problem_is_solved_as_least_squares_with_its_covariance() -> None:
+    rng = np.random.default_rng(1)
+    phi, y = rng.standard_normal((300, 4)) * [1, 1e-3, 1e3, 1], rng.standard_normal(300)
+    problem = Curves(lambda t: [phi @ t - y], lambda t: [phi])
+    found = gauss_newton(problem, np.zeros(4), tolerance=1e-9)
+    expected = np.linalg.lstsq(phi, y)[0]
+    np.testing.assert_allclose(found.estimate, expected, rtol=1e-8)
+    variance = np.sum((phi @ expected - y) ** 2) / 296
+    scale = np.sqrt(np.diag(variance * np.linalg.inv(phi.T @ phi)))
+    np.testing.assert_allclose(np.sqrt(np.diag(found.white_covariance)), scale, rtol=1e-8)
+
+
+def test_rosenbrock_without_residual_ends_converged() -> None:
+    problem = Curves(
+        lambda t: [np.array([10 * (t[1] - t[0] ** 2), 1 - t[0]])],
+        lambda t: [np.array([[-20 * t[0], 10], [-1, 0.0]])],
+    )
+    found = gauss_newton(problem, [-1.2, 1.0])
+    assert found.ending is Ending.CONVERGED
+    np.testing.assert_allclose(found.estimate, 1, rtol=1e-10)
+
+
+def test_infeasible_steps_are_shortened() -> None:
+    """log(θ) exists only for θ > 0, and the full step from 40 to its zero at 1 goes far below."""
+
+    def residual(theta: Array) -> list[Array]:
+        if theta[0] <= 0:
+            raise Infeasible("logarithm of a negative number")
+        return [np.array([np.log(theta[0])])]
+
+    found = gauss_newton(Curves(residual, lambda t: [np.array([[1 / t[0]]])]), [40.0])
+    np.testing.assert_allclose(found.estimate, 1, rtol=1e-9)
+    with pytest.raises(ModelError, match="logarithm"):
+        gauss_newton(Curves(residual, lambda t: [np.array([[1 / t[0]]])]), [-1.0])
+
+
+def test_honest_endings() -> None:
+    problem = decay()
+    short = gauss_newton(problem, [1, 9, 0.7], max_iterations=1)
+    assert short.ending is Ending.OUT_OF_BUDGET
+    assert "after 1 steps" in short.message
+    assert gauss_newton(problem, [1, 9, 0.7], max_seconds=0).ending is Ending.OUT_OF_BUDGET
+    backwards = Curves(problem.residual, lambda t: [-j for j in problem.jacobian(t)])
+    stalled = gauss_newton(backwards, [1, 1, 0.7])
+    assert stalled.ending is Ending.STALLED
+    assert "no step lowers the cost" in stalled.message
+    alias = Curves(
+        lambda t: problem.residual(np.array([t[0] + t[3], *t[1:3]])),
+        lambda t: [np.column_stack([j, j[:, 0]]) for j in problem.jacobian(np.array([t[0] + t[3], *t[1:3]]))],
+    )
+    deficient = gauss_newton(alias, [1, 1, 0.7, 0.1], names=("a", "b", "c", "d"))
+    assert deficient.ending is Ending.RANK_DEFICIENT
+    assert "cannot tell these parameters apart: " in deficient.message
+    assert np.isinf(np.diag(deficient.covariance)).sum() == 1
+
+
+def test_a_bound_that_holds_is_named() -> None:
+    found = gauss_newton(decay(), [1, 1, 0.7], lower=[0, 0, 0.6], upper=9, names=("gain", "rate", "rest"))
+    assert found.message == "held at a bound: rest"
+    assert found.covariance[2, 2] == 0
+    assert found.covariance[0, 0] > 0
+
+
+def test_interruption_keeps_the_best_so_far() -> None:
+    seen: list[Iteration] = []
+
+    def stop(iteration: Iteration) -> None:
+        seen.append(iteration)
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+
+    found = gauss_newton(decay(), [1, 9, 0.7], progress=stop, tolerance=1e-9)
+    assert found.ending is Ending.INTERRUPTED
+    np.testing.assert_array_equal(found.estimate, seen[-1].estimate)
+    assert found.cost == seen[-1].cost < found.costs[0]
+    assert found.covariance.shape == (3, 3)
+
+
+@pytest.mark.parametrize(
+    ("start", "options", "message"),
+    [
+        ([[1.0]], {}, "shape"),
+        ([1, np.nan, 1], {}, "θ2 is nan"),
+        ([1, 1, 1], {"lower": 2}, "outside its bounds"),
+        ([1, 1, 1], {"lower": [0, 3, 0], "upper": 2}, "must not exceed"),
+        ([1, 1, 1], {"names": ("a",)}, "1 names for 3"),
+        ([1, -1e9, 1], {}, "not finite"),
+    ],
+)
+def test_bad_input(start: object, options: dict[str, object], message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        gauss_newton(decay(), start, **options)  # type: ignore[arg-type]
+
+
+def test_bad_problems() -> None:
+    with pytest.raises(ModelError, match=r"give \(N,\) and \(N, 3\)"):
+        gauss_newton(Curves(decay().residual, lambda t: [np.ones((240, 2))]), [1, 1, 1])
+    with pytest.raises(ModelError, match=r"parameters \[1\] is not finite"):
+        gauss_newton(Curves(decay().residual, lambda t: [np.full((240, 3), [1, np.nan, 1])]), [1, 1, 1])
+    with pytest.raises(ModelError, match="1 samples for 2"):
+        gauss_newton(Curves(lambda t: [np.ones(1)], lambda t: [np.ones((1, 2))]), [1, 1])
+    with pytest.raises(ModelError, match="positive number"):
+        Huber(0.0)
+
+
+def test_batch_sums_are_the_newey_west_estimate() -> None:
+    scores = np.random.default_rng(2).standard_normal((60, 3)).cumsum(axis=0)
+    window = 7
+    expected = scores.T @ scores
+    for k in range(1, window):
+        gamma = scores[k:].T @ scores[:-k]
+        expected += (1 - k / window) * (gamma + gamma.T)
+    np.testing.assert_allclose(long_run_variance([scores], window), expected, rtol=1e-10)
+
+
+def test_window_is_short_for_white_scores_and_long_for_coloured_ones() -> None:
+    rng = np.random.default_rng(3)
+    white = rng.standard_normal((20_000, 2))
+    pole, coloured = 0.9, white.copy()
+    for t in range(1, len(coloured)):
+        coloured[t] += pole * coloured[t - 1]
+    assert automatic_window([white]) <= 5
+    assert automatic_window([np.zeros((10, 2))]) == 1
+    truth = 1 / (1 - pole) ** 2 * len(white)
+    assert np.diag(long_run_variance([coloured])) == pytest.approx(truth, rel=0.25)

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 def sign(speed: ArrayLike) -> Array:
     """sgn(ω) (4.8): 1 forward, −1 backward, 0 at rest."""
-    return np.sign(np.asarray(speed, dtype=float))
+    return np.asarray(np.sign(np.asarray(speed, dtype=float)))
 
 
 def coulomb(speed: ArrayLike, level: ArrayLike) -> Array:
@@ -36,7 +36,7 @@ def coulomb(speed: ArrayLike, level: ArrayLike) -> Array:
         speed: ω in rad/s.
         level: α₀ in N·m.
     """
-    return np.asarray(level * sign(speed))
+    return np.asarray(level) * sign(speed)
 
 
 def stribeck(speed: ArrayLike, excess: ArrayLike, rate: ArrayLike) -> Array:
@@ -48,7 +48,7 @@ def stribeck(speed: ArrayLike, excess: ArrayLike, rate: ArrayLike) -> Array:
         rate: α₂ in s/rad; 1/α₂ is the speed at which the excess has fallen to 37 %.
     """
     w = np.asarray(speed, dtype=float)
-    return np.asarray(excess * np.exp(-np.asarray(rate) * np.abs(w)) * sign(w))
+    return np.asarray(excess) * np.exp(-np.asarray(rate) * np.abs(w)) * sign(w)
 
 
 def viscous(speed: ArrayLike, coefficient: ArrayLike) -> Array:
@@ -58,7 +58,7 @@ def viscous(speed: ArrayLike, coefficient: ArrayLike) -> Array:
         speed: ω in rad/s.
         coefficient: B in N·m·s/rad.
     """
-    return np.asarray(coefficient * np.asarray(speed, dtype=float))
+    return np.asarray(coefficient) * np.asarray(speed, dtype=float)
 
 
 class Sliding(NamedTuple):
@@ -113,8 +113,7 @@ class Friction:
         """T_f(ω) (4.7) in N·m while sliding at ``speed`` in rad/s, of any shape; 0 at ω = 0."""
         w = np.asarray(speed, dtype=float)
         level, excess, rate = (
-            np.where(w < 0, backward, forward)
-            for forward, backward in zip(self.forward, self.backward, strict=True)
+            np.where(w < 0, backward, forward) for forward, backward in zip(self.forward, self.backward, strict=True)
         )
         return coulomb(w, level) + stribeck(w, excess, rate)
 

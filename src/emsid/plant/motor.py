@@ -135,9 +135,7 @@ class Motor:
                 raise ModelError(f"motor {part.name} is {value!r}; give a number in {part.metadata['unit']}")
             if value < 0 or (value == 0 and part.name in positive):
                 needed = "positive" if part.name in positive else "zero or positive"
-                raise ModelError(
-                    f"motor {part.name} is {value:g} {part.metadata['unit']}; it must be {needed}"
-                )
+                raise ModelError(f"motor {part.name} is {value:g} {part.metadata['unit']}; it must be {needed}")
             if not isfinite(value) and part.name != "shaft_stiffness":
                 raise ModelError(f"motor {part.name} is {value}; only shaft_stiffness may be infinite")
             object.__setattr__(self, part.name, float(value))
@@ -254,9 +252,7 @@ def _read_number(name: str, value: Any, unit: str) -> float:
         return float(value)
     text = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*", str(value))
     if text is None or not isinstance(value, str):
-        raise ModelError(
-            f"motor {name} is {value!r}; give a number in {unit}, or a text such as '1.5 {unit}'"
-        )
+        raise ModelError(f"motor {name} is {value!r}; give a number in {unit}, or a text such as '1.5 {unit}'")
     if text[2] is None:
         return float(text[1])
     try:

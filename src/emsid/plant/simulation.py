@@ -138,7 +138,8 @@ class Energy:
     @property
     def imbalance(self) -> float:
         """Electrical energy less all the rest, in J: zero but for the error of the simulation."""
-        return self.electrical - sum(getattr(self, f.name) for f in fields(self) if f.name != "electrical")
+        spent = [getattr(self, part.name) for part in fields(self)]
+        return float(2 * self.electrical - sum(spent))
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,9 +229,7 @@ def simulate(
     states = np.empty((len(volts) + 1, len(start)))
     spent = np.zeros(len(fields(Energy)))
     steps = (method.order, method.tolerance, method.longest_step)
-    instant, events, reached = _run(
-        constants, volts, armature, torques, holds, start, *steps, energy, states, spent
-    )
+    instant, events, reached = _run(constants, volts, armature, torques, holds, start, *steps, energy, states, spent)
     time = np.concatenate([[0.0], np.cumsum(holds)])
     if reached < len(volts):
         raise ModelError(
@@ -240,10 +239,10 @@ def simulate(
     spent[1] = _stored(constants, states[-1]) - _stored(constants, states[0])
     return Trajectory(
         time[:-1],
-        *np.ascontiguousarray(states[:-1].T),
-        final=State(*states[-1].tolist()),
-        events=Events(instant, events[:, 0], events[:, 1], events[:, 2]),
-        energy=Energy(*spent.tolist()) if energy else None,
+        *(np.ascontiguousarray(states[:-1, k]) for k in range(states.shape[1])),
+        State(*states[-1].tolist()),
+        Events(instant, events[:, 0], events[:, 1], events[:, 2]),
+        Energy(*spent.tolist()) if energy else None,
     )
 
 
@@ -306,7 +305,9 @@ def _constants(motor: Motor) -> _Constants:
         stiffness,
         0.0 if motor.is_rigid else motor.shaft_damping,
         motor.is_rigid,
-        *(np.ascontiguousarray(levels[:, :, k]) for k in range(3)),
+        np.ascontiguousarray(levels[:, :, 0]),
+        np.ascontiguousarray(levels[:, :, 1]),
+        np.ascontiguousarray(levels[:, :, 2]),
         breakaway,
         np.array([zone.b_l, zone.b_r]) if zone else np.array([-inf, inf]),
         np.array([zone.m_l, 0.0, zone.m_r]) if zone else np.ones(3),
@@ -364,9 +365,7 @@ def _run(
             _expand(m, x, motion, branch, armature[k], torques[k], s)
             step = min(left, longest, _step_for(m, s, tolerance))
             while True:
-                step, event, body, turn = _first_event(
-                    m, s, motion, branch, torques[k], step, margin, centred
-                )
+                step, event, body, turn = _first_event(m, s, motion, branch, torques[k], step, margin, centred)
                 if _decay_error(m, s, motion, step) <= tolerance:
                     break
                 step *= 0.5
@@ -400,7 +399,7 @@ def _run(
                     motion[1] = turn
             elif not left > 0.0:
                 break
-        if left != 0.0 or not np.isfinite(x).all():
+        if left != 0.0 or not np.isfinite(x.sum()):
             return instant[:happened], events[:happened], k
         clock += holds[k]
         states[k + 1] = x
@@ -410,9 +409,10 @@ def _run(
 @_kernel
 def _motion_at(m: _Constants, body: int, speed: float) -> int:
     """The motion that goes with a speed; a body without friction is never held, it slides at speed 0 too."""
-    if speed == 0.0 and m.breakaway[0 if m.rigid else body].max() == 0.0:
+    joint = 0 if m.rigid else body
+    if speed == 0.0 and m.breakaway[joint, 0] + m.breakaway[joint, 1] == 0.0:
         return 1
-    return int(np.sign(speed))
+    return int(speed > 0.0) - int(speed < 0.0)
 
 
 @_kernel
@@ -426,8 +426,10 @@ def _expand(
     for body in range(2):
         sliding = motion[body] != 0 and m.stribeck[body, int(motion[body] < 0)] > 0.0
         rate = m.stribeck_rate[body, int(motion[body] < 0)]
-        s[_DECAY + body] = 0.0
-        s[_DECAY + body, 0] = np.exp(-rate * motion[body] * x[_SPEED + body]) if sliding else 0.0
+        for k in range(order + 1):
+            s[_DECAY + body, k] = 0.0
+        if sliding:
+            s[_DECAY + body, 0] = np.exp(-rate * motion[body] * x[_SPEED + body])
     for k in range(order + 1):
         unit = 1.0 if k == 0 else 0.0
         if m.inductance == 0.0:
@@ -452,9 +454,7 @@ def _expand(
             s[_SPEED + 1, k + 1] = s[_SPEED, k + 1]
         else:
             s[_SPEED, k + 1] = (s[_NET, k] - rotor) / (m.inertia[0] * (k + 1)) if motion[0] != 0 else 0.0
-            s[_SPEED + 1, k + 1] = (
-                (s[_NET + 1, k] - load) / (m.inertia[1] * (k + 1)) if motion[1] != 0 else 0.0
-            )
+            s[_SPEED + 1, k + 1] = (s[_NET + 1, k] - load) / (m.inertia[1] * (k + 1)) if motion[1] != 0 else 0.0
         s[_TWIST, k + 1] = (s[_SPEED, k] - s[_SPEED + 1, k]) / (k + 1)
         s[_ANGLE, k + 1] = s[_SPEED + 1, k] / (k + 1)
         for body in range(2):
@@ -471,7 +471,7 @@ def _friction_term(m: _Constants, s: Array, motion: Directions, body: int, k: in
     """Taylor coefficient ``k`` of the friction (4.7) on a sliding body."""
     side = int(motion[body] < 0)
     level = m.coulomb[body, side] if k == 0 else 0.0
-    return motion[body] * (level + m.stribeck[body, side] * s[_DECAY + body, k])
+    return float(motion[body] * (level + m.stribeck[body, side] * s[_DECAY + body, k]))
 
 
 @_kernel
@@ -530,18 +530,18 @@ def _first_event(
     drive = m.motor_constant * abs(s[_CURRENT, 0])
     shaft = m.stiffness * abs(s[_TWIST, 0]) + m.damping * (abs(s[_SPEED, 0]) + abs(s[_SPEED + 1, 0]))
     for body in range(1 if m.rigid else 2):
-        levels = m.breakaway[body]
-        if levels.max() == 0.0:
+        level = max(m.breakaway[body, 0], m.breakaway[body, 1])
+        if level == 0.0:
             continue
         if motion[body] != 0:
             at = _leaves(0.0, float(motion[body]), s[_SPEED + body], step, margin, centred)
             if at <= step:
                 step, kind, which, turn = at, _MOTION, body, 0
             continue
-        slack = _SLACK * (levels.max() + drive + shaft + abs(disturbance))
+        slack = _SLACK * (level + drive + shaft + abs(disturbance))
         for side in range(2):
             direction = 1 - 2 * side
-            at = _leaves(levels[side] + slack, float(-direction), s[_NET + body], step, margin, centred)
+            at = _leaves(m.breakaway[body, side] + slack, float(-direction), s[_NET + body], step, margin, centred)
             if at <= step:
                 step, kind, which, turn = at, _MOTION, body, direction
     for side in range(2):
@@ -597,7 +597,8 @@ def _first_zero(p: Array, end: float, c: Array) -> float:
     a, width = 0.0, end
     while a < end:
         r = 0.5 * width
-        c[:n] = p
+        for k in range(n):
+            c[k] = p[k]
         for i in range(n - 1):
             for j in range(n - 2, i - 1, -1):
                 c[j] += (a + r) * c[j + 1]
@@ -638,9 +639,9 @@ def _zero_within(c: Array, r: float) -> float:
         if not low < guess < high:
             guess = 0.5 * (low + high)
         if abs(guess - t) <= 1e-16 * r:
-            break
+            return guess
         t = guess
-    return high
+    return t
 
 
 @_kernel
@@ -667,8 +668,7 @@ def _spend(
 ) -> None:
     """Add to ``spent``, in the order of `Energy`, what one step takes: products of two series, integrated."""
     current, rotor, load = s[_CURRENT], s[_SPEED], s[_SPEED + 1]
-    unit = np.zeros_like(work)
-    unit[0] = 1.0
+    unit = np.ones(1)
     charge = _integral(unit, current, step)
     spent[0] += volt * charge
     spent[2] += m.resistance * _integral(current, current, step)
@@ -678,9 +678,11 @@ def _spend(
         for k in range(len(work)):
             work[k] = _friction_term(m, s, motion, body, k)
         spent[5 + body] += _integral(work, speed, step)
-    work[:] = rotor - load
+    for k in range(len(work)):
+        work[k] = rotor[k] - load[k]
     spent[7] += m.damping * _integral(work, work, step)
-    work[:] = (1.0 - m.slope[branch]) * m.motor_constant * current
+    for k in range(len(work)):
+        work[k] = (1.0 - m.slope[branch]) * m.motor_constant * current[k]
     work[0] += m.slope[branch] * m.corner[branch]
     spent[8] += (volt - armature) * charge + _integral(work, rotor, step)
     spent[9] += disturbance * _integral(unit, load, step)
@@ -688,12 +690,12 @@ def _spend(
 
 @_kernel
 def _integral(a: Array, b: Array, step: float) -> float:
-    """∫ a·b over the step, of two series, to their order."""
+    """∫ a·b over the step, of two series."""
     total, power = 0.0, step
-    for k in range(len(a)):
-        product = 0.0
-        for j in range(k + 1):
-            product += a[j] * b[k - j]
-        total += product * power / (k + 1)
+    for j in range(len(a)):
+        inner = 0.0
+        for k in range(len(b) - 1, -1, -1):
+            inner = inner * step + b[k] / (j + k + 1)
+        total += a[j] * inner * power
         power *= step
     return total

@@ -1,9 +1,9 @@
 """`Record`, the one currency of the program, and what can be done to one.
 
-A record is a sampled experiment: inputs ``(N, nu)`` and outputs ``(N, ny)`` at a constant sample time. It may hold
-several *segments*, pieces without a gap, as left by masking bad samples out of a log or by putting several experiments
-together; no lagged value, filter or simulation ever reaches across a break. Everything that identifies, validates,
-plots or exports takes a record, or several, and goes through their segments.
+A record is a sampled experiment: inputs ``(N, nu)`` and outputs ``(N, ny)`` at a constant sample time. It may
+hold several *segments*, pieces without a gap, as left by masking bad samples out of a log or by putting
+several experiments together; no lagged value, filter or simulation ever reaches across a break. Everything
+that identifies, validates, plots or exports takes a record, or several, and goes through their segments.
 """
 
 from __future__ import annotations
@@ -32,11 +32,13 @@ class Record:
         input_names, output_names: a name for every channel, ``u1, u2, …`` and ``y1, y2, …`` by default.
         input_units, output_units: a unit for every channel, empty where unknown.
         breaks: the first sample of every further segment, ascending; empty for a record without gaps.
-        times: the time in seconds of the first sample of every segment; by default the segments follow each other.
+        times: the time in seconds of the first sample of every segment; by default the segments follow each
+            other.
         name: where the record comes from, for messages and figures.
 
     Raises:
-        DataError: for arrays of other shapes, unequal lengths, values that are not finite, a bad sample time.
+        DataError: for arrays of other shapes, unequal lengths, no sample, values that are not finite, a bad sample
+            time, a name used twice.
     """
 
     input: Array
@@ -51,13 +53,17 @@ class Record:
     name: str = "record"
 
     def __post_init__(self) -> None:
-        put = lambda field, value: object.__setattr__(self, field, value)  # noqa: E731  (frozen)
+        def put(field: str, value: object) -> None:
+            object.__setattr__(self, field, value)  # frozen for everybody else
+
         put("input", _channels(self.input, "input"))
         put("output", _channels(self.output, "output"))
         if len(self.input) != len(self.output):
             raise DataError(
                 f"{self.name}: input has {len(self.input)} samples and output {len(self.output)}; they must agree"
             )
+        if not len(self.input):
+            raise DataError(f"{self.name}: there are no samples; a record needs at least one")
         if not (np.isfinite(self.dt) and self.dt > 0):
             raise DataError(f"{self.name}: sample time {self.dt} s; give a positive number of seconds")
         put("dt", float(self.dt))
@@ -71,9 +77,13 @@ class Record:
             put(f"{side}_names", names)
             put(f"{side}_units", units)
             _check_finite(getattr(self, side), names, self.name)
+        channels = self.input_names + self.output_names
+        twice = next((name for name in channels if channels.count(name) > 1), None)
+        if twice is not None:
+            raise DataError(f"{self.name}: two channels are called {twice!r}; every channel needs its own name")
         put("breaks", tuple(int(b) for b in self.breaks))
         edges = (0, *self.breaks, len(self))
-        if len(self) and any(b <= a for a, b in pairwise(edges)):
+        if any(b <= a for a, b in pairwise(edges)):
             raise DataError(f"{self.name}: breaks {self.breaks} must ascend inside 1 … {len(self) - 1}")
         put("times", tuple(float(t) for t in self.times) or tuple(edge * self.dt for edge in edges[:-1]))
         if len(self.times) != len(edges) - 1:
@@ -112,9 +122,7 @@ class Record:
             raise DataError(f"{self.name}: a record is sliced as record[a:b], without a step")
         start, stop, _ = rows.indices(len(self))
         if stop <= start:
-            raise DataError(
-                f"{self.name}: rows {rows.start}:{rows.stop} select nothing of its {len(self)} samples"
-            )
+            raise DataError(f"{self.name}: rows {rows.start}:{rows.stop} select nothing of its {len(self)} samples")
         edges = (0, *self.breaks)
         first = max(k for k, edge in enumerate(edges) if edge <= start)
         inside = [(b, t) for b, t in zip(self.breaks, self.times[1:], strict=True) if start < b < stop]
@@ -134,7 +142,8 @@ class Record:
         return self[:at], self[at:]
 
     def mask(self, leave_out: ArrayLike) -> Record:
-        """The record without the samples where ``leave_out`` (N,) is true; what remains falls into segments."""
+        """The record without the samples where ``leave_out`` (N,) is true; what remains falls into
+        segments."""
         out = np.asarray(leave_out, dtype=bool)
         if out.shape != (len(self),):
             raise DataError(f"{self.name}: a mask of shape {out.shape} for {len(self)} samples")
@@ -142,7 +151,9 @@ class Record:
             raise DataError(f"{self.name}: the mask leaves no sample; relax it")
         kept = np.flatnonzero(~out)
         new = np.diff(kept, prepend=kept[0] - 1) > 1
-        starts = np.union1d(np.flatnonzero(new), np.searchsorted(kept, self.breaks)) if self.breaks else np.flatnonzero(new)
+        starts = np.flatnonzero(new)
+        if self.breaks:
+            starts = np.union1d(starts, np.searchsorted(kept, self.breaks))
         starts = starts[(starts > 0) & (starts < len(kept))]
         first = np.concatenate([[0], starts]).astype(int)
         return replace(
@@ -165,7 +176,8 @@ class Record:
     def detrend(self, order: int = 0) -> Record:
         """The record less a polynomial in time of this order, fitted to every channel over the whole record.
 
-        Order 0 takes off the mean. The polynomial is common to all segments, so that they keep one operating point.
+        Order 0 takes off the mean. The polynomial is common to all segments, so that they keep one operating
+        point.
         """
         if order < 0:
             raise DataError(f"{self.name}: detrending of order {order}; give 0 (mean), 1 (line) or more")
@@ -201,9 +213,7 @@ class Record:
                 decimate(values - values[:1], factor, ftype="fir", axis=0) + values[:1]
                 for values in (segment.input, segment.output)
             ]
-            pieces.append(
-                replace(segment, input=slow[0], output=slow[1], dt=self.dt * factor, times=segment.times)
-            )
+            pieces.append(replace(segment, input=slow[0], output=slow[1], dt=self.dt * factor, times=segment.times))
         return concatenate(pieces, name=self.name)
 
     def scale(self, name: str, gain: float, offset: float = 0.0, unit: str | None = None) -> Record:
@@ -230,9 +240,7 @@ class Record:
         """
         from emsid.units import conversion
 
-        present = dict(
-            zip(self.input_names + self.output_names, self.input_units + self.output_units, strict=True)
-        )
+        present = dict(zip(self.input_names + self.output_names, self.input_units + self.output_units, strict=True))
         wanted = {name: None for name, unit in present.items() if unit} if units is None else dict(units)
         result = self
         for name, target in wanted.items():
@@ -256,9 +264,7 @@ def concatenate(records: Iterable[Record], name: str | None = None) -> Record:
         check_same_channels(first, other)
     offsets = np.cumsum([0] + [len(piece) for piece in pieces])
     starts = [
-        int(offset + edge)
-        for offset, piece in zip(offsets[:-1], pieces, strict=True)
-        for edge in (0, *piece.breaks)
+        int(offset + edge) for offset, piece in zip(offsets[:-1], pieces, strict=True) for edge in (0, *piece.breaks)
     ]
     return replace(
         first,
@@ -294,7 +300,8 @@ class TimeAxis(NamedTuple):
     """What a time column says about the sampling.
 
     Attributes:
-        dt: median sample time in seconds.
+        dt: sample time in seconds: where the samples are regular the simplest decimal that fits all of them, so that
+            a column written with few digits gives the sample time that was meant; else the median interval.
         jitter: largest deviation of an interval from ``dt``, as a fraction of it, gaps left aside.
         gaps: index of every sample that comes more than 1.5·dt after the one before.
         duplicates: index of every sample that does not come after the one before.
@@ -336,35 +343,60 @@ def time_axis(time: ArrayLike) -> TimeAxis:
     dt = float(np.median(forward))
     gap, back = steps > 1.5 * dt, steps <= 0
     ordinary = steps[~gap & ~back]
-    return TimeAxis(
+    axis = TimeAxis(
         dt=dt,
         jitter=float(np.max(np.abs(ordinary - dt)) / dt) if len(ordinary) else 0.0,
         gaps=tuple(int(k) + 1 for k in np.flatnonzero(gap)),
         duplicates=tuple(int(k) + 1 for k in np.flatnonzero(back)),
     )
+    return axis._replace(dt=_simplest_step(t)) if axis.regular else axis
+
+
+def _simplest_step(t: Array) -> float:
+    """The sample time of regular times ``t`` (N,): the decimal of fewest digits that fits them as well as their mean.
+
+    It may put the last sample off by no more than the times themselves scatter, and never by half a sample.
+    """
+    k = np.arange(len(t))
+    first = float(t[1] - t[0])
+    if np.array_equal(t[0] + first * k, t):
+        return first
+    mean = float(t[-1] - t[0]) / (len(t) - 1)
+    scatter = float(np.max(np.abs(t - t[0] - mean * k))) + 4 * np.finfo(float).eps * float(np.max(np.abs(t)))
+    allowed = min(scatter, mean / 2) / (len(t) - 1)
+    candidates = (float(f"{mean:.{digits}g}") for digits in range(1, 17))
+    return next((step for step in candidates if abs(step - mean) <= allowed), mean)
 
 
 def resample(time: ArrayLike, record: Record, dt: float | None = None) -> Record:
     """The record brought from the time axis it was really sampled on to an equidistant one.
 
-    Inputs are held from sample to sample (they come from a digital output), outputs are interpolated linearly. Where
+    Inputs are held from sample to sample (they come from a digital output), outputs are interpolated
+    linearly. Where
     the new sample time is longer than the old one, decimate first: this function does not filter.
 
     Args:
         time: (N,) the time of every sample in seconds, ascending; of equal times the last sample counts.
         record: the samples; its own ``dt`` is ignored. Must be a single segment.
-        dt: the new sample time in seconds, by default the median of the old intervals.
+        dt: the new sample time in seconds, by default that of `time_axis`.
+
+    Raises:
+        DataError: where the times do not ascend or do not match the record, or the new sample time is unreasonable.
     """
     t = np.asarray(time, dtype=float)
     if t.shape != (len(record),) or record.breaks:
         raise DataError(f"{record.name}: resampling takes one segment and a time for each of its samples")
     step = time_axis(t).dt if dt is None else dt
+    if not 1e-8 * (t[-1] - t[0]) < step < np.inf:
+        raise DataError(
+            f"{record.name}: cannot resample {t[-1] - t[0]:g} s to a sample time of {step:g} s; give another"
+        )
     last = np.append(np.diff(t) > 0, True)
     t, u, y = t[last], record.input[last], record.output[last]
     if np.any(np.diff(t) <= 0):
         raise DataError(f"{record.name}: the time column goes back; sort the file by time first")
     grid = t[0] + step * np.arange(int(np.floor((t[-1] - t[0]) / step * (1 + 1e-12))) + 1)
-    held = np.searchsorted(t, grid * (1 + 1e-15), side="right") - 1
+    held = np.searchsorted(t, grid + 1e-9 * step, side="right") - 1  # a time that is equal but for rounding counts
     columns = [np.interp(grid, t, y[:, k]) for k in range(y.shape[1])]
     return replace(
         record,
@@ -382,9 +414,7 @@ def _channels(values: ArrayLike, side: str) -> Array:
     if array.ndim != 2:
         raise DataError(f"{side} has shape {array.shape}; give (N,) or (N, channels)")
     if array.shape[1] > array.shape[0] > 0:
-        raise DataError(
-            f"{side} has shape {array.shape}: more channels than samples; samples go down, channels across"
-        )
+        raise DataError(f"{side} has shape {array.shape}: more channels than samples; samples go down, channels across")
     view = array.view()
     view.flags.writeable = False
     return view
@@ -393,7 +423,9 @@ def _channels(values: ArrayLike, side: str) -> Array:
 def _check_finite(values: Array, names: Sequence[str], where: str) -> None:
     for k, name in enumerate(names):
         column = values[:, k]
-        if not np.isfinite(column.sum()) and not np.isfinite(column).all():
+        with np.errstate(over="ignore", invalid="ignore"):
+            suspect = not np.isfinite(column.sum())
+        if suspect and not np.isfinite(column).all():
             bad = int(np.flatnonzero(~np.isfinite(column))[0])
             raise DataError(f"{where}: channel {name!r} is {column[bad]} at sample {bad}; mask or repair it")
 

@@ -1,14 +1,14 @@
 """Units at the door: what a log was written in, and how it becomes SI.
 
-Counts, samples and PWM are units too, once it is said what they stand for: one count is a turn divided by the counts
-per revolution, one sample is the sample time, full PWM is the supply voltage.
+Counts, samples and PWM are units too, once it is said what they stand for: one count is a turn divided by the
+counts per revolution, one sample is the sample time, full PWM is the supply voltage.
 """
 
 from __future__ import annotations
 
 import re
 from functools import cache
-from math import pi
+from math import inf, pi
 from typing import TYPE_CHECKING, NamedTuple
 
 from emsid.errors import DataError
@@ -40,8 +40,8 @@ def conversion(
 ) -> Conversion:
     """How a value in ``unit`` becomes one in ``target``, by default the SI unit of the same quantity.
 
-    >>> conversion("rpm")
-    Conversion(gain=0.10471975511965978, offset=0.0, unit='rad/s')
+    >>> conversion("rpm", "deg/s")
+    Conversion(gain=6.0, offset=0.0, unit='deg/s')
     >>> conversion("count/sample", sample_time=0.01, counts_per_revolution=621).unit
     'rad/s'
 
@@ -61,50 +61,60 @@ def conversion(
         "sample": (sample_time, "--dt"),
         "pwm": (supply_voltage, "--supply-voltage"),
     }
+    meanings: dict[str, float] = {}
     for word in re.findall(r"[A-Za-z]+", f"{unit} {target or ''}"):
-        value, option = given.get(word.lower().rstrip("s"), (1.0, ""))
-        if value is None or not value > 0:
-            raise DataError(f"unit {unit!r} needs a meaning for {word!r}: give {option} (a positive number)")
+        key = word.lower().removesuffix("s")
+        if key in given:
+            value, option = given[key]
+            if value is None or not 0 < value < inf:
+                raise DataError(f"unit {unit!r} needs a meaning for {word!r}: give {option} (a positive number)")
+            meanings[key] = value
+    if "pwm" in meanings and not 0 < pwm_full_scale < inf:
+        raise DataError(f"a full scale of {pwm_full_scale:g} for 'pwm'; give --pwm-full-scale a positive number")
 
     import pint
 
-    registry = _registry(counts_per_revolution, supply_voltage, pwm_full_scale, sample_time)
+    registry = _registry(
+        turn_per_count=1 / meanings["count"] if "count" in meanings else None,
+        volt_per_pwm=meanings["pwm"] / pwm_full_scale if "pwm" in meanings else None,
+        second_per_sample=meanings.get("sample"),
+    )
     try:
         quantity = registry.Quantity(1.0, _spelling(unit))
         if target is None:
-            target = next((si for si in _SI if quantity.check(registry.Unit(si).dimensionality)), None)
-        if target is None:
-            target = f"{quantity.to_base_units().units:~C}"
+            base = quantity.to_base_units()
+            same = (si for si in _SI if registry.Quantity(1.0, si).to_base_units().units == base.units)
+            target = next(same, unit if base.magnitude == 1 else f"{base.units:~C}")
         wanted = registry.Unit(_spelling(target))
         zero, one = (registry.Quantity(x, quantity.units).to(wanted).magnitude for x in (0.0, 1.0))
     except pint.DimensionalityError as problem:
         raise DataError(f"unit {unit!r} cannot become {target!r}: {problem}") from None
     except Exception as problem:
         raise DataError(
-            f"unit {unit!r} is not understood ({problem}); write it as V, rpm, deg/s, count/sample, pwm, …"
+            f"unit {unit!r} is not understood ({str(problem) or type(problem).__name__}); write it as V, rpm, deg/s, count/sample, pwm, …"
         ) from None
     return Conversion(float(one - zero), float(zero), target)
 
 
 def _spelling(unit: str) -> str:
     """Signs that people put into units, as pint reads them."""
-    return re.sub(r"PWM", "pwm", unit.replace("·", "*").replace("²", "^2").replace("Ω", "ohm").replace("%", "percent"))
+    for sign, word in {"·": "*", "²": "^2", "Ω": "ohm", "%": "percent", "°": "deg", "PWM": "pwm", "RPM": "rpm"}.items():
+        unit = unit.replace(sign, word)
+    unit = re.sub(r"\brevs?\b", "revolution", unit)
+    return re.sub(r"\b([mk]?N)m\b", r"\1*m", unit)  # a torque; pint alone would read nanometres
 
 
 @cache
 def _registry(
-    counts_per_revolution: float | None,
-    supply_voltage: float | None,
-    pwm_full_scale: float,
-    sample_time: float | None,
+    turn_per_count: float | None, volt_per_pwm: float | None, second_per_sample: float | None
 ) -> pint.UnitRegistry[float]:
     import pint
 
     registry: pint.UnitRegistry[float] = pint.UnitRegistry(on_redefinition="ignore")
-    if counts_per_revolution is not None:
-        registry.define(f"count = {2 * pi / counts_per_revolution} radian = _ = counts")
-    if supply_voltage is not None:
-        registry.define(f"pwm = {supply_voltage / pwm_full_scale} volt")
-    if sample_time is not None:
-        registry.define(f"sample = {sample_time} second = _ = samples")
+    if turn_per_count is not None:
+        registry.define(f"count = {2 * pi * turn_per_count} radian = _ = counts")
+    if volt_per_pwm is not None:
+        registry.define(f"pwm = {volt_per_pwm} volt")
+    if second_per_sample is not None:
+        registry.define(f"sample = {second_per_sample} second = _ = samples")
     return registry

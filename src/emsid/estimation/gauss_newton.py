@@ -307,9 +307,7 @@ def _descend(
     return None, damping
 
 
-def _check_start(
-    start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Sequence[str]
-) -> tuple[Array, _Box]:
+def _check_start(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Sequence[str]) -> tuple[Array, _Box]:
     theta = np.array(start, dtype=float)
     if theta.ndim != 1:
         raise ModelError(f"start values of shape {theta.shape}; give (p,)")
@@ -322,9 +320,7 @@ def _check_start(
         if not np.isfinite(value):
             raise ModelError(f"start value of {what} is {value}; give a finite number")
         if not a <= b:
-            raise ModelError(
-                f"bounds of {what} are [{a:g}, {b:g}]; the lower one must not exceed the upper one"
-            )
+            raise ModelError(f"bounds of {what} are [{a:g}, {b:g}]; the lower one must not exceed the upper one")
         if not a <= value <= b:
             raise ModelError(f"start value {value:g} of {what} is outside its bounds [{a:g}, {b:g}]")
     return theta, _Box(low, high, np.flatnonzero(low < high))

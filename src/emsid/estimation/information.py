@@ -124,9 +124,7 @@ class Information:
             mean: (n,) or a number.
         """
         root = np.sqrt(np.broadcast_to(np.asarray(weight, dtype=float), self.parameters))
-        return Information(
-            self.add(np.diag(root), root * np.broadcast_to(mean, self.parameters)).factor, self.samples
-        )
+        return Information(self.add(np.diag(root), root * np.broadcast_to(mean, self.parameters)).factor, self.samples)
 
     def solve(self, rank_tolerance: float | None = None) -> Solution:
         """The least-squares estimate (3.10) with covariance, rank and condition.
@@ -163,8 +161,7 @@ class Information:
 
         weights = np.abs(solve_triangular(leading, rest)) if rank else np.zeros((0, n - rank))
         aliases = tuple(
-            (int(column), *(int(k) for k in np.sort(kept[weights[:, j] > 1e-6])))
-            for j, column in enumerate(left)
+            (int(column), *(int(k) for k in np.sort(kept[weights[:, j] > 1e-6]))) for j, column in enumerate(left)
         )
         singular = svdvals(unit) if n else np.ones(1)
         return Solution(
@@ -180,8 +177,7 @@ class Information:
 
 def fold_reference(factor: Array, columns: Array) -> Array:
     """The factor with new rows folded in, by NumPy: slow, obvious, and what `fold` is compared with."""
-    triangle: Array = np.linalg.qr(np.vstack([factor, columns.T]), mode="r")
-    return triangle
+    return np.asarray(np.linalg.qr(np.vstack([factor, columns.T]), mode="r"))
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})

@@ -116,6 +116,4 @@ class Cauchy:
 
 def _check_positive(loss: object, scale: float) -> None:
     if not (np.isfinite(scale) and scale > 0):
-        raise ModelError(
-            f"{type(loss).__name__} loss with scale {scale}; give a positive number in the output's unit"
-        )
+        raise ModelError(f"{type(loss).__name__} loss with scale {scale}; give a positive number in the output's unit")

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 from itertools import combinations_with_replacement
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
@@ -26,6 +26,9 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.record import Record
+
+if TYPE_CHECKING:
+    from emsid.models.narx import Narx
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -114,6 +117,19 @@ class Tables(NamedTuple):
     parameters: Array  # (f,)
 
 
+def tables(regressors: Sequence[Regressor]) -> Tables:
+    """Regressors as the kernels read them."""
+    factors = [f for r in regressors for f in r.factors]
+    return Tables(
+        signs=np.array([-1.0 if r.negative else 1.0 for r in regressors]),
+        offsets=np.cumsum([0] + [len(r.factors) for r in regressors]).astype(np.int64),
+        factors=np.array([(f.channel, f.lag, f.power, int(f.transform)) for f in factors], dtype=np.int64).reshape(
+            -1, 4
+        ),
+        parameters=np.array([f.parameter for f in factors], dtype=float),
+    )
+
+
 @dataclass(frozen=True)
 class Structure:
     """A list of regressors: everything about a linear-in-the-parameters model but its parameters.
@@ -175,7 +191,7 @@ class Structure:
         """How many past samples a prediction needs: the largest lag."""
         return max((f.lag for r in self.regressors for f in r.factors), default=0)
 
-    def equation(self, parameters: Sequence[float] | None = None) -> str:
+    def equation(self, parameters: Sequence[float] | Array | None = None) -> str:
         """The difference equation, with names or with numbers for the parameters."""
         terms = []
         for k, regressor in enumerate(self.regressors):
@@ -193,15 +209,7 @@ class Structure:
     @cached_property
     def tables(self) -> Tables:
         """The structure as the kernels read it."""
-        factors = [f for r in self.regressors for f in r.factors]
-        return Tables(
-            signs=np.array([-1.0 if r.negative else 1.0 for r in self.regressors]),
-            offsets=np.cumsum([0] + [len(r.factors) for r in self.regressors]).astype(np.int64),
-            factors=np.array(
-                [(f.channel, f.lag, f.power, int(f.transform)) for f in factors], dtype=np.int64
-            ).reshape(-1, 4),
-            parameters=np.array([f.parameter for f in factors], dtype=float),
-        )
+        return tables(self.regressors)
 
     def check(self, record: Record) -> None:
         """Refuse a record that this structure cannot be fitted to or run on.
@@ -222,21 +230,35 @@ class Structure:
                 f"{record.name}: its longest segment has {longest} samples; {self.name} looks back {self.memory}"
             )
 
-    def columns(self, record: Record, start: int, stop: int) -> Array:
-        """[Φ y] of samples ``start`` to ``stop`` of a single segment, (n + 1, stop − start), a row per regressor."""
-        block = np.empty((len(self) + 1, stop - start))
-        fill(block, *self.tables, record.output[:, 0], record.input, start)
-        return block
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """Every regressor as text."""
+        return tuple(str(regressor) for regressor in self.regressors)
 
-    def blocks(self, record: Record) -> Iterator[Array]:
-        """[Φ y] of a record, segment by segment, in blocks of columns (n + 1, ≤ `BLOCK`)."""
-        for segment in record.segments:
-            for start in range(self.memory, len(segment), BLOCK):
-                yield self.columns(segment, start, min(start + BLOCK, len(segment)))
+    def chunks(self, record: Record, size: int) -> Sequence[tuple[Record, int, int]]:
+        """The samples with enough past, in pieces (segment, start, stop) of at most ``size``."""
+        return [
+            (segment, start, min(start + size, len(segment)))
+            for segment in record.segments
+            for start in range(self.memory, len(segment), size)
+        ]
+
+    def blocks(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
+        """[Φ y] of samples ``start`` to ``stop`` of a segment in blocks of columns (n + 1, ≤ `BLOCK`)."""
+        for first in range(start, stop, BLOCK):
+            block = np.empty((len(self) + 1, min(BLOCK, stop - first)))
+            fill(block, *self.tables, segment.output[:, 0], segment.input, first)
+            yield block
+
+    def model(self, parameters: Array, record: Record) -> Narx:
+        """The model with these parameters, at the sample time of this record."""
+        from emsid.models.narx import Narx
+
+        return Narx(self, parameters, record.dt)
 
     def regression(self, record: Record) -> tuple[Array, Array]:
         """Φ (N, n) and y (N,) of a whole record, for whoever wants to look at them."""
-        stacked = np.hstack(list(self.blocks(record)))
+        stacked = np.hstack([b for chunk in self.chunks(record, len(record)) for b in self.blocks(*chunk)])
         return stacked[:-1].T, stacked[-1]
 
 
@@ -260,9 +282,7 @@ def parse_regressor(text: str) -> Regressor:
         factor = _factor(node, text)
         factors[factor] = factors.get(factor, 0) + power
     return Regressor(
-        tuple(
-            Factor(f.channel, f.lag, power, f.transform, f.parameter) for f, power in factors.items()
-        ),
+        tuple(Factor(f.channel, f.lag, power, f.transform, f.parameter) for f, power in factors.items()),
         negative,
     )
 
@@ -302,19 +322,25 @@ def _factor(node: ast.expr, text: str) -> Factor:
             return lagged(inner, Transform.SIGN)
         case ast.Call(ast.Name("abs"), [inner]):
             return lagged(inner, Transform.ABS)
-        case ast.Call(ast.Name("tanh"), [ast.BinOp(inner, ast.Div(), ast.Constant(scale))]):
+        case ast.Call(ast.Name("tanh"), [ast.BinOp(inner, ast.Div(), ast.Constant(int() | float() as scale))]):
             return lagged(inner, Transform.TANH, float(scale))
         case ast.Call(
             ast.Name("exp"),
-            [ast.BinOp(ast.UnaryOp(ast.USub(), ast.Call(ast.Name("abs"), [inner])), ast.Div(), ast.Constant(scale))],
+            [
+                ast.BinOp(
+                    ast.UnaryOp(ast.USub(), ast.Call(ast.Name("abs"), [inner])),
+                    ast.Div(),
+                    ast.Constant(int() | float() as scale),
+                )
+            ],
         ):
             return lagged(inner, Transform.DECAY, float(scale))
         case ast.Call(ast.Name("max" | "min" as side), [hinge, ast.Constant(0 | 0.0)]):
             transform = Transform.ABOVE if side == "max" else Transform.BELOW
             match hinge:
-                case ast.BinOp(inner, ast.Sub(), ast.Constant(knot)):
+                case ast.BinOp(inner, ast.Sub(), ast.Constant(int() | float() as knot)):
                     return lagged(inner, transform, float(knot))
-                case ast.BinOp(inner, ast.Add(), ast.Constant(knot)):
+                case ast.BinOp(inner, ast.Add(), ast.Constant(int() | float() as knot)):
                     return lagged(inner, transform, -float(knot))
                 case _:
                     return lagged(hinge, transform)
@@ -490,7 +516,14 @@ def transformed(code: int, x: float, p: float) -> float:
 
 @numba.njit(cache=True, nogil=True)
 def fill(
-    block: Array, signs: Array, offsets: Integers, factors: Integers, parameters: Array, y: Array, u: Array, start: int
+    block: Array,
+    signs: Array,
+    offsets: Integers,
+    factors: Integers,
+    parameters: Array,
+    y: Array,
+    u: Array,
+    start: int,
 ) -> None:
     """Write the regressors of samples ``start`` … into the rows of ``block``, and y itself into the last."""
     count = block.shape[1]

@@ -1,0 +1,11 @@
+"""Identification of electromechanical systems: from a record of voltage and speed to a model you can trust.
+
+The names listed in ``__init__.pyi`` are the library; each is imported when it is first used, so that ``import emsid``
+and ``emsid --help`` load neither compiler nor plotting library.
+"""
+
+import lazy_loader
+
+__version__ = "0.1.0"
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,258 @@
+"""Batch least squares (paper, eqs. 3.6–3.10) by orthogonal triangularisation.
+
+A structure gives its regression [Φ y] in blocks; the blocks are folded into one `Information` (constant memory, any
+number of records, both cores), which is solved once at the end. Where the last digits matter, the estimate is refined
+(Björck, *Numerical Methods for Least Squares Problems*, sec. 2.9): the gradient Φᵀ(y − Φθ) is accumulated in doubled
+precision and the correction solved with the factor already there, ``RᵀR δ = Φᵀ(y − Φθ)``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import repeat
+from typing import Protocol, TypeVar
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import DataError
+from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.information import Information, Solution, fold
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+M_co = TypeVar("M_co", covariant=True)
+
+# Samples that one thread folds at a time. The chunks do not depend on the number of threads, so neither does a result.
+CHUNK = 1 << 17
+
+
+class LinearStructure(Protocol[M_co]):
+    """What least squares has to know about a structure that is linear in its parameters."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def parameter_names(self) -> tuple[str, ...]: ...
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Every regressor as text."""
+        ...
+
+    @property
+    def memory(self) -> int:
+        """How many samples it looks back."""
+        ...
+
+    def check(self, record: Record) -> None:
+        """Refuse a record that it cannot be fitted to."""
+        ...
+
+    def chunks(self, record: Record, size: int) -> Sequence[tuple[Record, int, int]]:
+        """The rows of the regression, in pieces (segment, start, stop) of at most ``size``."""
+        ...
+
+    def blocks(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
+        """[Φ y] of these rows as blocks of columns (n + 1, m)."""
+        ...
+
+    def model(self, parameters: Array, record: Record) -> M_co:
+        """The model with these parameters, for records like this one."""
+        ...
+
+
+def least_squares(
+    structure: LinearStructure[M_co],
+    records: Record | Iterable[Record],
+    *,
+    ridge: float = 0.0,
+    refinements: int = 0,
+    rank_tolerance: float | None = None,
+    threads: int | None = None,
+) -> Fit[M_co]:
+    """The parameters that minimise the one-step prediction error over one or several records (3.10).
+
+    Args:
+        structure: what to fit, for instance ``emsid.arx(na=4, nb=4)``.
+        records: a record, or several experiments; a generator is read once, one record in memory at a time.
+        ridge: weight ρ ≥ 0 of ρ‖θ‖² added to the sum of squares.
+        refinements: passes over the data that correct the rounding of the estimate; each costs about as much as the
+            fit itself. Needs records that can be gone through again.
+        rank_tolerance: see `Information.solve`.
+        threads: how many, by default as many as there are cores; the result does not depend on it.
+
+    Returns:
+        A fit whose ``ending`` is `Ending.RANK_DEFICIENT`, and whose message names the regressors that cannot be told
+        apart, where the data do not determine every parameter; those are then zero.
+
+    Raises:
+        ModelError, DataError: for records that the structure cannot be fitted to.
+    """
+    if refinements and not isinstance(records, Record):
+        records = list(records)
+    information, first = gather(structure, records, threads)
+    if ridge:
+        information = information.with_prior(ridge)
+    solution = information.solve(rank_tolerance)
+    estimate = solution.estimate
+    for _ in range(refinements if solution.rank == information.parameters else 0):
+        gradient = np.zeros((2, len(estimate)))
+        for block in _all_blocks(structure, records):
+            accumulate_gradient(gradient, block, estimate)
+        estimate = _corrected(information, estimate, gradient[0] - ridge * estimate)
+    return Fit(
+        model=structure.model(estimate, first),
+        names=structure.parameter_names,
+        estimate=estimate,
+        covariance=solution.covariance,
+        noise_variance=solution.noise_variance,
+        samples=information.samples,
+        condition=solution.condition,
+        rank=solution.rank,
+        ending=Ending.SOLVED if solution.rank == information.parameters else Ending.RANK_DEFICIENT,
+        message=describe_aliases(solution, structure.labels),
+    )
+
+
+def solve_rows(regression: ArrayLike, target: ArrayLike, refinements: int = 4) -> Solution:
+    """Least squares on a ready-made matrix Φ (N, n) and y (N,), refined to the last digits of double precision."""
+    information = Information.from_rows(regression, target)
+    solution = information.solve()
+    if solution.rank < information.parameters:
+        return solution
+    columns = np.vstack([np.asarray(regression, dtype=float).T, np.asarray(target, dtype=float)])
+    estimate, best = solution.estimate, np.inf
+    for _ in range(refinements):
+        gradient = np.zeros((2, len(estimate)))
+        accumulate_gradient(gradient, columns, estimate)
+        corrected = _corrected(information, estimate, gradient[0])
+        size = float(np.linalg.norm(corrected - estimate))
+        if not size < 0.5 * best:  # the corrections no longer shrink: this is rounding
+            break
+        estimate, best = corrected, size
+    return Solution(**{**vars(solution), "estimate": estimate})
+
+
+def gather(
+    structure: LinearStructure[object], records: Record | Iterable[Record], threads: int | None = None
+) -> tuple[Information, Record]:
+    """All that the records say about a structure's parameters, and the first of the records."""
+    first: Record | None = None
+    information = Information.empty(len(structure.parameter_names))
+    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+        for record in (records,) if isinstance(records, Record) else records:
+            structure.check(record)
+            check_excitation(record)
+            first = first or record
+            for part in pool.map(_fold_chunk, repeat(structure), structure.chunks(record, CHUNK)):
+                information = information.merge(part)
+    if first is None:
+        raise DataError("no record to identify from")
+    if information.samples < information.parameters:
+        raise DataError(
+            f"{first.name}: {information.samples:g} usable samples for the {information.parameters} parameters of "
+            f"{structure.name}; record longer or choose a smaller structure"
+        )
+    return information, first
+
+
+def describe_aliases(solution: Solution, labels: Sequence[str]) -> str:
+    """Which regressors the data cannot tell apart, in a sentence; empty where they can."""
+    if not solution.aliases:
+        return ""
+    groups = [
+        f"{labels[first]} from {', '.join(labels[k] for k in others)}" if others else f"{labels[first]} from nothing"
+        for first, *others in solution.aliases
+    ]
+    return (
+        f"rank {solution.rank} of {len(labels)}: the data cannot tell {'; '.join(groups)}; "
+        "remove regressors or excite the drive more richly"
+    )
+
+
+def check_excitation(record: Record) -> None:
+    """Refuse what cannot be identified from: a record in which a channel never changes."""
+    for names, values, kind in (
+        (record.input_names, record.input, "input"),
+        (record.output_names, record.output, "output"),
+    ):
+        for k, name in enumerate(names):
+            if np.ptp(values[:, k]) == 0:
+                raise DataError(
+                    f"{record.name}: {kind} {name!r} is {values[0, k]:g} throughout; nothing can be identified from it"
+                )
+
+
+def _fold_chunk(structure: LinearStructure[object], chunk: tuple[Record, int, int]) -> Information:
+    segment, start, stop = chunk
+    size = len(structure.parameter_names) + 1
+    factor = np.zeros((size, size))
+    for block in structure.blocks(segment, start, stop):
+        fold(factor, block)
+    return Information(factor, stop - start)
+
+
+def _all_blocks(structure: LinearStructure[object], records: Record | Iterable[Record]) -> Iterator[Array]:
+    for record in (records,) if isinstance(records, Record) else records:
+        for segment, start, stop in structure.chunks(record, CHUNK):
+            yield from structure.blocks(segment, start, stop)
+
+
+def _corrected(information: Information, estimate: Array, gradient: Array) -> Array:
+    """θ + δ with RᵀR δ = gradient, the columns of R scaled to unit length."""
+    from scipy.linalg import solve_triangular
+
+    n = information.parameters
+    triangle = information.factor[:n, :n]
+    length = np.linalg.norm(triangle, axis=0)
+    unit = triangle / length
+    half = solve_triangular(unit, gradient / length, trans="T")
+    corrected: Array = estimate + solve_triangular(unit, half) / length
+    return corrected
+
+
+@numba.njit(cache=True, nogil=True)
+def accumulate_gradient(gradient: Array, block: Array, estimate: Array) -> None:
+    """Add Φᵀ(y − Φθ) of a block of columns [Φ y] to a gradient held as a sum of two doubles (2, n).
+
+    Products and sums are exact to twice the working precision (Dekker's and Knuth's error-free transformations).
+    """
+    parameters, rows = len(estimate), block.shape[1]
+    for i in range(rows):
+        high, low = block[parameters, i], 0.0
+        for j in range(parameters):
+            product, error = _two_product(-block[j, i], estimate[j])
+            high, carry = _two_sum(high, product)
+            low += carry + error
+        high, low = _two_sum(high, low)
+        for j in range(parameters):
+            product, error = _two_product(block[j, i], high)
+            error += block[j, i] * low
+            gradient[0, j], carry = _two_sum(gradient[0, j], product)
+            gradient[1, j] += carry + error
+    for j in range(parameters):
+        gradient[0, j], gradient[1, j] = _two_sum(gradient[0, j], gradient[1, j])
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _two_sum(a: float, b: float) -> tuple[float, float]:
+    """a + b as its rounding and the error of that."""
+    total = a + b
+    part = total - a
+    return total, (a - (total - part)) + (b - part)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _two_product(a: float, b: float) -> tuple[float, float]:
+    """a·b as its rounding and the error of that, the factors split into halves of 26 bits."""
+    product = a * b
+    wide = 134217729.0 * a
+    a_high = wide - (wide - a)
+    a_low = a - a_high
+    wide = 134217729.0 * b
+    b_high = wide - (wide - b)
+    b_low = b - b_high
+    return product, ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low

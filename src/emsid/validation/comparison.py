@@ -1,0 +1,175 @@
+"""How models compare, and never a prediction taken for a simulation.
+
+A one-step prediction looks good with almost any model, because the measured output of the moment before is given to
+it. What a model has learnt shows in the free run on data it has not seen; that is what models are ranked by.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from emsid.errors import DataError
+from emsid.estimation.fit import Fit
+from emsid.models.model import Model, Run
+from emsid.record import Record
+from emsid.validation.metrics import fit_percent, mean_squared_error
+
+
+@dataclass(frozen=True)
+class Row:
+    """One model on one record: a row of every table of results.
+
+    Attributes:
+        experiment: ``simulation``, ``experiment`` or ``record``.
+        model: name of the model.
+        method: how it was estimated: ``ls``, ``rls``, …
+        data: ``identification`` or ``verification``.
+        one_step_mse: MSE (5.14) of the prediction one sample ahead, in the output's unit squared.
+        simulation_mse: MSE of the free run.
+        simulation_rmse: its root, in the output's unit.
+        fit_percent: fit of the free run.
+        parameters: how many were estimated.
+        samples: how many samples the errors are taken over.
+        diverged_at: sample at which the free run left all bounds, or None.
+    """
+
+    experiment: str
+    model: str
+    method: str
+    data: str
+    one_step_mse: float
+    simulation_mse: float
+    simulation_rmse: float
+    fit_percent: float
+    parameters: int
+    samples: int
+    diverged_at: int | None = None
+
+    def to_data(self) -> dict[str, Any]:
+        """In built-in types; what is infinite, as after a diverged run, becomes None."""
+        return {
+            name: None if isinstance(value, float) and not np.isfinite(value) else value
+            for name, value in asdict(self).items()
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """A fitted model run over a record.
+
+    Attributes:
+        fit: the model.
+        record: what it was run on.
+        row: its errors.
+        simulation: the free run.
+        prediction: the prediction one step ahead.
+    """
+
+    fit: Fit[Model]
+    record: Record
+    row: Row
+    simulation: Run
+    prediction: Run
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Several models on the same samples of the same records, the best free run first."""
+
+    assessments: tuple[Assessment, ...]
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """A row for every model."""
+        return tuple(assessment.row for assessment in self.assessments)
+
+    @property
+    def best(self) -> Assessment:
+        """The model with the smallest free-run error."""
+        return self.assessments[0]
+
+    def __str__(self) -> str:
+        head = f"{'model':<34}{'method':<8}{'free-run RMSE':>15}{'fit %':>9}{'one-step MSE':>14}"
+        lines = [
+            f"{row.model:<34}{row.method:<8}{row.simulation_rmse:>15.5g}{row.fit_percent:>9.2f}{row.one_step_mse:>14.4g}"
+            for row in self.rows
+        ]
+        return "\n".join([head, *lines])
+
+
+def assess(
+    fit: Fit[Model],
+    record: Record,
+    transient: int | None = None,
+    *,
+    experiment: str = "record",
+    data: str = "verification",
+) -> Assessment:
+    """Run a fitted model over a record, freely and one step ahead.
+
+    Args:
+        fit: a model and how it was found.
+        record: what to run it on; the first ``transient`` samples of every segment start it and are left out of errors.
+        transient: by default what the model needs.
+        experiment, data: what the row is called.
+
+    Raises:
+        ModelError: for a record that the model cannot be run on.
+        DataError: where no sample is left to take an error over.
+    """
+    simulation = fit.model.simulate(record, transient)
+    prediction = fit.model.predict(record, 1, transient)
+    counted = simulation.counted
+    if not counted.any():
+        raise DataError(
+            f"{record.name}: no segment is longer than the {transient or fit.model.memory} samples that start "
+            f"{fit.model.name}; choose a shorter transient or a longer record"
+        )
+    measured, free = record.output[counted], simulation.output[counted]
+    mse = mean_squared_error(measured, free)
+    return Assessment(
+        fit,
+        record,
+        Row(
+            experiment=experiment,
+            model=fit.model.name,
+            method=fit.method,
+            data=data,
+            one_step_mse=mean_squared_error(measured, prediction.output[counted]),
+            simulation_mse=mse,
+            simulation_rmse=float(np.sqrt(mse)),
+            fit_percent=fit_percent(measured, free),
+            parameters=len(fit.estimate),
+            samples=int(np.count_nonzero(counted)),
+            diverged_at=simulation.diverged_at,
+        ),
+        simulation,
+        prediction,
+    )
+
+
+def compare(
+    fits: Iterable[Fit[Any]],
+    record: Record,
+    transient: int | None = None,
+    *,
+    experiment: str = "record",
+    data: str = "verification",
+) -> Comparison:
+    """Several fitted models on the same samples of a record, ranked by the free run.
+
+    Args:
+        fits: what to compare.
+        record: data that none of them has seen; several records are put together by `emsid.concatenate`.
+        transient: samples at the start of every segment that start the models and are left out of every error; by
+            default as many as the most demanding model needs.
+        experiment, data: what the rows are called.
+    """
+    candidates: Sequence[Fit[Any]] = tuple(fits)
+    start = max((transient or 0, *(fit.model.memory for fit in candidates)))
+    assessments = [assess(fit, record, start, experiment=experiment, data=data) for fit in candidates]
+    return Comparison(tuple(sorted(assessments, key=lambda each: each.row.simulation_mse)))

@@ -1,0 +1,30 @@
+"""Errors of a model's output, each a pure function of measured and modelled output, both (N, ny)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def mean_squared_error(measured: Array, modelled: Array) -> float:
+    """MSE = (1/N) Σ (y − ŷ)², eq. (5.14), over all channels; infinite for a run that diverged."""
+    error = measured - modelled
+    return float(np.mean(error**2)) if np.isfinite(error).all() else float("inf")
+
+
+def root_mean_squared_error(measured: Array, modelled: Array) -> float:
+    """√MSE, in the unit of the output."""
+    return float(np.sqrt(mean_squared_error(measured, modelled)))
+
+
+def fit_percent(measured: Array, modelled: Array) -> float:
+    """100·(1 − ‖y − ŷ‖/‖y − ȳ‖), the mean over channels; 100 is perfect, 0 as good as the mean, and below is worse."""
+    error = np.linalg.norm(measured - modelled, axis=0)
+    spread = np.linalg.norm(measured - measured.mean(axis=0), axis=0)
+    if not np.isfinite(error).all():
+        return float("-inf")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        fits = 100.0 * (1.0 - np.where(error == 0, 0.0, error / spread))
+    return float(np.mean(fits))

@@ -91,7 +91,8 @@ def conversion(
         raise DataError(f"unit {unit!r} cannot become {target!r}: {problem}") from None
     except Exception as problem:
         raise DataError(
-            f"unit {unit!r} is not understood ({str(problem) or type(problem).__name__}); write it as V, rpm, deg/s, count/sample, pwm, …"
+            f"unit {unit!r} is not understood ({str(problem) or type(problem).__name__}); write it as V, rpm, deg/s, "
+            "count/sample, pwm, …"
         ) from None
     return Conversion(float(one - zero), float(zero), target)
 

@@ -93,7 +93,7 @@ def _no_column(value: object) -> str:
     if value.ndim > 2:
         return f"a {value.ndim}-dimensional array"
     if value.ndim == 2 and value.shape[0] != 1 and value.shape[1] > value.shape[0]:
-        return f"a matrix of {value.shape[0]} rows and {value.shape[1]} columns; samples go down, so transpose it"
+        return f"a matrix of {value.shape[0]} rows by {value.shape[1]} columns (samples go down: transpose it)"
     return ""
 
 

@@ -40,9 +40,7 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
     except IsADirectoryError:
         raise FormatError(f"{path}: this is a folder; name a file in it") from None
     except (OSError, ValueError) as problem:  # ValueError: a name with a null character
-        raise FormatError(
-            f"{path}: cannot be read ({_reason(problem)}); check the name and its permissions"
-        ) from None
+        raise FormatError(f"{path}: cannot be read ({_reason(problem)}); check the name and its permissions") from None
     if not content:
         raise FormatError(f"{path}: the file is empty; record it again or name another")
     return content

@@ -21,10 +21,14 @@ from emsid.io.columns import nearest
 if TYPE_CHECKING:
     import polars as pl
 
-FUNCTIONS = frozenset(
-    "abs avg ceil coalesce exp floor greatest least ln log10 max median min mod pow round sign sqrt stddev".split()
+FUNCTIONS = (
+    *("abs", "ceil", "exp", "floor", "ln", "log10", "mod", "pow", "round", "sign", "sqrt"),
+    *("avg", "max", "median", "min", "stddev"),
+    *("coalesce", "greatest", "least"),
 )
-_WORDS = frozenset("and or not is null between in like true false case when then else end".split())
+"""The functions that a mask may use: of a value, over all rows, of several values."""
+
+_WORDS = {"and", "or", "not", "is", "null", "between", "in", "like", "true", "false"}
 _TOKEN = re.compile(
     r"""(?P<space>\s+)
     | (?P<number>(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)(?!\w)
@@ -55,9 +59,7 @@ def left_out(mask: str, columns: Mapping[str, pl.Series]) -> NDArray[np.bool_]:
         result = frame.select(pl.sql_expr(mask).alias("out"))["out"]
     except (Exception, pl.exceptions.PanicException) as problem:  # a panic of the parser is no Exception
         reason = str(problem).strip().partition("\n")[0]
-        raise DataError(
-            f"the mask {mask!r} is not understood ({reason}); write it like abs(PWM) > 255"
-        ) from None
+        raise DataError(f"the mask {mask!r} is not understood ({reason}); write it like abs(PWM) > 255") from None
     if result.dtype != pl.Boolean:
         raise DataError(f"the mask {mask!r} is not true or false; write a condition like abs(PWM) > 255")
     out = result.fill_null(True).to_numpy()
@@ -74,24 +76,20 @@ def _check(mask: str, columns: Mapping[str, pl.Series]) -> None:
                 f"the mask {mask!r} is not understood from {mask[at : at + 20]!r} on; write it like abs(PWM) > 255"
             )
         at = token.end()
-        word = token["word"]
-        if word is None and token["name"] is None:
-            continue
-        if word and word.lower() in _WORDS:
-            continue
+        word, quoted = token["word"], token["name"]
         if word and token["call"]:
-            if word.lower() not in FUNCTIONS:
+            if word.lower() not in {*FUNCTIONS, *_WORDS}:
                 raise DataError(
-                    f"the mask {mask!r} uses {word}(…), which is none of {', '.join(sorted(FUNCTIONS))}; the name of a "
-                    f'column with brackets goes into double quotes, as in "{word}(…)"'
+                    f"the mask {mask!r} uses a function {word!r}, which is none of {', '.join(FUNCTIONS)}; a column "
+                    f'with brackets in its name goes into double quotes: "{word}(…)"'
                 )
-            continue
-        name = word or token["name"][1:-1]
-        if name not in columns:
-            raise DataError(
-                f"the mask {mask!r} names no column with {name!r}{nearest(name, columns)}; there are {', '.join(columns)}"
-            )
-        at = token.end()
+        elif quoted or (word and word.lower() not in _WORDS):
+            name = word or quoted[1:-1]
+            if name not in columns:
+                raise DataError(
+                    f"the mask {mask!r} uses {name!r}, which is no column{nearest(name, columns)}; there are "
+                    f"{', '.join(columns)}"
+                )
 
 
 def _comparable(column: pl.Series) -> pl.Series:

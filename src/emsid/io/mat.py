@@ -32,8 +32,8 @@ def read_mat(content: bytes) -> Columns:
         variables = _variables_5
     else:
         raise FormatError(
-            f"this is not a MAT file; it looks like {looks_like(content)}: give it its right suffix, or save it again "
-            "with save -v7"
+            f"this is not a MAT file; it looks like {looks_like(content)}: give it its right suffix, or save it "
+            "again with save -v7"
         )
     try:
         return from_arrays(variables(content))
@@ -49,9 +49,7 @@ def _variables_5(content: bytes) -> Iterator[tuple[str, Any]]:
     from scipy.io import loadmat
 
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # on duplicate or unreadable variables; they are listed as not readable
+        warnings.simplefilter("ignore")  # on duplicate or unreadable variables; they are listed as not readable
         variables = loadmat(BytesIO(content))
     for name, value in variables.items():
         if name.startswith("__"):

@@ -20,9 +20,7 @@ def read_npz(content: bytes) -> Columns:
         FormatError: for content that is no NPZ file, or a damaged one.
     """
     if not content.startswith(_MAGIC):
-        raise FormatError(
-            f"this is not an NPZ file; it looks like {looks_like(content)}: give it its right suffix"
-        )
+        raise FormatError(f"this is not an NPZ file; it looks like {looks_like(content)}: give it its right suffix")
     try:
         return from_arrays(_arrays(content))
     except Exception as problem:  # the parsers meet damage with whatever they stumble over

@@ -20,9 +20,7 @@ def read_parquet(content: bytes) -> Columns:
     import polars as pl
 
     if not content.startswith(_MAGIC):
-        raise FormatError(
-            f"this is not a Parquet file; it looks like {looks_like(content)}: give it its right suffix"
-        )
+        raise FormatError(f"this is not a Parquet file; it looks like {looks_like(content)}: give it its right suffix")
     try:
         frame = pl.read_parquet(BytesIO(content))
     except (Exception, pl.exceptions.PanicException) as problem:  # a panic of the parser is no Exception

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -53,9 +53,18 @@ BRIDGED = 10
 _AGREEMENT = 0.01  # by how much of itself a given sample time may differ from that of the time column
 
 _SECONDS = {
-    "ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "msec": 1e-3, "s": 1.0, "sec": 1.0, "seconds": 1.0,
-    "min": 60.0, "h": 3600.0,
-}  # fmt: skip
+    "ns": 1e-9,
+    "us": 1e-6,
+    "µs": 1e-6,  # the micro sign
+    "μs": 1e-6,  # the Greek letter
+    "ms": 1e-3,
+    "msec": 1e-3,
+    "s": 1.0,
+    "sec": 1.0,
+    "seconds": 1.0,
+    "min": 60.0,
+    "h": 3600.0,
+}
 _UNIT_IN_NAME = re.compile(r"[\s_]*(?:[(\[{]\s*(?P<bracketed>[^)\]}]+?)\s*[)\]}]|_(?P<suffix>ns|us|ms|s))$")
 _LIKE_TIME = re.compile(r"t|time|timestamp|zeit|sec|seconds", re.IGNORECASE)
 _DERIVATIVE = re.compile(r"d\((?P<column>.+)\)")
@@ -210,8 +219,8 @@ class _Selection:
         if len(bad):
             found = "no value" if series[int(bad[0])] is None else repr(series[int(bad[0])])
             raise DataError(
-                f"column {name!r} has {found} in {self.columns.place(int(self.rows[bad[0]]))}, not a number; repair it or "
-                "leave it out with rows or a mask"
+                f"column {name!r} has {found} in {self.columns.place(int(self.rows[bad[0]]))}, not a number; repair "
+                "it or leave it out with rows or a mask"
             )
         return values
 
@@ -233,14 +242,9 @@ def _record(
 ) -> Record:
     signals = _signals(inputs, outputs, columns)
     _check_options({"scale": scale, "offset": offset, "units": units}, signals)
-    selection = _select(
-        columns, [*(s.column for s in signals), *([clock.time] if clock.time else [])], rows, mask
-    )
+    selection = _select(columns, [*(s.column for s in signals), *([clock.time] if clock.time else [])], rows, mask)
     with np.errstate(all="ignore"):  # what overflows is refused by the record, with its sample
-        values = [
-            scale.get(s.column, 1.0) * selection.numbers(s.column) + offset.get(s.column, 0.0)
-            for s in signals
-        ]
+        values = [scale.get(s.column, 1.0) * selection.numbers(s.column) + offset.get(s.column, 0.0) for s in signals]
         record = _sampled(
             selection,
             clock,
@@ -256,7 +260,7 @@ def _record(
             ),
         )
         record = _differentiated(record, [s.name for s in signals if s.is_derivative], derivative_window)
-        return record.convert(**{key: value for key, value in meanings.items() if value is not None})
+        return record.convert(None, **{key: value for key, value in meanings.items() if value is not None})
 
 
 def _signals(inputs: Sequence[str], outputs: Sequence[str], columns: Columns) -> list[_Signal]:
@@ -266,9 +270,7 @@ def _signals(inputs: Sequence[str], outputs: Sequence[str], columns: Columns) ->
         raise DataError("no input column; name at least one")
     for name in names:
         if names.count(name) > 1:
-            raise DataError(
-                f"column {name!r} is named twice among inputs and outputs; every channel is one column"
-            )
+            raise DataError(f"column {name!r} is named twice among inputs and outputs; every channel is one column")
     signals = []
     for name in names:
         inner = _DERIVATIVE.fullmatch(name)
@@ -281,9 +283,7 @@ def _signals(inputs: Sequence[str], outputs: Sequence[str], columns: Columns) ->
 
 def _check_column(name: str, columns: Columns) -> None:
     if name in columns.others:
-        raise DataError(
-            f"{name!r} is no column: it is {columns.others[name]}; columns are {', '.join(columns.series)}"
-        )
+        raise DataError(f"{name!r} is no column: it is {columns.others[name]}; columns are {', '.join(columns.series)}")
     if name not in columns.series:
         raise DataError(
             f"there is no column {name!r}{nearest(name, columns.series)}; there are {', '.join(columns.series)}"
@@ -299,8 +299,8 @@ def _check_options(options: Mapping[str, Mapping[str, object]], signals: Sequenc
         for name in by_column:
             if name not in allowed:
                 raise DataError(
-                    f"{option} is given for {name!r}, which is neither input nor output{nearest(name, allowed)}; these "
-                    f"are {', '.join(allowed)}"
+                    f"{option} is given for {name!r}, which is neither input nor output{nearest(name, allowed)}; "
+                    f"these are {', '.join(allowed)}"
                 )
 
 
@@ -319,9 +319,7 @@ def _select(columns: Columns, used: Sequence[str], rows: slice, mask: str | None
     start, stop, _ = rows.indices(length)
     if stop <= start:
         first, last = ("" if edge is None else edge for edge in (rows.start, rows.stop))
-        raise DataError(
-            f"rows {first}:{last} select nothing of {length} rows; give A:B with 0 ≤ A < B ≤ {length}"
-        )
+        raise DataError(f"rows {first}:{last} select nothing of {length} rows; give A:B with 0 ≤ A < B ≤ {length}")
     kept = np.ones(stop - start, dtype=bool)
     if mask is not None:
         same = {name: series[start:stop] for name, series in columns.series.items() if len(series) == length}
@@ -346,9 +344,7 @@ def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
     rows = np.arange(1, len(seconds))[selection.follows]  # those whose step in time counts
     try:
         axis = time_axis(
-            seconds
-            if len(rows) == len(seconds) - 1
-            else np.append(0.0, np.cumsum(np.diff(seconds)[selection.follows]))
+            seconds if len(rows) == len(seconds) - 1 else np.append(0.0, np.cumsum(np.diff(seconds)[selection.follows]))
         )
     except DataError as problem:
         raise DataError(f"{column}: {problem}") from None
@@ -365,13 +361,13 @@ def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
     if not axis.regular:
         report = axis.describe(lambda k: selection.columns.place(int(selection.rows[rows[k - 1]])))
         raise DataError(
-            f"{column} is not regular: {report}; give resample (--resample) to bring it to an equidistant one, or dt "
-            "(--dt SECONDS) in its place to take the samples as equidistant"
+            f"{column} is not regular: {report}; give resample (--resample) to bring it to an equidistant one, or "
+            "dt (--dt SECONDS) in its place to take the samples as equidistant"
         )
     if clock.dt is not None and abs(clock.dt - axis.dt) > _AGREEMENT * axis.dt:
         raise DataError(
-            f"{column} says a sample time of {axis.dt:.6g} s and dt is {clock.dt:g} s; leave one of them out, or give "
-            "the unit of the column with time_unit (--time-unit)"
+            f"{column} says a sample time of {axis.dt:.6g} s and dt is {clock.dt:g} s; leave one of them out, or "
+            "give the unit of the column with time_unit (--time-unit)"
         )
     starts = seconds[[0, *breaks]]
     return replace(
@@ -382,9 +378,8 @@ def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
     )
 
 
-def _differentiated(record: Record, names: Iterable[str], window: int) -> Record:
+def _differentiated(record: Record, names: Collection[str], window: int) -> Record:
     """The record with the channels ``names`` differentiated, without the segments too short for that."""
-    names = set(names)
     if not names:
         return record
     check_window(window)
@@ -392,21 +387,25 @@ def _differentiated(record: Record, names: Iterable[str], window: int) -> Record
     if not pieces:
         longest = max(map(len, record.segments))
         raise DataError(
-            f"the longest segment has {longest} samples, too few for a derivative over {window}; take more rows, relax the "
-            "mask or give a shorter derivative_window (--derivative-window)"
+            f"the longest segment has {longest} samples, too few for a derivative over {window}; take more rows, relax "
+            "the mask or give a shorter derivative_window (--derivative-window)"
         )
 
-    def sides(piece: Record) -> dict[str, Array]:
-        result = {}
-        for side, channels in (("input", piece.input_names), ("output", piece.output_names)):
-            values = np.array(getattr(piece, side))
-            which = [k for k, channel in enumerate(channels) if channel in names]
-            if which:
-                values[:, which] = derivative(values[:, which], piece.dt, window)
-            result[side] = values
+    def differentiated(values: Array, channels: Sequence[str]) -> Array:
+        result = values.copy()
+        which = [k for k, channel in enumerate(channels) if channel in names]
+        if which:
+            result[:, which] = derivative(values[:, which], record.dt, window)
         return result
 
-    return concatenate(replace(piece, **sides(piece)) for piece in pieces)
+    return concatenate(
+        replace(
+            piece,
+            input=differentiated(piece.input, piece.input_names),
+            output=differentiated(piece.output, piece.output_names),
+        )
+        for piece in pieces
+    )
 
 
 def _as_tuple(names: str | Sequence[str]) -> tuple[str, ...]:
@@ -438,9 +437,7 @@ def _time_unit(clock: _Clock, columns: Columns) -> float:
         return 1.0
     if clock.time_unit is not None:
         if clock.time_unit not in _SECONDS:
-            raise DataError(
-                f"time unit {clock.time_unit!r} is not understood; give one of {', '.join(_SECONDS)}"
-            )
+            raise DataError(f"time unit {clock.time_unit!r} is not understood; give one of {', '.join(_SECONDS)}")
         return _SECONDS[clock.time_unit]
     written = _UNIT_IN_NAME.search(clock.time)
     unit = columns.units.get(clock.time) or (written and (written["bracketed"] or written["suffix"])) or "s"
@@ -453,7 +450,7 @@ def _no_sample_time(columns: Columns) -> str:
     hint = f"; {candidates[0]!r} looks like the time column" if candidates else ""
     for k, line in enumerate(columns.preamble):
         if re.search(r"\bdt\b", line):
-            says = line if re.search(r"\d", line) else " / ".join(columns.preamble[k : k + 2])
+            says = line if re.search(r"\bdt\W*\d", line) else " / ".join(columns.preamble[k : k + 2])
             hint += f"; the file says {' '.join(says.split())!r} above its header (mind the unit)"
             break
     return f"no sample time; give dt (--dt SECONDS) or time (--time COLUMN){hint}"

@@ -27,13 +27,31 @@ if TYPE_CHECKING:
 _NUMBER = re.compile(r"[+-]?(\d+\.?|\d*[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _MISSING = frozenset({"", "na", "n/a", "null", "none", "-", "--", "?"})
 _BRACKETED = re.compile(r"\(.*\)|\[.*\]|\{.*\}")
-_UNITS = frozenset(
-    "s ms us µs min h v mv kv a ma rad mrad deg rev rpm rad/s deg/s °/s rad/s^2 hz khz m mm m/s mm/s n nm n*m w kg % "
-    "pwm count counts ticks °c".split()
-)
-_CELL = (
-    "\x1f"  # between the cells of a line once it is split; cannot occur in the file, where it would be binary
-)
+_UNITS = {
+    *(
+        "s",
+        "ms",
+        "us",
+        "µs",
+        "ns",
+        "min",
+        "h",
+        "hz",
+        "khz",
+        "v",
+        "mv",
+        "a",
+        "ma",
+        "w",
+        "%",
+        "pwm",
+        "count",
+        "counts",
+    ),
+    *("rad", "deg", "°", "rev", "rpm", "rad/s", "deg/s", "°/s", "rev/s", "rad/s^2", "m", "mm", "m/s", "mm/s"),
+    *("n", "nm", "n*m", "n·m", "kg", "°c"),
+}
+_CELL = "\x1f"  # stands between the cells of a split line; in a file it would be binary, and refused
 _TAIL = 100  # lines at the end of the file that tell its structure
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
 
@@ -62,16 +80,12 @@ def read_table(content: bytes) -> Columns:
     """
     comments: list[_Line] = []
     lines: list[_Line] = []
-    for number, text in enumerate(
-        _decode(content).replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1
-    ):
+    for number, text in enumerate(_decode(content).replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1):
         stripped = text.strip()
         if stripped:
             (comments if stripped[0] in "#%" else lines).append(_Line(number, text))
     if not lines:
-        raise FormatError(
-            "there is no table in this file, only comments or blank lines; check how it was exported"
-        )
+        raise FormatError("there is no table in this file, only comments or blank lines; check how it was exported")
 
     separator = _separator([line.text for line in lines[-_TAIL:]])
     lines = [_Line(number, _with_marks(number, text, separator)) for number, text in lines]
@@ -83,8 +97,8 @@ def read_table(content: bytes) -> Columns:
         if text.count(_CELL) != width - 1:
             found = text.count(_CELL) + 1
             raise FormatError(
-                f"row {number} of the file has {found} value{'s' * (found != 1)} where the others have {width}; "
-                "the file is cut off or damaged there: repair or delete that row"
+                f"row {number} of the file has {found} value{'s' * (found != 1)} where the others have "
+                f"{width}; the file is cut off or damaged there: repair or delete that row"
             )
     names = _distinct(header.names if header else [""] * width)
     above = (line for line in lines[:start] if not header or line.number < header.number)
@@ -108,9 +122,7 @@ def _decode(content: bytes) -> str:
     what = looks_like(content)
     if text is None or damage or not (wide or what == "text"):
         if damage and what == "text":
-            what = (
-                f"text with binary data in row {text.count(chr(10), 0, damage.start()) + 1}" if text else what
-            )
+            what = f"text with binary data in row {text.count(chr(10), 0, damage.start()) + 1}" if text else what
         raise FormatError(
             f"this is not a text table; it looks like {what}: give the file its right suffix or repair it"
         )
@@ -126,18 +138,12 @@ def _with_marks(number: int, text: str, separator: str) -> str:
     try:
         return _CELL.join(next(csv.reader([text], delimiter=separator, skipinitialspace=True)))
     except (csv.Error, StopIteration) as problem:
-        raise FormatError(
-            f"row {number} of the file cannot be split into values ({problem}); repair it"
-        ) from None
+        raise FormatError(f"row {number} of the file cannot be split into values ({problem}); repair it") from None
 
 
 def _numeric_share(sample: Sequence[str], separator: str) -> float:
     """The part of the filled cells that are numbers, were ``separator`` the right one."""
-    filled = [
-        cell
-        for text in sample
-        for cell in text.replace('"', "").split(None if separator == " " else separator)
-    ]
+    filled = [cell for text in sample for cell in text.replace('"', "").split(None if separator == " " else separator)]
     cells = [cell.strip() for cell in filled if cell.strip()]
     return sum(bool(_NUMBER.fullmatch(cell)) for cell in cells) / len(cells) if cells else 0.0
 

@@ -1,0 +1,80 @@
+"""Records to files, so that `emsid.io.read` gives the same numbers back."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+from zipfile import ZipFile
+
+import numpy as np
+
+from emsid.errors import DataError, FormatError
+from emsid.io.files import atomic_write
+from emsid.io.table import read_table
+from emsid.record import Record
+
+if TYPE_CHECKING:
+    import polars as pl
+
+
+def write_record(record: Record, path: str | os.PathLike[str]) -> str:
+    """Write a record of one segment as a table of time, inputs and outputs.
+
+    Every number comes back exactly when the file is read. Units are not written: say them again on reading.
+
+    Args:
+        record: what to write.
+        path: where to; the suffix ``.csv``, ``.parquet`` or ``.npz`` tells the format.
+
+    Returns:
+        The name of the time column (in seconds): ``t``, or ``time`` … where a channel is called so.
+
+    Raises:
+        FormatError: for another suffix, or where the file cannot be written.
+        DataError: for a record of several segments, or with names that a CSV file cannot hold.
+    """
+    import polars as pl
+
+    path = Path(path)
+    writer = WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise FormatError(f"{path}: no writer for the suffix {path.suffix!r}; there are {', '.join(WRITERS)}")
+    if record.breaks:
+        raise DataError(
+            f"{record.name}: a table holds one segment and this record has {len(record.breaks) + 1}; write each of "
+            "record.segments to a file of its own"
+        )
+    names = (*record.input_names, *record.output_names)
+    time = next(name for name in ("t", "time", "time_s", *(f"time{k}" for k in range(len(names)))) if name not in names)
+    values = np.column_stack([record.time, record.input, record.output])
+    atomic_write(path, writer(pl.DataFrame(dict(zip((time, *names), values.T, strict=True)))))
+    return time
+
+
+def _csv(frame: pl.DataFrame) -> bytes:
+    start = frame.head(2).write_csv().encode()
+    if list(read_table(start).series) != frame.columns:
+        raise DataError(f"the names {', '.join(frame.columns[1:])} cannot head a CSV file; write Parquet, or rename")
+    return frame.write_csv().encode()
+
+
+def _parquet(frame: pl.DataFrame) -> bytes:
+    content = BytesIO()
+    frame.write_parquet(content)
+    return content.getvalue()
+
+
+def _npz(frame: pl.DataFrame) -> bytes:
+    content = BytesIO()
+    with ZipFile(content, "w") as archive:  # as numpy.savez does, but for channels of any name
+        for column in frame:
+            with archive.open(f"{column.name}.npy", "w") as member:
+                np.lib.format.write_array(member, column.to_numpy())
+    return content.getvalue()
+
+
+WRITERS: dict[str, Callable[[pl.DataFrame], bytes]] = {".csv": _csv, ".parquet": _parquet, ".npz": _npz}
+"""The writer for each suffix: from a table to the content of a file."""

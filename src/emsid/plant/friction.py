@@ -36,7 +36,7 @@ def coulomb(speed: ArrayLike, level: ArrayLike) -> Array:
         speed: ω in rad/s.
         level: α₀ in N·m.
     """
-    return np.asarray(level) * sign(speed)
+    return np.asarray(level, dtype=float) * sign(speed)
 
 
 def stribeck(speed: ArrayLike, excess: ArrayLike, rate: ArrayLike) -> Array:
@@ -48,7 +48,8 @@ def stribeck(speed: ArrayLike, excess: ArrayLike, rate: ArrayLike) -> Array:
         rate: α₂ in s/rad; 1/α₂ is the speed at which the excess has fallen to 37 %.
     """
     w = np.asarray(speed, dtype=float)
-    return np.asarray(excess) * np.exp(-np.asarray(rate) * np.abs(w)) * sign(w)
+    fading: Array = np.exp(-np.asarray(rate, dtype=float) * np.abs(w))
+    return np.asarray(excess, dtype=float) * fading * sign(w)
 
 
 def viscous(speed: ArrayLike, coefficient: ArrayLike) -> Array:
@@ -58,7 +59,8 @@ def viscous(speed: ArrayLike, coefficient: ArrayLike) -> Array:
         speed: ω in rad/s.
         coefficient: B in N·m·s/rad.
     """
-    return np.asarray(coefficient) * np.asarray(speed, dtype=float)
+    torque: Array = np.asarray(coefficient, dtype=float) * np.asarray(speed, dtype=float)
+    return torque
 
 
 class Sliding(NamedTuple):

@@ -85,6 +85,10 @@ class Taylor:
             )
 
 
+AT_REST = State()
+STANDARD = Taylor()
+
+
 class Events(NamedTuple):
     """Where friction began or ceased to hold a body, in the order of time.
 
@@ -190,8 +194,8 @@ def simulate(
     dt: ArrayLike,
     *,
     disturbance: ArrayLike = 0.0,
-    initial: State = State(),
-    method: Taylor = Taylor(),
+    initial: State = AT_REST,
+    method: Taylor = STANDARD,
     energy: bool = False,
 ) -> Trajectory:
     """The motor driven by a voltage that is held from sample to sample.
@@ -227,9 +231,10 @@ def simulate(
     constants = _constants(motor)
     armature = volts if motor.voltage_dead_zone is None else motor.voltage_dead_zone(volts)
     states = np.empty((len(volts) + 1, len(start)))
+    states[0] = start
     spent = np.zeros(len(fields(Energy)))
     steps = (method.order, method.tolerance, method.longest_step)
-    instant, events, reached = _run(constants, volts, armature, torques, holds, start, *steps, energy, states, spent)
+    instant, events, reached = _run(constants, volts, armature, torques, holds, *steps, energy, states, spent)
     time = np.concatenate([[0.0], np.cumsum(holds)])
     if reached < len(volts):
         raise ModelError(
@@ -239,10 +244,10 @@ def simulate(
     spent[1] = _stored(constants, states[-1]) - _stored(constants, states[0])
     return Trajectory(
         time[:-1],
-        *(np.ascontiguousarray(states[:-1, k]) for k in range(states.shape[1])),
-        State(*states[-1].tolist()),
-        Events(instant, events[:, 0], events[:, 1], events[:, 2]),
-        Energy(*spent.tolist()) if energy else None,
+        **{part.name: np.ascontiguousarray(states[:-1, k]) for k, part in enumerate(fields(State))},
+        final=State(*states[-1].tolist()),
+        events=Events(instant, events[:, 0], events[:, 1], events[:, 2]),
+        energy=Energy(*spent.tolist()) if energy else None,
     )
 
 
@@ -337,7 +342,6 @@ def _run(
     armature: Array,
     torques: Array,
     holds: Array,
-    start: Array,
     order: int,
     tolerance: float,
     longest: float,
@@ -345,13 +349,14 @@ def _run(
     states: Array,
     spent: Array,
 ) -> tuple[Array, NDArray[np.int64], int]:
-    """Every sample in turn: fill ``states`` (N + 1, 5) and ``spent``, return the events and samples done."""
+    """Every sample from ``states[0]`` on: fill ``states`` (N + 1, 5) and ``spent``, return events and samples done."""
     s = np.zeros((_ROWS, order + 1))
     centred = np.empty(order + 1)
     margin = np.empty(order + 1)
     motion = np.zeros(2, np.int64)
-    x = start.copy()
-    states[0] = x
+    x = np.empty(5)
+    for row in range(5):
+        x[row] = states[0, row]
     instant, events, happened = np.empty(64), np.empty((64, 3), np.int64), 0
     latest = np.full(2, -1)
     clock = 0.0
@@ -399,10 +404,13 @@ def _run(
                     motion[1] = turn
             elif not left > 0.0:
                 break
-        if left != 0.0 or not np.isfinite(x.sum()):
+        check = left
+        for row in range(5):
+            states[k + 1, row] = x[row]
+            check += x[row] - x[row]
+        if check != 0.0:  # time is left, or a state is not finite
             return instant[:happened], events[:happened], k
         clock += holds[k]
-        states[k + 1] = x
     return instant[:happened], events[:happened], len(volts)
 
 

@@ -458,6 +458,17 @@ def friction_narx(
     )
 
 
+def input_knots(record: Record, count: int) -> tuple[float, ...]:
+    """Where to put hinges when nothing is known of the dead zone: ``count`` on either side of zero.
+
+    They reach to the largest input and are closer together near zero, where dead zones and break-away are:
+    ``max|u|·(i/(count + 1))²``.
+    """
+    reach = float(np.max(np.abs(record.input[:, 0])))
+    positive = reach * (np.arange(1, count + 1) / (count + 1)) ** 2
+    return (*(-positive[::-1]), *positive)
+
+
 def _lagged(channel: int, lag: int) -> Regressor:
     return Regressor((Factor(channel, lag),))
 

@@ -1,0 +1,209 @@
+"""From a record to a ranked list of models: what `emsid identify` does.
+
+Every candidate is a function from a record to a fit. What is not given (orders, delay, knots) it chooses on a part of
+the record that it holds back for that; then it is fitted to the whole record. The ranking is by free run on data
+that no candidate has seen in either step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from emsid.errors import EmsidError, ModelError
+from emsid.estimation.fit import Fit
+from emsid.estimation.least_squares import least_squares
+from emsid.estimation.recursive import recursive_least_squares
+from emsid.estimation.selection import coordinate_search
+from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
+from emsid.record import Record, concatenate
+from emsid.validation.comparison import Comparison, assess, compare
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a user may fix; whatever is None is chosen on held-back data.
+
+    Args:
+        na: coefficients of past outputs.
+        nb: coefficients of past inputs.
+        nk: delay in samples.
+        degree: of the polynomial of a Wiener–Hammerstein regression.
+        taps: of its first filter.
+        knots: hinges on either side of zero in a friction regression.
+        ridge: weight of the squared parameters.
+        forgetting: forgetting factor; recursive least squares is used where it is given.
+        held_back: fraction of the record, at its end, on which choices are made.
+    """
+
+    na: int | None = None
+    nb: int | None = None
+    nk: int | None = None
+    degree: int | None = None
+    taps: int | None = None
+    knots: int | None = None
+    ridge: float = 0.0
+    forgetting: float | None = None
+    held_back: float = 0.25
+
+    def estimate(self, structure: Structure, record: Record, history: bool = False) -> Fit[Any]:
+        """Fit a structure in the way that these options ask for."""
+        if self.forgetting is None:
+            return least_squares(structure, record, ridge=self.ridge)
+        return recursive_least_squares(structure, record, forgetting=self.forgetting, history=history)
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A family of linear-in-the-parameters structures as a candidate.
+
+    Args:
+        build: the structure for a record and choices.
+        choices: for every option that the family has, what is tried, from simple to complex.
+    """
+
+    build: Callable[[Record, Mapping[str, int]], Structure]
+    choices: Mapping[str, Sequence[int]]
+
+    def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
+        """Choose what is not fixed on held-back data and fit to the whole record."""
+        given = {name: getattr(options, name) for name in self.choices}
+        choices = {name: values if given[name] is None else (given[name],) for name, values in self.choices.items()}
+        chosen = {name: values[0] for name, values in choices.items()}
+        if any(len(values) > 1 for values in choices.values()):
+            train, rest = record.split(1 - options.held_back)
+            start = max(self._memory(record, {name: values[-1] for name, values in choices.items()}), 1)
+
+            def error(choice: Mapping[str, int]) -> float:
+                fit = options.estimate(self.build(record, choice), train)
+                return assess(fit, rest, start).row.simulation_mse
+
+            chosen = coordinate_search(error, choices, progress=progress)
+        return options.estimate(self.build(record, chosen), record)
+
+    def _memory(self, record: Record, choice: Mapping[str, int]) -> int:
+        return self.build(record, choice).memory
+
+
+def _arx(record: Record, choice: Mapping[str, int]) -> Structure:
+    return arx(**choice, inputs=record.input.shape[1])
+
+
+def _wiener_hammerstein_regression(record: Record, choice: Mapping[str, int]) -> Structure:
+    return wiener_hammerstein_regression(**choice)
+
+
+def _friction_narx(record: Record, choice: Mapping[str, int]) -> Structure:
+    orders = {name: value for name, value in choice.items() if name != "knots"}
+    return friction_narx(**orders, knots=input_knots(record, choice["knots"]), speeds=stribeck_speeds(record))
+
+
+def stribeck_speeds(record: Record) -> tuple[float, float]:
+    """Two speeds over which a Stribeck excess may decay: 3 and 10 % of the largest output."""
+    top = float(abs(record.output).max())
+    return 0.03 * top, 0.1 * top
+
+
+Candidate = Callable[[Record, Options, Callable[[float], None]], Fit[Any]]
+
+# Every model that `emsid identify` knows by name.
+CANDIDATES: dict[str, Candidate] = {
+    "arx": Regression(_arx, {"nk": (0, 1, 2, 3), "na": (1, 2, 3, 4), "nb": (1, 2, 3, 4)}),
+    "wiener-hammerstein-regression": Regression(
+        _wiener_hammerstein_regression,
+        {"nk": (0, 1, 2, 3), "na": (1, 2, 3, 4), "nb": (1, 2, 3), "degree": (2, 3, 5), "taps": (1, 2)},
+    ),
+    "friction-narx": Regression(
+        _friction_narx, {"nk": (0, 1, 2, 3), "na": (1, 2, 3), "nb": (1, 2, 3), "knots": (0, 4, 8, 12)}
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """What came out.
+
+    Attributes:
+        record: what the models were fitted to.
+        unseen: what they were ranked on.
+        identification: the models on `record`.
+        verification: the models on `unseen`, the best free run first.
+        failed: for every candidate that could not be fitted, why.
+        interrupted: whether the user stopped it before all candidates were done.
+    """
+
+    record: Record
+    unseen: Record
+    identification: Comparison
+    verification: Comparison
+    failed: Mapping[str, str]
+    interrupted: bool = False
+
+    @property
+    def chosen(self) -> Fit[Any]:
+        """The model with the best free run on unseen data."""
+        return self.verification.best.fit
+
+
+def identify(
+    records: Record | Iterable[Record],
+    validation: Record | Iterable[Record] | None = None,
+    *,
+    models: Sequence[str] = tuple(CANDIDATES),
+    options: Options | None = None,
+    transient: int | None = None,
+    unseen: float = 0.3,
+    progress: Progress = lambda what, fraction: None,
+) -> Identification:
+    """Fit the candidate structures and rank them by their free run on unseen data.
+
+    Args:
+        records: what to identify from.
+        validation: unseen data; without it, the last part of ``records`` is kept unseen.
+        models: names of `CANDIDATES`.
+        options: what the user fixes.
+        transient: samples at the start of every segment that start a free run and are left out of every error.
+        unseen: the fraction of ``records`` kept unseen where there is no validation data.
+        progress: called with the candidate at work and the fraction done of it.
+
+    Raises:
+        ModelError: for an unknown name, or where no candidate can be fitted.
+        DataError: for records that do not belong together.
+    """
+    options = options or Options()
+    unknown = [name for name in models if name not in CANDIDATES]
+    if unknown or not models:
+        raise ModelError(f"no model {', '.join(unknown) or 'is named'}; there are {', '.join(CANDIDATES)}")
+    record = _one(records)
+    train, test = record.split(1 - unseen) if validation is None else (record, _one(validation))
+    fits: list[Fit[Any]] = []
+    failed: dict[str, EmsidError] = {}
+    interrupted = False
+    for name in models:
+        try:
+            fits.append(CANDIDATES[name](train, options, lambda fraction, name=name: progress(name, fraction)))  # type: ignore[misc]
+            progress(name, 1.0)
+        except KeyboardInterrupt:
+            interrupted = True
+            break
+        except EmsidError as problem:
+            failed[name] = problem
+    if not fits:
+        if failed:
+            raise next(iter(failed.values()))
+        raise KeyboardInterrupt
+    return Identification(
+        train,
+        test,
+        compare(fits, train, transient, data="identification"),
+        compare(fits, test, transient),
+        {name: str(problem) for name, problem in failed.items()},
+        interrupted,
+    )
+
+
+def _one(records: Record | Iterable[Record]) -> Record:
+    return records if isinstance(records, Record) else concatenate(records)

@@ -56,8 +56,8 @@ class Record:
         def put(field: str, value: object) -> None:
             object.__setattr__(self, field, value)  # frozen for everybody else
 
-        put("input", _channels(self.input, "input"))
-        put("output", _channels(self.output, "output"))
+        put("input", _channels(self.input, "input", len(self.input_names)))
+        put("output", _channels(self.output, "output", len(self.output_names)))
         if len(self.input) != len(self.output):
             raise DataError(
                 f"{self.name}: input has {len(self.input)} samples and output {len(self.output)}; they must agree"
@@ -391,7 +391,7 @@ def resample(time: ArrayLike, record: Record, dt: float | None = None) -> Record
         raise DataError(
             f"{record.name}: cannot resample {t[-1] - t[0]:g} s to a sample time of {step:g} s; give another"
         )
-    last = np.append(np.diff(t) > 0, True)
+    last = np.append(np.diff(t) != 0, True)
     t, u, y = t[last], record.input[last], record.output[last]
     if np.any(np.diff(t) <= 0):
         raise DataError(f"{record.name}: the time column goes back; sort the file by time first")
@@ -407,13 +407,14 @@ def resample(time: ArrayLike, record: Record, dt: float | None = None) -> Record
     )
 
 
-def _channels(values: ArrayLike, side: str) -> Array:
+def _channels(values: ArrayLike, side: str, named: int) -> Array:
+    """The samples (N, channels); an orientation that looks wrong is taken where ``named`` channels confirm it."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2:
         raise DataError(f"{side} has shape {array.shape}; give (N,) or (N, channels)")
-    if array.shape[1] > array.shape[0] > 0:
+    if array.shape[1] > array.shape[0] > 0 and array.shape[1] != named:
         raise DataError(f"{side} has shape {array.shape}: more channels than samples; samples go down, channels across")
     view = array.view()
     view.flags.writeable = False

@@ -98,9 +98,10 @@ def conversion(
 
 
 def _spelling(unit: str) -> str:
-    """Signs that people put into units, as pint reads them."""
+    """Signs and words that people put into units, as pint reads them."""
     for sign, word in {"·": "*", "²": "^2", "Ω": "ohm", "%": "percent", "°": "deg", "PWM": "pwm", "RPM": "rpm"}.items():
         unit = unit.replace(sign, word)
+    unit = re.sub(r"\bcounts?\b", "encoder_count", unit)  # pint's own count is a number without unit
     unit = re.sub(r"\brevs?\b", "revolution", unit)
     return re.sub(r"\b([mk]?N)m\b", r"\1*m", unit)  # a torque; pint alone would read nanometres
 
@@ -111,11 +112,11 @@ def _registry(
 ) -> pint.UnitRegistry[float]:
     import pint
 
-    registry: pint.UnitRegistry[float] = pint.UnitRegistry(on_redefinition="ignore")
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry()
     if turn_per_count is not None:
-        registry.define(f"count = {2 * pi * turn_per_count} radian = _ = counts")
+        registry.define(f"encoder_count = {2 * pi * turn_per_count} radian")
     if volt_per_pwm is not None:
         registry.define(f"pwm = {volt_per_pwm} volt")
     if second_per_sample is not None:
-        registry.define(f"sample = {second_per_sample} second = _ = samples")
+        registry.define(f"sample = {second_per_sample} second")
     return registry

@@ -1,0 +1,270 @@
+"""Records: what they refuse, how they are cut, filtered and put together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from emsid.errors import DataError
+from emsid.record import Record, check_same_channels, concatenate, resample, segments, time_axis
+
+
+def ramp(samples: int = 10, dt: float = 0.1, **fields: object) -> Record:
+    k = np.arange(float(samples))
+    return Record(k, np.column_stack([2 * k, -k]), dt, **fields)  # type: ignore[arg-type]
+
+
+def test_one_dimensional_arrays_are_one_channel() -> None:
+    record = Record(np.zeros(5), np.ones(5), 0.5)
+    assert record.input.shape == record.output.shape == (5, 1)
+    assert (record.input_names, record.output_names, record.input_units) == (("u1",), ("y1",), ("",))
+    np.testing.assert_array_equal(record.time, [0, 0.5, 1, 1.5, 2])
+    assert repr(record) == "Record(record: 5 samples, dt 0.5 s; u1, y1)"
+
+
+def test_samples_cannot_be_written_to() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        ramp().input[0] = 1.0
+
+
+def test_an_input_without_output_is_a_record() -> None:
+    record = Record(np.arange(100.0), np.empty((100, 0)), 0.1)
+    assert record.output.shape == (100, 0)
+    assert record.decimate(2).output.shape == (50, 0)
+    assert record.detrend().output.shape == (100, 0)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"output": np.zeros(4)}, "input has 5 samples and output 4"),
+        ({"input": np.empty(0), "output": np.empty(0)}, "no samples"),
+        ({"input": np.zeros((5, 1, 1))}, r"shape \(5, 1, 1\)"),
+        ({"input": np.zeros((2, 5))}, "more channels than samples"),
+        ({"dt": 0.0}, "sample time 0.0 s; give a positive number"),
+        ({"dt": np.nan}, "sample time nan s"),
+        ({"input": np.array([1, 2, np.nan, 4, 5])}, "channel 'u1' is nan at sample 2"),
+        ({"input": np.array([1, np.inf, -np.inf, 4, 5])}, "channel 'u1' is inf at sample 1"),
+        ({"input_names": ("a", "b")}, "2 input names for 1 input channels"),
+        ({"output_units": ("V", "A")}, "2 output units for 1 output channels"),
+        ({"input_names": ("x",), "output_names": ("x",)}, "two channels are called 'x'"),
+        ({"breaks": (0,)}, "must ascend inside 1 … 4"),
+        ({"breaks": (3, 2)}, "must ascend"),
+        ({"breaks": (5,)}, "must ascend"),
+        ({"breaks": (2,), "times": (0.0,)}, "1 segment times for 2 segments"),
+    ],
+)
+def test_what_is_no_record_is_refused(fields: dict[str, object], message: str) -> None:
+    whole: dict[str, object] = {"input": np.zeros(5), "output": np.zeros(5), "dt": 0.1, "name": "log", **fields}
+    with pytest.raises(DataError, match=message):
+        Record(**whole)  # type: ignore[arg-type]
+
+
+def test_large_values_are_finite_even_if_their_sum_is_not() -> None:
+    assert len(Record(np.full(5, 1e308), np.full(5, -1e308), 1.0)) == 5
+
+
+def test_slicing_keeps_time_and_breaks() -> None:
+    record = ramp(10, breaks=(4, 8), times=(0.0, 10.0, 20.0))
+    part = record[2:9]
+    assert (part.breaks, part.times) == ((2, 6), (0.2, 10.0, 20.0))
+    np.testing.assert_allclose(part.time, record.time[2:9])
+    assert record[-3:].times == (pytest.approx(10.3), 20.0)
+    assert record[4:].breaks == (4,)
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"), [(slice(0, 4, 2), "without a step"), (slice(7, 7), "select nothing of its 10")]
+)
+def test_slices_that_are_no_record(rows: slice, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        ramp()[rows]
+
+
+def test_split_parts_add_up_to_the_record() -> None:
+    first, second = ramp(10).split(0.7)
+    assert (len(first), len(second)) == (7, 3)
+    np.testing.assert_array_equal(np.concatenate([first.input, second.input]), ramp(10).input)
+    assert second.times == (pytest.approx(0.7),)
+    with pytest.raises(DataError, match="cannot split at 1"):
+        ramp().split(1)
+
+
+@given(arrays(bool, st.integers(1, 30)), st.sets(st.integers(1, 29)))
+def test_a_mask_keeps_the_other_samples_at_their_times(out: np.ndarray, breaks: set[int]) -> None:
+    inside = tuple(sorted(b for b in breaks if b < len(out)))
+    record = ramp(len(out), breaks=inside) if len(out) > 1 else Record([0.0], [0.0], 0.1)
+    if out.all():
+        with pytest.raises(DataError, match="leaves no sample"):
+            record.mask(out)
+        return
+    masked = record.mask(out)
+    np.testing.assert_array_equal(masked.input, record.input[~out])
+    np.testing.assert_allclose(masked.time, record.time[~out], atol=1e-12)
+    # a segment of what is left is a run of neighbours that no break of the record divides
+    kept = np.flatnonzero(~out)
+    begins = [k for k in range(1, len(kept)) if kept[k] != kept[k - 1] + 1 or kept[k] in inside]
+    assert list(masked.breaks) == begins
+
+
+def test_a_mask_has_one_value_per_sample() -> None:
+    with pytest.raises(DataError, match=r"a mask of shape \(3,\) for 10 samples"):
+        ramp().mask([True, False, False])
+
+
+def test_segments_are_records_of_their_own() -> None:
+    record = ramp(10, breaks=(4,), times=(0.0, 5.0))
+    assert [len(piece) for piece in segments([record, ramp(3)])] == [4, 6, 3]
+    assert record.segments[1].times == (5.0,)
+    assert len(ramp().segments) == 1
+
+
+def test_channels_by_name() -> None:
+    np.testing.assert_array_equal(ramp(3).channel("y2"), [0, -1, -2])
+    with pytest.raises(DataError, match="no channel 'speed'; there are u1, y1, y2"):
+        ramp().channel("speed")
+
+
+def test_detrending_takes_off_the_polynomial_of_all_segments() -> None:
+    t = np.arange(50) * 0.1
+    record = Record(3 + 2 * t, 1 - t + 0.5 * t**2, 0.1, breaks=(20,))
+    assert np.abs(record.detrend(1).input).max() < 1e-12
+    assert np.abs(record.detrend(2).output).max() < 1e-12
+    assert abs(record.detrend().output.mean()) < 1e-12
+    assert len(Record([1.0], [2.0], 0.1).detrend()) == 1
+    with pytest.raises(DataError, match="order -1"):
+        record.detrend(-1)
+
+
+def test_decimation_keeps_the_slow_and_removes_the_fast() -> None:
+    t = np.arange(4000) * 1e-3
+    slow, fast = np.sin(2 * np.pi * 2 * t), np.sin(2 * np.pi * 180 * t)
+    record = Record(slow + 5, slow + fast, 1e-3, name="drive").decimate(10)
+    assert (record.dt, len(record)) == (pytest.approx(0.01), 400)
+    inside = slice(30, -30)
+    np.testing.assert_allclose(record.output[inside, 0], slow[::10][inside], atol=2e-3)
+    np.testing.assert_allclose(record.input[inside, 0], 5 + slow[::10][inside], atol=2e-3)
+    with pytest.raises(DataError, match="segment of 30 samples is too short to decimate by 10"):
+        ramp(30).decimate(10)
+    with pytest.raises(DataError, match="cannot decimate by 0"):
+        ramp().decimate(0)
+    assert ramp().decimate(1).dt == 0.1
+
+
+def test_scale_and_convert() -> None:
+    record = Record(np.ones(4), np.ones(4), 0.01, ("pwm",), ("speed",), ("pwm",), ("count/sample",))
+    si = record.convert(counts_per_revolution=100, supply_voltage=12.0)
+    np.testing.assert_allclose(si.channel("speed"), 2 * np.pi)
+    np.testing.assert_allclose(si.channel("pwm"), 12 / 255)
+    assert (si.input_units, si.output_units) == (("V",), ("rad/s",))
+    np.testing.assert_allclose(si.convert({"speed": "rpm"}).channel("speed"), 60)
+    np.testing.assert_allclose(record.scale("speed", 2.0, 1.0, "V").channel("speed"), 3)
+    assert record.scale("speed", 2.0).output_units == ("count/sample",)
+    with pytest.raises(DataError, match="no channel 'torque'"):
+        record.convert({"torque": "N*m"})
+
+
+def test_concatenation_makes_segments() -> None:
+    whole = concatenate([ramp(4), ramp(6, breaks=(3,)), ramp(2)], name="all")
+    assert (whole.name, whole.breaks) == ("all", (4, 7, 10))
+    assert [len(piece) for piece in whole.segments] == [4, 3, 3, 2]
+    with pytest.raises(DataError, match="no record"):
+        concatenate([])
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        (ramp(4, dt=0.2, name="b"), "b is sampled every 0.2 s and record every 0.1 s"),
+        (ramp(4, input_names=("v",), name="b"), "b has input names"),
+        (ramp(4, output_units=("A", "B"), name="b"), "b has output units"),
+    ],
+)
+def test_records_of_other_channels_do_not_go_together(other: Record, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        check_same_channels(ramp(), other)
+
+
+@given(
+    st.integers(2, 2000),
+    st.sampled_from([0.001, 0.02, 0.010048, 1 / 51200, 1 / 3, 2.5e-6, 1.0]),
+    st.sampled_from([0.0, 0.37, 1e3]),
+)
+def test_the_sample_time_that_was_meant_comes_back(samples: int, dt: float, start: float) -> None:
+    axis = time_axis(start + dt * np.arange(samples))
+    assert axis.regular
+    assert axis.dt == pytest.approx(dt, rel=1e-13 * max(1, start / (dt * samples)))
+    if start == 0:
+        assert axis.dt == dt  # bit by bit
+
+
+def test_few_digits_in_a_time_column_do_not_bias_the_sample_time() -> None:
+    times = np.round(np.arange(3000) / 3000, 5)
+    assert time_axis(times).dt == pytest.approx(1 / 3000, rel=1e-5)
+    assert time_axis(np.round(0.02 * np.arange(500), 3)).dt == 0.02
+
+
+def test_jitter_does_not_move_the_sample_time() -> None:
+    rng = np.random.default_rng(1)
+    axis = time_axis(0.01 * np.arange(1000) + rng.uniform(-1e-4, 1e-4, 1000))
+    assert axis.regular
+    assert axis.dt == 0.01
+    assert 0.01 < axis.jitter < 0.02
+
+
+def test_gaps_and_duplicates_are_found_and_told() -> None:
+    t = np.array([0, 1, 2, 3, 7, 8, 8, 9, 10.0])
+    axis = time_axis(t)
+    assert (axis.dt, axis.gaps, axis.duplicates, axis.regular) == (1.0, (4,), (6,), False)
+    assert str(axis) == "sample time 1 s, jitter 0 %, 1 gap (first at sample 4), 1 duplicate (first at sample 6)"
+    assert axis.describe(lambda k: f"row {k + 2}").endswith("1 duplicate (first at row 8)")
+
+
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [([1.0], "at least two"), ([1, np.nan, 3], "no finite value at sample 1"), ([3, 2, 1], "never advances")],
+)
+def test_what_is_no_time_axis(times: list[float], message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        time_axis(times)
+
+
+def test_resampling_holds_inputs_and_interpolates_outputs() -> None:
+    t = np.array([0.0, 0.9, 2.1, 3.0, 4.0])
+    record = resample(t, Record([1, 2, 3, 4, 5], 10 * t, 1.0), dt=1.0)
+    np.testing.assert_array_equal(record.input[:, 0], [1, 2, 2, 4, 5])
+    np.testing.assert_allclose(record.output[:, 0], [0, 10, 20, 30, 40])
+    assert record.dt == 1.0
+
+
+@pytest.mark.parametrize("start", [-7.3, 0.0, 1e4])
+def test_resampling_a_regular_axis_changes_nothing(start: float) -> None:
+    t = start + 0.1 * np.arange(200)
+    record = resample(t, Record(np.arange(200.0), np.arange(200.0), 0.1), dt=0.1)
+    assert len(record) == 200
+    np.testing.assert_array_equal(record.input[:, 0], np.arange(200.0))
+    np.testing.assert_allclose(record.output[:, 0], np.arange(200.0), atol=1e-6)
+    assert record.times == (start,)
+
+
+def test_of_equal_times_the_last_sample_counts() -> None:
+    record = resample([0, 1, 1, 2], Record([1, 2, 3, 4], [0, 0, 5, 0], 1.0), dt=1.0)
+    np.testing.assert_array_equal(record.input[:, 0], [1, 3, 4])
+
+
+@pytest.mark.parametrize(
+    ("times", "dt", "message"),
+    [
+        ([0, 1], None, "a time for each of its samples"),
+        ([0, 2, 1], None, "goes back"),
+        ([0, 1, 2], 1e-12, "cannot resample 2 s to a sample time of 1e-12 s"),
+        ([0, 1, 2], -1.0, "cannot resample"),
+        ([0, 1, 2], np.nan, "cannot resample"),
+    ],
+)
+def test_what_cannot_be_resampled(times: list[float], dt: float | None, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        resample(times, Record([1, 2, 3], [1, 2, 3], 1.0), dt=dt)

@@ -9,8 +9,10 @@ precision and the correction solved with the factor already there, ``RᵀR δ = 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
 from itertools import repeat
 from typing import Protocol, TypeVar
 
@@ -21,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import DataError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.information import Information, Solution, fold
-from emsid.record import Record
+from emsid.record import Record, check_same_channels
 
 Array = NDArray[np.float64]
 M_co = TypeVar("M_co", covariant=True)
@@ -98,11 +100,8 @@ def least_squares(
         information = information.with_prior(ridge)
     solution = information.solve(rank_tolerance)
     estimate = solution.estimate
-    for _ in range(refinements if solution.rank == information.parameters else 0):
-        gradient = np.zeros((2, len(estimate)))
-        for block in _all_blocks(structure, records):
-            accumulate_gradient(gradient, block, estimate)
-        estimate = _corrected(information, estimate, gradient[0] - ridge * estimate)
+    if refinements and solution.rank == information.parameters:
+        estimate = _refined(information, estimate, partial(_all_blocks, structure, records), refinements, ridge)
     return Fit(
         model=structure.model(estimate, first),
         names=structure.parameter_names,
@@ -124,16 +123,7 @@ def solve_rows(regression: ArrayLike, target: ArrayLike, refinements: int = 4) -
     if solution.rank < information.parameters:
         return solution
     columns = np.vstack([np.asarray(regression, dtype=float).T, np.asarray(target, dtype=float)])
-    estimate, best = solution.estimate, np.inf
-    for _ in range(refinements):
-        gradient = np.zeros((2, len(estimate)))
-        accumulate_gradient(gradient, columns, estimate)
-        corrected = _corrected(information, estimate, gradient[0])
-        size = float(np.linalg.norm(corrected - estimate))
-        if not size < 0.5 * best:  # the corrections no longer shrink: this is rounding
-            break
-        estimate, best = corrected, size
-    return Solution(**{**vars(solution), "estimate": estimate})
+    return replace(solution, estimate=_refined(information, solution.estimate, lambda: [columns], refinements))
 
 
 def gather(
@@ -147,6 +137,7 @@ def gather(
             structure.check(record)
             check_excitation(record)
             first = first or record
+            check_same_channels(first, record)
             for part in pool.map(_fold_chunk, repeat(structure), structure.chunks(record, CHUNK)):
                 information = information.merge(part)
     if first is None:
@@ -155,6 +146,10 @@ def gather(
         raise DataError(
             f"{first.name}: {information.samples:g} usable samples for the {information.parameters} parameters of "
             f"{structure.name}; record longer or choose a smaller structure"
+        )
+    if not np.isfinite(information.factor).all():
+        raise DataError(
+            f"{first.name}: the regressors of {structure.name} overflow; scale the channels or lower powers"
         )
     return information, first
 
@@ -201,17 +196,35 @@ def _all_blocks(structure: LinearStructure[object], records: Record | Iterable[R
             yield from structure.blocks(segment, start, stop)
 
 
-def _corrected(information: Information, estimate: Array, gradient: Array) -> Array:
-    """θ + δ with RᵀR δ = gradient, the columns of R scaled to unit length."""
+def _refined(
+    information: Information,
+    estimate: Array,
+    blocks: Callable[[], Iterable[Array]],
+    passes: int,
+    ridge: float = 0.0,
+) -> Array:
+    """θ after at most this many corrections δ with RᵀR δ = Φᵀ(y − Φθ) − ρθ, the columns of R scaled to unit length.
+
+    Corrections that no longer shrink are rounding; the last of them is not made.
+    """
     from scipy.linalg import solve_triangular
 
     n = information.parameters
     triangle = information.factor[:n, :n]
     length = np.linalg.norm(triangle, axis=0)
     unit = triangle / length
-    half = solve_triangular(unit, gradient / length, trans="T")
-    corrected: Array = estimate + solve_triangular(unit, half) / length
-    return corrected
+    smallest = np.inf
+    for _ in range(passes):
+        gradient = np.zeros((2, n))
+        for block in blocks():
+            accumulate_gradient(gradient, block, estimate)
+        half = solve_triangular(unit, (gradient[0] - ridge * estimate) / length, trans="T")
+        correction = solve_triangular(unit, half)
+        size = float(np.linalg.norm(correction))
+        if not size < smallest / 2:
+            break
+        estimate, smallest = estimate + correction / length, size
+    return estimate
 
 
 @numba.njit(cache=True, nogil=True)

@@ -187,6 +187,7 @@ def recursive_least_squares(
         structure.check(record)
         check_excitation(record)
         first = first or record
+        check_same_channels(first, record)
         state = recursion.update(state.cut(), record, trace)
     if first is None:
         raise DataError("no record to identify from")

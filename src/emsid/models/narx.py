@@ -63,6 +63,8 @@ class Narx:
             raise ModelError(f"{self.name}: {values.shape} parameters for {len(self.structure)} regressors")
         if not np.isfinite(values).all():
             raise ModelError(f"{self.name}: parameters must be finite")
+        if not (np.isfinite(self.dt) and self.dt > 0):
+            raise ModelError(f"{self.name}: sample time {self.dt} s; it must be a positive number of seconds")
         values.flags.writeable = False
         object.__setattr__(self, "parameters", values)
 

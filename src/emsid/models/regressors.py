@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 from itertools import combinations_with_replacement
+from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
 import numba
@@ -35,6 +36,8 @@ Integers = NDArray[np.int64]
 
 # Rows of a regression built at a time: small enough for the second-level cache.
 BLOCK = 4096
+# A power is multiplied out; beyond this it would only overflow.
+HIGHEST_POWER = 99
 
 
 class Transform(IntEnum):
@@ -70,23 +73,29 @@ class Factor:
     def __post_init__(self) -> None:
         if self.lag < (1 if self.channel == 0 else 0):
             raise ModelError(f"lag {self.lag} of {'y' if self.channel == 0 else 'u'}: a model cannot look ahead")
-        if self.power < 1:
-            raise ModelError(f"power {self.power}: powers are whole numbers from 1 on")
+        if not 1 <= self.power <= HIGHEST_POWER:
+            raise ModelError(f"power {self.power}: powers are whole numbers from 1 to {HIGHEST_POWER}")
+        if not isfinite(self.parameter):
+            raise ModelError(f"{self.transform.name.lower()} with {self.parameter}: give a finite number")
         if self.transform in (Transform.TANH, Transform.DECAY) and not self.parameter > 0:
             raise ModelError(f"{self.transform.name.lower()} over {self.parameter}: its scale must be positive")
+        if self.transform in (Transform.VALUE, Transform.SIGN, Transform.ABS) and self.parameter:
+            raise ModelError(f"{self.transform.name.lower()} with {self.parameter}: it has no parameter; leave it zero")
 
     def __str__(self) -> str:
         letter = "y" if self.channel == 0 else "u" if self.channel == 1 else f"u{self.channel}"
         x = f"{letter}(t-{self.lag})" if self.lag else f"{letter}(t)"
-        shift = f"{x}{-self.parameter:+.12g}" if self.parameter else x
+        # Every digit, so that what is read back is the same number.
+        number = f"{float(self.parameter)}".removesuffix(".0")
+        shift = f"{x}{-float(self.parameter):+}".removesuffix(".0") if self.parameter else x
         text = {
             Transform.VALUE: x,
             Transform.SIGN: f"sign({x})",
-            Transform.TANH: f"tanh({x}/{self.parameter:.12g})",
+            Transform.TANH: f"tanh({x}/{number})",
             Transform.ABOVE: f"max({shift}, 0)",
             Transform.BELOW: f"min({shift}, 0)",
             Transform.ABS: f"abs({x})",
-            Transform.DECAY: f"exp(-abs({x})/{self.parameter:.12g})",
+            Transform.DECAY: f"exp(-abs({x})/{number})",
         }[self.transform]
         return text if self.power == 1 else f"{text}^{self.power}"
 
@@ -258,6 +267,7 @@ class Structure:
 
     def regression(self, record: Record) -> tuple[Array, Array]:
         """Φ (N, n) and y (N,) of a whole record, for whoever wants to look at them."""
+        self.check(record)
         stacked = np.hstack([b for chunk in self.chunks(record, len(record)) for b in self.blocks(*chunk)])
         return stacked[:-1].T, stacked[-1]
 
@@ -266,30 +276,34 @@ def parse_regressor(text: str) -> Regressor:
     """The regressor a text stands for; see `Structure.parse`."""
     try:
         tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
+        products = list(_products(tree, 1))
     except SyntaxError as problem:
         raise ModelError(f"regressor {text!r} is not understood: {problem.msg}") from None
-    negative = isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub)
-    if negative:
-        assert isinstance(tree, ast.UnaryOp)
-        tree = tree.operand
-    # In -a*b the parser hangs the minus on a.
+    except (ValueError, RecursionError, MemoryError):  # no text at all, or one nested beyond reason
+        raise ModelError(f"regressor {text[:40]!r}… is not understood") from None
+    negative = False
     factors: dict[Factor, int] = {}
-    for node, power in _products(tree, 1):
-        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-            negative, node = not negative, node.operand
-        if isinstance(node, ast.Constant) and node.value == 1:
-            continue
-        factor = _factor(node, text)
-        factors[factor] = factors.get(factor, 0) + power
+    for node, power in products:
+        match node:
+            case ast.Constant(1):
+                pass
+            case ast.USub():
+                negative ^= power % 2 == 1
+            case _:
+                factor = _factor(node, text)
+                factors[factor] = factors.get(factor, 0) + power
     return Regressor(
         tuple(Factor(f.channel, f.lag, power, f.transform, f.parameter) for f, power in factors.items()),
         negative,
     )
 
 
-def _products(node: ast.expr, power: int) -> Iterator[tuple[ast.expr, int]]:
-    """The factors of a product with their powers."""
+def _products(node: ast.expr, power: int) -> Iterator[tuple[ast.AST, int]]:
+    """The factors of a product, minus signs among them, with their powers."""
     match node:
+        case ast.UnaryOp(ast.USub() as minus, operand):
+            yield minus, power
+            yield from _products(operand, power)
         case ast.BinOp(left, ast.Mult(), right):
             yield from _products(left, power)
             yield from _products(right, power)
@@ -299,14 +313,14 @@ def _products(node: ast.expr, power: int) -> Iterator[tuple[ast.expr, int]]:
             yield node, power
 
 
-def _factor(node: ast.expr, text: str) -> Factor:
+def _factor(node: ast.AST, text: str) -> Factor:
     """One lagged channel, perhaps transformed."""
 
-    def lagged(inner: ast.expr, transform: Transform, parameter: float = 0.0) -> Factor:
+    def lagged(inner: ast.AST, transform: Transform, parameter: float = 0.0) -> Factor:
         match inner:
-            case ast.Call(ast.Name(letter), [ast.Name("t")]):
+            case ast.Call(ast.Name(letter), [ast.Name("t")], []):
                 lag = 0
-            case ast.Call(ast.Name(letter), [ast.BinOp(ast.Name("t"), ast.Sub(), ast.Constant(int(lag)))]):
+            case ast.Call(ast.Name(letter), [ast.BinOp(ast.Name("t"), ast.Sub(), ast.Constant(int(lag)))], []):
                 pass
             case _:
                 raise ModelError(
@@ -318,24 +332,25 @@ def _factor(node: ast.expr, text: str) -> Factor:
         return Factor(0 if letter == "y" else int(number), lag, 1, transform, parameter)
 
     match node:
-        case ast.Call(ast.Name("sign"), [inner]):
+        case ast.Call(ast.Name("sign"), [inner], []):
             return lagged(inner, Transform.SIGN)
-        case ast.Call(ast.Name("abs"), [inner]):
+        case ast.Call(ast.Name("abs"), [inner], []):
             return lagged(inner, Transform.ABS)
-        case ast.Call(ast.Name("tanh"), [ast.BinOp(inner, ast.Div(), ast.Constant(int() | float() as scale))]):
+        case ast.Call(ast.Name("tanh"), [ast.BinOp(inner, ast.Div(), ast.Constant(int() | float() as scale))], []):
             return lagged(inner, Transform.TANH, float(scale))
         case ast.Call(
             ast.Name("exp"),
             [
                 ast.BinOp(
-                    ast.UnaryOp(ast.USub(), ast.Call(ast.Name("abs"), [inner])),
+                    ast.UnaryOp(ast.USub(), ast.Call(ast.Name("abs"), [inner], [])),
                     ast.Div(),
                     ast.Constant(int() | float() as scale),
                 )
             ],
+            [],
         ):
             return lagged(inner, Transform.DECAY, float(scale))
-        case ast.Call(ast.Name("max" | "min" as side), [hinge, ast.Constant(0 | 0.0)]):
+        case ast.Call(ast.Name("max" | "min" as side), [hinge, ast.Constant(0 | 0.0)], []):
             transform = Transform.ABOVE if side == "max" else Transform.BELOW
             match hinge:
                 case ast.BinOp(inner, ast.Sub(), ast.Constant(int() | float() as knot)):
@@ -435,6 +450,8 @@ def friction_narx(
         speeds: Stribeck speeds v, in the output's unit, each a regressor sign(y)·exp(−|y|/v).
     """
     _check_counts("friction_narx", na=na - 1, nb=nb - 1, nk=nk)
+    if sign not in (Transform.SIGN, Transform.TANH):
+        raise ModelError(f"friction_narx: {sign!r} is no sign of the speed; give Transform.SIGN or Transform.TANH")
     direction = Factor(0, 1, 1, sign, width if sign is Transform.TANH else 0.0)
     hinges = tuple(
         Regressor((Factor(1, nk + i, 1, Transform.ABOVE if knot >= 0 else Transform.BELOW, float(knot)),))

@@ -1,0 +1,32 @@
+"""Numbers, arrays and sums as the blocks check and print them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import ModelError
+
+Array = NDArray[np.float64]
+
+
+def vector(values: ArrayLike, what: str) -> Array:
+    """A read-only copy of one dimension and finite numbers; ``what`` it is, for the message."""
+    array = np.array(values, dtype=float)
+    if array.ndim != 1:
+        raise ModelError(f"{what} of shape {array.shape}; give one dimension")
+    if not np.isfinite(array).all():
+        raise ModelError(f"{what} hold {array[~np.isfinite(array)][0]}; give finite numbers")
+    array.flags.writeable = False
+    return array
+
+
+def sum_of_terms(terms: Sequence[tuple[float, str]]) -> str:
+    """``1*x + 0.5*x^2`` from (factor, text) pairs, exact zeros left out."""
+    parts = [
+        f"{'-' if value < 0 else '+'} {abs(value):.6g}{f'*{text}' if text else ''}" for value, text in terms if value
+    ]
+    joined = " ".join(parts) or "0"
+    return joined[2:] if joined.startswith("+") else joined

@@ -1,0 +1,258 @@
+"""Every block keeps the contract of a block: derivatives, scaling, inverse, text, file."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline as ScipySpline
+from scipy.signal import lfilter, lfilter_zi
+
+from emsid.errors import ModelError
+from emsid.estimation.gauss_newton import Infeasible
+from emsid.models.blocks import KINDS, Block, block_from_data
+from emsid.models.filters import Rational, filter_rows, fir
+from emsid.models.static_maps import (
+    Abs,
+    CoulombLinear,
+    CubicSpline,
+    DeadZone,
+    PiecewiseLinear,
+    Polynomial,
+    Saturation,
+    Scaling,
+    StaticMap,
+    UserMap,
+)
+
+Array = NDArray[np.float64]
+
+FILTERS: dict[str, Rational] = {
+    "fir": fir([0.5, -0.2, 0.1], delay=2),
+    "gain": fir([2.0]),
+    "low-pass": Rational([0.1, 0.2, 0.1], [-1.2, 0.5]),
+    "many poles": Rational([0.3], [-0.9, 0.5, -0.2], delay=1),
+    "delayed": Rational([0.3, 0.1, 0.2], [-0.8], delay=3),
+}
+KNOTS = np.array([-2.0, -0.9, -0.1, 0.4, 1.0, 2.1])
+VALUES = np.array([-3.0, -1.2, -0.3, 0.1, 1.1, 1.9])
+MAPS: dict[str, StaticMap] = {
+    "polynomial": Polynomial(np.array([0.2, 1.5, 0.1, 0.05]), -2.5, 2.0),
+    "dead-zone": DeadZone(-0.35, 0.25, 0.7, 1.3),
+    "saturation": Saturation(1.7, -1.1, 0.9),
+    "coulomb": CoulombLinear(0.4, 1.2),
+    "smooth coulomb": CoulombLinear(0.4, 1.2, width=0.3),
+    "piecewise-linear": PiecewiseLinear(KNOTS, VALUES),
+    "spline": CubicSpline(KNOTS, VALUES),
+    "abs": Abs(),
+    "user": UserMap(
+        lambda x, p: p[0] * np.tanh(p[1] * x),
+        lambda x, p: p[0] * p[1] / np.cosh(p[1] * x) ** 2,
+        lambda x, p: np.stack([np.tanh(p[1] * x), p[0] * x / np.cosh(p[1] * x) ** 2]),
+        np.array([1.5, 0.8]),
+        ("height", "rate"),
+    ),
+}
+BLOCKS: dict[str, Block] = {**FILTERS, **MAPS}
+SAVED = {name: block for name, block in BLOCKS.items() if name != "user"}
+
+
+def signal(samples: int = 200) -> Array:
+    return np.random.default_rng(5).uniform(-2.6, 2.6, samples)
+
+
+def central(function: object, at: Array, step: float = 1e-6) -> Array:
+    """Rows of derivatives of a vector-valued function by central differences."""
+    assert callable(function)
+    rows = []
+    for k in range(len(at)):
+        move = np.zeros_like(at)
+        move[k] = step
+        rows.append((function(at + move) - function(at - move)) / (2 * step))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_derivatives_agree_with_finite_differences(name: str) -> None:
+    block, x = BLOCKS[name], signal()
+    state = np.random.default_rng(6).standard_normal(block.states)
+    y = block.output(x, state)
+    assert y.shape == x.shape
+    assert len(block.names) == len(block.parameters)
+
+    by_parameters = central(lambda theta: block.with_parameters(theta).output(x, state), block.parameters)
+    np.testing.assert_allclose(
+        block.gradient(x, y), by_parameters.reshape(len(block.parameters), len(x)), rtol=1e-6, atol=1e-7
+    )
+    by_state = central(lambda s: block.output(x, s), state)
+    np.testing.assert_allclose(
+        block.state_gradient(len(x)), by_state.reshape(block.states, len(x)), rtol=1e-6, atol=1e-7
+    )
+    ways = np.random.default_rng(7).standard_normal((5, len(x)))
+    by_input = [(block.output(x + 1e-6 * w, state) - block.output(x - 1e-6 * w, state)) / 2e-6 for w in ways]
+    np.testing.assert_allclose(block.tangent(x, ways), by_input, rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_a_block_at_rest_stays_there(name: str) -> None:
+    block = BLOCKS[name]
+    state, level = block.resting(0.7)
+    np.testing.assert_allclose(block.output(np.full(30, 0.7), state), level, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", SAVED)
+def test_a_block_survives_its_file(name: str) -> None:
+    block, x = SAVED[name], signal()
+    back = block_from_data(block.to_data())
+    state = np.zeros(block.states)
+    np.testing.assert_array_equal(back.output(x, state), block.output(x, state))
+    assert back.equation("u", "y") == block.equation("u", "y")
+    assert "y(t) = " in block.equation("u", "y")
+
+
+def test_every_kind_that_a_file_may_name_is_tested_here() -> None:
+    assert {block.to_data()["kind"] for block in SAVED.values()} == set(KINDS)
+
+
+@pytest.mark.parametrize("data", [{}, {"kind": "magic"}, {"kind": "spline"}, {"kind": "dead-zone", "b_l": "x"}, []])
+def test_data_that_are_no_block(data: object) -> None:
+    with pytest.raises(ModelError, match="not a block"):
+        block_from_data(data)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_scaling(name: str) -> None:
+    block, x = MAPS[name], signal()
+    factors = {
+        Scaling.FREE: [(2.0, 3.0), (-0.5, 3.0), (2.0, -0.1), (-2.0, -0.3)],
+        Scaling.JOINT: [(2.0, 2.0), (-3.0, 3.0)],
+        Scaling.NONE: [(1.0, 1.0)],
+    }[block.scaling]
+    for i, o in factors:
+        scaled = block.scaled(i, o)
+        scaled.check()
+        np.testing.assert_allclose(scaled.value(x), o * block.value(x / i), rtol=1e-12, atol=1e-12)
+    if block.scaling is not Scaling.FREE:
+        with pytest.raises(ModelError, match="factor"):
+            block.scaled(2.0, 5.0)
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_inverse(name: str) -> None:
+    block = MAPS[name]
+    if name in ("abs", "user"):
+        with pytest.raises(ModelError, match="inverse"):
+            block.inverse(0.5)
+        return
+    x = np.linspace(-2.4, 1.9, 57)
+    inside = x[(np.abs(block.value(x)) < 0.85) & (np.abs(block.slope(x)) > 0)]
+    assert len(inside) > 5
+    np.testing.assert_allclose(block.inverse(block.value(inside)), inside, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(block.value(block.inverse([0.5])), 0.5, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        Polynomial(np.array([0.0, 0.0, 1.0])),
+        PiecewiseLinear(KNOTS, np.abs(KNOTS)),
+        CubicSpline(KNOTS, np.abs(KNOTS)),
+        DeadZone(-1, 1, -1, 1),
+        CoulombLinear(-1.0, 1.0),
+    ],
+)
+def test_no_inverse_without_monotony(block: StaticMap) -> None:
+    with pytest.raises(ModelError, match="inverse only"):
+        block.inverse([0.1, 0.2])
+
+
+def test_inverse_outside_the_fitted_range() -> None:
+    with pytest.raises(ModelError, match="outside the range"):
+        Polynomial(np.array([0.0, 1.0])).inverse(9.0)
+    with pytest.raises(ModelError, match="between its limits"):
+        Saturation(1.0, -1.0, 1.0).inverse(9.0)
+
+
+def test_filter_rows_is_lfilter() -> None:
+    rows = np.random.default_rng(8).standard_normal((7, 300))
+    for block in FILTERS.values():
+        out = np.empty_like(rows)
+        filter_rows(*block.transfer, rows, out)
+        np.testing.assert_allclose(out, lfilter(*block.transfer, rows), rtol=1e-11, atol=1e-13)
+
+
+def test_resting_state_is_that_of_scipy() -> None:
+    block = FILTERS["low-pass"]
+    np.testing.assert_allclose(block.resting(1.0)[0], lfilter_zi(*block.transfer), rtol=1e-12)
+
+
+def test_filter_frequency_response_and_gain() -> None:
+    block = FILTERS["low-pass"]
+    assert block.gain == pytest.approx(block.response([0.0], 1e-3)[0].real)
+    assert block.amplified(1 / block.gain).gain == pytest.approx(1)
+    assert Rational([1.0, -1.0]).gain == pytest.approx(2)  # blocks DC; its peak counts
+    tone = np.cos(2 * np.pi * 0.1 * np.arange(400))
+    response = complex(block.response(0.1, 1.0))
+    expected = np.real(response * np.exp(2j * np.pi * 0.1 * np.arange(400)))
+    np.testing.assert_allclose(block.output(tone, np.zeros(2))[200:], expected[200:], atol=1e-12)
+
+
+def test_spline_is_the_natural_one_and_goes_on_as_a_line() -> None:
+    block = CubicSpline(KNOTS, VALUES)
+    reference = ScipySpline(KNOTS, VALUES, bc_type="natural")
+    x = np.linspace(KNOTS[0], KNOTS[-1], 101)
+    np.testing.assert_allclose(block.value(x), reference(x), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(block.slope(x), reference(x, 1), rtol=1e-10, atol=1e-12)
+    for end, beyond in ((KNOTS[0], KNOTS[0] - 3.0), (KNOTS[-1], KNOTS[-1] + 3.0)):
+        line = reference(end) + reference(end, 1) * (beyond - end)
+        assert block.value(np.array([beyond]))[0] == pytest.approx(line, rel=1e-12)
+    rows = block.parameter_gradient(np.linspace(-4, 4, 50))
+    np.testing.assert_allclose(rows.T @ VALUES, block.value(np.linspace(-4, 4, 50)), rtol=1e-12, atol=1e-12)
+
+
+def test_two_knots_make_a_line() -> None:
+    x = signal()
+    np.testing.assert_allclose(CubicSpline(np.array([0.0, 2.0]), np.array([1.0, 2.0])).value(x), 1 + x / 2, rtol=1e-12)
+
+
+def test_polynomial_in_powers() -> None:
+    block = Polynomial.from_powers([0.1, 1.0, -0.5, 0.0], -3.0, 1.0)
+    x = signal()
+    np.testing.assert_allclose(block.value(x), 0.1 + x - 0.5 * x**2, rtol=1e-11, atol=1e-12)
+    np.testing.assert_allclose(block.powers, [0.1, 1.0, -0.5, 0.0], atol=1e-13)
+
+
+def test_dead_zone_is_equation_4_9() -> None:
+    zone = DeadZone(-0.5, 0.25, 2.0, 3.0)
+    np.testing.assert_allclose(zone.value(np.array([-1.5, -0.5, 0.0, 0.25, 1.25])), [-2, 0, 0, 0, 3])
+    assert zone.expression("x") == "3*max(x-0.25, 0) + 2*min(x+0.5, 0)"
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Rational([]), "at least one numerator"),
+        (lambda: Rational([1.0, np.nan]), "finite"),
+        (lambda: Rational([[1.0]]), "one dimension"),
+        (lambda: Rational([1.0], delay=-1), "look ahead"),
+        (lambda: Polynomial(np.array([1.0])), "at least two"),
+        (lambda: CubicSpline(KNOTS[::-1], VALUES), "ascend"),
+        (lambda: PiecewiseLinear(KNOTS, VALUES[:2]), "6 knots and 2 values"),
+        (lambda: CoulombLinear(1.0, 1.0, width=-1.0), "width"),
+        (lambda: UserMap(np.multiply, np.multiply, None, np.ones(2), ("a", "b")), "derivative with respect"),
+        (lambda: UserMap(np.multiply, np.multiply, np.multiply, np.ones(2), ("a",)), "1 names for 2"),
+        (lambda: UserMap(lambda x, p: x[:3], lambda x, p: x).value(signal()), r"function .* shape \(3,\) where"),
+        (lambda: UserMap(lambda x, p: x, lambda x, p: 1.0).slope(signal()), "derivative .* shape"),  # type: ignore
+        (lambda: MAPS["user"].to_data(), "cannot be saved"),
+    ],
+)
+def test_bad_blocks(make: object, message: str) -> None:
+    assert callable(make)
+    with pytest.raises(ModelError, match=message):
+        make()
+
+
+@pytest.mark.parametrize("block", [Rational([1.0], [-1.1]), DeadZone(1.0, -1.0), Saturation(1.0, 2.0, 1.0)])
+def test_what_makes_no_working_block_is_infeasible(block: Block) -> None:
+    with pytest.raises(Infeasible):
+        block.check()

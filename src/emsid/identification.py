@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
+
+import numpy as np
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
@@ -61,10 +63,12 @@ class Regression:
     """A family of linear-in-the-parameters structures as a candidate.
 
     Args:
+        summary: what it is, in a few words.
         build: the structure for a record and choices.
         choices: for every option that the family has, what is tried, from simple to complex.
     """
 
+    summary: str
     build: Callable[[Record, Mapping[str, int]], Structure]
     choices: Mapping[str, Sequence[int]]
 
@@ -93,12 +97,19 @@ def _arx(record: Record, choice: Mapping[str, int]) -> Structure:
 
 
 def _wiener_hammerstein_regression(record: Record, choice: Mapping[str, int]) -> Structure:
-    return wiener_hammerstein_regression(**choice)
+    return wiener_hammerstein_regression(
+        choice["na"], choice["nb"], choice["degree"], taps=choice["taps"], nk=choice["nk"]
+    )
 
 
 def _friction_narx(record: Record, choice: Mapping[str, int]) -> Structure:
-    orders = {name: value for name, value in choice.items() if name != "knots"}
-    return friction_narx(**orders, knots=input_knots(record, choice["knots"]), speeds=stribeck_speeds(record))
+    return friction_narx(
+        choice["na"],
+        choice["nb"],
+        knots=input_knots(record, choice["knots"]),
+        nk=choice["nk"],
+        speeds=stribeck_speeds(record),
+    )
 
 
 def stribeck_speeds(record: Record) -> tuple[float, float]:
@@ -107,17 +118,33 @@ def stribeck_speeds(record: Record) -> tuple[float, float]:
     return 0.03 * top, 0.1 * top
 
 
-Candidate = Callable[[Record, Options, Callable[[float], None]], Fit[Any]]
+class Candidate(Protocol):
+    """A way from a record to a model."""
+
+    @property
+    def summary(self) -> str:
+        """What it is, in a few words."""
+        ...
+
+    def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
+        """Choose what the options leave open on data held back for that, and fit to the whole record."""
+        ...
+
 
 # Every model that `emsid identify` knows by name.
 CANDIDATES: dict[str, Candidate] = {
-    "arx": Regression(_arx, {"nk": (0, 1, 2, 3), "na": (1, 2, 3, 4), "nb": (1, 2, 3, 4)}),
+    "arx": Regression(
+        "linear: past outputs and inputs", _arx, {"nk": (0, 1, 2, 3), "na": (1, 2, 3, 4), "nb": (1, 2, 3, 4)}
+    ),
     "wiener-hammerstein-regression": Regression(
+        "the paper's: ARX with powers and products of inputs",
         _wiener_hammerstein_regression,
         {"nk": (0, 1, 2, 3), "na": (1, 2, 3, 4), "nb": (1, 2, 3), "degree": (2, 3, 5), "taps": (1, 2)},
     ),
     "friction-narx": Regression(
-        _friction_narx, {"nk": (0, 1, 2, 3), "na": (1, 2, 3), "nb": (1, 2, 3), "knots": (0, 4, 8, 12)}
+        "ARX with dead-zone hinges, Coulomb and Stribeck friction",
+        _friction_narx,
+        {"nk": (0, 1, 2, 3), "na": (1, 2, 3), "nb": (1, 2, 3), "knots": (0, 4, 8, 12)},
     ),
 }
 
@@ -146,6 +173,16 @@ class Identification:
     def chosen(self) -> Fit[Any]:
         """The model with the best free run on unseen data."""
         return self.verification.best.fit
+
+    def to_data(self) -> dict[str, Any]:
+        """What ``result.json`` holds."""
+        rows = (*self.identification.rows, *self.verification.rows)
+        return {
+            "schema": 1,
+            "rows": [row.to_data() for row in rows],
+            "chosen": self.chosen.model.name,
+            "remarks": remarks(self),
+        }
 
 
 def identify(
@@ -203,6 +240,25 @@ def identify(
         {name: str(problem) for name, problem in failed.items()},
         interrupted,
     )
+
+
+def remarks(result: Identification) -> list[str]:
+    """What a user should know about the result, in sentences that follow from it."""
+    best = result.verification.best.row
+    sentences = []
+    if best.one_step_mse > 0 and np.isfinite(best.simulation_mse):
+        sentences.append(
+            f"{best.model}: the free run explains {best.fit_percent:.1f} % of the unseen output; one step ahead its "
+            f"MSE is {best.simulation_mse / best.one_step_mse:,.3g} times smaller, which any model finds easy."
+        )
+    sentences += [
+        f"{row.model}: the free run diverges at sample {row.diverged_at} of the unseen data."
+        for row in result.verification.rows
+        if row.diverged_at is not None
+    ]
+    sentences += [f"{fit.model.name}: {fit.message}." for fit in result.verification.fits if fit.message]
+    sentences += [f"{name} could not be fitted: {why}." for name, why in result.failed.items()]
+    return sentences
 
 
 def _one(records: Record | Iterable[Record]) -> Record:

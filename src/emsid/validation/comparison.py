@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from emsid.errors import DataError
+from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.models.model import Model, Run
 from emsid.record import Record
@@ -88,6 +88,11 @@ class Comparison:
         return tuple(assessment.row for assessment in self.assessments)
 
     @property
+    def fits(self) -> tuple[Fit[Any], ...]:
+        """The models, the best free run first."""
+        return tuple(assessment.fit for assessment in self.assessments)
+
+    @property
     def best(self) -> Assessment:
         """The model with the smallest free-run error."""
         return self.assessments[0]
@@ -152,6 +157,13 @@ def assess(
     )
 
 
+def assess_model(model: Model, record: Record, transient: int | None = None) -> Assessment:
+    """Run a model of which nothing but itself is known, as one from a file, over a record; see `assess`."""
+    nothing = np.empty(0)
+    unknown = Fit(model, (), nothing, np.empty((0, 0)), np.nan, 0.0, np.nan, 0, method="file")
+    return assess(unknown, record, transient)
+
+
 def compare(
     fits: Iterable[Fit[Any]],
     record: Record,
@@ -170,6 +182,8 @@ def compare(
         experiment, data: what the rows are called.
     """
     candidates: Sequence[Fit[Any]] = tuple(fits)
+    if not candidates:
+        raise ModelError("no model to compare; give at least one fit")
     start = max((transient or 0, *(fit.model.memory for fit in candidates)))
     assessments = [assess(fit, record, start, experiment=experiment, data=data) for fit in candidates]
     return Comparison(tuple(sorted(assessments, key=lambda each: each.row.simulation_mse)))

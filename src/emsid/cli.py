@@ -1,0 +1,477 @@
+"""The command line: parse, call one function, print.
+
+Nothing heavy is imported before a command runs, so that ``emsid --help`` answers at once.
+"""
+
+import inspect
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import typer
+
+from emsid.errors import DataError, EmsidError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from emsid.record import Record
+    from emsid.validation.comparison import Row
+
+app = typer.Typer(
+    help="Identify electromechanical systems: from a record of voltage and speed to a model you can trust.",
+    epilog="Start with: emsid study    or: emsid identify log.csv --input voltage --output speed --dt 0.001",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
+Command = TypeVar("Command", bound=Callable[..., None])
+
+USER_ERROR, INTERRUPTED = 2, 130
+
+
+def main() -> None:
+    """Run the command line; what a user can mend is one line on standard error and exit status 2."""
+    try:
+        app()
+    except EmsidError as problem:
+        print(f"emsid: {problem}", file=sys.stderr)
+        sys.exit(USER_ERROR)
+
+
+# --- options that every command which reads a record has -------------------------------------------------------------
+
+
+def _pairs(texts: list[str], option: str) -> dict[str, str]:
+    pairs = {}
+    for text in texts:
+        name, equals, value = text.rpartition("=")
+        if not equals or not name or not value:
+            raise DataError(f"{option} {text!r}: write it as COLUMN=VALUE")
+        pairs[name] = value
+    return pairs
+
+
+def _numbers(texts: list[str], option: str) -> dict[str, float]:
+    numbers = {}
+    for name, value in _pairs(texts, option).items():
+        try:
+            numbers[name] = float(value)
+        except ValueError:
+            raise DataError(f"{option} {name}={value}: {value!r} is not a number") from None
+    return numbers
+
+
+def _rows(text: str | None) -> slice | None:
+    if text is None:
+        return None
+    first, colon, last = text.partition(":")
+    try:
+        if not colon:
+            raise ValueError
+        return slice(int(first) if first else None, int(last) if last else None)
+    except ValueError:
+        raise DataError(f"--rows {text!r}: write it as A:B, the data rows from A up to but not B") from None
+
+
+def _reader(
+    *,
+    input: Annotated[
+        list[str], typer.Option("--input", "-u", metavar="COL", help="Column that drives the system; repeat for more.")
+    ],
+    output: Annotated[
+        list[str],
+        typer.Option("--output", "-y", metavar="COL", help="Column that answers, or d(COL), the derivative of one."),
+    ],
+    dt: Annotated[float | None, typer.Option(metavar="S", help="Sample time in seconds.")] = None,
+    time: Annotated[str | None, typer.Option(metavar="COL", help="Time column, checked for regularity.")] = None,
+    time_unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help="Unit of the time column, if its header does not say: s, ms, us.")
+    ] = None,
+    resample: Annotated[
+        bool, typer.Option("--resample", help="Bring an irregular time axis to a regular one.")
+    ] = False,
+    rows: Annotated[str | None, typer.Option(metavar="A:B", help="Data rows to take, from A up to but not B.")] = None,
+    mask: Annotated[
+        str | None, typer.Option(metavar="EXPR", help='Samples to leave out, as in "abs(PWM) > 255".')
+    ] = None,
+    scale: Annotated[list[str], typer.Option(metavar="COL=GAIN", help="Multiply a column on the way in.")] = [],  # noqa: B006
+    offset: Annotated[list[str], typer.Option(metavar="COL=X", help="Add to a column, after its gain.")] = [],  # noqa: B006
+    unit: Annotated[
+        list[str], typer.Option(metavar="COL=UNIT", help="Unit of a column: rpm, deg/s, count/sample, pwm, …; made SI.")
+    ] = [],  # noqa: B006
+    counts_per_revolution: Annotated[float | None, typer.Option(metavar="N", help="What a count is.")] = None,
+    supply_voltage: Annotated[float | None, typer.Option(metavar="V", help="Voltage at full pwm.")] = None,
+    pwm_full_scale: Annotated[float, typer.Option(metavar="N", help="Value of full pwm.")] = 255.0,
+    derivative_window: Annotated[
+        int, typer.Option(metavar="N", help="Samples in the window of the d(COL) filter (odd).")
+    ] = 9,
+) -> "Callable[[Path], Record]":
+    """How files are read."""
+    from emsid.io import read
+
+    return partial(
+        read,
+        input=input,
+        output=output,
+        dt=dt,
+        time=time,
+        time_unit=time_unit,
+        rows=_rows(rows),
+        mask=mask,
+        scale=_numbers(scale, "--scale"),
+        offset=_numbers(offset, "--offset"),
+        units=_pairs(unit, "--unit"),
+        counts_per_revolution=counts_per_revolution,
+        supply_voltage=supply_voltage,
+        pwm_full_scale=pwm_full_scale,
+        resample=resample,
+        derivative_window=derivative_window,
+    )
+
+
+def reads_records(command: Command) -> Command:
+    """Give a command the options of `_reader`; what they make is its argument ``reader``."""
+    own = {name: p for name, p in inspect.signature(command).parameters.items() if name != "reader"}
+    shared = inspect.signature(_reader).parameters
+
+    def with_options(**values: Any) -> None:
+        reader = _reader(**{name: values.pop(name) for name in shared})
+        command(reader=reader, **values)
+
+    parameters = [p.replace(kind=p.KEYWORD_ONLY) for p in (*own.values(), *shared.values())]
+    with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    with_options.__annotations__ = {p.name: p.annotation for p in parameters}
+    with_options.__name__, with_options.__doc__ = command.__name__, command.__doc__
+    return with_options  # type: ignore[return-value]
+
+
+Transient = Annotated[
+    int | None,
+    typer.Option(metavar="N", help="Samples that start a free run and are left out of every error.", min=0),
+]
+Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder for what is written.")]
+Reader = "Callable[[Path], Record]"
+
+
+# --- the commands ----------------------------------------------------------------------------------------------------
+
+
+@app.command()
+def study(
+    out: Out = Path("emsid-study"),
+    record: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Identify from this record instead of the virtual bench.")
+    ] = None,
+    verify: Annotated[Path | None, typer.Option(metavar="FILE", help="Verify on this record.")] = None,
+    input: Annotated[str, typer.Option(metavar="COL", help="Input column of both records.")] = "voltage",
+    output: Annotated[str, typer.Option(metavar="COL", help="Output column of both records.")] = "speed",
+    record_dt: Annotated[float | None, typer.Option(metavar="S", help="Sample time of both records.")] = None,
+    record_time: Annotated[str | None, typer.Option(metavar="COL", help="Or their time column.")] = None,
+    motor: Annotated[Path | None, typer.Option(metavar="TOML", help="Parameters of the motor to simulate.")] = None,
+    dt: Annotated[float, typer.Option(metavar="S", help="Sample time of the simulated records.")] = 0.005,
+    duration: Annotated[float, typer.Option(metavar="S", help="Length of the simulated records.")] = 20.0,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the noise on the bench.", min=0)] = 1,
+    forgetting: Annotated[float, typer.Option(metavar="λ", help="Forgetting factor of recursive estimates.")] = 1.0,
+    knots: Annotated[int, typer.Option(metavar="N", help="Hinges on either side of zero.", min=0)] = 12,
+    transient: Transient = None,
+) -> None:
+    """The study of Kara and Abokoos, end to end, on a built-in motor; no data needed.
+
+    Writes report.html, study.json and the figures as SVG and PDF.
+
+    \b
+    Examples:
+      emsid study
+      emsid study --motor motor.toml --seed 7 --out my-study
+      emsid study --record a.csv --verify b.csv --input u --output y --record-dt 0.01
+    """
+    from emsid import study as paper
+    from emsid.io import read, read_motor
+
+    if (record is None) != (verify is None):
+        raise DataError("--record and --verify belong together: one record to identify, another to verify")
+    settings = paper.Settings(
+        dt=dt, duration=duration, seed=seed, forgetting=forgetting, knots=knots, transient=transient
+    )
+    if motor is not None:
+        settings = replace(settings, motor=read_motor(motor))
+    records = None
+    if record is not None and verify is not None:
+        first, second = (
+            read(path, input=input, output=output, dt=record_dt, time=record_time) for path in (record, verify)
+        )
+        records = (first, second)
+    with _progress() as report_progress:
+        result = paper.study(settings, records, report_progress)
+        report_progress("drawing the report", 1.0)
+        _write(out, paper.report(result), {"study.json": result.to_data()})
+    for part in result.parts:
+        _print(_table(part.rows, f"{part.name} study"))
+    print("\n".join(paper.findings(result)))
+    _say_where(out, "report.html", "study.json")
+    if result.interrupted:
+        _interrupted("the study")
+
+
+@app.command()
+@reads_records
+def identify(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records to identify from.")],
+    reader: Any,
+    validate: Annotated[
+        list[Path], typer.Option(metavar="FILE", help="Unseen record to rank on; repeat for more.")
+    ] = [],  # noqa: B006
+    models: Annotated[
+        str | None, typer.Option(metavar="NAME,...", help="Candidates, all by default; `emsid list` names them.")
+    ] = None,
+    unseen: Annotated[
+        float, typer.Option(metavar="FRACTION", help="Part kept unseen, at the end, where nothing is --validate'd.")
+    ] = 0.3,
+    transient: Transient = None,
+    na: Annotated[int | None, typer.Option(metavar="N", help="Coefficients of past outputs.", min=0)] = None,
+    nb: Annotated[int | None, typer.Option(metavar="N", help="Coefficients of past inputs.", min=1)] = None,
+    nk: Annotated[int | None, typer.Option(metavar="N", help="Delay in samples.", min=0)] = None,
+    degree: Annotated[int | None, typer.Option(metavar="N", help="Degree of the polynomial.", min=1)] = None,
+    taps: Annotated[int | None, typer.Option(metavar="N", help="Taps of the first filter.", min=1)] = None,
+    knots: Annotated[int | None, typer.Option(metavar="N", help="Hinges on either side of zero.", min=0)] = None,
+    ridge: Annotated[float, typer.Option(metavar="WEIGHT", help="Weight of the squared parameters.", min=0)] = 0.0,
+    forgetting: Annotated[
+        float | None, typer.Option(metavar="λ", help="Estimate recursively with this forgetting factor.")
+    ] = None,
+    out: Out = Path("emsid-result"),
+) -> None:
+    """Fit candidate models to a record and rank them by their free run on unseen data.
+
+    Orders, delay and knots that are not given are chosen on a part of the record held back for that. Writes
+    report.html, result.json, a file for every model, and the figures as SVG and PDF.
+
+    \b
+    Examples:
+      emsid identify log.csv --input voltage --output speed --dt 0.001
+      emsid identify log.dat -u PWM -y mVel --dt 0.010048 --mask "abs(PWM) > 255" --validate other.dat
+      emsid identify arm.mat -u vir -y "d(qm)" --time t --scale vir=35.15065 --models friction-narx --knots 8
+    """
+    from emsid import identification
+
+    options = identification.Options(na, nb, nk, degree, taps, knots, ridge, forgetting)
+    records, tests = [reader(path) for path in files], [reader(path) for path in validate]
+    with _progress() as report_progress:
+        result = identification.identify(
+            records,
+            tests or None,
+            models=models.split(",") if models else tuple(identification.CANDIDATES),
+            options=options,
+            transient=transient,
+            unseen=unseen,
+            progress=report_progress,
+        )
+        report_progress("drawing the report", 1.0)
+        _write(out, identification.report(result), {"result.json": result.to_data()}, result.verification.fits)
+    _print(_table(result.verification.rows, f"on unseen data ({result.unseen.name})", result.unseen.output_units[0]))
+    print(f"chosen: {result.chosen.model.name}")
+    print(result.chosen.model.equation())
+    for line in identification.remarks(result):
+        print(line)
+    _say_where(out, "report.html", "result.json", *(f"{fit.model.name}.json" for fit in result.verification.fits))
+    if result.interrupted:
+        _interrupted("identification")
+
+
+@app.command()
+@reads_records
+def validate(
+    model: Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that emsid wrote.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records that the model has not seen.")],
+    reader: Any,
+    transient: Transient = None,
+    horizon: Annotated[int, typer.Option(metavar="K", help="Also predict this many samples ahead.", min=1)] = 1,
+) -> None:
+    """Run a saved model over records and print its errors, free run first.
+
+    \b
+    Example:
+      emsid validate emsid-result/friction-narx.json other.csv --input voltage --output speed --dt 0.001
+    """
+    from emsid.io import load
+    from emsid.validation.comparison import assess_model
+    from emsid.validation.metrics import mean_squared_error
+
+    loaded = load(model)
+    rows = []
+    for path in files:
+        record = reader(path)
+        row = assess_model(loaded, record, transient).row
+        rows.append((record, row))
+    for record, row in rows:
+        _print(_table([row], record.name, record.output_units[0]))
+        if horizon > 1:
+            ahead = loaded.predict(record, horizon, transient)
+            error = mean_squared_error(record.output[ahead.counted], ahead.output[ahead.counted])
+            print(f"{horizon} samples ahead: MSE {error:.5g}")
+
+
+@app.command()
+def simulate(
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write: .csv, .parquet or .npz.")],
+    excitation: Annotated[str, typer.Option(metavar="NAME", help="Test signal; `emsid list` names them.")] = "sines",
+    amplitude: Annotated[float, typer.Option(metavar="V", help="Largest voltage either way.")] = 6.0,
+    duration: Annotated[float, typer.Option(metavar="S", help="Length of the record.")] = 10.0,
+    dt: Annotated[float, typer.Option(metavar="S", help="Sample time.")] = 0.005,
+    motor: Annotated[Path | None, typer.Option(metavar="TOML", help="Parameters of the motor.")] = None,
+    ideal: Annotated[bool, typer.Option("--ideal", help="No noise, quantisation or delay of the bench.")] = False,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of signal and noise.", min=0)] = 1,
+) -> None:
+    """Drive a motor on the virtual bench and write the record to a file.
+
+    \b
+    Examples:
+      emsid simulate --out record.csv
+      emsid simulate --excitation multisine --amplitude 8 --duration 30 --motor motor.toml --out record.parquet
+    """
+    import numpy as np
+
+    from emsid.excitation import SIGNALS, crest_factor
+    from emsid.io import read_motor, write_record
+    from emsid.plant import Bench, Motor
+
+    if excitation not in SIGNALS:
+        raise DataError(f"no test signal {excitation!r}; there are {', '.join(SIGNALS)}")
+    if not (dt > 0 and duration > 0):
+        raise DataError(f"a record of {duration:g} s sampled every {dt:g} s; both must be positive")
+    rng = np.random.default_rng(seed)
+    voltage = SIGNALS[excitation](round(duration / dt), dt, amplitude, rng)
+    bench = Bench() if ideal else Bench.typical()
+    record = bench.run(Motor() if motor is None else read_motor(motor), voltage, dt, rng)
+    columns = write_record(record, out)
+    top = float(abs(record.output).max())
+    print(f"{len(record)} samples, crest factor {crest_factor(voltage):.2f}, speed up to {top:.4g} rad/s; {columns}")
+    print(f"written: {out}")
+
+
+@app.command()
+@reads_records
+def describe(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records.")],
+    reader: Any,
+) -> None:
+    """What a record holds: samples, segments, ranges, crest factor, order of persistent excitation.
+
+    \b
+    Example:
+      emsid describe log.csv --input voltage --output speed --time t
+    """
+    from emsid.excitation import crest_factor, persistent_excitation_order
+
+    for path in files:
+        record = reader(path)
+        print(record)
+        for name, unit in zip(
+            record.input_names + record.output_names, record.input_units + record.output_units, strict=True
+        ):
+            x = record.channel(name)
+            print(f"  {name}: {x.min():.5g} … {x.max():.5g} {unit}, mean {x.mean():.5g}, deviation {x.std():.5g}")
+        print(f"  input crest factor {crest_factor(record):.2f}")
+        print(
+            f"  persistently exciting of order {persistent_excitation_order(record, tolerance=1e-6)} (at most 50 tried)"
+        )
+
+
+@app.command(name="list")
+def list_() -> None:
+    """Everything that has a name: candidate models, test signals, file formats."""
+    from emsid.excitation import SIGNALS
+    from emsid.identification import CANDIDATES
+    from emsid.io import READERS, WRITERS
+
+    print("models for --models:")
+    for name, candidate in CANDIDATES.items():
+        print(f"  {name:<32}{candidate.summary}")
+    print("signals for --excitation:")
+    for name, signal in SIGNALS.items():
+        print(f"  {name:<32}{signal.__doc__}")
+    print(f"files read: {', '.join(READERS)}")
+    print(f"files written: {', '.join(WRITERS)}")
+
+
+# --- printing --------------------------------------------------------------------------------------------------------
+
+
+def _table(rows: "list[Row] | tuple[Row, ...]", title: str, unit: str = "") -> "Table":
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    headings = (
+        "model",
+        "method",
+        "data",
+        f"free-run RMSE{f' [{unit}]' if unit else ''}",
+        "free-run MSE",
+        "fit %",
+        "one-step MSE",
+    )
+    for k, heading in enumerate(headings):
+        table.add_column(heading.replace("[", r"\["), justify="left" if k < 3 else "right", no_wrap=True)
+    for row in rows:
+        note = "" if row.diverged_at is None else f" (diverged at sample {row.diverged_at})"
+        table.add_row(
+            row.model + note,
+            row.method,
+            row.data,
+            f"{row.simulation_rmse:.5g}",
+            f"{row.simulation_mse:.4g}",
+            f"{row.fit_percent:.2f}",
+            f"{row.one_step_mse:.4g}",
+        )
+    return table
+
+
+def _print(table: "Table") -> None:
+    from rich.console import Console
+
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=160)
+    console.print(table)
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, float], None]]:
+    """A bar on standard error that names what is being done."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("starting", total=1.0)
+        yield lambda what, fraction: bar.update(task, description=what, completed=fraction)
+
+
+def _write(folder: Path, report: Any, documents: dict[str, Any], fits: Any = ()) -> None:
+    """Write report, JSON documents and model files into a folder."""
+    import msgspec
+
+    from emsid.io import atomic_write, save
+    from emsid.report.page import write_report
+
+    for name, content in documents.items():
+        atomic_write(folder / name, msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
+    for fit in fits:
+        save(fit.model, folder / f"{fit.model.name}.json")
+    write_report(report, folder)
+
+
+def _say_where(folder: Path, *names: str) -> None:
+    print(f"written to {folder}/: {', '.join(names)}, figures/")
+
+
+def _interrupted(what: str) -> None:
+    print(f"emsid: {what} was interrupted; what had been found by then is above and written", file=sys.stderr)
+    sys.exit(INTERRUPTED)

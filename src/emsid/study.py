@@ -1,0 +1,281 @@
+"""The study of Kara and Abokoos, end to end: what `emsid study` does.
+
+Two studies, each with two different inputs, one to identify and one to verify: *simulation* on the noise-free motor
+(Table 1 of the paper) and *experiment* on a bench with noise, quantisation and effects that no model contains
+(Table 2), or on two records of the user's own. In both, the paper's linear and nonlinear structures, its full
+regression of a higher degree and a regression with friction terms are identified by least squares and by recursive
+least squares.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from emsid.errors import DataError
+from emsid.estimation.fit import Fit
+from emsid.estimation.least_squares import least_squares
+from emsid.estimation.recursive import recursive_least_squares
+from emsid.excitation import sines
+from emsid.identification import Progress, stribeck_speeds
+from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
+from emsid.plant import Bench, Friction, Motor
+from emsid.record import Record, check_same_channels
+from emsid.validation.comparison import Assessment, Row, assess
+
+SIMULATION, EXPERIMENT = "simulation", "experiment"
+LINEAR, PAPER, FULL, FRICTION = (
+    "arx",
+    "wiener-hammerstein-regression",
+    "wiener-hammerstein-regression-degree-3",
+    "friction-narx",
+)
+
+# The paper's MSE (5.14) of its Tables 1 and 2, of another motor and in units that it does not state:
+# (linear, nonlinear).
+PAPER_MSE = {
+    (SIMULATION, "identification"): (0.0005634, 2.559e-05),
+    (SIMULATION, "verification"): (0.002264, 4.063e-06),
+    (EXPERIMENT, "identification"): (0.1105, 0.004573),
+    (EXPERIMENT, "verification"): (0.1933, 0.06834),
+}
+# Section V.A: the mean square difference that friction on the load side makes to the output.
+PAPER_LOAD_FRICTION_MSE = 3.341e-6
+
+# Sums of two sines (section V.B) for slow operation in both directions: amplitudes in V, frequencies in Hz.
+INPUTS = {"identification": ((3.0, 2.0), (0.4, 1.3)), "verification": ((2.5, 2.0), (0.25, 0.9))}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What may be changed about the study.
+
+    Args:
+        motor: the plant.
+        bench: what stands between the plant and the record in the second study.
+        dt: sample time in seconds.
+        duration: length of every record in seconds.
+        seed: of the noise of the bench.
+        forgetting: factor of the recursive estimates.
+        knots: hinges on either side of zero in the friction regression.
+        transient: samples that start a free run and are left out of every error; by default what the largest model
+            needs.
+    """
+
+    motor: Motor = Motor()  # noqa: RUF009  (frozen)
+    bench: Bench = Bench.typical()  # noqa: RUF009  (frozen)
+    dt: float = 0.005
+    duration: float = 20.0
+    seed: int = 1
+    forgetting: float = 1.0
+    knots: int = 12
+    transient: int | None = None
+
+    def __post_init__(self) -> None:
+        for what, value, least in (("duration", self.duration, 200 * self.dt), ("sample time", self.dt, 1e-6)):
+            if not value >= least:
+                raise DataError(f"{what} of {value:g} s is too short for the study; give at least {least:g} s")
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One of the two studies.
+
+    Attributes:
+        name: ``simulation`` or ``experiment``.
+        identification, verification: the two records.
+        fits: every model by every method.
+        assessed: every fit on the identification and on the verification record, in the order of the fits.
+    """
+
+    name: str
+    identification: Record
+    verification: Record
+    fits: tuple[Fit[Any], ...]
+    assessed: tuple[tuple[Assessment, Assessment], ...]
+
+    @property
+    def rows(self) -> list[Row]:
+        """A row for every model, method and record."""
+        return [each.row for pair in self.assessed for each in pair]
+
+    def verified(self, model: str, method: str = "ls") -> Assessment:
+        """A model on the record that it has not seen."""
+        return next(v for _, v in self.assessed if (v.row.model, v.row.method) == (model, method))
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Everything that the study found.
+
+    Attributes:
+        settings: how it was set up.
+        load_friction_mse: mean square difference of the outputs with and without friction on the load side.
+        output_variance: of the output with it, to compare that to.
+        parts: the studies.
+        interrupted: whether the user stopped it before both were done.
+    """
+
+    settings: Settings
+    load_friction_mse: float
+    output_variance: float
+    parts: tuple[Part, ...]
+    interrupted: bool = False
+
+    @property
+    def rows(self) -> list[Row]:
+        """All rows of all parts."""
+        return [row for part in self.parts for row in part.rows]
+
+    def to_data(self) -> dict[str, Any]:
+        """What ``study.json`` holds."""
+        return {
+            "schema": 1,
+            "rows": [row.to_data() for row in self.rows],
+            "load_friction_mse": self.load_friction_mse,
+            "findings": findings(self),
+        }
+
+
+def structures(record: Record, knots: int) -> tuple[Structure, ...]:
+    """The structures of the study: (5.12), (5.10), (3.5) in full with degree 3, and the friction regression."""
+    full = wiener_hammerstein_regression(na=4, nb=3, degree=3, taps=2)
+    return (
+        arx(na=4, nb=4),
+        wiener_hammerstein_regression(na=4, nb=3, degree=2),
+        replace(full, name=FULL),
+        friction_narx(na=2, nb=2, knots=input_knots(record, knots), speeds=stribeck_speeds(record)),
+    )
+
+
+def measure(settings: Settings, bench: Bench, kind: str, rng: np.random.Generator) -> Record:
+    """A record of the settings' motor on a bench, driven by one of `INPUTS`."""
+    samples = round(settings.duration / settings.dt)
+    voltage = sines(samples, settings.dt, *INPUTS[kind])
+    return bench.run(settings.motor, voltage, settings.dt, rng, name=kind)
+
+
+def load_friction_difference(settings: Settings) -> tuple[float, float]:
+    """The paper's preliminary check: what friction on the load side does to the output.
+
+    Returns:
+        Mean square difference of the outputs with and without it, and the variance of the output with it.
+    """
+    rng = np.random.default_rng(settings.seed)
+    without = replace(settings, motor=replace(settings.motor, load_friction=Friction()))
+    outputs = [measure(each, Bench(), "identification", rng).output for each in (settings, without)]
+    return float(np.mean((outputs[0] - outputs[1]) ** 2)), float(np.var(outputs[0]))
+
+
+def study(
+    settings: Settings | None = None,
+    records: tuple[Record, Record] | None = None,
+    progress: Progress = lambda what, fraction: None,
+) -> Study:
+    """Do the whole study.
+
+    Args:
+        settings: what to change about it.
+        records: an identification and a verification record of a real drive, in place of the virtual bench.
+        progress: called with what is being done and the fraction done of all.
+    """
+    settings = settings or Settings()
+    rng = np.random.default_rng(settings.seed)
+    progress("the plant with and without friction on the load side", 0.0)
+    difference, variance = load_friction_difference(settings)
+    progress("simulating the motor", 0.1)
+    simulated = tuple(measure(settings, Bench(), kind, rng) for kind in INPUTS)
+    measured = records or tuple(measure(settings, settings.bench, kind, rng) for kind in INPUTS)
+    check_same_channels(*measured)
+    parts: list[Part] = []
+    try:
+        for name, (first, second) in ((SIMULATION, simulated), (EXPERIMENT, measured)):
+            parts.append(_part(name, first, second, settings, _later(progress, 0.2 + 0.4 * len(parts), 0.4)))
+    except KeyboardInterrupt:
+        if not parts:
+            raise
+    return Study(settings, difference, variance, tuple(parts), interrupted=len(parts) < 2)
+
+
+def _later(progress: Progress, begin: float, share: float) -> Progress:
+    """The progress of a part of the work that begins at one fraction of the whole and is a share of it."""
+    return lambda what, fraction: progress(what, begin + share * fraction)
+
+
+def _part(name: str, first: Record, second: Record, settings: Settings, progress: Progress) -> Part:
+    candidates = structures(first, settings.knots)
+    start = max(settings.transient or 0, *(structure.memory for structure in candidates))
+    fits: list[Fit[Any]] = []
+    for k, structure in enumerate(candidates):
+        progress(f"{name}: {structure.name}", k / len(candidates))
+        fits.append(least_squares(structure, first))
+        fits.append(recursive_least_squares(structure, first, forgetting=settings.forgetting, history=True))
+    assessed = tuple(
+        (
+            assess(fit, first, start, experiment=name, data="identification"),
+            assess(fit, second, start, experiment=name, data="verification"),
+        )
+        for fit in fits
+    )
+    return Part(name, first, second, tuple(fits), assessed)
+
+
+def findings(result: Study) -> list[str]:
+    """What the numbers show, in sentences that follow from them."""
+    sentences = [_about_load_friction(result)]
+    for part in result.parts:
+        linear, paper, friction = (part.verified(model).row for model in (LINEAR, PAPER, FRICTION))
+        sentences += [
+            f"In the {part.name} study, in free run on the verification record, the MSE of the paper's second-degree "
+            f"model is {_ratio(linear, paper)} that of the linear model{_why(linear, paper)}.",
+            f"That of the friction regression is {_ratio(linear, friction)} it, at a fit of "
+            f"{friction.fit_percent:.1f} %.",
+        ]
+        finite = [row for row in part.rows if row.data == "verification" and np.isfinite(row.simulation_mse)]
+        if finite:
+            flattered = max(finite, key=lambda row: row.simulation_mse / row.one_step_mse)
+            sentences.append(
+                f"One step ahead every model looks good; the MSE of {flattered.model} ({flattered.method}) is "
+                f"{flattered.simulation_mse / flattered.one_step_mse:,.0f} times larger in free run."
+            )
+        pairs = [(a.row, b.row) for (_, a), (_, b) in zip(part.assessed[::2], part.assessed[1::2], strict=True)]
+        apart = [
+            (abs(recursive.simulation_mse / batch.simulation_mse - 1), recursive.model)
+            for batch, recursive in pairs
+            if np.isfinite(batch.simulation_mse) and np.isfinite(recursive.simulation_mse)
+        ]
+        if apart:
+            difference, model = max(apart)
+            sentences.append(
+                f"Recursive and batch estimates (forgetting factor {result.settings.forgetting:g}) differ most in "
+                f"{model}, by {100 * difference:.2g} % of the free-run MSE."
+            )
+    return sentences
+
+
+def _about_load_friction(result: Study) -> str:
+    share = result.load_friction_mse / result.output_variance
+    fair = share < 1e-3
+    return (
+        f"Friction on the load side changes the output by a mean square of {result.load_friction_mse:.3g} (rad/s)² "
+        f"(the paper's motor: {PAPER_LOAD_FRICTION_MSE:.3g}), {100 * share:.2g} % of its variance, so a "
+        f"linear–static–linear structure is {'fair' if fair else 'not fair'} for this motor as far as the load goes."
+    )
+
+
+def _ratio(linear: Row, other: Row) -> str:
+    """How many times the one error is the other, as text that goes before "that of"."""
+    if not np.isfinite(other.simulation_mse):
+        return "infinitely many times"
+    ratio = linear.simulation_mse / other.simulation_mse
+    if ratio > 1.05:
+        return f"1/{ratio:,.0f} of" if ratio >= 10 else f"1/{ratio:.1f} of"
+    return f"{1 / ratio:.2f} times"
+
+
+def _why(linear: Row, paper: Row) -> str:
+    if paper.simulation_mse * 1.5 > linear.simulation_mse:
+        return ": its polynomial is even, and a dead zone and friction that are alike in both directions are odd"
+    return ""

@@ -123,7 +123,8 @@ class Narx:
         self.check(record)
         start = max(self.memory, transient or 0)
         output, counted = record.output.copy(), np.zeros(len(record), dtype=bool)
-        bound = RUNAWAY * max(float(np.max(np.abs(record.output))), np.finfo(float).tiny)
+        # Where nothing was measured, as in a run over an input alone, only an overflow tells a divergence.
+        bound = RUNAWAY * float(np.max(np.abs(record.output))) or np.finfo(float).max
         diverged_at, offset = None, 0
         for segment in record.segments:
             stop = offset + len(segment)

@@ -461,11 +461,11 @@ def _write(folder: Path, report: Any, documents: dict[str, Any], fits: Any = ())
     from emsid.io import atomic_write, save
     from emsid.report.page import write_report
 
-    for name, content in documents.items():
-        atomic_write(folder / name, msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
+    write_report(report, folder)
     for fit in fits:
         save(fit.model, folder / f"{fit.model.name}.json")
-    write_report(report, folder)
+    for name, content in documents.items():
+        atomic_write(folder / name, msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
 
 
 def _say_where(folder: Path, *names: str) -> None:

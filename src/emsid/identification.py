@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from emsid.estimation.selection import coordinate_search
 from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
 from emsid.record import Record, concatenate
 from emsid.validation.comparison import Comparison, assess, compare
+
+if TYPE_CHECKING:
+    from emsid.report.content import Report
 
 Progress = Callable[[str, float], None]
 
@@ -263,3 +266,57 @@ def remarks(result: Identification) -> list[str]:
 
 def _one(records: Record | Iterable[Record]) -> Record:
     return records if isinstance(records, Record) else concatenate(records)
+
+
+def report(result: Identification) -> Report:
+    """What a page says about the result."""
+    from emsid.report import views
+    from emsid.report.content import Fact, Report, Section
+
+    best, unit = result.verification.best, result.unseen.output_units[0]
+    linear_first = sorted(result.verification.assessments, key=lambda each: each.row.model != "arx")
+    intervals = views.critical_intervals(
+        result.unseen, _stretch(result.unseen), result.unseen.output - linear_first[0].simulation.output
+    )
+    return Report(
+        title=f"Identification of {result.record.name}",
+        summary=tuple(remarks(result)),
+        facts=(
+            Fact(best.row.model, "best free run on unseen data"),
+            Fact(f"{best.row.fit_percent:.1f} %", "of the unseen output explained"),
+            Fact(f"{len(result.record):,}", "samples to identify from"),
+            Fact(f"{best.row.samples:,}", "unseen samples counted"),
+        ),
+        sections=(
+            Section(
+                "Which model",
+                tables=(
+                    views.results_table(result.verification.rows, unit=unit, caption="On unseen data."),
+                    views.results_table(result.identification.rows, unit=unit, caption="On the data identified from."),
+                ),
+                figures=(views.ranking(result.verification),),
+            ),
+            Section(
+                "Free run on unseen data",
+                figures=(
+                    views.measured_and_simulated(best),
+                    views.responses(linear_first, intervals),
+                    views.residuals(linear_first),
+                ),
+            ),
+            Section("What it was identified from", figures=(views.inputs((result.record, result.unseen)),)),
+            Section(
+                "The models",
+                equations=tuple(fit.model.equation() for fit in result.verification.fits),
+                tables=tuple(
+                    views.parameter_table(fit, columns=views.regressor_column(fit)) for fit in result.verification.fits
+                ),
+            ),
+        ),
+        imprint=f"emsid, from {result.record}",
+    )
+
+
+def _stretch(record: Record) -> float:
+    """How many seconds of a record a figure of details shows: a tenth, but at least 50 samples."""
+    return max(len(record) // 10, 50) * record.dt

@@ -10,7 +10,7 @@ least squares.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from emsid.models.regressors import Structure, arx, friction_narx, input_knots, 
 from emsid.plant import Bench, Friction, Motor
 from emsid.record import Record, check_same_channels
 from emsid.validation.comparison import Assessment, Row, assess
+
+if TYPE_CHECKING:
+    from emsid.report.content import Report, Section
 
 SIMULATION, EXPERIMENT = "simulation", "experiment"
 LINEAR, PAPER, FULL, FRICTION = (
@@ -279,3 +282,63 @@ def _why(linear: Row, paper: Row) -> str:
     if paper.simulation_mse * 1.5 > linear.simulation_mse:
         return ": its polynomial is even, and a dead zone and friction that are alike in both directions are odd"
     return ""
+
+
+def report(result: Study) -> Report:
+    """The figures and tables of the paper, in its order, and what they show."""
+    from emsid.report import views
+    from emsid.report.content import Fact, Report, Section
+
+    simulation = result.parts[0]
+    linear, friction = (simulation.verified(model).row for model in (LINEAR, FRICTION))
+    return Report(
+        title="Identification of an electromechanical system",
+        summary=tuple(findings(result)),
+        facts=(
+            Fact(f"{linear.fit_percent:.1f} %", "free-run fit of the linear model, simulation study"),
+            Fact(f"{friction.fit_percent:.1f} %", "of the friction regression"),
+            Fact(f"1/{linear.simulation_mse / friction.simulation_mse:,.0f}", "its free-run MSE by the linear one's"),
+        ),
+        sections=(
+            Section(
+                "The motor",
+                paragraphs=(
+                    "A two-mass permanent-magnet DC motor with Coulomb and Stribeck friction (4.7) on both sides and a "
+                    "dead zone (4.9).",
+                ),
+                tables=(views.motor_table(result.settings.motor),),
+                figures=(views.nonlinearities(result.settings.motor),),
+            ),
+            *(_section(result, part) for part in result.parts),
+        ),
+        imprint=f"emsid study, seed {result.settings.seed}, after Kara and Abokoos",
+    )
+
+
+def _section(result: Study, part: Part) -> Section:
+    from emsid.report import views
+    from emsid.report.content import Section
+
+    name = part.name
+    shown = [part.verified(model) for model in (LINEAR, PAPER, FULL, FRICTION)]
+    error = part.verification.output - shown[0].simulation.output
+    intervals = views.critical_intervals(part.verification, 0.1 * len(part.verification) * part.verification.dt, error)
+    published = {
+        (model, data): PAPER_MSE[name, data][k]
+        for k, model in enumerate((LINEAR, PAPER))
+        for data in ("identification", "verification")
+    }
+    reference = views.Reference(
+        "Paper", "another motor, in units that the paper does not state; only the ratios can be compared", published
+    )
+    return Section(
+        f"The {name}",
+        tables=(views.results_table(part.rows, reference, unit=part.verification.output_units[0]),),
+        figures=(
+            views.inputs((part.identification, part.verification), name=f"{name}-inputs"),
+            views.responses(shown, intervals, name=f"{name}-responses"),
+            views.measured_and_simulated(shown[-1], name=f"{name}-free-run"),
+            views.convergence(part.verified(PAPER, "rls").fit, part.verified(PAPER).fit, name=f"{name}-convergence"),
+            views.residuals(shown, name=f"{name}-residuals"),
+        ),
+    )

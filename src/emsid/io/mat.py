@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from emsid.errors import FormatError
+from emsid.io import mat5
 from emsid.io.columns import Columns, from_arrays
 from emsid.io.files import looks_like
 
@@ -29,7 +30,7 @@ def read_mat(content: bytes) -> Columns:
     if any(content[at : at + len(_HDF5)] == _HDF5 for at in _HDF5_AT):
         variables = _variables_73
     elif content[_ENDIAN_AT] in (b"IM", b"MI"):
-        variables = _variables_5
+        variables = mat5.variables
     else:
         raise FormatError(
             f"this is not a MAT file; it looks like {looks_like(content)}: give it its right suffix, or save it "
@@ -41,24 +42,6 @@ def read_mat(content: bytes) -> Columns:
         raise FormatError(
             f"this MAT file is damaged or cut off ({type(problem).__name__}); copy or save it again"
         ) from None
-
-
-def _variables_5(content: bytes) -> Iterator[tuple[str, Any]]:
-    import warnings
-
-    from scipy.io import loadmat
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # on duplicate or unreadable variables; they are listed as not readable
-        variables = loadmat(BytesIO(content))
-    for name, value in variables.items():
-        if name.startswith("__"):
-            continue
-        if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
-            for field in value.dtype.names:
-                yield f"{name}.{field}", value.flat[0][field]
-        else:
-            yield name, value
 
 
 def _variables_73(content: bytes) -> Iterator[tuple[str, Any]]:

@@ -72,7 +72,8 @@ def load(path: str | os.PathLike[str]) -> Model:
 
     content = read_bytes(path)
     try:
-        head = msgspec.json.decode(content, type=_Head)
+        text = content.decode()
+        head = msgspec.json.decode(text, type=_Head)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as problem:
         raise FormatError(
             f"{path}: this is not a model file, or is cut off ({problem}); save the model again"
@@ -85,7 +86,7 @@ def load(path: str | os.PathLike[str]) -> Model:
             "version that wrote it, or identify it again"
         )
     try:
-        document = msgspec.json.decode(content, type=_Document)
+        document = msgspec.json.decode(text, type=_Document)
     except msgspec.MsgspecError as problem:
         raise FormatError(f"{path}: the model file is not complete ({problem}); save the model again") from None
     if document.sha256 != _checksum(document.type, document.model):

@@ -125,7 +125,8 @@ def read(
         input: the column, or columns, that drive the system. ``d(name)`` is the derivative of column
             ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name.
         output: the column, or columns, that answer; likewise.
-        dt: sample time in seconds; with ``resample``, the sample time to bring the record to.
+        dt: sample time in seconds (the first data row of the file is then at time 0); with ``resample``, the sample
+            time to bring the record to.
         time: the time column, from which the sample time is taken if it is regular.
         time_unit: unit of the time column; by default the one in its header (``Timestamp(ms)``), else
             seconds.
@@ -337,7 +338,8 @@ def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
             raise DataError(_no_sample_time(selection.columns))
         if clock.resample:
             raise DataError("resampling needs a time column; name it with time (--time COLUMN)")
-        return replace(record, dt=clock.dt, breaks=tuple(map(int, breaks)), times=())
+        starts = selection.rows[[0, *breaks]] * clock.dt
+        return replace(record, dt=clock.dt, breaks=tuple(map(int, breaks)), times=tuple(map(float, starts)))
 
     column = f"time column {clock.time!r}"
     seconds = _time_unit(clock, selection.columns) * selection.numbers(clock.time)

@@ -72,7 +72,7 @@ def _npz(frame: pl.DataFrame) -> bytes:
     with ZipFile(content, "w") as archive:  # as numpy.savez does, but for channels of any name
         for column in frame:
             with archive.open(f"{column.name}.npy", "w") as member:
-                np.lib.format.write_array(member, column.to_numpy())
+                np.save(member, column.to_numpy())
     return content.getvalue()
 
 

@@ -1,11 +1,11 @@
 """Text tables: CSV, TSV, ``.dat``, as data loggers, spreadsheets and MATLAB write them.
 
-Nothing has to be said about the dialect. Lines that are blank or begin with ``#`` or ``%`` are left out
-wherever they stand. The last lines of what remains, which are data in any file, tell the separator
-(semicolon, tab, comma, blanks) and the number of columns. The first two lines in a row that are data of this
-width are the start of the data; the line above is the header if it has a name for every column (a row of
-units may stand between), and what is above that is preamble. Without a header the columns are called ``c1``,
-``c2``, …. Decimal commas are recognised column by column.
+Nothing has to be said about the dialect. Lines that are blank or begin with ``#`` or ``%`` are left out wherever they
+stand. The last lines of what remains, which are data in any file, tell the separator (semicolon, tab, comma, blanks)
+and the number of columns. The first line of this width that holds a number, and is followed by more, begins the data;
+the line above is the header if it has a name for every column (a row of units may stand between), and what is above
+that is preamble. Without a header the columns are called ``c1``, ``c2``, …. Decimal commas are recognised column by
+column.
 """
 
 from __future__ import annotations
@@ -53,6 +53,7 @@ _UNITS = {
 }
 _CELL = "\x1f"  # stands between the cells of a split line; in a file it would be binary, and refused
 _TAIL = 100  # lines at the end of the file that tell its structure
+_DIGIT = re.compile(r"\d")
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
 
 
@@ -87,7 +88,8 @@ def read_table(content: bytes) -> Columns:
     if not lines:
         raise FormatError("there is no table in this file, only comments or blank lines; check how it was exported")
 
-    separator = _separator([line.text for line in lines[-_TAIL:]])
+    tail = [line.text for line in lines[-_TAIL:] if _DIGIT.search(line.text)]
+    separator = _separator(tail[len(tail) // 2 :])
     lines = [_Line(number, _with_marks(number, text, separator)) for number, text in lines]
     width = _width(lines[-_TAIL:])
     start = _first_data_line(lines, width)
@@ -161,9 +163,9 @@ def _separator(sample: Sequence[str]) -> str:
 
 
 def _width(lines: Sequence[_Line]) -> int:
-    """The most frequent number of cells; of equally frequent ones the last."""
-    counts = Counter(line.text.count(_CELL) + 1 for line in reversed(lines))
-    return counts.most_common(1)[0][0]
+    """The most frequent number of cells of a line with a number; of equally frequent ones the last."""
+    counts = Counter(len(line.cells) for line in reversed(lines) if any(map(_is_number, line.cells)))
+    return counts.most_common(1)[0][0] if counts else 1
 
 
 def _is_number(cell: str) -> bool:
@@ -171,21 +173,22 @@ def _is_number(cell: str) -> bool:
 
 
 def _first_data_line(lines: Sequence[_Line], width: int) -> int:
-    """The index of the first of two lines in a row (or of the last ones) that have ``width`` cells and a
-    number."""
+    """The index of the first line that has ``width`` cells and a number among them, and that others like it follow."""
 
-    def is_data(line: _Line) -> bool:
-        cells = line.cells
-        return len(cells) == width and any(map(_is_number, cells))
+    def has_number(k: int) -> bool:
+        return any(map(_is_number, lines[k].cells))
 
-    last = len(lines) - 1
-    start = next(
-        (k for k, line in enumerate(lines) if is_data(line) and (k >= last - 1 or is_data(lines[k + 1]))),
-        None,
-    )
+    def is_missing(k: int) -> bool:
+        return len(lines[k].cells) == width and all(map(_is_missing, lines[k].cells))
+
+    def begins(k: int) -> bool:
+        follows = k + 1 == len(lines) or has_number(k + 1) or is_missing(k + 1)
+        return follows and len(lines[k].cells) == width and has_number(k)
+
+    start = next(filter(begins, range(len(lines))), None)
     if start is None:
         raise FormatError("there are no numbers in this file; check how it was exported")
-    while start and len(lines[start - 1].cells) == width and all(map(_is_missing, lines[start - 1].cells)):
+    while start and is_missing(start - 1):
         start -= 1
     return start
 

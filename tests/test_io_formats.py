@@ -1,0 +1,214 @@
+"""MAT, Parquet and NPZ files: what becomes a column, and what is said about the rest."""
+
+from __future__ import annotations
+
+import io
+import pickle
+from collections.abc import Callable
+from datetime import datetime, timedelta
+
+import h5py
+import numpy as np
+import polars as pl
+import pytest
+import scipy.io
+
+from emsid.errors import FormatError
+from emsid.io import mat5
+from emsid.io.columns import Columns, nearest
+from emsid.io.mat import read_mat
+from emsid.io.npz import read_npz
+from emsid.io.parquet import read_parquet
+
+N = 7
+
+
+def mat_5(variables: dict[str, object], **options: object) -> bytes:
+    content = io.BytesIO()
+    scipy.io.savemat(content, variables, **options)  # type: ignore[arg-type]
+    return content.getvalue()
+
+
+def mat_73(variables: dict[str, np.ndarray | dict[str, np.ndarray]]) -> bytes:
+    """As MATLAB writes it: transposed, with the class of each variable, behind a header of 512 bytes."""
+    content = io.BytesIO()
+    with h5py.File(content, "w", userblock_size=512) as file:
+
+        def put(parent: h5py.Group, name: str, value: np.ndarray) -> None:
+            parent.create_dataset(name, data=np.atleast_2d(value).T).attrs["MATLAB_class"] = np.bytes_("double")
+
+        for name, value in variables.items():
+            if isinstance(value, dict):
+                group = file.create_group(name)
+                for field, inner in value.items():
+                    put(group, field, inner)
+            else:
+                put(file, name, value)
+        text = file.create_dataset("note", data=np.array([[104], [105]], dtype=np.uint16))
+        text.attrs["MATLAB_class"] = np.bytes_("char")
+        file.create_dataset("nothing", data=np.zeros(2, dtype=np.uint64)).attrs["MATLAB_empty"] = 1
+        file.create_group("#refs#")
+    data = bytearray(content.getvalue())
+    data[:19] = b"MATLAB 7.3 MAT-file"
+    return bytes(data)
+
+
+def npz(**arrays: object) -> bytes:
+    content = io.BytesIO()
+    np.savez(content, **arrays)  # type: ignore[arg-type]
+    return content.getvalue()
+
+
+def parquet(frame: pl.DataFrame) -> bytes:
+    content = io.BytesIO()
+    frame.write_parquet(content)
+    return content.getvalue()
+
+
+VARIABLES = {
+    "column": np.arange(N)[:, None] * 0.1,
+    "row": np.arange(N)[None, :] * 0.2,
+    "both": np.arange(2.0 * N).reshape(N, 2),
+    "wide": np.zeros((3, N)),
+    "gain": np.array([[35.0]]),
+    "other": np.arange(3.0)[:, None],
+    "cube": np.zeros((2, 3, 4)),
+}
+
+
+def check_arrays(columns: Columns) -> None:
+    lengths = {name: len(series) for name, series in columns.series.items()}
+    assert lengths | {"column": N, "row": N, "both_1": N, "both_2": N, "other": 3} == lengths
+    np.testing.assert_array_equal(columns.series["column"].to_numpy(), np.arange(N) * 0.1)
+    np.testing.assert_array_equal(columns.series["row"].to_numpy(), np.arange(N) * 0.2)
+    np.testing.assert_array_equal(columns.series["both_2"].to_numpy(), 1 + 2 * np.arange(N))
+    assert columns.others["gain"] == "a single number"
+    assert "3 rows by 7 columns" in columns.others["wide"]
+    assert columns.others["cube"] == "a 3-dimensional array"
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_mat_5(compressed: bool) -> None:
+    columns = read_mat(
+        mat_5(
+            {
+                **VARIABLES,
+                "run": {"u": np.arange(N), "label": "drive"},
+                "label": "hello",
+                "phasor": np.zeros(N, dtype=complex),
+                "cells": np.array([1, "a"], dtype=object),
+                "flags": np.array([True, False, True]),
+                "counts": np.arange(N, dtype=np.int16),
+            },
+            do_compression=compressed,
+        )
+    )
+    check_arrays(columns)
+    np.testing.assert_array_equal(columns.series["run.u"].to_numpy(), np.arange(N))
+    assert len(columns.series["flags"]) == 3
+    assert columns.series["counts"].to_list() == list(range(N))
+    assert columns.others["label"] == columns.others["run.label"] == "text"
+    assert columns.others["phasor"] == "complex numbers"
+    assert columns.others["cells"] == "a cell array"
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_mat_5_is_read_as_scipy_reads_it(compressed: bool) -> None:
+    kinds = ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "?"]
+    random = np.random.default_rng(3)
+    variables = {
+        f"{'a long name ' * (k % 2)}v{k}".replace(" ", "_"): (100 * random.standard_normal((k + 2, k % 3 + 1))).astype(
+            kind
+        )
+        for k, kind in enumerate(kinds)
+    }
+    content = mat_5({**variables, "x": {"inner": np.arange(5.0), "deeper": {"y": 1}}}, do_compression=compressed)
+    ours, reference = dict(mat5.variables(content)), scipy.io.loadmat(io.BytesIO(content))
+    for name in variables:
+        np.testing.assert_array_equal(ours[name], reference[name])
+    np.testing.assert_array_equal(ours["x.inner"], np.arange(5.0)[None])
+    assert ours["x.deeper"] == "a struct inside a struct"
+
+
+def test_mat_5_of_the_other_byte_order() -> None:
+    words = lambda *values: np.array(values, ">u4").tobytes()  # noqa: E731
+    values = np.arange(3.0).astype(">f8").tobytes()
+    variable = words(6, 8, 6, 0) + words(5, 8, 3, 1) + words((1 << 16) | 1) + b"u\0\0\0" + words(9, 24) + values
+    content = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x01\x00MI" + words(14, len(variable)) + variable
+    np.testing.assert_array_equal(read_mat(content).series["u"].to_numpy(), [0, 1, 2])
+
+
+def test_mat_73() -> None:
+    columns = read_mat(mat_73({**VARIABLES, "run": {"u": np.arange(N) * 1.0}}))
+    check_arrays(columns)
+    np.testing.assert_array_equal(columns.series["run.u"].to_numpy(), np.arange(N))
+    assert columns.others["note"] == "text"
+    assert columns.others["nothing"] == "empty"
+    assert not any(name.startswith("#") for name in [*columns.series, *columns.others])
+
+
+def test_npz() -> None:
+    columns = read_npz(npz(**VARIABLES, objects=np.array([{}, []], dtype=object), words=np.array(["a", "b"])))
+    check_arrays(columns)
+    assert columns.others["objects"] == "Python objects or damaged"
+    assert columns.others["words"] == "text"
+
+
+def test_pickled_objects_are_never_loaded() -> None:
+    class Trap:
+        def __reduce__(self) -> tuple[Callable[..., object], tuple[str]]:
+            return (pytest.fail, ("a pickle was loaded",))
+
+    assert "objects" in read_npz(npz(objects=np.array([Trap(), 1], dtype=object), u=np.arange(3))).others
+    with pytest.raises(FormatError, match="not an NPZ file"):
+        read_npz(pickle.dumps(Trap()))
+
+
+def test_parquet() -> None:
+    start = datetime(2024, 1, 1)
+    frame = pl.DataFrame(
+        {
+            "when": [start + timedelta(milliseconds=20 * k) for k in range(4)],
+            "u": pl.Series([1, 2, None, 4], dtype=pl.Int32),
+            "state": ["a", "b", "c", "d"],
+            "pairs": [[1, 2]] * 4,
+        }
+    )
+    columns = read_parquet(parquet(frame))
+    assert list(columns.series) == ["when", "u", "state"]
+    assert columns.others == {"pairs": "nested values"}
+    assert columns.place(0) == "row 1"
+
+
+@pytest.mark.parametrize("reader", [read_mat, read_npz, read_parquet])
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [(b"t,u\n1,2\n", "text"), (b"\x89PNG\r\n\x1a\n" + bytes(200), "a PNG image"), (bytes(300), "binary")],
+)
+def test_another_kind_of_file_is_recognised(reader: Callable[[bytes], Columns], content: bytes, what: str) -> None:
+    with pytest.raises(FormatError, match="give it its right suffix") as caught:
+        reader(content)
+    assert f"it looks like {what}" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("reader", "content"),
+    [
+        (read_mat, mat_5(VARIABLES)),
+        (read_mat, mat_5(VARIABLES, do_compression=True)),
+        (read_mat, mat_73({"u": np.arange(100.0)})),
+        (read_npz, npz(u=np.arange(100.0))),
+        (read_parquet, parquet(pl.DataFrame({"u": range(100)}))),
+    ],
+    ids=["mat 5", "mat 5 compressed", "mat 7.3", "npz", "parquet"],
+)
+def test_a_file_that_is_cut_off_is_recognised(reader: Callable[[bytes], Columns], content: bytes) -> None:
+    with pytest.raises(FormatError, match=r"damaged|cut off") as caught:
+        reader(content[: int(0.7 * len(content))])
+    assert "\n" not in str(caught.value)
+
+
+def test_the_nearest_name() -> None:
+    assert nearest("sped", ["speed", "u"]) == "; did you mean 'speed'?"
+    assert nearest("PWM", ["pwm"]) == "; did you mean 'pwm'?"
+    assert nearest("torque", ["u", "y"]) == ""

@@ -1,0 +1,121 @@
+"""Whatever is in a file, reading it gives a record or one of our errors in one line, never anything else."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from emsid.errors import EmsidError
+from emsid.io import READERS, read
+from emsid.record import Record
+from test_io_formats import mat_5, mat_73, npz, parquet
+
+K = np.arange(30.0)
+TABLE = b"Pendulum\n# remark\nt,u,y,state\n" + b"".join(b"%.1f,%d,%.3f,ON\n" % (k / 10, k, k * k) for k in range(30))
+VALID = {
+    ".csv": [
+        TABLE,
+        TABLE.replace(b",", b"\t"),
+        TABLE.replace(b",", b";").replace(b".", b","),
+        TABLE.decode().encode("utf-16"),
+    ],
+    ".mat": [
+        mat_5({"t": K / 10, "u": K, "y": K**2, "gain": 3.0, "run": {"u": K}}),
+        mat_5({"t": K / 10, "u": K, "y": K**2}, do_compression=True),
+        mat_73({"t": K / 10, "u": K, "y": K**2, "run": {"u": K}}),
+    ],
+    ".npz": [npz(t=K / 10, u=K, y=K**2, gain=3.0)],
+    ".parquet": [parquet(pl.DataFrame({"t": K / 10, "u": K, "y": K**2}))],
+}
+CASES = [(suffix, content) for suffix, contents in VALID.items() for content in contents]
+
+fuzzing = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return tmp_path
+
+
+def check(path: Path, content: bytes) -> None:
+    """Read ``content`` in the ways that reach most of the code."""
+    path.write_bytes(content)
+    for options in ({"time": "t"}, {"dt": 0.1, "mask": "u > 20"}, {"time": "t", "resample": True}):
+        try:
+            record = read(path, input="u", output="y", scale={"y": 2.0}, **options)  # type: ignore[arg-type]
+        except EmsidError as problem:
+            message = str(problem)
+            assert message.startswith(f"{path}: "), message
+            assert message.splitlines() == [message]
+        else:
+            assert isinstance(record, Record)
+            assert len(record) > 0
+
+
+@pytest.mark.parametrize(("suffix", "content"), CASES)
+def test_the_valid_ones_are_read(folder: Path, suffix: str, content: bytes) -> None:
+    path = folder / f"file{suffix}"
+    path.write_bytes(content)
+    record = read(path, input="u", output="y", time="t")
+    np.testing.assert_array_equal(record.input[:, 0], K)
+    assert record.dt == 0.1
+
+
+@pytest.mark.parametrize("suffix", READERS)
+@fuzzing
+@given(st.binary(max_size=400))
+def test_random_bytes(folder: Path, suffix: str, content: bytes) -> None:
+    check(folder / f"file{suffix}", content)
+
+
+@pytest.mark.parametrize(("suffix", "content"), CASES)
+@fuzzing
+@given(st.data())
+def test_changed_bytes(folder: Path, suffix: str, content: bytes, data: st.DataObject) -> None:
+    changed = bytearray(content)
+    places = st.integers(0, len(content) - 1)
+    for at, byte in data.draw(st.lists(st.tuples(places, st.integers(0, 255)), min_size=1, max_size=6)):
+        changed[at] = byte
+    check(folder / f"file{suffix}", bytes(changed))
+
+
+@pytest.mark.parametrize(("suffix", "content"), CASES)
+@fuzzing
+@given(st.data())
+def test_cut_and_spliced(folder: Path, suffix: str, content: bytes, data: st.DataObject) -> None:
+    first, second = sorted(data.draw(st.tuples(st.integers(0, len(content)), st.integers(0, len(content)))))
+    check(folder / f"file{suffix}", content[:first] + data.draw(st.sampled_from([b"", content[second:], content])))
+
+
+cells = st.one_of(
+    st.floats().map(repr),
+    st.sampled_from(["", "NA", "ERR", '"', "1,5", "1e999", "-", "0x1f", "1_0", "٣", " ", "'", "é"]),
+)
+
+
+@fuzzing
+@given(
+    st.lists(st.lists(cells, min_size=1, max_size=5), max_size=8),
+    st.sampled_from([",", ";", "\t", " ", ", "]),
+    st.sampled_from(["t,u,y\n", "", "# t u y\n", "u;y\n", '"u","y"\n']),
+)
+def test_strange_tables(folder: Path, rows: list[list[str]], separator: str, header: str) -> None:
+    check(folder / "file.csv", (header + "\n".join(separator.join(row) for row in rows)).encode())
+
+
+pieces = st.sampled_from([*"uy 1.,()<>=+-*/%'\"\n;$\\e", "abs(", " and ", " in (", "null", "select ", "not "])
+
+
+@fuzzing
+@given(st.lists(pieces, max_size=12).map("".join))
+def test_strange_masks(folder: Path, mask: str) -> None:
+    path = folder / "file.csv"
+    path.write_bytes(TABLE)
+    with suppress(EmsidError):
+        assert 0 < len(read(path, input="u", output="y", dt=0.1, mask=mask)) <= 30

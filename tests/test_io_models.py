@@ -1,0 +1,188 @@
+"""Model files and motor files."""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import emsid.models
+from emsid.errors import FormatError, ModelError
+from emsid.io import load, read_motor, save
+from emsid.plant import Motor
+
+
+@dataclass(frozen=True)
+class Gain:
+    """A model of as little as a model file has to know of one."""
+
+    values: list[float]
+    name: str = "gain"
+
+    def to_data(self) -> dict[str, Any]:
+        return {"values": self.values, "name": self.name}
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> Gain:
+        if set(data) != {"values", "name"}:
+            raise ModelError("a gain has values and a name")
+        return cls(**data)
+
+
+@pytest.fixture(autouse=True)
+def gain_is_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(emsid.models, "MODELS", {"Gain": Gain}, raising=False)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / "model.json"
+    save(Gain([0.1, -2.0]), path)  # type: ignore[arg-type]
+    return path
+
+
+def failure(path: Path) -> str:
+    with pytest.raises(FormatError) as caught:
+        load(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(f"{path}: ")
+    return message.removeprefix(f"{path}: ")
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False)), st.text(st.characters(exclude_categories=("Cs",))))
+def test_a_model_comes_back_bit_by_bit(tmp_path: Path, values: list[float], name: str) -> None:
+    save(Gain(values, name), tmp_path / "model.json")  # type: ignore[arg-type]
+    back = load(tmp_path / "model.json")
+    assert isinstance(back, Gain)
+    assert back == Gain(values, name)
+    assert list(map(str, back.values)) == list(map(str, values))  # 0.0 is not −0.0
+
+
+def test_the_file_says_what_it_is(path: Path) -> None:
+    content = json.loads(path.read_text())
+    assert list(content) == ["format", "schema", "type", "model", "sha256"]
+    assert (content["format"], content["schema"], content["type"]) == ("emsid model", 1, "Gain")
+    assert content["model"] == {"values": [0.1, -2.0], "name": "gain"}
+
+
+def test_another_layout_is_the_same_model(path: Path) -> None:
+    path.write_text(json.dumps(json.loads(path.read_text()), sort_keys=True))
+    assert load(path) == Gain([0.1, -2.0])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"model": {"values": [0.1, -2.0001], "name": "gain"}}, "altered since it was saved (its checksum differs)"),
+        ({"type": "Loss"}, "altered since it was saved"),
+        ({"sha256": ""}, "altered since it was saved"),
+        ({"schema": 2}, "is written in schema 2 and this version of emsid reads 1"),
+        ({"schema": 2, "extra": 1}, "is written in schema 2"),
+        ({"schema": "1"}, "not a model file, or is cut off"),
+        ({"format": "emsid result"}, "this is a 'emsid result' file, not an 'emsid model'"),
+        ({"extra": 1}, "not complete (Object contains unknown field `extra`)"),
+        ({"model": [1]}, "not complete (Expected `object`"),
+    ],
+)
+def test_a_changed_file_is_refused(path: Path, change: dict[str, Any], message: str) -> None:
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    assert message in failure(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [("0.1", "NaN", "not a model file"), ("0.1", "1e999", "not complete"), ('"sha256"', '"sha512"', "not complete")],
+)
+def test_what_json_has_no_spelling_for(path: Path, old: str, new: str, message: str) -> None:
+    path.write_text(path.read_text().replace(old, new, 1))
+    assert message in failure(path)
+
+
+def test_files_that_are_no_model(path: Path) -> None:
+    whole = path.read_bytes()
+    for content in (
+        whole[:-3],
+        whole[:40],
+        b"t,u\n1,2\n",
+        b"[]",
+        b"\xff\xfe",
+        b"[" * 100_000,
+        b'{"format": "emsid model"}',
+    ):
+        path.write_bytes(content)
+        assert "not a model file, or is cut off" in failure(path)
+    path.write_bytes(b"")
+    assert "empty" in failure(path)
+    assert "did you mean model.json" in failure(path.with_name("modle.json"))
+
+
+def test_a_type_or_content_that_is_no_model(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(emsid.models, "MODELS", {"Loss": Gain})
+    assert failure(path) == "unknown type of model 'Gain'; there are Loss"
+    monkeypatch.setattr(Gain, "to_data", lambda _: {"value": 1.0})
+    save(Gain([]), path)  # type: ignore[arg-type]
+    assert failure(path) == "a gain has values and a name"
+
+
+def test_what_cannot_be_saved(path: Path) -> None:
+    before = path.read_bytes()
+    with pytest.raises(ModelError, match=r"model.values\[1\] is nan; only a model with finite numbers can be saved"):
+        save(Gain([1.0, float("nan")]), path)  # type: ignore[arg-type]
+    with pytest.raises(ModelError, match="a Motor cannot be saved; models are Gain"):
+        save(Motor(), path)  # type: ignore[arg-type]
+    assert path.read_bytes() == before
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_any_damage_is_noticed(path: Path, data: st.DataObject) -> None:
+    save(Gain([0.1, -2.0]), path)  # type: ignore[arg-type]
+    content = bytearray(path.read_bytes())
+    content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    path.write_bytes(content)
+    with suppress(FormatError):
+        assert load(path) == Gain([0.1, -2.0])  # a blank for a line end
+
+
+class TestMotor:
+    def test_what_is_left_out_keeps_its_default(self, tmp_path: Path) -> None:
+        path = tmp_path / "motor.toml"
+        path.write_text('[motor]\nresistance = "2.1 ohm"\n[motor.rotor_friction]\ncoulomb = "4 mN*m"\n')
+        motor = read_motor(path)
+        assert motor.resistance == 2.1
+        assert motor.rotor_friction.forward.coulomb == pytest.approx(4e-3)
+        assert motor.load_inertia == Motor().load_inertia
+        path.write_text("[motor]\n")
+        assert asdict(read_motor(path)) == asdict(Motor())
+
+    @pytest.mark.parametrize(
+        ("content", "kind", "message"),
+        [
+            (b"", FormatError, "the file is empty"),
+            (b"resistance = 2\n", FormatError, "there is no table [motor]"),
+            (b"motor = 2\n", FormatError, "there is no table [motor]"),
+            (b"title = 'x'\n[motor]\n", FormatError, "title outside of [motor]"),
+            (b"[motor\n", FormatError, "this is not TOML"),
+            (b"\xff\xfe\x00", FormatError, "this is not TOML"),
+            (b"x = " + b"[" * 100_000, FormatError, "this is not TOML"),
+            (b"[motor]\nresistanse = 2\n", ModelError, "resistanse"),
+            (b"[motor]\nresistance = -2\n", ModelError, "resistance"),
+            (b"[motor]\nresistance = '2 V'\n", ModelError, "resistance"),
+        ],
+    )
+    def test_what_is_no_motor(self, tmp_path: Path, content: bytes, kind: type[Exception], message: str) -> None:
+        path = tmp_path / "motor.toml"
+        path.write_bytes(content)
+        with pytest.raises(kind) as caught:
+            read_motor(path)
+        assert message in str(caught.value)
+        assert str(caught.value).startswith(f"{path}: ")
+        assert "\n" not in str(caught.value)

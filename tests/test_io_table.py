@@ -1,0 +1,168 @@
+"""Text tables: every dialect that gives the same numbers, and every damage that is named with its row."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from emsid.errors import FormatError
+from emsid.io.columns import Columns
+from emsid.io.table import read_table
+
+ROWS = [[0.0, 1.5, -2.25], [0.5, 0.0, 1e-3], [1.0, -7.0, 3.125]]
+
+
+def columns_of(text: str, encoding: str = "utf-8") -> Columns:
+    return read_table(text.encode(encoding))
+
+
+def numbers(columns: Columns) -> list[list[float]]:
+    return [list(row) for row in zip(*(s.to_list() for s in columns.series.values()), strict=True)]
+
+
+DIALECTS = {
+    "comma": "t,u,y\n0,1.5,-2.25\n0.5,0,1e-3\n1,-7,3.125\n",
+    "semicolon": "t;u;y\n0;1.5;-2.25\n0.5;0;1e-3\n1;-7;3.125",
+    "tab": "t\tu\ty\n0\t1.5\t-2.25\n0.5\t0\t1E-3\n1\t-7\t3.125\n",
+    "blanks": "  t   u      y\n  0   1.5   -2.25\n  0.5 0  .001\n  1. -7 +3.125  \n",
+    "comma and blanks": "t, u, y\n0 , 1.5, -2.25\n0.5,  0, 1e-3\n1, -7, 3.125\n",
+    "decimal commas, semicolon": "t;u;y\n0;1,5;-2,25\n0,5;0;1e-3\n1;-7;3,125\n",
+    "decimal commas, tab": "t\tu\ty\n0\t1,5\t-2,25\n0,5\t0\t1,0e-3\n1\t-7\t3,125\n",
+    "decimal commas, blanks": "t u y\n0 1,5 -2,25\n0,5 0 0,001\n1 -7 3,125\n",
+    "quoted numbers with decimal commas": 't,u,y\n"0","1,5","-2,25"\n"0,5","0","0,001"\n"1","-7","3,125"\n',
+    "CRLF": "t,u,y\r\n0,1.5,-2.25\r\n0.5,0,1e-3\r\n1,-7,3.125\r\n",
+    "CR": "t,u,y\r0,1.5,-2.25\r0.5,0,1e-3\r1,-7,3.125",
+    "byte order mark": "\ufefft,u,y\n0,1.5,-2.25\n0.5,0,1e-3\n1,-7,3.125\n",
+    "quoted names": '"t";"u";"y"\n0;1.5;-2.25\n0.5;0;1e-3\n1;-7;3.125\n',
+    "comments": "# logged by me\n% on a Monday\n\nt,u,y\n0,1.5,-2.25\n# pause\n0.5,0,1e-3\n\n1,-7,3.125\n# end\n",
+    "names in a comment": "# a logger\n# t,u,y\n0,1.5,-2.25\n0.5,0,1e-3\n1,-7,3.125\n",
+    "names in a comment, blanks": "% t u y\n0 1.5 -2.25\n0.5 0 1e-3\n1 -7 3.125\n",
+    "preamble": "Pendulum, try 7\nroom 12\nt\tu\ty\n0\t1.5\t-2.25\n0.5\t0\t1e-3\n1\t-7\t3.125\n",
+    "preamble table": "Pendulum\ndt\tOCR2A\tdiv\n10\t156\t1024\nt\tu\ty\n0\t1.5\t-2.25\n0.5\t0\t1e-3\n1\t-7\t3.125\n",
+    "long preamble": "note\n" * 300 + "t,u,y\n0,1.5,-2.25\n0.5,0,1e-3\n1,-7,3.125\n",
+    "row of units": "t,u,y\n(s),[V],rad/s\n0,1.5,-2.25\n0.5,0,1e-3\n1,-7,3.125\n",
+    "separator at the end of the data": "t,u,y\n0,1.5,-2.25,\n0.5,0,1e-3,\n1,-7,3.125,\n",
+    "separator at the end of the header": "t,u,y,\n0,1.5,-2.25\n0.5,0,1e-3\n1,-7,3.125\n",
+}
+
+
+@pytest.mark.parametrize("text", DIALECTS.values(), ids=DIALECTS)
+def test_every_dialect_gives_the_same_columns(text: str) -> None:
+    columns = columns_of(text)
+    assert list(columns.series)[:3] == ["t", "u", "y"]
+    assert [row[:3] for row in numbers(columns)] == ROWS
+
+
+def test_other_encodings() -> None:
+    assert list(columns_of("t;µ·°\n1;2\n", "latin-1").series) == ["t", "µ·°"]
+    assert numbers(columns_of("t\tu\n1\t2\n3\t4\n", "utf-16")) == [[1, 2], [3, 4]]
+
+
+def test_names() -> None:
+    assert list(columns_of("1;2\n3;4\n").series) == ["c1", "c2"]
+    assert list(columns_of('"Speed (rpm), left",u\n1,2\n').series) == ["Speed (rpm), left", "u"]
+    assert list(columns_of('"Speed left" u\n1 2\n3 4\n').series) == ["Speed left", "u"]
+    assert list(columns_of("u,u,,u_2\n1,2,3,4\n").series) == ["u", "u_2", "c3", "u_2_2"]
+    assert list(columns_of("u\n1\n2\n").series) == ["u"]
+    assert list(columns_of("Timestamp(ms),Motor_Speed(RPM)\n1,2\n").series) == ["Timestamp(ms)", "Motor_Speed(RPM)"]
+
+
+def test_units_below_the_names_are_kept() -> None:
+    assert columns_of("Time,A,B\n(ms),(V),\n0,1,2\n1,2,3\n").units == {"Time": "ms", "A": "V"}
+
+
+def test_the_preamble_is_kept_for_hints() -> None:
+    assert columns_of("# by me\nPendulum\n(dt=10)\nu\ty\n1\t2\n3\t4\n").preamble == ("by me", "Pendulum", "(dt=10)")
+
+
+def test_rows_are_counted_as_an_editor_counts_them() -> None:
+    columns = columns_of("# by me\n\nu,y\n1,2\n# pause\n3,4\n")
+    assert [columns.place(k) for k in range(2)] == ["row 4 of the file", "row 6 of the file"]
+
+
+def test_a_column_with_text_or_gaps_does_not_disturb_the_others() -> None:
+    columns = columns_of("t,state,u\n0,IDLE,1\n1,,NaN\n2,RUN 1,\n3,RUN,inf\n")
+    assert columns.series["state"].to_list() == ["IDLE", None, "RUN 1", "RUN"]
+    assert columns.series["t"].dtype == columns.series["u"].dtype == pl.Float64
+    np.testing.assert_array_equal(columns.series["u"].fill_null(-1).to_numpy(), [1, np.nan, -1, np.inf])
+
+
+def test_text_in_a_column_of_decimal_commas_stays_and_the_numbers_are_read() -> None:
+    assert columns_of("t;u\n0;0,5\n1;ERR\n2;1,5\n").series["u"].to_list() == ["0.5", "ERR", "1.5"]
+    assert columns_of("t;u\n0;1,234.5\n1;2.5\n").series["u"].to_list() == ["1,234.5", "2.5"]  # thousands: not guessed
+
+
+def test_data_that_begin_with_missing_values() -> None:
+    columns = columns_of("t,u\nNA,NA\nNA,NA\n1,2\n3,4\n")
+    assert list(columns.series) == ["t", "u"]
+    assert columns.series["t"].to_list() == ["NA", "NA", "1", "3"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"# only\n# comments\n\n", "no table in this file, only comments or blank lines"),
+        (b"Dear reader,\nhow are you?\n", "no numbers in this file"),
+        (b"t,u,y\n0,1,2\n1,2,3\n2,3\n", "row 4 of the file has 2 values where the others have 3; the file is cut off"),
+        (b"t,u\n0,1\n1,2,3\n2,3\n3,4\n", "row 3 of the file has 3 values where the others have 2"),
+        (b"t u\n0 1\n# x\n1\n2 3\n3 4\n", "row 4 of the file has 1 value where"),
+        (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "not a text table; it looks like a PNG image"),
+        (b"PK\x03\x04 spreadsheet", "it looks like a ZIP archive"),
+        (b"MATLAB 5.0 MAT-file, Platform: X", "it looks like a MAT file"),
+        (b"PAR1 text", "it looks like a Parquet file"),
+        (b"t,u\n0,1\n\0\0\0\0\n2,3\n", "not a text table; it looks like binary data"),
+        (b"t,u\n" + b"0,1\n" * 2000 + b"\0\0\n2,3\n", "text with binary data in row 2002"),
+        (b"\xff\xfet\0,\0u", "not a text table"),
+    ],
+)
+def test_what_is_no_table(content: bytes, message: str) -> None:
+    with pytest.raises(FormatError, match=message) as caught:
+        read_table(content)
+    assert "\n" not in str(caught.value)
+
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(
+    st.integers(1, 4).flatmap(lambda k: st.lists(st.lists(finite, min_size=k, max_size=k), min_size=1, max_size=20)),
+    st.sampled_from([",", ";", "\t", " "]),
+    st.booleans(),
+    st.booleans(),
+    st.sampled_from(["\n", "\r\n"]),
+    st.sampled_from(["", "# a comment\n", "Logger, the third\n\n"]),
+)
+def test_numbers_come_back_bit_by_bit(
+    rows: list[list[float]], separator: str, decimal_comma: bool, header: bool, end: str, above: str
+) -> None:
+    decimal_comma = decimal_comma and separator != "," and len(rows[0]) > 1
+    lines = [separator.join(map(repr, row)) for row in rows]
+    if decimal_comma:
+        lines = [line.replace(".", ",") for line in lines]
+    names = [f"name{k}" for k in range(len(rows[0]))]
+    text = above + end.join(([separator.join(names)] if header else []) + lines) + end
+    columns = columns_of(text)
+    if header:
+        assert list(columns.series) == names
+    np.testing.assert_array_equal(numbers(columns), rows)
+
+
+@given(
+    st.lists(st.text(st.characters(exclude_categories=("Cc", "Cs")), min_size=1), min_size=2, max_size=4, unique=True)
+)
+def test_quoted_names_come_back(names: list[str]) -> None:
+    names = [f"x{name.strip()}x" for name in names]
+    text = io.StringIO()
+    csv.writer(text, quoting=csv.QUOTE_ALL).writerows([names, *([[1.5] * len(names)] * 3)])
+    assert list(columns_of(text.getvalue()).series) == names or len(set(names)) < len(names)
+
+
+def test_a_long_table_is_read_fast_enough_to_be_of_use() -> None:
+    columns = read_table(b"t,u\n" + b"0.125,-3.5\n" * 200_000)
+    assert len(columns.series["u"]) == 200_000

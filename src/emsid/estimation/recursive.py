@@ -8,7 +8,7 @@ As printed, rounding makes P lose symmetry and in the end positiveness. The fact
 upper triangular and D diagonal, through the same update (Bierman, *Factorization Methods for Discrete Sequential
 Estimation*, 1977, ch. V; with forgetting, Ljung, *System Identification*, 2nd ed., sec. 11.7): D stays positive by
 construction, at n²·3/2 multiplications a sample. Where nothing excites a direction, forgetting lets D grow without
-bound; it is not let beyond its initial value, which says as much as knowing nothing.
+bound; it is not let far beyond its initial value, which already says as much as knowing nothing.
 
 The state goes in and comes out, so samples one by one, in blocks, or all at once give the same numbers.
 """
@@ -29,6 +29,9 @@ from emsid.estimation.least_squares import LinearStructure, M_co, check_excitati
 from emsid.record import Record, check_same_channels, concatenate
 
 Array = NDArray[np.float64]
+
+# How far beyond its initial value forgetting may take D: so far that ordinary data never feel it.
+WINDUP = 1e4
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +98,11 @@ class RecursiveLeastSquares(Generic[M_co]):
     def __post_init__(self) -> None:
         if not 0 < self.forgetting <= 1:
             raise ModelError(f"forgetting factor {self.forgetting}; it lies above 0 and is at most 1")
-        if not np.all(self._prior > 0):
-            raise ModelError(f"initial covariance {self.initial_covariance}; it must be positive")
+        shape, n = np.shape(self.initial_covariance), len(self.structure.parameter_names)
+        if shape not in ((), (n,)):
+            raise ModelError(f"initial covariance of shape {shape}; give a number or one for each of {n} parameters")
+        if not np.all((self._prior > 0) & np.isfinite(self._prior)):
+            raise ModelError(f"initial covariance {self.initial_covariance}; it must be positive and finite")
 
     @property
     def _prior(self) -> Array:
@@ -120,6 +126,7 @@ class RecursiveLeastSquares(Generic[M_co]):
             record: further samples, one or many; later segments of it start without a past.
             history: a list to which the estimates after every sample, (m, n), are appended.
         """
+        ceiling = WINDUP * self._prior
         for k, piece in enumerate(record.segments):
             if k:
                 state = state.cut()
@@ -131,7 +138,7 @@ class RecursiveLeastSquares(Generic[M_co]):
             for _, start, stop in self.structure.chunks(joined, len(joined)):
                 for block in self.structure.blocks(joined, start, stop):
                     trace = np.empty((block.shape[1] if history is not None else 0, len(estimate)))
-                    update(estimate, factor, diagonal, totals, block, self.forgetting, self._prior, trace)
+                    update(estimate, factor, diagonal, totals, block, self.forgetting, ceiling, trace)
                     if history is not None:
                         history.append(trace)
             if not np.isfinite(estimate).all():

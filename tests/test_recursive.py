@@ -1,0 +1,295 @@
+"""Recursive least squares: the paper's update, the batch solution, and a state that can be cut anywhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from emsid import (
+    DataError,
+    Information,
+    ModelError,
+    Narx,
+    Record,
+    RecursiveLeastSquares,
+    Structure,
+    arx,
+    concatenate,
+    friction_narx,
+    least_squares,
+    recursive_least_squares,
+    wiener_hammerstein_regression,
+)
+from emsid.estimation.recursive import WINDUP, RecursiveState, paper_recursion, update
+
+Array = NDArray[np.float64]
+
+STRUCTURES = {
+    "arx": arx(3, 2),
+    "arx, direct and two inputs": arx(1, 2, nk=0, inputs=2),
+    "wiener-hammerstein": wiener_hammerstein_regression(2, 2, 2, taps=2),
+    "friction": friction_narx(2, 1, knots=(-0.4, 0.4), speeds=(0.3,)),
+    "no memory at all": Structure.parse("u(t)", "u(t)^2", "1"),
+}
+
+
+@pytest.fixture(params=list(STRUCTURES))
+def structure(request: pytest.FixtureRequest) -> Structure:
+    return STRUCTURES[request.param]
+
+
+def measured(structure: Structure, samples: int = 300, seed: int = 0) -> Record:
+    """An input and an output that follows it with noise; no structure fits it exactly."""
+    rng = np.random.default_rng(seed)
+    u = rng.uniform(-1, 1, (samples, structure.inputs))
+    y = np.convolve(u[:, 0], [0.2, 0.6, 0.3, 0.1])[:samples] + 0.1 * rng.standard_normal(samples)
+    return Record(u, y, 0.01)
+
+
+def assert_same(one: RecursiveState, other: RecursiveState) -> None:
+    for field in ("estimate", "factor", "diagonal", "samples", "residual_sum_of_squares"):
+        np.testing.assert_array_equal(getattr(one, field), getattr(other, field), err_msg=field)
+
+
+# --- the update ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("forgetting", [1.0, 0.99, 0.9])
+def test_estimates_and_covariance_are_those_of_the_update_as_printed(structure: Structure, forgetting: float) -> None:
+    record = measured(structure, 120)
+    phi, y = structure.regression(record)
+    n = len(structure)
+    fit = recursive_least_squares(structure, record, forgetting=forgetting, initial_covariance=100.0, history=True)
+    expected = paper_recursion(phi, y, forgetting, 100.0 * np.eye(n))
+    assert fit.history is not None
+    np.testing.assert_allclose(fit.history, expected, rtol=1e-9, atol=1e-10)
+
+
+def test_covariance_is_the_inverse_of_the_weighted_moments_and_the_prior() -> None:
+    structure, forgetting = arx(2, 2), 0.97
+    record = measured(structure, 200)
+    phi, y = structure.regression(record)
+    prior = np.array([1.0, 2.0, 3.0, 4.0])
+    recursion = RecursiveLeastSquares(structure, forgetting, tuple(prior), (0.1, 0.2, 0.3, 0.4))
+    state = recursion.update(recursion.start(), record)
+    weight = forgetting ** np.arange(len(y) - 1, -1, -1)
+    known = np.diag(forgetting ** len(y) / prior)
+    moments = phi.T @ (weight[:, None] * phi) + known
+    np.testing.assert_allclose(state.normalised_covariance, np.linalg.inv(moments), rtol=1e-9)
+    start = np.array([0.1, 0.2, 0.3, 0.4])
+    estimate = np.linalg.solve(moments, phi.T @ (weight * y) + known @ start)
+    np.testing.assert_allclose(state.estimate, estimate, rtol=1e-9)
+    squares = weight @ (y - phi @ estimate) ** 2 + (estimate - start) @ known @ (estimate - start)
+    assert state.residual_sum_of_squares == pytest.approx(squares, rel=1e-10)
+    assert state.samples == pytest.approx(weight.sum(), rel=1e-12)
+
+
+def test_without_forgetting_it_is_batch(structure: Structure) -> None:
+    record = measured(structure)
+    batch = least_squares(structure, record)
+    fit = recursive_least_squares(structure, record, initial_covariance=1e12)
+    np.testing.assert_allclose(fit.estimate, batch.estimate, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(fit.covariance, batch.covariance, rtol=1e-6, atol=1e-10)
+    assert fit.noise_variance == pytest.approx(batch.noise_variance, rel=1e-8)
+    assert fit.samples == batch.samples
+    assert fit.condition == pytest.approx(batch.condition, rel=0.5 * len(structure))  # of P, scaled otherwise
+    assert (fit.method, fit.rank, fit.history) == ("rls", len(structure), None)
+
+
+@pytest.mark.parametrize("forgetting", [0.999, 0.98, 0.9])
+def test_with_forgetting_it_is_the_information_that_forgets(structure: Structure, forgetting: float) -> None:
+    record = measured(structure, 500)
+    information = Information.empty(len(structure))
+    for row, value in zip(*structure.regression(record), strict=True):
+        information = information.forget(forgetting).add(row[None], np.array([value]))
+    batch = information.solve()
+    fit = recursive_least_squares(structure, record, forgetting=forgetting, initial_covariance=1e10)
+    np.testing.assert_allclose(fit.estimate, batch.estimate, rtol=1e-7, atol=1e-8)
+    assert fit.samples == pytest.approx(information.samples, rel=1e-12)
+    assert fit.noise_variance == pytest.approx(batch.noise_variance, rel=1e-7, nan_ok=True)
+
+
+# --- state in, state out ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "sizes", [[1] * 300, [300], [2, 5, 3, 90, 150, 50], [299, 1]], ids=["one", "all", "mix", "end"]
+)
+def test_samples_in_pieces_of_any_size_give_the_same_numbers(structure: Structure, sizes: list[int]) -> None:
+    record = measured(structure)
+    recursion = RecursiveLeastSquares(structure, 0.99, 1e4)
+    history: list[Array] = []
+    state, first = recursion.start(), 0
+    for size in sizes:
+        state = recursion.update(state, record[first : first + size], history)
+        first += size
+    whole_history: list[Array] = []
+    whole = recursion.update(recursion.start(), record, whole_history)
+    assert_same(state, whole)
+    np.testing.assert_array_equal(np.concatenate(history), np.concatenate(whole_history))
+
+
+def test_state_given_is_left_as_it_was(structure: Structure) -> None:
+    record = measured(structure)
+    recursion = RecursiveLeastSquares(structure, 0.98)
+    state = recursion.update(recursion.start(), record[:150])
+    kept = replace(state, **{name: getattr(state, name).copy() for name in ("estimate", "factor", "diagonal")})
+    once = recursion.update(state, record[150:])
+    assert_same(state, kept)
+    assert_same(recursion.update(state, record[150:]), once)
+    assert np.any(once.estimate != state.estimate)
+
+
+def test_history_holds_every_estimate_and_is_kept_only_if_asked(structure: Structure) -> None:
+    record = measured(structure)
+    fit = recursive_least_squares(structure, record, history=True)
+    assert fit.history is not None
+    assert fit.history.shape == (300 - structure.memory, len(structure))
+    np.testing.assert_array_equal(fit.history[-1], fit.estimate)
+    assert recursive_least_squares(structure, record).history is None
+
+
+def test_the_tail_is_what_the_structure_looks_back_and_no_more(structure: Structure) -> None:
+    recursion = RecursiveLeastSquares(structure)
+    state = recursion.update(recursion.start(), measured(structure))
+    assert (0 if state.tail is None else len(state.tail)) == structure.memory
+    assert state.cut().tail is None
+    assert_same(state.cut(), state)
+
+
+def test_no_row_reaches_over_a_gap(structure: Structure) -> None:
+    pieces = [measured(structure, seed=samples)[:samples] for samples in (40, 1, 2, 100)]
+    rows = [structure.regression(piece) for piece in pieces if len(piece) > structure.memory]
+    phi, y = np.vstack([phi for phi, _ in rows]), np.concatenate([y for _, y in rows])
+    expected = paper_recursion(phi, y, 0.99, 1e3 * np.eye(len(structure)))[-1]
+    recursion = RecursiveLeastSquares(structure, 0.99, 1e3)
+    in_segments = recursion.update(recursion.start(), concatenate(pieces))
+    cut = recursion.start()
+    for piece in pieces:
+        cut = recursion.update(cut.cut(), piece)
+    assert_same(in_segments, cut)
+    np.testing.assert_allclose(in_segments.estimate, expected, rtol=1e-8, atol=1e-9)
+    long = [pieces[0], pieces[-1]]
+    experiments = recursive_least_squares(structure, long, forgetting=0.99, initial_covariance=1e3)
+    segments = recursive_least_squares(structure, concatenate(long), forgetting=0.99, initial_covariance=1e3)
+    np.testing.assert_array_equal(experiments.estimate, segments.estimate)
+
+
+def test_later_samples_must_be_of_the_same_channels() -> None:
+    structure = arx(1, 1)
+    recursion = RecursiveLeastSquares(structure)
+    record = measured(structure)
+    state = recursion.update(recursion.start(), record[:100])
+    with pytest.raises(DataError, match="sampled every"):
+        recursion.update(state, replace(record[100:], dt=0.02))
+    with pytest.raises(DataError, match="sampled every"):
+        recursive_least_squares(structure, [record, replace(record, dt=0.02, times=())])
+
+
+# --- what it is for --------------------------------------------------------------------------------------------------
+
+
+def test_a_step_of_the_parameters_is_tracked() -> None:
+    structure, before, after = arx(1, 1), np.array([-0.8, 1.0]), np.array([-0.5, 0.4])
+    rng = np.random.default_rng(4)
+    u = rng.uniform(-1, 1, 2000)
+    first = Narx(structure, before, 0.01).simulate(Record(u, np.zeros(2000), 0.01)).output
+    start = np.concatenate([first[999:1000], np.zeros((1000, 1))])
+    second = Narx(structure, after, 0.01).simulate(Record(u[999:], start, 0.01)).output
+    record = Record(u, np.concatenate([first[:1000], second[1:]]), 0.01)
+    fit = recursive_least_squares(structure, record, forgetting=0.95, history=True)
+    assert fit.history is not None
+    np.testing.assert_allclose(fit.history[998], before, atol=1e-6)
+    # What was before the step has weight λᵏ: it is gone at the rate of the forgetting.
+    for k in (100, 200, 400):
+        assert np.abs(fit.history[998 + k] - after).max() < 20 * 0.95**k + 1e-9
+    constant = recursive_least_squares(structure, record).estimate
+    assert np.abs(constant - after).min() > 0.05  # without forgetting it rests between the two
+
+
+def test_forgetting_without_excitation_neither_explodes_nor_loses_positiveness() -> None:
+    """A million samples of which nine in ten say nothing, at λ = 0.98: unbounded, P would overflow."""
+    rng = np.random.default_rng(5)
+    n, block, ceiling = 4, 10_000, np.full(4, 1e8)
+    theta = np.array([0.5, -0.3, 1.0, 2.0])
+    estimate, factor, diagonal, totals = np.zeros(n), np.eye(n), ceiling.copy(), np.zeros(2)
+    lowest, highest, largest = np.inf, 0.0, 0.0
+    for k in range(100):
+        phi = np.zeros((n, block)) if k % 10 else rng.standard_normal((n, block))
+        if k % 20 == 10:
+            phi[2:] = phi[:2]  # half of what does excite excites two directions only
+        update(estimate, factor, diagonal, totals, np.vstack([phi, theta @ phi]), 0.98, ceiling, np.empty((0, n)))
+        lowest, highest = min(lowest, diagonal.min()), max(highest, diagonal.max())
+        covariance = factor.T @ (diagonal[:, None] * factor)
+        largest = max(largest, float(np.abs(covariance).max()))
+        assert np.linalg.eigvalsh(covariance).min() > 0
+        assert np.isfinite(estimate).all()
+    assert lowest > 0
+    assert highest == 1e8  # reached, and not passed
+    assert largest < 1e9
+    phi = rng.standard_normal((n, 2000))
+    update(estimate, factor, diagonal, totals, np.vstack([phi, theta @ phi]), 0.98, ceiling, np.empty((0, n)))
+    np.testing.assert_allclose(estimate, theta, rtol=1e-12)
+
+
+def test_covariance_of_a_silent_drive_stays_within_bounds_and_the_estimate_where_it_was() -> None:
+    structure = arx(2, 2)
+    record = measured(structure)
+    recursion = RecursiveLeastSquares(structure, 0.95, 10.0)
+    state = recursion.update(recursion.start(), record)
+    silent = recursion.update(state.cut(), Record(np.zeros(5000), np.zeros(5000), 0.01))
+    np.testing.assert_array_equal(silent.diagonal, WINDUP * 10.0)
+    np.testing.assert_array_equal(silent.estimate, state.estimate)
+    assert silent.samples == pytest.approx(1 / (1 - 0.95), rel=1e-12)
+
+
+def test_exact_parameters_come_back_as_a_model(structure: Structure) -> None:
+    theta = np.linspace(0.3, -0.2, len(structure))
+    record = measured(structure, 600)
+    made = replace(record, output=Narx(structure, theta, 0.01).simulate(record).output)
+    fit = recursive_least_squares(structure, made, initial_covariance=1e12)
+    np.testing.assert_allclose(fit.estimate, theta, rtol=1e-7, atol=1e-7)
+    np.testing.assert_array_equal(fit.model.parameters, fit.estimate)
+    assert fit.model.dt == 0.01
+    assert fit.names == structure.parameter_names
+
+
+# --- refusals --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("forgetting", [0.0, -0.5, 1.0001, np.nan])
+def test_forgetting_factors_out_of_range_are_refused(forgetting: float) -> None:
+    with pytest.raises(ModelError, match="forgetting factor"):
+        RecursiveLeastSquares(arx(1, 1), forgetting)
+
+
+@pytest.mark.parametrize("covariance", [0.0, -1.0, np.nan, np.inf, (1.0, 0.0)])
+def test_initial_covariances_that_are_not_positive_are_refused(covariance: float | tuple[float, ...]) -> None:
+    with pytest.raises(ModelError, match="initial covariance"):
+        RecursiveLeastSquares(arx(1, 1), 1.0, covariance)
+
+
+def test_initial_values_of_another_number_are_refused() -> None:
+    with pytest.raises(ModelError, match="initial covariance"):
+        RecursiveLeastSquares(arx(1, 1), 1.0, (1.0, 2.0, 3.0))
+    with pytest.raises(ModelError, match="3 initial values for the 2 parameters"):
+        RecursiveLeastSquares(arx(1, 1), initial_estimate=(1.0, 2.0, 3.0)).start()
+
+
+def test_records_that_do_not_suffice_are_refused() -> None:
+    structure = arx(4, 4)
+    with pytest.raises(ModelError, match="looks back 4"):
+        recursive_least_squares(structure, Record(np.arange(3.0), np.arange(3.0), 0.1))
+    with pytest.raises(DataError, match="throughout"):
+        recursive_least_squares(structure, Record(np.ones(30), np.arange(30.0), 0.1))
+    with pytest.raises(DataError, match="no record"):
+        recursive_least_squares(structure, [])
+
+
+def test_an_overflow_is_reported() -> None:
+    record = Record(1e4 * measured(arx(1, 1)).input, measured(arx(1, 1)).output, 0.01)
+    with pytest.raises(DataError, match="overflow"):
+        recursive_least_squares(Structure.parse("u(t-1)^90", "y(t-1)"), record)

@@ -1,0 +1,74 @@
+"""Reports: what they contain (plain data), how results become that, figures for print, and a page that zooms.
+
+>>> from emsid import report
+>>> contents = report.Report("A motor", ("It turns.",), (report.Section("Data"),))
+>>> report.page(contents).startswith("<!DOCTYPE html>")
+True
+"""
+
+from emsid.report.content import (
+    Axis,
+    Band,
+    Bars,
+    Dash,
+    Fact,
+    Figure,
+    Histogram,
+    Ink,
+    Level,
+    Line,
+    Plot,
+    Points,
+    Report,
+    Section,
+    Stroke,
+    Table,
+    thin,
+)
+from emsid.report.page import page, write_report
+from emsid.report.views import (
+    Reference,
+    convergence,
+    critical_intervals,
+    inputs,
+    measured_and_simulated,
+    nonlinearities,
+    parameter_table,
+    ranking,
+    residuals,
+    responses,
+    results_table,
+)
+
+__all__ = [
+    "Axis",
+    "Band",
+    "Bars",
+    "Dash",
+    "Fact",
+    "Figure",
+    "Histogram",
+    "Ink",
+    "Level",
+    "Line",
+    "Plot",
+    "Points",
+    "Reference",
+    "Report",
+    "Section",
+    "Stroke",
+    "Table",
+    "convergence",
+    "critical_intervals",
+    "inputs",
+    "measured_and_simulated",
+    "nonlinearities",
+    "page",
+    "parameter_table",
+    "ranking",
+    "residuals",
+    "responses",
+    "results_table",
+    "thin",
+    "write_report",
+]

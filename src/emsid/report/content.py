@@ -1,0 +1,383 @@
+"""What a report is made of, as plain data: no plotting library, no HTML, no file.
+
+A `Report` is a list of sections, a section has paragraphs, tables and figures, a `Figure` has plots, and a plot has
+marks on two axes. `emsid.report.views` turns results into these, `emsid.report.figures` draws them, and
+`emsid.report.page` sets them in a page. Arrays are kept whole here; who draws them thins them, by `thin`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+class Ink(Enum):
+    """Colours that can be told apart with any colour vision, on white paper (after Okabe and Ito)."""
+
+    BLUE = "#3d8fd1"
+    RED = "#d1242f"
+    NAVY = "#0b2f6b"
+    GREEN = "#00875a"
+    ORANGE = "#d98300"
+    PURPLE = "#9a4f96"
+    GREY = "#8a8f98"
+    BLACK = "#22262e"
+
+
+class Dash(Enum):
+    """How a line is broken."""
+
+    SOLID = "solid"
+    DASHED = "dashed"
+    DOTTED = "dotted"
+    DASH_DOTTED = "dash-dotted"
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """How a line looks.
+
+    Attributes:
+        ink: its colour.
+        dash: how it is broken.
+        width: in points.
+    """
+
+    ink: Ink = Ink.BLUE
+    dash: Dash = Dash.SOLID
+    width: float = 1.2
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A line through points; NaN leaves a gap.
+
+    Attributes:
+        x, y: (n,) in the units of the axes, x ascending.
+        label: for the legend, empty for none.
+        stroke: how it looks.
+        held: whether a value is held until the next, as a zero-order hold does.
+    """
+
+    x: Array
+    y: Array
+    label: str = ""
+    stroke: Stroke = Stroke()
+    held: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points without a line.
+
+    Attributes:
+        x, y: (n,) in the units of the axes.
+        label: for the legend, empty for none.
+        ink: their colour.
+    """
+
+    x: Array
+    y: Array
+    label: str = ""
+    ink: Ink = Ink.BLUE
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """The area between two lines: an interval at every x.
+
+    Attributes:
+        x, lower, upper: (n,) in the units of the axes.
+        label: for the legend, empty for none.
+        ink: its colour, laid on thinly.
+    """
+
+    x: Array
+    lower: Array
+    upper: Array
+    label: str = ""
+    ink: Ink = Ink.BLUE
+
+
+@dataclass(frozen=True, eq=False)
+class Histogram:
+    """How often values fall between edges.
+
+    Attributes:
+        edges: (n + 1,) ascending, on the x axis.
+        heights: (n,) on the y axis.
+        label: for the legend, empty for none.
+        stroke: of the outline; the area is laid on thinly in its colour.
+        backdrop: drawn behind the other marks, a quarter as high as the plot, on a scale of its own without ticks: to
+            show where data lie and where a curve is only continued.
+    """
+
+    edges: Array
+    heights: Array
+    label: str = ""
+    stroke: Stroke = Stroke(Ink.GREY, width=0.8)
+    backdrop: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Bars:
+    """Horizontal bars, the first at the top, each with a remark at its end; the y axis has `Axis.names`.
+
+    Attributes:
+        values: (n,) on the x axis; no bar is drawn where one is not finite.
+        remarks: (n,) text at the end of every bar.
+        label: for the legend, empty for none.
+        ink: their colour.
+    """
+
+    values: Array
+    remarks: tuple[str, ...]
+    label: str = ""
+    ink: Ink = Ink.BLUE
+
+
+@dataclass(frozen=True)
+class Level:
+    """A straight line across the plot at one value of y.
+
+    Attributes:
+        value: on the y axis.
+        label: for the legend, empty for none.
+        stroke: how it looks.
+    """
+
+    value: float
+    label: str = ""
+    stroke: Stroke = Stroke(Ink.BLACK, Dash.DASHED, 0.8)
+
+
+Mark = Line | Points | Band | Histogram | Bars | Level
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An axis.
+
+    Attributes:
+        quantity: what it shows.
+        unit: in which unit; "1" for a number without one, empty where nobody has said.
+        log: whether it is logarithmic.
+        range: first and last value; from the data where None.
+        names: what stands at 0, 1, 2, … of an axis of names, which has no unit.
+    """
+
+    quantity: str
+    unit: str = ""
+    log: bool = False
+    range: tuple[float, float] | None = None
+    names: tuple[str, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """Quantity and unit.
+
+        >>> Axis("Torque", "N*m").title, Axis("Gain", "1").title, Axis("y1").title
+        ('Torque [N·m]', 'Gain [–]', 'y1 [unit not given]')
+        """
+        return self.quantity if self.names else f"{self.quantity} [{readable_unit(self.unit)}]"
+
+
+@dataclass(frozen=True)
+class Plot:
+    """Marks on two axes.
+
+    Attributes:
+        marks: what is drawn, the first at the bottom.
+        x, y: the axes.
+        title: what sets it apart from the other plots of its figure, may be empty.
+        height: in rows of ordinary height.
+        span: over how many columns of the figure it goes.
+    """
+
+    marks: tuple[Mark, ...]
+    x: Axis
+    y: Axis
+    title: str = ""
+    height: float = 1.0
+    span: int = 1
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Plots that belong together.
+
+    Attributes:
+        name: of its files and its place in the page: small letters, digits and hyphens.
+        caption: what is to be seen, in a sentence or two.
+        plots: row by row.
+        columns: how many stand beside each other where there is room.
+        shared_x: whether all have the same x axis and are zoomed together.
+    """
+
+    name: str
+    caption: str
+    plots: tuple[Plot, ...]
+    columns: int = 1
+    shared_x: bool = False
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", self.name):
+            raise ValueError(f"figure name {self.name!r}; use small letters, digits and hyphens")
+        if not self.plots or any(not plot.marks for plot in self.plots):
+            raise ValueError(f"figure {self.name} has nothing to show; leave it or its empty plot out")
+        if any(plot.span > self.columns for plot in self.plots):
+            raise ValueError(f"figure {self.name} has {self.columns} columns and a wider plot")
+
+    @property
+    def rows(self) -> tuple[tuple[Plot, ...], ...]:
+        """The plots as they stand, row by row."""
+        rows: list[list[Plot]] = [[]]
+        for plot in self.plots:
+            if sum(each.span for each in rows[-1]) + plot.span > self.columns:
+                rows.append([])
+            rows[-1].append(plot)
+        return tuple(tuple(row) for row in rows)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text.
+
+    Attributes:
+        header: a head for every column.
+        rows: as many cells each.
+        caption: what it shows.
+        note: what is to be known to read it, below it.
+        text_columns: how many columns at the left are words; the others are numbers.
+        emphasised: rows that stand out.
+    """
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+    note: str = ""
+    text_columns: int = 1
+    emphasised: frozenset[int] = frozenset()
+
+    def __post_init__(self) -> None:
+        if any(len(row) != len(self.header) for row in self.rows):
+            raise ValueError(f"table {self.caption!r}: every row needs {len(self.header)} cells")
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a report, in this order: paragraphs, equations, tables, figures.
+
+    Attributes:
+        title: its heading.
+        paragraphs: plain text.
+        equations: plain text, set in a fixed width.
+        tables, figures: what it shows.
+    """
+
+    title: str
+    paragraphs: tuple[str, ...] = ()
+    equations: tuple[str, ...] = ()
+    tables: tuple[Table, ...] = ()
+    figures: tuple[Figure, ...] = ()
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A number worth a glance.
+
+    Attributes:
+        value: with its unit.
+        meaning: in a few words.
+    """
+
+    value: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Report:
+    """A report.
+
+    Attributes:
+        title: its heading.
+        summary: paragraphs of plain text that say what was found.
+        sections: its parts.
+        facts: the numbers to be seen first.
+        imprint: a line at the foot: what made it, from what.
+    """
+
+    title: str
+    summary: tuple[str, ...]
+    sections: tuple[Section, ...]
+    facts: tuple[Fact, ...] = ()
+    imprint: str = ""
+
+    def __post_init__(self) -> None:
+        names = [figure.name for figure in self.figures]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice:
+            raise ValueError(f"two figures are called {twice!r}; their files need names of their own")
+
+    @property
+    def figures(self) -> Iterator[Figure]:
+        """All figures of all sections, in order."""
+        return (figure for section in self.sections for figure in section.figures)
+
+
+def readable_unit(unit: str) -> str:
+    """A unit as it is printed: ``N*m`` with a dot, ``kg*m^2`` with a raised 2, a dash for a mere number."""
+    if not unit:
+        return "unit not given"
+    raised = re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_RAISED), unit)
+    return "–" if unit == "1" else raised.replace("*", "·").replace("ohm", "Ω")
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def thin(x: ArrayLike, y: ArrayLike, limit: int) -> tuple[Array, Array]:
+    """At most ``limit`` points of a line that look the same: of every bucket of samples its lowest and its highest.
+
+    The first and the last point, the extremes of the whole and the gaps (NaN) stay; what stays is unchanged and in
+    order. A line that is short enough comes back as it is.
+
+    Args:
+        x, y: (n,) the line.
+        limit: at least 6.
+    """
+    xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    if len(ys) <= limit:
+        return xs, ys
+    gap = np.isnan(ys)
+    kept_per_bucket = 4 if gap.any() else 2
+    size = int(np.ceil(len(ys) / ((limit - 2) // kept_per_bucket)))
+    count = int(np.ceil(len(ys) / size))
+    padding = count * size - len(ys)
+
+    def buckets(values: NDArray[Any], fill: float) -> NDArray[Any]:
+        padded: NDArray[Any] = np.concatenate([values, np.full(padding, fill, dtype=values.dtype)])
+        return padded.reshape(count, size)
+
+    first = size * np.arange(count)
+    chosen = [
+        first + np.argmin(buckets(np.where(gap, np.inf, ys), np.inf), axis=1),
+        first + np.argmax(buckets(np.where(gap, -np.inf, ys), -np.inf), axis=1),
+    ]
+    if gap.any():  # the first and the last gap of a bucket, so that no line is drawn across one
+        in_bucket = buckets(gap, False)
+        some = in_bucket.any(axis=1)
+        chosen += [
+            (first + np.argmax(in_bucket, axis=1))[some],
+            (first + size - 1 - np.argmax(in_bucket[:, ::-1], axis=1))[some],
+        ]
+    kept = np.unique(np.concatenate([[0], *chosen, [len(ys) - 1]]))
+    return xs[kept], ys[kept]

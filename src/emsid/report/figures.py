@@ -1,0 +1,483 @@
+"""Figures drawn: by Matplotlib for print, as Plotly's JSON for the page. The only module that knows a plotting library.
+
+A drawer for each kind of mark and library; everything else about a figure is said once, in `emsid.report.content`.
+Nothing global is touched: settings hold while a figure is drawn, and the same figure gives the same bytes. No text is
+ever read as mathematics or markup, so a column may be called ``$u$`` or ``<b>``.
+"""
+
+from __future__ import annotations
+
+import re
+from base64 import b64encode
+from functools import cache, partial, singledispatch
+from html import escape
+from io import BytesIO
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.report.content import (
+    Axis,
+    Band,
+    Bars,
+    Dash,
+    Figure,
+    Histogram,
+    Level,
+    Line,
+    Mark,
+    Plot,
+    Points,
+    Stroke,
+    thin,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis as MplAxis
+    from matplotlib.figure import Figure as Sheet
+
+Array = NDArray[np.float64]
+Trace = dict[str, Any]
+
+# Points of a line, in print (more than a printer's dots across it) and in the page (it can be zoomed).
+PRINT_POINTS, PAGE_POINTS = 2000, 4000
+
+# A printed figure, in points: its width, the height of an ordinary plot, what the labels below, left and right of one
+# take (without those of the ticks at the left), the size of small letters.
+_WIDTH, _ROW, _FOOT, _LABEL, _RIGHT, _SMALL = 520.0, 120.0, 32.0, 16.0, 12.0, 7.5
+
+_PAGE_ROW = 250  # an ordinary plot of the page, in pixels
+
+_SETTINGS: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",  # comes with Matplotlib, so that figures are the same everywhere
+    "font.size": 8,
+    "axes.titlesize": 8.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8,
+    "axes.edgecolor": "#8a8f98",
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.xmargin": 0.01,
+    "axes.ymargin": 0.06,
+    "axes.labelcolor": "#22262e",
+    "grid.color": "#e4e7eb",
+    "grid.linewidth": 0.6,
+    "xtick.color": "#8a8f98",
+    "ytick.color": "#8a8f98",
+    "xtick.labelcolor": "#22262e",
+    "ytick.labelcolor": "#22262e",
+    "xtick.labelsize": _SMALL,
+    "ytick.labelsize": _SMALL,
+    "legend.fontsize": _SMALL,
+    "legend.frameon": False,
+    "legend.handlelength": 2.2,
+    "legend.columnspacing": 1.4,
+    "legend.borderaxespad": 0.3,
+    "legend.borderpad": 0.0,
+    "legend.labelspacing": 0.25,
+    "lines.solid_capstyle": "butt",
+    "text.color": "#22262e",
+    "text.parse_math": False,
+    "svg.hashsalt": "emsid",
+    "svg.fonttype": "path",
+    "pdf.fonttype": 3,
+}
+
+
+class Drawing(NamedTuple):
+    """A figure for print: scalable, the same bytes for the same figure."""
+
+    svg: bytes
+    pdf: bytes
+
+
+def draw(figure: Figure) -> Drawing:
+    """Draw a figure once and write it as SVG and as PDF."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    about = {"Creator": "emsid", "Title": figure.name}
+    svg, pdf = BytesIO(), BytesIO()
+    with rc_context(_SETTINGS):
+        sheet = _sheet(figure)
+        # The canvases themselves, since Figure.savefig draws everything twice for the sake of automatic layouts.
+        FigureCanvasSVG(sheet).print_svg(svg, metadata=about | {"Date": None})  # type: ignore[no-untyped-call]
+        FigureCanvasPdf(sheet).print_pdf(pdf, metadata=about | {"CreationDate": None})  # type: ignore[no-untyped-call]
+    return Drawing(svg.getvalue(), pdf.getvalue())
+
+
+# --- Matplotlib -----------------------------------------------------------------------------------------------------
+
+_LINE_STYLES: dict[Dash, Any] = {
+    Dash.SOLID: "-",
+    Dash.DASHED: (0, (5, 2.5)),
+    Dash.DOTTED: (0, (1.1, 1.3)),
+    Dash.DASH_DOTTED: (0, (5, 1.6, 1.1, 1.6)),
+}
+
+
+class _Place(NamedTuple):
+    """Where a plot goes on the sheet; lengths in points, from the top."""
+
+    plot: Plot
+    column: int
+    top: float
+    height: float
+    labelled: bool  # whether the x axis has its labels, or leaves them to the plot below
+
+
+def _sheet(figure: Figure) -> Sheet:
+    """The figure with every plot drawn and in its place.
+
+    Places follow from the sizes of the texts, which is several times faster than to have Matplotlib try layouts; all
+    plots of a column begin at the same x.
+    """
+    from matplotlib.figure import Figure as Sheet
+
+    places, height = _places(figure)
+    sheet = Sheet(figsize=(_WIDTH / 72, height / 72), dpi=72)
+    drawn: list[Axes] = []
+    for place in places:
+        bottom, share = 1 - (place.top + place.height) / height, place.height / height
+        axes = sheet.add_axes((0.1, bottom, 0.8, share), sharex=drawn[0] if figure.shared_x and drawn else None)
+        _fill_axes(axes, place, _room(place.plot, figure))
+        drawn.append(axes)
+    left = [
+        max((_tick_room(a) for a, p in zip(drawn, places, strict=True) if p.column == c), default=0.0) + _LABEL
+        for c in range(figure.columns)
+    ]
+    width = (_WIDTH - sum(left)) / figure.columns - _RIGHT
+    for axes, place in zip(drawn, places, strict=True):
+        c, span = place.column, place.plot.span
+        start = sum(left[: c + 1]) + c * (width + _RIGHT)
+        length = span * width + (span - 1) * _RIGHT + sum(left[c + 1 : c + span])
+        bottom = height - place.top - place.height
+        axes.set_position((start / _WIDTH, bottom / height, length / _WIDTH, place.height / height))
+        axes.yaxis.set_label_coords((_LABEL - left[c] - 2) / length, 0.5)
+    return sheet
+
+
+def _places(figure: Figure) -> tuple[list[_Place], float]:
+    """Where the plots go, and the height of the sheet in points."""
+    places, y = [], 2.0
+    for row in figure.rows:
+        labelled = not figure.shared_x or figure.columns > 1 or row[-1] is figure.plots[-1]
+        y += max(_head_height(plot, _room(plot, figure)) for plot in row) + 4.0
+        height, column = _ROW * max(plot.height for plot in row), 0
+        for plot in row:
+            places.append(_Place(plot, column, y, height, labelled))
+            column += plot.span
+        y += height + (_FOOT if labelled else 6.0)
+    return places, y
+
+
+def _room(plot: Plot, figure: Figure) -> float:
+    """About how wide a plot will be, in points: what its legend has to make do with."""
+    return _WIDTH * plot.span / figure.columns - 60.0
+
+
+def _head_height(plot: Plot, room: float) -> float:
+    """What title and legend take above the plot, in points."""
+    texts = [mark.label for mark in plot.marks if mark.label]
+    lines = -(-len(texts) // _legend_columns(texts, room)) if texts else 0
+    return 12.5 * bool(plot.title) + 11.5 * lines
+
+
+def _legend_columns(texts: list[str], room: float) -> int:
+    """As many columns of legend entries as go into ``room`` points."""
+    widths = [_text_width(text) + 34.0 for text in texts]  # with its line and the space to the next
+    fitting = (n for n in range(len(texts), 1, -1) if sum(max(widths[k::n]) for k in range(n)) <= room)
+    return next(fitting, 1)
+
+
+@cache
+def _text_width(text: str) -> float:
+    """Width of a text in small letters, in points."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+
+    width, _, _ = text_to_path.get_text_width_height_descent(text, FontProperties(size=_SMALL), ismath=False)
+    return float(width)
+
+
+def _tick_room(axes: Axes) -> float:
+    """What the labels of the y axis take, in points."""
+    low, high = sorted(axes.get_ylim())
+    formatter = axes.yaxis.get_major_formatter()
+    texts = formatter.format_ticks([tick for tick in axes.get_yticks() if low <= tick <= high])
+    return max((_text_width(text) for text in texts), default=0.0) + 6.0
+
+
+def _fill_axes(axes: Axes, place: _Place, room: float) -> None:
+    from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, NullLocator
+
+    plot = place.plot
+    for mark in plot.marks:
+        _draw(mark, axes)
+    for axis, side, set_scale in ((plot.x, axes.xaxis, axes.set_xscale), (plot.y, axes.yaxis, axes.set_yscale)):
+        if axis.log:
+            set_scale("log")
+            side.set_minor_locator(NullLocator())
+        side.set_major_formatter(FuncFormatter(partial(_tick, side)))
+    if plot.x.range:
+        axes.set_xlim(plot.x.range)
+    if plot.y.range:
+        axes.set_ylim(plot.y.range)
+    if plot.y.names:
+        axes.yaxis.set_major_locator(FixedLocator(range(len(plot.y.names))))
+        axes.yaxis.set_major_formatter(FixedFormatter(plot.y.names))
+        axes.set_ylim(len(plot.y.names) - 0.4, -0.6)
+        axes.tick_params(axis="y", length=0)
+        axes.grid(visible=False, axis="y")
+    else:
+        axes.set_ylabel(plot.y.title)
+    if place.labelled:
+        axes.set_xlabel(plot.x.title)
+    else:
+        axes.tick_params(labelbottom=False)
+    handles, texts = axes.get_legend_handles_labels()
+    if texts:  # above the plot, where it hides nothing, with the title on top
+        legend = axes.legend(
+            handles,
+            texts,
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncols=_legend_columns(texts, room),
+            title=plot.title or None,
+            title_fontproperties={"weight": "bold", "size": 8.5},
+            alignment="left",
+        )
+        legend.set_in_layout(False)
+    elif plot.title:
+        axes.set_title(plot.title)
+
+
+def _tick(side: MplAxis, value: float, _: int | None = None) -> str:
+    """The label of a tick, without digits that only rounding brought about: −0.5, 2e−6, 3e7."""
+    low, high = side.get_view_interval()
+    if side.get_scale() != "log" and abs(value) < 1e-9 * abs(high - low):
+        return "0"
+    return re.sub(r"e([+-])0*", lambda e: "e" + e[1].strip("+"), f"{value:.8g}").replace("-", "−")
+
+
+@singledispatch
+def _draw(mark: Mark, axes: Axes) -> None:
+    raise TypeError(f"no drawing of {type(mark).__name__}")
+
+
+def _style(stroke: Stroke) -> dict[str, Any]:
+    return {"color": stroke.ink.value, "linestyle": _LINE_STYLES[stroke.dash], "linewidth": stroke.width}
+
+
+@_draw.register(Line)
+def _(mark: Line, axes: Axes) -> None:
+    x, y = thin(mark.x, mark.y, PRINT_POINTS)
+    axes.plot(x, y, label=mark.label, drawstyle="steps-post" if mark.held else "default", **_style(mark.stroke))
+
+
+@_draw.register(Points)
+def _(mark: Points, axes: Axes) -> None:
+    axes.plot(mark.x, mark.y, "o", label=mark.label, color=mark.ink.value, markersize=3.5, clip_on=False, zorder=4)
+
+
+@_draw.register(Band)
+def _(mark: Band, axes: Axes) -> None:
+    axes.fill_between(mark.x, mark.lower, mark.upper, label=mark.label, color=mark.ink.value, alpha=0.18, linewidth=0)
+
+
+@_draw.register(Histogram)
+def _(mark: Histogram, axes: Axes) -> None:
+    if mark.backdrop:
+        label, axes = mark.label, axes.twinx()
+        axes.set(ylim=(0, 4 * float(np.max(mark.heights, initial=0)) or 1.0))
+        axes.axis("off")
+        axes.stairs(mark.heights, mark.edges, fill=True, color=mark.stroke.ink.value, alpha=0.25, label=label)
+        return
+    axes.stairs(mark.heights, mark.edges, label=mark.label, baseline=None, **_style(mark.stroke))
+
+
+@_draw.register(Bars)
+def _(mark: Bars, axes: Axes) -> None:
+    known = np.isfinite(mark.values)
+    places = np.flatnonzero(known)
+    bars = axes.barh(places, mark.values[known], height=0.55, color=mark.ink.value, alpha=0.75, label=mark.label)
+    axes.bar_label(bars, [mark.remarks[k] for k in places], padding=4, fontsize=7.5)
+    for k in np.flatnonzero(~known):
+        axes.annotate(
+            mark.remarks[k], (0, k), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points", va="center"
+        )
+
+
+@_draw.register(Level)
+def _(mark: Level, axes: Axes) -> None:
+    axes.axhline(mark.value, label=mark.label, **_style(mark.stroke))
+
+
+# --- Plotly ---------------------------------------------------------------------------------------------------------
+
+_PAGE_DASHES = {Dash.SOLID: "solid", Dash.DASHED: "dash", Dash.DOTTED: "2px,2px", Dash.DASH_DOTTED: "dashdot"}
+
+
+def interactive(plot: Plot) -> Trace:
+    """A plot as Plotly's JSON: ``data`` and ``layout``, in built-in types."""
+    layout = {
+        "height": round(_PAGE_ROW * plot.height) + 60,
+        "margin": {"l": 70, "r": 16, "t": 30, "b": 48},
+        "font": {"family": "inherit", "size": 12, "color": "#22262e"},
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "hovermode": "closest" if plot.y.names else "x",
+        "dragmode": "zoom",
+        "showlegend": any(mark.label for mark in plot.marks),
+        "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"},
+        "xaxis": _page_axis(plot.x),
+        "yaxis": _page_axis(plot.y),
+        "hoverlabel": {"font": {"size": 11}},
+        "shapes": [_shape(mark) for mark in plot.marks if isinstance(mark, Level)],
+    }
+    traces = [trace for mark in plot.marks for trace in _trace(mark)]
+    backdrop = next((m for m in plot.marks if isinstance(m, Histogram) and m.backdrop), None)
+    if backdrop is not None:
+        reach = 4 * float(np.max(backdrop.heights, initial=0)) or 1.0
+        layout["yaxis2"] = {"overlaying": "y", "visible": False, "range": [0, reach], "fixedrange": True}
+    return {"data": traces, "layout": layout}
+
+
+def _page_axis(axis: Axis) -> Trace:
+    settings: Trace = {
+        "title": {"text": escape(axis.title), "standoff": 8},
+        "gridcolor": "#e4e7eb",
+        "linecolor": "#8a8f98",
+        "showline": True,
+        "zeroline": False,
+        "ticks": "outside",
+        "tickcolor": "#8a8f98",
+        "ticklen": 4,
+        "exponentformat": "power",
+    }
+    if axis.log:
+        settings |= {"type": "log", "dtick": 1}
+    if axis.range:
+        settings["range"] = [float(v) for v in (np.log10(axis.range) if axis.log else axis.range)]
+    if axis.names:
+        settings |= {
+            "tickmode": "array",
+            "tickvals": list(range(len(axis.names))),
+            "ticktext": [escape(name) for name in axis.names],
+            "range": [len(axis.names) - 0.4, -0.6],
+            "showgrid": False,
+            "automargin": True,
+            "title": {"text": ""},
+        }
+    return settings
+
+
+def _packed(values: ArrayLike) -> Trace:
+    """An array as Plotly reads it fastest: its bytes, in double precision only where single would show."""
+    array = np.asarray(values, dtype=np.float64)
+    return {"dtype": "f8", "bdata": b64encode(array.astype("<f8").tobytes()).decode("ascii")}
+
+
+def _packed_single(values: ArrayLike) -> Trace:
+    return {"dtype": "f4", "bdata": b64encode(np.asarray(values).astype("<f4").tobytes()).decode("ascii")}
+
+
+def _named(label: str) -> Trace:
+    return {"name": escape(label), "showlegend": True} if label else {"name": "", "showlegend": False}
+
+
+def _page_stroke(stroke: Stroke) -> Trace:
+    return {"color": stroke.ink.value, "width": 1.25 * stroke.width, "dash": _PAGE_DASHES[stroke.dash]}
+
+
+def _faint(colour: str, opacity: float) -> str:
+    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{opacity})"
+
+
+@singledispatch
+def _trace(mark: Mark) -> list[Trace]:
+    raise TypeError(f"no trace of {type(mark).__name__}")
+
+
+@_trace.register(Line)
+def _(mark: Line) -> list[Trace]:
+    x, y = thin(mark.x, mark.y, PAGE_POINTS)
+    line = _page_stroke(mark.stroke) | {"shape": "hv" if mark.held else "linear"}
+    trace = {"type": "scatter", "mode": "lines", "x": _packed(x), "y": _packed_single(y), "line": line}
+    return [trace | _named(mark.label) | {"connectgaps": False, "hovertemplate": "%{y:.5g}"}]
+
+
+@_trace.register(Points)
+def _(mark: Points) -> list[Trace]:
+    marker = {"color": mark.ink.value, "size": 7}
+    trace = {"type": "scatter", "mode": "markers", "x": _packed(mark.x), "y": _packed(mark.y), "marker": marker}
+    return [trace | _named(mark.label) | {"cliponaxis": False, "hovertemplate": "%{x:.5g}, %{y:.5g}"}]
+
+
+@_trace.register(Band)
+def _(mark: Band) -> list[Trace]:
+    x = np.concatenate([mark.x, mark.x[::-1]])
+    y = np.concatenate([mark.upper, mark.lower[::-1]])
+    fill = {"fill": "toself", "fillcolor": _faint(mark.ink.value, 0.18), "line": {"width": 0}, "hoverinfo": "skip"}
+    return [{"type": "scatter", "mode": "lines", "x": _packed(x), "y": _packed(y)} | fill | _named(mark.label)]
+
+
+@_trace.register(Histogram)
+def _(mark: Histogram) -> list[Trace]:
+    trace: Trace = {
+        "type": "scatter",
+        "mode": "lines",
+        "x": _packed(mark.edges),
+        "y": _packed(np.append(mark.heights, mark.heights[-1:])),
+        "line": _page_stroke(mark.stroke) | {"shape": "hv"},
+        "hovertemplate": "%{y:.3g}",
+    }
+    if mark.backdrop:
+        trace |= {"yaxis": "y2", "fill": "tozeroy", "fillcolor": _faint(mark.stroke.ink.value, 0.25)}
+        trace |= {"line": {"width": 0, "shape": "hv"}, "hoverinfo": "skip"}
+        del trace["hovertemplate"]
+    return [trace | _named(mark.label)]
+
+
+@_trace.register(Bars)
+def _(mark: Bars) -> list[Trace]:
+    known = np.isfinite(mark.values)
+    return [
+        {
+            "type": "bar",
+            "orientation": "h",
+            "x": [float(v) if k else None for v, k in zip(mark.values, known, strict=True)],
+            "y": list(range(len(mark.values))),
+            "text": [escape(remark) for remark in mark.remarks],
+            "textposition": "outside",
+            "marker": {"color": mark.ink.value, "opacity": 0.75},
+            "width": 0.55,
+            "hoverinfo": "skip",
+        }
+        | _named(mark.label)
+    ]
+
+
+@_trace.register(Level)
+def _(mark: Level) -> list[Trace]:
+    return []  # a shape, not a trace: see `_shape`
+
+
+def _shape(level: Level) -> Trace:
+    ends = {"xref": "paper", "x0": 0, "x1": 1, "y0": level.value, "y1": level.value}
+    return {"type": "line", "layer": "below"} | ends | {"line": _page_stroke(level.stroke)} | _named(level.label)
+
+
+def plotly_source() -> str:
+    """The library that draws the page's plots, as JavaScript."""
+    from plotly.offline import get_plotlyjs
+
+    return str(get_plotlyjs())

@@ -1,0 +1,655 @@
+"""From results to content: each figure and table of a report as a pure function of what it shows.
+
+What these return is plain data (`emsid.report.content`), to be put into the sections of a report. The numbers of the
+paper's figures and tables that they correspond to stand in their docstrings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import cycle, groupby
+from math import ceil, floor, inf, isfinite, log10, sqrt
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import DataError
+from emsid.report.content import (
+    Axis,
+    Bars,
+    Dash,
+    Figure,
+    Histogram,
+    Ink,
+    Level,
+    Line,
+    Mark,
+    Plot,
+    Points,
+    Stroke,
+    Table,
+    readable_unit,
+)
+
+if TYPE_CHECKING:
+    from emsid.estimation.fit import Fit
+    from emsid.plant import DeadZone, Friction, Motor
+    from emsid.record import Record
+    from emsid.validation.comparison import Assessment, Comparison, Row
+
+Array = NDArray[np.float64]
+
+MEASURED = Stroke(Ink.BLUE, Dash.SOLID, 1.6)
+
+# How models are told apart, in the order in which they are given. The first two are the paper's: the linear model solid
+# red, the nonlinear one dotted blue (dark, on the lighter solid blue of the measurement).
+MODELS = (
+    Stroke(Ink.RED, Dash.SOLID, 1.0),
+    Stroke(Ink.NAVY, Dash.DOTTED, 1.4),
+    Stroke(Ink.ORANGE, Dash.DASH_DOTTED, 1.2),
+    Stroke(Ink.GREEN, Dash.DASHED, 1.2),
+    Stroke(Ink.PURPLE, Dash.SOLID, 1.0),
+    Stroke(Ink.GREY, Dash.DASHED, 1.2),
+)
+
+
+# --- tables ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What others have published, to stand beside results.
+
+    Attributes:
+        source: head of its column.
+        note: what has to be known before comparing: another motor, another unit.
+        mse: the MSE (5.14) they print, by the name of the model and ``identification`` or ``verification``.
+    """
+
+    source: str
+    note: str
+    mse: Mapping[tuple[str, str], float] = field(default_factory=dict)
+
+
+def results_table(
+    rows: Sequence[Row], reference: Reference | None = None, *, unit: str = "", caption: str = ""
+) -> Table:
+    """Errors of models, free run and one step ahead (Tables 1 and 2); the best free run on unseen data stands out.
+
+    Args:
+        rows: in the order in which they are to stand.
+        reference: published figures, to stand in a column of their own.
+        unit: of the output.
+        caption: of the table; by default what the rows have in common.
+    """
+    several = len({row.experiment for row in rows}) > 1
+    printed = readable_unit(unit)
+    words = ("Experiment",) * several + ("Model", "Method", "Data")
+    squared = f"({printed})²" if unit not in ("", "1") else printed
+    numbers = (
+        f"One-step MSE [{squared}]",
+        f"Free-run MSE [{squared}]",
+        f"Free-run RMSE [{printed}]",
+        "Free-run fit [%]",
+        "Parameters",
+    )
+    cells = []
+    for row in rows:
+        named = (row.experiment,) * several + (row.model, row.method.upper(), row.data)
+        cells.append(
+            (
+                *named,
+                _number(row.one_step_mse),
+                _number(row.simulation_mse),
+                _number(row.simulation_rmse),
+                f"{row.fit_percent:.2f}" if isfinite(row.fit_percent) else "–",
+                str(row.parameters),
+                *((_published(reference, row),) if reference else ()),
+            )
+        )
+    notes = [
+        f"The free run of {row.model} ({row.method.upper()}, {row.data}) left all bounds at sample {row.diverged_at}."
+        for row in rows
+        if row.diverged_at is not None
+    ]
+    return Table(
+        (*words, *numbers, *((f"{reference.source}: MSE",) if reference else ())),
+        tuple(cells),
+        caption or "Errors of the models: free run and one step ahead.",
+        " ".join([*((f"{reference.source}: {reference.note}",) if reference else ()), *notes]),
+        text_columns=len(words),
+        emphasised=_best_unseen(rows),
+    )
+
+
+def _published(reference: Reference, row: Row) -> str:
+    value = reference.mse.get((row.model, row.data))
+    return "" if value is None else _number(value)
+
+
+def _best_unseen(rows: Sequence[Row]) -> frozenset[int]:
+    """In every experiment the row with the smallest free-run error on data not used to identify."""
+    unseen = [k for k, row in enumerate(rows) if row.data != "identification" and isfinite(row.simulation_mse)]
+    groups = groupby(sorted(unseen, key=lambda k: rows[k].experiment), key=lambda k: rows[k].experiment)
+    return frozenset(min(group, key=lambda k: rows[k].simulation_mse) for _, group in groups)
+
+
+def parameter_table(
+    fit: Fit[Any],
+    *,
+    level: float = 0.95,
+    columns: Mapping[str, Sequence[str]] | None = None,
+    caption: str = "",
+    note: str = "",
+) -> Table:
+    """Every parameter with its estimate and confidence interval.
+
+    Args:
+        fit: what was found.
+        level: of the interval.
+        columns: further columns to stand between name and estimate, a text for every parameter: its regressor, its
+            unit, what the datasheet says.
+        caption, note: of the table; the note is followed by what the fit itself has to say.
+    """
+    extra = dict(columns or {})
+    rows = []
+    for k, (name, (low, high)) in enumerate(zip(fit.names, fit.interval(level), strict=True)):
+        half = (high - low) / 2
+        value = float(fit.estimate[k])
+        known = isfinite(half)
+        rows.append(
+            (
+                name,
+                *(texts[k] for texts in extra.values()),
+                _estimate(value, half) if known else "–",
+                f"{_estimate(low, half)} … {_estimate(high, half)}" if known else "not told apart by these data",
+                f"{100 * half / abs(value):.2g}" if known and value else "–",
+            )
+        )
+    return Table(
+        ("Parameter", *extra, "Estimate", f"{100 * level:g} % interval", "± [%]"),
+        tuple(rows),
+        caption or f"Parameters of {fit.model.name} ({fit.method.upper()}).",
+        " ".join(filter(None, (note, fit.message))),
+        text_columns=1 + len(extra),
+    )
+
+
+def regressor_column(fit: Fit[Any]) -> dict[str, tuple[str, ...]]:
+    """For `parameter_table`: the regressor that belongs to every parameter, for a model that has them."""
+    structure = getattr(fit.model, "structure", None)
+    return {} if structure is None else {"Regressor": structure.labels}
+
+
+def motor_table(motor: Motor) -> Table:
+    """Every physical parameter of a motor with its symbol, value and unit; what the motor has not is left out."""
+    rows = []
+    for parameter in motor.parameters():
+        value: Any = motor
+        for part in parameter.name.split("."):
+            value = getattr(value, part, None)
+        if value is not None:
+            printed = " / ".join(_number(each) for each in value) if isinstance(value, tuple) else _number(value)
+            rows.append((parameter.description, parameter.symbol, printed, readable_unit(parameter.unit)))
+    return Table(
+        ("Parameter", "Symbol", "Value", "Unit"),
+        tuple(rows),
+        "Parameters of the motor; of a pair the first holds forward, the second backward.",
+        text_columns=2,
+    )
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}" if isfinite(value) else "–"
+
+
+def _estimate(value: float, half_width: float) -> str:
+    """As many digits as the interval leaves a meaning to, one more, and no more than eight."""
+    if not value or not half_width:
+        return f"{value:.8g}"
+    digits = floor(log10(abs(value))) - floor(log10(half_width)) + 2
+    return f"{value:.{min(max(digits, 2), 8)}g}"
+
+
+# --- the plant ------------------------------------------------------------------------------------------------------
+
+
+def nonlinearities(motor: Motor, *, name: str = "nonlinearities") -> Figure:
+    """Dead zones (4.9) and friction torques (4.7) of a motor, as in Figure 4.2; what it has not is left out."""
+    plots = [
+        *(
+            _dead_zone(zone, quantity, unit)
+            for zone, quantity, unit in (
+                (motor.voltage_dead_zone, "voltage", "V"),
+                (motor.torque_dead_zone, "torque", "N*m"),
+            )
+            if zone is not None
+        ),
+        *(
+            _friction(friction, where)
+            for friction, where in ((motor.rotor_friction, "rotor"), (motor.load_friction, "load"))
+            if max(friction.breakaway) > 0
+        ),
+    ]
+    if not plots:
+        raise DataError("the motor has neither friction nor a dead zone; there is no nonlinearity to show")
+    return Figure(
+        name,
+        "Hard nonlinearities of the motor: the dead zone passes nothing between its break points, and friction at rest "
+        "takes any value up to break-away.",
+        tuple(plots),
+        columns=min(len(plots), 2),
+    )
+
+
+def _dead_zone(zone: DeadZone, quantity: str, unit: str) -> Plot:
+    reach = 3 * max(-zone.b_l, zone.b_r) or 1.0
+    x = np.array([-reach, zone.b_l, zone.b_r, reach])
+    return Plot(
+        (
+            Line(x[[0, -1]], x[[0, -1]], "without dead zone", Stroke(Ink.GREY, Dash.DASHED, 0.8)),
+            Line(x, zone(x), "dead zone (4.9)", MEASURED),
+        ),
+        Axis(f"Applied {quantity} v", unit),
+        Axis(f"Effective {quantity} D(v)", unit),
+        f"Dead zone on the {quantity}",
+    )
+
+
+def _friction(friction: Friction, where: str) -> Plot:
+    slowest = min((s.stribeck_rate for s in (friction.forward, friction.backward) if s.stribeck > 0), default=0.0)
+    reach = 5 / slowest if slowest > 0 else 10.0
+    forwards = reach * np.concatenate([[1e-12], np.linspace(0, 1, 200)[1:]])
+    w = np.concatenate([-forwards[::-1], forwards])
+    factor, unit = _prefixed(max(friction.breakaway), "N*m")
+    forward, backward = friction.breakaway
+    return Plot(
+        (
+            Line(w, factor * friction.torque(w), "friction (4.7)", MEASURED),
+            Points(np.zeros(2), factor * np.array([-backward, forward]), "break-away", Ink.RED),
+        ),
+        Axis("Speed ω", "rad/s"),
+        Axis("Friction torque", unit),
+        f"Friction on the {where}",
+    )
+
+
+def _prefixed(size: float, unit: str) -> tuple[float, str]:
+    """A factor and the unit with its prefix that bring a quantity of this size to between 1 and 1000."""
+    for power, prefix in ((0, ""), (-3, "m"), (-6, "µ")):
+        if size >= 10.0**power:
+            return 10.0**-power, f"{prefix}{unit}"
+    return 1e9, f"n{unit}"
+
+
+# --- records --------------------------------------------------------------------------------------------------------
+
+
+def timeline(record: Record) -> tuple[Array, NDArray[np.intp]]:
+    """The time axis of a figure of a record, with a place for a gap between its segments.
+
+    Experiments that each begin at zero are put one after the other.
+
+    Returns:
+        (M,) time in seconds, ascending, and (M,) the index of the sample that stands there, −1 in a gap.
+    """
+    times: list[ArrayLike] = []
+    samples: list[ArrayLike] = []
+    offset, end = 0, -inf
+    for segment in record.segments:
+        t = segment.time
+        if t[0] < end:
+            t = t + (end - t[0])
+        if offset:
+            times.append([(end + t[0]) / 2])
+            samples.append([-1])
+        times.append(t)
+        samples.append(np.arange(offset, offset + len(segment)))
+        offset, end = offset + len(segment), float(t[-1]) + record.dt
+    return np.concatenate(times), np.concatenate(samples).astype(np.intp)
+
+
+def _with_gaps(values: Array, samples: NDArray[np.intp]) -> Array:
+    return np.where(samples < 0, np.nan, values[samples])
+
+
+def _output_axis(record: Record, channel: int = 0) -> Axis:
+    return Axis(_capital(record.output_names[channel]), record.output_units[channel])
+
+
+def _capital(text: str) -> str:
+    """A word with a capital, a symbol such as y1 or mVel as it is."""
+    return text.capitalize() if text.islower() and text.isalpha() and len(text) > 2 else text
+
+
+TIME = Axis("Time", "s")
+
+
+def inputs(records: Sequence[Record], *, name: str = "inputs") -> Figure:
+    """The inputs of several records over time, as in Figures 5.1 and 5.5."""
+    plots = []
+    for record in records:
+        t, samples = timeline(record)
+        for k, channel in enumerate(record.input_names):
+            line = Line(t, _with_gaps(record.input[:, k], samples), stroke=Stroke(Ink.BLUE, width=0.9), held=True)
+            plots.append(
+                Plot((line,), TIME, Axis(_capital(channel), record.input_units[k]), _capital(record.name), height=0.8)
+            )
+    return Figure(name, f"Input of {_listed([record.name for record in records])}.", tuple(plots))
+
+
+def critical_intervals(
+    record: Record, width: float, error: ArrayLike | None = None, *, count: int = 2, channel: int = 0
+) -> tuple[slice, ...]:
+    """Where a linear model has its hardest time: stretches in which the output turns or rests.
+
+    Candidates are stretches around the samples at which the output crosses zero or leaves rest (2 % of its
+    largest value). Those with the largest mean square ``error`` are taken, or, without one, those with most rest.
+
+    Args:
+        record: what is looked at.
+        width: length of an interval in seconds; shorter only where a whole segment is.
+        error: (N,) or (N, 1) a model's error, such as the linear model's free-run residual; NaN counts as none.
+        count: how many intervals at most; they do not overlap.
+        channel: which output.
+
+    Returns:
+        Slices of the record, in the order of time: ``record[critical_intervals(record, 2.0)[0]]``.
+    """
+    y = record.output[:, channel]
+    scale = float(np.max(np.abs(y))) or 1.0
+    badness = 1 / (1 + (y / (0.02 * scale)) ** 2) if error is None else np.asarray(error, float).reshape(len(y)) ** 2
+    total = np.concatenate([[0.0], np.cumsum(np.nan_to_num(badness))])
+    side = np.where(np.abs(y) <= 0.02 * scale, 0, np.sign(y))
+    samples = max(2, round(width / record.dt))
+
+    candidates = []
+    for start, stop in zip((0, *record.breaks), (*record.breaks, len(record)), strict=True):
+        length = min(samples, stop - start)
+        turns = start + 1 + np.flatnonzero(np.diff(side[start:stop]))
+        centres = turns if len(turns) else np.arange(start, stop)
+        first = np.unique(np.clip(centres - length // 2, start, stop - length))
+        mean = (total[first + length] - total[first]) / length
+        candidates += [(float(m), int(a), int(a) + length) for m, a in zip(mean, first, strict=True)]
+    chosen: list[slice] = []
+    for _, a, b in sorted(candidates, key=lambda each: (-each[0], each[1])):
+        if all(b <= other.start or a >= other.stop for other in chosen):
+            chosen.append(slice(a, b))
+            if len(chosen) == count:
+                break
+    return tuple(sorted(chosen, key=lambda rows: rows.start))
+
+
+# --- models ---------------------------------------------------------------------------------------------------------
+
+
+def labels(assessments: Sequence[Assessment]) -> tuple[str, ...]:
+    """What to call them in legends: the model, with the method where one model stands there twice."""
+    models = [each.row.model for each in assessments]
+    return tuple(
+        each.row.model if models.count(each.row.model) == 1 else f"{each.row.model} ({each.row.method.upper()})"
+        for each in assessments
+    )
+
+
+def responses(
+    assessments: Sequence[Assessment], intervals: Sequence[slice], *, name: str = "responses", channel: int = 0
+) -> Figure:
+    """Measured output and free runs of several models on chosen intervals, as in Figures 5.2, 5.3, 5.6 and 5.7.
+
+    Args:
+        assessments: models run over one record, the linear one first: it is drawn in solid red, the next dotted.
+        intervals: as `critical_intervals` gives them.
+        name: of the figure.
+        channel: which output.
+    """
+    record = assessments[0].record
+    axis = _output_axis(record, channel)
+    t, samples = timeline(record)
+    place = np.flatnonzero(samples >= 0)  # where in the timeline a sample stands
+    plots = []
+    for rows in intervals:
+        x = t[place[rows]]
+        marks = [Line(x, values[rows, channel], label, stroke) for values, label, stroke in _measured_and(assessments)]
+        measured = record.output[rows, channel]
+        plots.append(Plot(tuple(marks), TIME, _within_reach(axis, measured, marks), f"{x[0]:.4g} s to {x[-1]:.4g} s"))
+    fits = [f"{label} {_percent(a.row.fit_percent)}" for label, a in zip(labels(assessments), assessments, strict=True)]
+    return Figure(
+        name,
+        f"Free runs on {record.name} around critical intervals. Fit over the whole record: {_listed(fits)}.",
+        tuple(plots),
+    )
+
+
+def _measured_and(assessments: Sequence[Assessment]) -> list[tuple[Array, str, Stroke]]:
+    """What was measured and the free run of every model, with label and stroke."""
+    runs = zip(assessments, labels(assessments), cycle(MODELS), strict=False)
+    return [
+        (assessments[0].record.output, "measured", MEASURED),
+        *((each.simulation.output, label, stroke) for each, label, stroke in runs),
+    ]
+
+
+def _within_reach(axis: Axis, measured: Array, marks: Sequence[Line]) -> Axis:
+    """The axis, limited where a run that has gone astray would press what was measured into a flat line."""
+    low, high = float(np.min(measured)), float(np.max(measured))
+    room = 1.5 * (high - low or 1.0)
+    astray = any(np.nanmax(m.y, initial=low) > high + room or np.nanmin(m.y, initial=high) < low - room for m in marks)
+    return Axis(axis.quantity, axis.unit, range=(low - room, high + room)) if astray else axis
+
+
+def measured_and_simulated(assessment: Assessment, *, name: str = "free-run", channel: int = 0) -> Figure:
+    """A whole record with the free run of one model, and what is left between them below."""
+    record, row = assessment.record, assessment.row
+    axis = _output_axis(record, channel)
+    t, samples = timeline(record)
+    measured = _with_gaps(record.output[:, channel], samples)
+    simulated = _with_gaps(assessment.simulation.output[:, channel], samples)
+    lines = (
+        Line(t, measured, "measured", MEASURED),
+        Line(t, simulated, f"{row.model}, free run", Stroke(Ink.RED, width=0.9)),
+    )
+    residual = Line(t, measured - simulated, stroke=Stroke(Ink.BLACK, width=0.7))
+    return Figure(
+        name,
+        f"{_capital(record.name)}: measured and simulated by {row.model} ({row.method.upper()}), "
+        f"fit {_percent(row.fit_percent)}, RMSE {_number(row.simulation_rmse)} {_plain_unit(axis.unit)}".rstrip()
+        + ".",
+        (
+            Plot(lines, TIME, _within_reach(axis, record.output[:, channel], lines), height=1.2),
+            Plot((residual,), TIME, Axis("Residual", axis.unit), height=0.7),
+        ),
+        shared_x=True,
+    )
+
+
+def residuals(
+    assessments: Sequence[Assessment], *, name: str = "residuals", channel: int = 0, lags: int | None = None
+) -> Figure:
+    """Free-run residuals of several models: over time, as a histogram, and their autocorrelation.
+
+    Of white noise, 99 of 100 autocorrelations lie between the dashed lines, ±2.58/√N. A free run of a good model need
+    not be white, since noise in a measured output is not white after the model either; structure shows what is missing.
+
+    Args:
+        assessments: models run over one record.
+        name: of the figure.
+        channel: which output.
+        lags: largest lag of the autocorrelation in samples; by default a second, but 20 to 400 samples.
+    """
+    record = assessments[0].record
+    unit = record.output_units[channel]
+    t, samples = timeline(record)
+    most = int(np.clip(round(1 / record.dt), 20, 400)) if lags is None else lags
+    over_time: list[Mark] = []
+    shares: list[Mark] = []
+    correlations: list[Mark] = []
+    counted = [each.simulation.counted for each in assessments]
+    errors = [
+        np.where(c, (record.output - each.simulation.output)[:, channel], np.nan)
+        for each, c in zip(assessments, counted, strict=True)
+    ]
+    edges = _histogram_edges(errors)
+    for label, stroke, error in zip(labels(assessments), cycle(MODELS), errors, strict=False):
+        thinner = Stroke(stroke.ink, Dash.SOLID, 0.8)
+        over_time.append(Line(t, _with_gaps(error, samples), label, thinner))
+        known = error[np.isfinite(error)]
+        if not len(known):
+            continue
+        share = 100 * np.histogram(np.clip(known, edges[0], edges[-1]), edges)[0] / len(known)
+        shares.append(Histogram(edges, share, stroke=thinner))
+        correlation = _autocorrelation(error, record.breaks, most)
+        lag = record.dt * np.arange(len(correlation), dtype=np.float64)
+        correlations.append(Line(lag, correlation, stroke=Stroke(stroke.ink, stroke.dash)))
+    band = 2.5758 / sqrt(max(int(np.count_nonzero(counted[0])), 1))
+    correlations += [Level(band, "99 % of white noise"), Level(-band)]
+    plots = [Plot(tuple(over_time), TIME, Axis("Residual", unit), span=2)]
+    if shares:
+        plots += [
+            Plot(tuple(shares), Axis("Residual", unit), Axis("Share of samples", "%", log=True), "Distribution"),
+            Plot(tuple(correlations), Axis("Lag", "s"), Axis("Autocorrelation", "1"), "Autocorrelation"),
+        ]
+    return Figure(name, f"Residuals of the free run on {record.name}.", tuple(plots), columns=2)
+
+
+def _histogram_edges(errors: Sequence[Array], bins: int = 61) -> Array:
+    """Common edges, symmetric about zero, that hold all but the most extreme of all residuals."""
+    known = np.abs(np.concatenate(errors))
+    known = known[np.isfinite(known)]
+    reach = float(np.quantile(known, 0.999)) if len(known) else 1.0
+    return np.linspace(-reach or -1.0, reach or 1.0, bins + 1)
+
+
+def _autocorrelation(error: Array, breaks: Sequence[int], lags: int) -> Array:
+    """(≤ lags + 1,) autocorrelation about zero mean, of pairs that lie in one segment and are both known."""
+    mean = float(np.nanmean(error))
+    products, longest = np.zeros(lags + 1), 0
+    for piece in np.split(error, list(breaks)):
+        centred = np.nan_to_num(piece - mean)
+        most = min(lags, len(centred) - 1)
+        size = 1 << ceil(log10(2 * len(centred)) / log10(2))
+        power = np.abs(np.fft.rfft(centred, size)) ** 2
+        products[: most + 1] += np.fft.irfft(power, size)[: most + 1]
+        longest = max(longest, most)
+    return products[: longest + 1] / (products[0] or 1.0)
+
+
+def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "convergence", at_most: int = 8) -> Figure:
+    """Recursive estimates from the first sample to the last, and the batch estimates they should end at, dashed.
+
+    Parameters whose names begin alike share a plot, which shows the range of their later values.
+
+    Args:
+        fit: with its ``history``.
+        batch: the same structure by batch least squares.
+        name: of the figure.
+        at_most: how many parameters a plot shows; further ones of the same group are left out and counted.
+    """
+    if fit.history is None or not len(fit.history):
+        raise DataError(f"{fit.model.name}: the estimates on the way were not kept; ask for the history when fitting")
+    steps = len(fit.history)
+    shown = np.unique(np.geomspace(1, steps, min(steps, 1500)).round().astype(int)) - 1
+    groups: dict[str, list[int]] = {}
+    for k, parameter in enumerate(fit.names):
+        groups.setdefault(parameter.rstrip("0123456789_"), []).append(k)
+    plots = []
+    for members in groups.values():
+        drawn = members[:at_most]
+        marks: list[Mark] = []
+        for k, ink in zip(drawn, cycle(_INKS), strict=False):
+            marks.append(Line(shown + 1.0, fit.history[shown, k], fit.names[k], Stroke(ink)))
+            if batch is not None:
+                marks.append(Level(float(batch.estimate[k]), stroke=Stroke(ink, Dash.DASHED, 0.8)))
+        left_out = f" (and {len(members) - len(drawn)} more)" if len(members) > len(drawn) else ""
+        first, last = fit.names[members[0]], fit.names[members[-1]]
+        plots.append(
+            Plot(
+                tuple(marks),
+                Axis("Sample", "1", log=True),
+                Axis("Estimate", "SI", range=_settled_range(fit.history[:, drawn], batch, drawn)),
+                first if len(members) == 1 else f"{first} … {last}{left_out}",
+            )
+        )
+    dashed = "; dashed: batch least squares" if batch is not None else ""
+    return Figure(
+        name,
+        f"Recursive estimates of {fit.model.name} over the samples seen{dashed}. Each is in the unit of the output by "
+        "that of its regressor.",
+        tuple(plots),
+        columns=min(len(plots), 2),
+        shared_x=True,
+    )
+
+
+_INKS = (Ink.BLUE, Ink.RED, Ink.GREEN, Ink.ORANGE, Ink.PURPLE, Ink.NAVY, Ink.GREY, Ink.BLACK)
+
+
+def _settled_range(history: Array, batch: Fit[Any] | None, members: Sequence[int]) -> tuple[float, float]:
+    """The range of the last nine tenths of the estimates, outliers aside, with the batch values and some room."""
+    late = history[len(history) // 10 :]
+    values = np.concatenate([np.quantile(late, (0.005, 0.995), axis=0).ravel(), history[-1]])
+    if batch is not None:
+        values = np.concatenate([values, batch.estimate[list(members)]])
+    low, high = float(values.min()), float(values.max())
+    room = 0.25 * (high - low) or 0.1 * abs(high) or 1.0
+    return low - room, high + room
+
+
+def ranking(comparison: Comparison, *, name: str = "ranking") -> Figure:
+    """Models by their free-run error, the best at the top, with the error one step ahead as a point.
+
+    The axis is logarithmic where the errors differ by more than a factor of twenty.
+    """
+    rows = comparison.rows
+    record = comparison.best.record
+    values = np.array([row.simulation_rmse for row in rows])
+    one_step = np.sqrt([row.one_step_mse for row in rows])
+    drawable = np.concatenate([values, one_step])
+    drawable = drawable[np.isfinite(drawable) & (drawable > 0)]
+    log = len(drawable) > 0 and bool(drawable.max() > 20 * drawable.min())
+    remarks = tuple(
+        f"{_number(row.simulation_rmse)}  (fit {_percent(row.fit_percent)})"
+        if row.diverged_at is None
+        else f"diverged at sample {row.diverged_at}"
+        for row in rows
+    )
+    plot = Plot(
+        (
+            Bars(values, remarks, "free run", Ink.BLUE),
+            Points(one_step, np.arange(len(rows), dtype=float), "one step ahead", Ink.RED),
+        ),
+        Axis("RMSE", record.output_units[0], log=log, range=_bar_range(drawable, log)),
+        Axis("Model", names=labels(comparison.assessments)),
+        height=0.45 + 0.17 * len(rows),
+    )
+    return Figure(
+        name,
+        f"Errors on {record.name}, {rows[0].data} data. Models are ranked by the free run; one step ahead almost any "
+        "model looks good.",
+        (plot,),
+    )
+
+
+def _bar_range(values: Array, log: bool) -> tuple[float, float]:
+    """From the root of the bars to their ends, with room for the remarks."""
+    if not len(values):
+        return 0.0, 1.0
+    low, high = float(values.min()), float(values.max())
+    if not log:
+        return 0.0, 1.35 * high
+    root = 10.0 ** floor(log10(low) - 0.05)
+    return root, high * (high / root) ** 0.4
+
+
+def _percent(fit: float) -> str:
+    return f"{fit:.1f} %" if isfinite(fit) else "none (diverged)"
+
+
+def _plain_unit(unit: str) -> str:
+    return "" if unit in ("", "1") else readable_unit(unit)
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -63,6 +63,11 @@ class StaticMap(ABC):
     def anchors(self) -> tuple[int, ...]:
         """Parameters that fix its scale, and its level where it owns one."""
 
+    @property
+    @abstractmethod
+    def steepness(self) -> float:
+        """The slope that stands for the whole map, the one that the normalisation λ₁ = 1 sets to one."""
+
     @abstractmethod
     def with_parameters(self, theta: Array) -> Self:
         """The same map with other parameters."""
@@ -198,6 +203,11 @@ class Polynomial(StaticMap):
         """The constant and the largest of the others."""
         return 0, 1 + int(np.argmax(np.abs(self.coefficients[1:])))
 
+    @property
+    def steepness(self) -> float:
+        """λ₁, the slope at zero."""
+        return float(self.slope(np.zeros(1))[0])
+
     def with_parameters(self, theta: Array) -> Polynomial:
         """With other coefficients."""
         return replace(self, coefficients=theta)
@@ -287,6 +297,11 @@ class DeadZone(StaticMap):
         """m_r."""
         return (3,)
 
+    @property
+    def steepness(self) -> float:
+        """m_r."""
+        return self.m_r
+
     def with_parameters(self, theta: Array) -> DeadZone:
         """With other edges and slopes."""
         return DeadZone(*(float(value) for value in theta))
@@ -344,8 +359,8 @@ class Saturation(StaticMap):
     """f(x) = min(max(m·x, low), high).
 
     Args:
-        slope: m, between the limits.
-        low, high: limits of the output, low ≤ 0 ≤ high is not required.
+        slope_between: m, between the limits.
+        low, high: limits of the output; they need not enclose zero, so that with an output offset they take up shifts.
     """
 
     slope_between: float
@@ -353,7 +368,6 @@ class Saturation(StaticMap):
     high: float
 
     kind: ClassVar[str] = "saturation"
-    absorbs_shift: ClassVar[bool] = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -369,6 +383,11 @@ class Saturation(StaticMap):
     def anchors(self) -> tuple[int, ...]:
         """m."""
         return (0,)
+
+    @property
+    def steepness(self) -> float:
+        """m."""
+        return self.slope_between
 
     def with_parameters(self, theta: Array) -> Saturation:
         """With other slope and limits."""
@@ -459,6 +478,11 @@ class CoulombLinear(StaticMap):
         """m."""
         return (1,)
 
+    @property
+    def steepness(self) -> float:
+        """m."""
+        return self.linear
+
     def with_parameters(self, theta: Array) -> CoulombLinear:
         """With other c and m."""
         return replace(self, coulomb=float(theta[0]), linear=float(theta[1]))
@@ -547,6 +571,11 @@ class PiecewiseLinear(StaticMap):
     def anchors(self) -> tuple[int, ...]:
         """The smallest and the largest value."""
         return _extremes(self.values)
+
+    @property
+    def steepness(self) -> float:
+        """The mean slope between the outer knots."""
+        return _mean_slope(self.knots, self.values)
 
     def with_parameters(self, theta: Array) -> PiecewiseLinear:
         """With other values."""
@@ -655,6 +684,11 @@ class CubicSpline(StaticMap):
             right[k, k - 1 : k + 2] = 1 / h[k - 1], -1 / h[k - 1] - 1 / h[k], 1 / h[k]
         return np.asarray(np.linalg.solve(left, right), dtype=float)
 
+    @property
+    def steepness(self) -> float:
+        """The mean slope between the outer knots."""
+        return _mean_slope(self.knots, self.values)
+
     def with_parameters(self, theta: Array) -> CubicSpline:
         """With other values; what depends on the knots alone is kept."""
         new = replace(self, values=theta)
@@ -734,6 +768,11 @@ class Abs(StaticMap):
     def anchors(self) -> tuple[int, ...]:
         """None."""
         return ()
+
+    @property
+    def steepness(self) -> float:
+        """One."""
+        return 1.0
 
     def with_parameters(self, theta: Array) -> Abs:
         """Itself."""
@@ -835,6 +874,11 @@ class UserMap(StaticMap):
         """None."""
         return ()
 
+    @property
+    def steepness(self) -> float:
+        """One: no factor is moved through it."""
+        return 1.0
+
     def with_parameters(self, theta: Array) -> UserMap:
         """With other parameters."""
         return replace(self, parameters_now=theta)
@@ -895,6 +939,10 @@ def _check_points(points: PiecewiseLinear | CubicSpline) -> None:
         )
     if np.any(np.diff(points.knots) <= 0):
         raise ModelError(f"{points.kind}: the knots must ascend")
+
+
+def _mean_slope(knots: Array, values: Array) -> float:
+    return float((values[-1] - values[0]) / (knots[-1] - knots[0]))
 
 
 def _extremes(values: Array) -> tuple[int, ...]:

@@ -1,0 +1,304 @@
+"""Cascades: derivatives, normalisations, recovery of known blocks, endings, bad input."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.fit import Ending
+from emsid.estimation.gauss_newton import Infeasible, Iteration
+from emsid.estimation.losses import Huber
+from emsid.models.cascade import (
+    Cascade,
+    FreeRun,
+    fit_cascade,
+    fixed_gains,
+    freedom,
+    normalised,
+    static_band,
+    unit_gain,
+    unit_slope,
+)
+from emsid.models.filters import Rational, fir
+from emsid.models.model import Model
+from emsid.models.static_maps import (
+    Abs,
+    CoulombLinear,
+    CubicSpline,
+    DeadZone,
+    PiecewiseLinear,
+    Polynomial,
+    Saturation,
+    UserMap,
+)
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+FAST = Rational([0.3, 0.15], [-0.75, 0.2])
+SLOW = Rational([0.1, 0.05], [-1.3, 0.45])
+KNOTS = np.linspace(-3, 3, 7)
+CASCADES = {
+    "linear": Cascade((SLOW,), output_offset=0.3),
+    "hammerstein": Cascade((DeadZone(-0.5, 0.4, 0.8, 1.2), SLOW), output_offset=0.2, delay=2),
+    "wiener": Cascade((SLOW, CubicSpline(KNOTS, np.tanh(KNOTS)))),
+    "wiener-hammerstein": Cascade((FAST, Polynomial(np.array([0.1, 1.0, 0.2, -0.1]), -3, 3), SLOW)),
+    "wiener-hammerstein-spline": Cascade((FAST, CubicSpline(KNOTS, np.tanh(KNOTS)), SLOW)),
+    "with a sign lost": Cascade((FAST, Abs(), SLOW), input_offset=0.1, output_offset=-0.3),
+    "hammerstein-wiener": Cascade(
+        (PiecewiseLinear(KNOTS, KNOTS + 0.1 * KNOTS**2), SLOW, Saturation(1.0, -0.6, 0.5)), output_offset=0.1
+    ),
+    "with friction": Cascade((FAST, CoulombLinear(0.3, 1.0, width=0.2), SLOW), input_offset=0.2),
+    "of five blocks": Cascade((FAST, DeadZone(-0.3, 0.3), SLOW, Saturation(1.0, -1.0, 1.0), fir([0.5, 0.5], delay=1))),
+    "user's": Cascade((FAST, UserMap(lambda x, p: x**3, lambda x, p: 3 * x**2), SLOW)),
+}
+
+
+def excitation(samples: int, seed: int = 0, size: float = 1.5) -> Array:
+    return size * np.random.default_rng(seed).standard_normal(samples)
+
+
+def record_of(model: Cascade, samples: int, noise: float = 0.0, seed: int = 0, size: float = 1.5) -> Record:
+    u = excitation(samples, seed, size)
+    y = model.output(u, model.resting(float(u[0])))
+    spread = noise * float(np.std(y))
+    return Record(u, y + spread * np.random.default_rng(seed + 1000).standard_normal(samples), 1e-3)
+
+
+@pytest.mark.parametrize("name", CASCADES)
+def test_derivatives_agree_with_finite_differences(name: str) -> None:
+    model, u = CASCADES[name], excitation(150)
+    states = np.random.default_rng(1).standard_normal(model.states)
+    theta = model.parameters
+    exact = model.gradient(model.signals(u, states))
+    step = 1e-6
+    for k in range(len(theta)):
+        move = step * (np.arange(len(theta)) == k)
+        difference = (
+            model.with_parameters(theta + move).output(u, states)
+            - model.with_parameters(theta - move).output(u, states)
+        ) / (2 * step)
+        np.testing.assert_allclose(exact[k], difference, rtol=1e-6, atol=1e-6, err_msg=model.names[k])
+    for k in range(model.states):
+        move = step * (np.arange(model.states) == k)
+        difference = (model.output(u, states + move) - model.output(u, states - move)) / (2 * step)
+        np.testing.assert_allclose(exact[len(theta) + k], difference, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", CASCADES)
+def test_the_free_coordinates_are_differentiated_exactly(name: str) -> None:
+    cascade = unit_gain(CASCADES[name])
+    u = excitation(120)
+    problem = FreeRun(cascade, freedom(cascade), ((u, np.zeros(120)), (u[::-1].copy(), np.zeros(120))), 5)
+    theta = problem.start
+    blocks = problem.linearised(theta)
+    assert [len(r) for r, _ in blocks] == [115, 115]
+    for k in range(len(theta)):
+        move = 1e-6 * (np.arange(len(theta)) == k)
+        above, below = problem.residuals(theta + move), problem.residuals(theta - move)
+        for (_, jacobian), a, b in zip(blocks, above, below, strict=True):
+            np.testing.assert_allclose(jacobian[:, k], (a - b) / 2e-6, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", CASCADES)
+def test_what_is_left_free_can_be_told_apart(name: str) -> None:
+    cascade = unit_gain(CASCADES[name])
+    u = excitation(600)
+    rows = cascade.gradient(cascade.signals(u, cascade.resting(u[0])))
+    coordinates = freedom(cascade)
+    coordinates.tie(rows)
+    left = rows[coordinates.free]
+    left = left / np.linalg.norm(left, axis=1)[:, None]
+    singular = np.linalg.svd(left, compute_uv=False)
+    assert singular[-1] > 1e-5 * singular[0]
+
+
+@pytest.mark.parametrize("normalisation", [unit_gain, unit_slope])
+@pytest.mark.parametrize("name", CASCADES)
+def test_normalisation_changes_nothing_outside(name: str, normalisation: Callable[[Cascade], Cascade]) -> None:
+    model, u = CASCADES[name], excitation(100)
+    moved = normalisation(model)
+    rest, moved_rest = model.resting(float(u[0])), moved.resting(float(u[0]))
+    np.testing.assert_allclose(moved.output(u, moved_rest), model.output(u, rest), rtol=1e-9, atol=1e-11)
+
+
+def test_normalisations_do_what_they_say() -> None:
+    model = CASCADES["wiener-hammerstein"]
+    gained = unit_gain(model)
+    assert fixed_gains(model) == (0, 2)
+    assert [gained.blocks[k].gain for k in (0, 2)] == pytest.approx([1, 1])  # type: ignore[attr-defined]
+    sloped = unit_slope(model)
+    assert sloped.blocks[1].steepness == pytest.approx(1)  # type: ignore[attr-defined]
+    assert fixed_gains(CASCADES["with a sign lost"]) == (0,)
+    assert fixed_gains(CASCADES["user's"]) == ()
+    assert fixed_gains(CASCADES["linear"]) == ()
+    with pytest.raises(ModelError, match="no filter"):
+        unit_slope(Cascade((DeadZone(-1, 1),)))
+    with pytest.raises(ModelError, match="slope of zero"):
+        unit_slope(Cascade((fir([1.0]), Polynomial(np.array([0.0, 0.0, 1.0])), SLOW)))
+
+
+@pytest.mark.parametrize("name", [n for n in CASCADES if n != "user's"])
+def test_known_blocks_come_back_from_a_start_nearby(name: str) -> None:
+    truth = unit_gain(CASCADES[name])
+    record = record_of(truth, 1500)
+    coordinates = freedom(truth)
+    off = truth.parameters[coordinates.free] * (
+        1 + 0.03 * np.random.default_rng(3).uniform(-1, 1, len(coordinates.free))
+    )
+    fit = fit_cascade(truth.with_parameters(coordinates.parameters(off)), record, tolerance=1e-6, max_iterations=100)
+    assert fit.ending is Ending.CONVERGED, fit.message
+    np.testing.assert_allclose(fit.model.parameters, truth.parameters, rtol=1e-5, atol=1e-6)
+
+
+def test_several_segments_with_unknown_starts() -> None:
+    truth = unit_gain(CASCADES["wiener-hammerstein"])
+    whole = record_of(truth, 3000)
+    gone = np.zeros(3000, dtype=bool)
+    gone[700:760] = gone[1500:1510] = True
+    fit = fit_cascade(truth, [whole.mask(gone)], tolerance=1e-6)
+    np.testing.assert_allclose(fit.model.parameters, truth.parameters, rtol=1e-6, atol=1e-8)
+    assert fit.samples == 2930
+    skipping = fit_cascade(truth, whole.mask(gone), skip=120, tolerance=1e-6)
+    assert skipping.samples == 2930 - 3 * 120
+    np.testing.assert_allclose(skipping.model.parameters, truth.parameters, rtol=1e-4, atol=1e-6)
+
+
+def test_hold_keeps_a_parameter_and_a_robust_loss_forgives_outliers() -> None:
+    truth = unit_gain(CASCADES["hammerstein"])
+    clean = record_of(truth, 2000, noise=0.01)
+    fit = fit_cascade(truth, clean, hold=["f.b_r"])
+    assert "f.b_r" not in fit.names
+    assert fit.model.blocks[0].b_r == truth.blocks[0].b_r  # type: ignore[attr-defined]
+    spoiled = clean.output.copy()
+    spoiled[::50] += 20.0
+    robust = fit_cascade(truth, replace(clean, output=spoiled), loss=Huber(0.01))
+    np.testing.assert_allclose(robust.model.parameters, truth.parameters, rtol=0.05, atol=0.01)
+    with pytest.raises(ModelError, match=r"no parameter 'f\.x'"):
+        fit_cascade(truth, clean, hold=["f.x"])
+
+
+def test_dead_zone_edges_come_back_with_honest_intervals() -> None:
+    truth = unit_gain(Cascade((fir([1.0]), DeadZone(-0.5, 0.4, 1.0, 1.0), SLOW)))
+    record = record_of(truth, 4000, noise=0.01)
+    start = replace(truth, blocks=(truth.blocks[0], DeadZone(-0.3, 0.2, 1.3, 0.9), truth.blocks[2]))
+    fit = fit_cascade(start, record)
+    interval = dict(zip(fit.names, fit.interval(0.999), strict=True))
+    for name, value in (("f.b_l", -0.5), ("f.b_r", 0.4)):
+        assert fit.estimate[fit.names.index(name)] == pytest.approx(value, rel=0.02)
+        assert interval[name][0] < value < interval[name][1]
+
+
+def test_covariance_follows_the_normalisation() -> None:
+    truth = unit_gain(CASCADES["wiener-hammerstein"])
+    fit = fit_cascade(truth, record_of(truth, 2000, noise=0.02))
+    there = normalised(fit, unit_slope)
+    assert there.model.blocks[1].steepness == pytest.approx(1)  # type: ignore[attr-defined]
+    back = normalised(there, unit_gain)
+    np.testing.assert_allclose(back.estimate, fit.estimate, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(back.standard_error, fit.standard_error, rtol=1e-4)
+
+
+def test_band_of_the_static_map() -> None:
+    truth = unit_gain(CASCADES["wiener-hammerstein-spline"])
+    fit = fit_cascade(truth, record_of(truth, 3000, noise=0.02))
+    x = np.linspace(-1.5, 1.5, 30)
+    band = static_band(fit, 1, x)
+    assert np.all(band[:, 1] > 0)
+    assert np.mean(np.abs(band[:, 0] - truth.blocks[1].value(x)) < 3 * band[:, 1]) > 0.9  # type: ignore[attr-defined]
+    with pytest.raises(ModelError, match="is a filter"):
+        static_band(fit, 0, x)
+
+
+def test_a_cascade_is_a_model() -> None:
+    model = CASCADES["wiener-hammerstein"]
+    assert isinstance(model, Model)
+    record = record_of(model, 500)
+    run = model.simulate(record[100:])
+    assert run.diverged_at is None
+    assert run.counted.sum() == 400 - model.memory
+    error = (run.output - record[100:].output)[run.counted]
+    assert np.sqrt(np.mean(error**2)) < 0.02 * np.std(record.output)
+    assert model.simulate(record, 200).counted.sum() == 300
+    np.testing.assert_array_equal(model.predict(record).output, model.simulate(record).output)
+
+
+@pytest.mark.parametrize("name", [n for n in CASCADES if n != "user's"])
+def test_a_cascade_survives_its_file(name: str) -> None:
+    model, u = CASCADES[name], excitation(50)
+    back = Cascade.from_data(model.to_data())
+    np.testing.assert_array_equal(back.output(u, np.zeros(back.states)), model.output(u, np.zeros(model.states)))
+    assert back.equation() == model.equation()
+    assert back.names == model.names
+
+
+def test_equation_of_a_cascade() -> None:
+    model = Cascade((fir([2.0]), DeadZone(-0.5, 0.5), Rational([0.1], [-0.9])), output_offset=0.25, delay=1)
+    assert model.equation().splitlines() == [
+        "v(t) = u(t-1) - (0)",
+        "x1(t) = (2) v(t)",
+        "x2(t) = 1*max(x1(t)-0.5, 0) + 1*min(x1(t)+0.5, 0)",
+        "y(t) = (0.1)/(1 - 0.9*q^-1) x2(t) + (0.25) + e(t)",
+    ]
+
+
+def test_linear_parts_as_scipy_systems() -> None:
+    model = replace(CASCADES["wiener-hammerstein"], delay=3)
+    first, second = model.scipy_systems(1e-3)
+    u = excitation(60)
+    _, x = first.output(u, None)
+    delayed = np.concatenate([np.zeros(3), u[:-3]])
+    np.testing.assert_allclose(np.ravel(x), FAST.output(delayed, np.zeros(2)), atol=1e-10)
+    assert second.dt == 1e-3
+
+
+def test_linear_parts_as_python_control_systems() -> None:
+    try:
+        import control  # noqa: F401
+    except ImportError:
+        with pytest.raises(ModelError, match="pip install"):
+            CASCADES["linear"].control_systems(1e-3)
+    else:
+        (system,) = CASCADES["linear"].control_systems(1e-3)
+        assert system.dcgain() == pytest.approx(SLOW.gain)
+
+
+def test_interruption_keeps_the_best_so_far() -> None:
+    truth = unit_gain(CASCADES["wiener-hammerstein"])
+
+    def stop(iteration: Iteration) -> None:
+        raise KeyboardInterrupt
+
+    start = truth.with_parameters(freedom(truth).parameters(truth.parameters[freedom(truth).free] * 1.05))
+    fit = fit_cascade(start, record_of(truth, 600, noise=0.05), progress=stop)
+    assert fit.ending is Ending.INTERRUPTED
+    assert "best so far" in fit.message
+
+
+def test_bad_input() -> None:
+    model = CASCADES["wiener-hammerstein"]
+    record = record_of(model, 300)
+    with pytest.raises(ModelError, match="no segment is longer"):
+        fit_cascade(model, record[:10])
+    with pytest.raises(ModelError, match="no segment is longer"):
+        model.simulate(record[:10])
+    with pytest.raises(ModelError, match="one input and record 2; choose one of u1, u2"):
+        fit_cascade(model, replace(record, input=np.ones((300, 2)), input_names=(), input_units=()))
+    with pytest.raises(Infeasible, match=r"block 1: unstable filter: a pole of size 1\.2"):
+        fit_cascade(Cascade((Rational([1.0], [-1.2]), DeadZone(-1, 1), SLOW)), record)
+    with pytest.raises(ModelError, match="at least one block"):
+        Cascade(())
+    with pytest.raises(ModelError, match="look ahead"):
+        Cascade((SLOW,), delay=-1)
+    with pytest.raises(ModelError, match="finite"):
+        Cascade((SLOW,), output_offset=np.nan)
+    with pytest.raises(ModelError, match="not a cascade"):
+        Cascade.from_data({"blocks": []})
+    wrong = UserMap(lambda x, p: np.ones(7), lambda x, p: x)
+    with pytest.raises(ModelError, match=r"returned shape \(7,\) where"):
+        fit_cascade(Cascade((FAST, wrong, SLOW)), record)

@@ -274,13 +274,14 @@ class Structure:
 
 def parse_regressor(text: str) -> Regressor:
     """The regressor a text stands for; see `Structure.parse`."""
+    shown = text if len(text) <= 80 else f"{text[:80]}…"
     try:
         tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
         products = list(_products(tree, 1))
     except SyntaxError as problem:
-        raise ModelError(f"regressor {text!r} is not understood: {problem.msg}") from None
-    except (ValueError, RecursionError, MemoryError):  # no text at all, or one nested beyond reason
-        raise ModelError(f"regressor {text[:40]!r}… is not understood") from None
+        raise ModelError(f"regressor {shown!r} is not understood: {problem.msg}") from None
+    except (ValueError, RecursionError, MemoryError):  # a null byte, or nested beyond reason
+        raise ModelError(f"regressor {shown!r} is not understood") from None
     negative = False
     factors: dict[Factor, int] = {}
     for node, power in products:
@@ -290,7 +291,7 @@ def parse_regressor(text: str) -> Regressor:
             case ast.USub():
                 negative ^= power % 2 == 1
             case _:
-                factor = _factor(node, text)
+                factor = _factor(node, shown)
                 factors[factor] = factors.get(factor, 0) + power
     return Regressor(
         tuple(Factor(f.channel, f.lag, power, f.transform, f.parameter) for f, power in factors.items()),

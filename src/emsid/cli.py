@@ -349,10 +349,10 @@ def simulate(
     voltage = SIGNALS[excitation](round(duration / dt), dt, amplitude, rng)
     bench = Bench() if ideal else Bench.typical()
     record = bench.run(Motor() if motor is None else read_motor(motor), voltage, dt, rng)
-    columns = write_record(record, out)
+    time = write_record(record, out)
     top = float(abs(record.output).max())
-    print(f"{len(record)} samples, crest factor {crest_factor(voltage):.2f}, speed up to {top:.4g} rad/s; {columns}")
-    print(f"written: {out}")
+    print(f"{len(record)} samples, crest factor {crest_factor(voltage):.2f}, speed up to {top:.4g} rad/s")
+    print(f"written to {out}: columns {time}, {', '.join(record.input_names + record.output_names)}")
 
 
 @app.command()

@@ -82,17 +82,15 @@ class Regression:
         chosen = {name: values[0] for name, values in choices.items()}
         if any(len(values) > 1 for values in choices.values()):
             train, rest = record.split(1 - options.held_back)
-            start = max(self._memory(record, {name: values[-1] for name, values in choices.items()}), 1)
+            start = self.build(record, {name: values[-1] for name, values in choices.items()}).memory
+            exact = 1e-20 * float(np.var(rest.output))  # below, differences are rounding
 
             def error(choice: Mapping[str, int]) -> float:
                 fit = options.estimate(self.build(record, choice), train)
-                return assess(fit, rest, start).row.simulation_mse
+                return max(assess(fit, rest, start).row.simulation_mse, exact)
 
             chosen = coordinate_search(error, choices, progress=progress)
         return options.estimate(self.build(record, chosen), record)
-
-    def _memory(self, record: Record, choice: Mapping[str, int]) -> int:
-        return self.build(record, choice).memory
 
 
 def _arx(record: Record, choice: Mapping[str, int]) -> Structure:

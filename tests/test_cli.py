@@ -1,0 +1,198 @@
+"""The command line as a user meets it: what it prints, what it writes, and how it refuses."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from emsid.cli import main
+
+IDENTIFY = ("--input", "u", "--output", "y", "--dt", "0.01")
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Call the command line in this process: (status, standard output, standard error)."""
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["emsid", *map(str, words)])
+        status = 0
+        try:
+            main()
+        except SystemExit as end:
+            status = end.code or 0
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return call
+
+
+def table(path: Path, samples: int = 600, seed: int = 0, **columns: object) -> Path:
+    """A CSV with input u and the output y of a first-order system."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-2, 2, samples // 10), 10)
+    y = np.zeros(samples)
+    for t in range(1, samples):
+        y[t] = 0.9 * y[t - 1] + 0.3 * u[t - 1]
+    data = {"u": u, "y": y, **columns}
+    rows = [",".join(data), *(",".join(str(values[t]) for values in data.values()) for t in range(samples))]
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+@pytest.fixture
+def log(tmp_path):
+    return table(tmp_path / "log.csv")
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    """A folder in which a record has been identified."""
+    folder = tmp_path_factory.mktemp("identified")
+    log = table(folder / "log.csv")
+    command = [sys.executable, "-c", "from emsid.cli import main; main()", "identify", str(log), *IDENTIFY]
+    subprocess.run([*command, "--out", str(folder / "result")], check=True, capture_output=True)
+    return folder / "result"
+
+
+def test_identify_writes_everything_it_promises(result):
+    data = json.loads((result / "result.json").read_text())
+    assert {row["model"] for row in data["rows"]} >= {"arx", "wiener-hammerstein-regression", "friction-narx"}
+    assert {row["experiment"] for row in data["rows"]} == {"record"}
+    assert {row["data"] for row in data["rows"]} == {"identification", "verification"}
+    unseen = [row for row in data["rows"] if row["data"] == "verification"]
+    assert data["chosen"] == min(unseen, key=lambda row: row["simulation_mse"])["model"]
+    assert next(row for row in unseen if row["model"] == "arx")["simulation_mse"] < 1e-20
+    assert "<html" in (result / "report.html").read_text()
+    for row in unseen:
+        assert (result / f"{row['model']}.json").exists()
+    assert len(list((result / "figures").glob("*.svg"))) == len(list((result / "figures").glob("*.pdf"))) > 3
+
+
+def test_validate_reproduces_the_errors_of_identify(result, run, tmp_path):
+    other = table(tmp_path / "other.csv", seed=1)
+    status, out, _ = run("validate", result / "arx.json", other, *IDENTIFY, "--horizon", "5")
+    assert status == 0
+    assert "100.00" in out
+    assert "5 samples ahead: MSE" in out
+
+
+def test_identify_with_validation_file_and_chosen_models(run, log, tmp_path):
+    other = table(tmp_path / "other.csv", seed=1)
+    words = ("identify", log, *IDENTIFY, "--validate", other, "--models", "arx", "--na", "1", "--nb", "1", "--nk", "1")
+    status, out, _ = run(*words, "--out", tmp_path / "out")
+    assert status == 0
+    assert "y(t) = 0.9*y(t-1) + 0.3*u(t-1) + e(t)" in out
+    assert not (tmp_path / "out" / "friction-narx.json").exists()
+
+
+def test_simulate_then_describe(run, tmp_path):
+    path = tmp_path / "made.csv"
+    status, out, _ = run("simulate", "--excitation", "prbs", "--duration", "2", "--out", path)
+    assert status == 0
+    assert "400 samples, crest factor 1.00" in out
+    status, out, _ = run("describe", path, "--input", "voltage", "--output", "speed", "--time", "t")
+    assert status == 0
+    assert "400 samples" in out
+    assert "persistently exciting of order" in out
+
+
+def test_list_names_every_model_and_signal(run):
+    from emsid.excitation import SIGNALS
+    from emsid.identification import CANDIDATES
+
+    status, out, _ = run("list")
+    assert status == 0
+    assert all(name in out for name in (*CANDIDATES, *SIGNALS))
+
+
+BAD = {
+    "missing column": (("identify", "LOG", "--input", "volts", "--output", "y", "--dt", "1"), ("volts", "u, y")),
+    "misspelt column": (("identify", "LOG", "--input", "u", "--output", "yy", "--dt", "1"), ("yy", "y")),
+    "no sample time": (("identify", "LOG", "--input", "u", "--output", "y"), ("--dt", "--time")),
+    "missing file": (("identify", "nowhere.csv", *IDENTIFY), ("nowhere.csv", "no such file")),
+    "unknown model": (("identify", "LOG", *IDENTIFY, "--models", "arxx"), ("arxx", "friction-narx")),
+    "bad rows": (("identify", "LOG", *IDENTIFY, "--rows", "5"), ("--rows", "A:B")),
+    "empty rows": (("identify", "LOG", *IDENTIFY, "--rows", "900:950"), ("600",)),
+    "bad scale": (("identify", "LOG", *IDENTIFY, "--scale", "u"), ("--scale", "COLUMN=VALUE")),
+    "scale that is no number": (("identify", "LOG", *IDENTIFY, "--scale", "u=x"), ("--scale", "not a number")),
+    "mask that leaves nothing": (("identify", "LOG", *IDENTIFY, "--mask", "u > -99"), ("mask",)),
+    "mask that is no condition": (("identify", "LOG", *IDENTIFY, "--mask", "u >"), ("mask",)),
+    "unit without meaning": (("identify", "LOG", *IDENTIFY, "--unit", "y=count/sample"), ("--counts-per-revolution",)),
+    "unknown unit": (("identify", "LOG", *IDENTIFY, "--unit", "y=furlong/moon"), ("furlong/moon",)),
+    "too few samples": (("identify", "LOG", *IDENTIFY, "--rows", "0:6"), ("samples",)),
+    "model file that is none": (("validate", "LOG", "LOG", *IDENTIFY), ("log.csv",)),
+    "unknown signal": (("simulate", "--excitation", "noise", "--out", "x.csv"), ("noise", "prbs")),
+    "unknown suffix to write": (("simulate", "--out", "x.doc"), (".doc", ".csv")),
+    "negative duration": (("simulate", "--duration", "-1", "--out", "x.csv"), ("-1",)),
+    "study of one record": (("study", "--record", "LOG"), ("--verify",)),
+    "study without duration": (("study", "--duration", "0"), ("duration",)),
+    "missing motor": (("study", "--motor", "motor.toml"), ("motor.toml",)),
+    "forgetting of zero": (("study", "--forgetting", "0", "--duration", "2"), ("forgetting",)),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_line_and_leaves_nothing(case, run, log, tmp_path, monkeypatch):
+    words, said = BAD[case]
+    monkeypatch.chdir(tmp_path)
+    status, out, err = run(*(str(log) if word == "LOG" else word for word in words))
+    assert status == 2
+    assert err.count("\n") == 1
+    assert err.startswith("emsid: ")
+    assert all(part in err for part in said)
+    assert out == ""
+    assert [path.name for path in tmp_path.iterdir()] == ["log.csv"]
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [("constant input", {"u": np.ones(600)}, "nothing can be identified"), ("text", {"y": ["x"] * 600}, "row")],
+)
+def test_columns_that_cannot_be_identified_from(name, values, said, run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    bad = table(tmp_path / "bad.csv", **values)
+    status, _, err = run("identify", bad, *IDENTIFY)
+    assert status == 2
+    assert said in err
+    assert err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.csv"]
+
+
+def test_interrupting_keeps_what_was_found(run, log, tmp_path, monkeypatch):
+    from emsid import identification
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(identification.CANDIDATES, "friction-narx", interrupted)
+    status, out, err = run("identify", log, *IDENTIFY, "--models", "arx,friction-narx", "--out", tmp_path / "out")
+    assert status == 130
+    assert "interrupted" in err
+    assert "chosen: arx" in out
+    rows = json.loads((tmp_path / "out" / "result.json").read_text())["rows"]
+    assert {row["model"] for row in rows} == {"arx"}
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+def test_interrupting_before_anything_is_found_writes_nothing(run, log, tmp_path, monkeypatch):
+    from emsid import identification
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(identification.CANDIDATES, "arx", interrupted)
+    status, _, _ = run("identify", log, *IDENTIFY, "--models", "arx", "--out", tmp_path / "out")
+    assert status != 0
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_candidate_that_cannot_be_fitted_is_named_and_the_others_go_on(run, tmp_path):
+    two_inputs = table(tmp_path / "two.csv", v=np.random.default_rng(3).standard_normal(600))
+    words = ("identify", two_inputs, *IDENTIFY, "--input", "v", "--models", "arx,friction-narx", "--rows", "0:40")
+    status, out, _ = run(*words, "--out", tmp_path / "out")
+    assert status == 0
+    assert "friction-narx could not be fitted" in out

@@ -1,0 +1,121 @@
+"""From a record to a ranked list of models."""
+
+import numpy as np
+import pytest
+
+import emsid
+from emsid.errors import DataError, ModelError
+from emsid.estimation.selection import coordinate_search
+from emsid.identification import CANDIDATES, Options, identify
+
+
+def system(samples, seed, noise=0.01):
+    """y(t) = 1.5y(t−1) − 0.7y(t−2) + 0.4·max(u(t−2) − 0.5, 0) − 0.3·sign(y(t−1)) and white noise on the output."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-3, 3, samples // 5), 5)
+    y = np.zeros(samples)
+    for t in range(2, samples):
+        y[t] = (
+            1.5 * y[t - 1] - 0.7 * y[t - 2] + 0.4 * max(u[t - 2] - 0.5, 0) + 0.2 * u[t - 2] - 0.05 * np.sign(y[t - 1])
+        )
+    return emsid.Record(u, y + noise * rng.standard_normal(samples), 0.01)
+
+
+def test_ranks_by_free_run_on_unseen_data():
+    result = identify(system(2000, 1), system(1000, 2))
+    errors = [row.simulation_mse for row in result.verification.rows]
+    assert errors == sorted(errors)
+    assert result.chosen.model.name == "friction-narx"
+    assert result.verification.best.row.fit_percent > 97
+    assert {row.samples for row in result.verification.rows} == {
+        1000 - max(f.model.memory for f in result.verification.fits)
+    }
+
+
+def test_without_validation_the_end_of_the_record_is_kept_unseen():
+    record = system(1000, 3)
+    result = identify(record, models=["arx"], unseen=0.4)
+    assert len(result.record) == 600
+    np.testing.assert_array_equal(result.unseen.output, record.output[600:])
+
+
+def test_validation_data_have_no_influence_on_the_models():
+    record = system(1000, 4)
+    fits = [identify(record, system(500, seed)).verification.fits for seed in (5, 6)]
+    for fit in fits[0]:
+        twin = next(other for other in fits[1] if other.model.name == fit.model.name)
+        np.testing.assert_array_equal(fit.estimate, twin.estimate)
+
+
+def test_orders_are_found_from_noise_free_data():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(800)
+    y = np.zeros(800)
+    for t in range(3, 800):
+        y[t] = 0.5 * y[t - 1] - 0.3 * y[t - 2] + 0.7 * u[t - 3]
+    chosen = identify(emsid.Record(u, y, 0.1), models=["arx"]).chosen
+    found = dict(zip(chosen.model.structure.labels, chosen.estimate, strict=True))
+    assert found.pop("-y(t-1)") == pytest.approx(-0.5)
+    assert found.pop("-y(t-2)") == pytest.approx(0.3)
+    assert found.pop("u(t-3)") == pytest.approx(0.7)
+    assert all(label.startswith("u(") and abs(value) < 1e-12 for label, value in found.items())
+
+
+def test_what_is_given_is_kept():
+    options = Options(na=3, nb=1, nk=2, knots=4)
+    result = identify(system(800, 7), models=["friction-narx"], options=options)
+    texts = result.chosen.model.structure.labels
+    assert "-y(t-3)" in texts
+    assert "-y(t-4)" not in texts
+    assert sum("max(u(t-2)" in text for text in texts) == 4
+
+
+def test_recursive_estimation_on_request():
+    result = identify(system(800, 8), models=["arx"], options=Options(forgetting=0.999))
+    assert result.chosen.method == "rls"
+
+
+def test_several_records_are_experiments():
+    pieces = [system(400, seed) for seed in (9, 10, 11)]
+    result = identify(pieces, system(400, 12), models=["arx"])
+    assert len(result.record) == 1200
+    assert result.record.breaks == (400, 800)
+
+
+def test_progress_names_the_candidate_and_ends_at_one():
+    seen = []
+    identify(system(400, 13), models=["arx"], progress=lambda what, fraction: seen.append((what, fraction)))
+    assert {what for what, _ in seen} == {"arx"}
+    assert seen[-1][1] == 1.0
+    assert all(0 <= fraction <= 1 for _, fraction in seen)
+
+
+def test_refusals():
+    record = system(400, 14)
+    with pytest.raises(ModelError, match="arxx"):
+        identify(record, models=["arxx"])
+    with pytest.raises(DataError, match="sampled every"):
+        identify([record, emsid.Record(record.input, record.output, 0.02)])
+    flat = emsid.Record(np.ones(100), record.output[:100], 0.01)
+    with pytest.raises(DataError, match="nothing can be identified"):
+        identify(flat)
+
+
+@pytest.mark.parametrize("name", CANDIDATES)
+def test_every_candidate_gives_a_model_that_saves_and_loads(name, tmp_path):
+    from emsid.io import load, save
+
+    record = system(600, 15)
+    model = identify(record, models=[name]).chosen.model
+    save(model, tmp_path / "model.json")
+    again = load(tmp_path / "model.json")
+    np.testing.assert_array_equal(again.simulate(record).output, model.simulate(record).output)
+
+
+def test_coordinate_search_prefers_the_simpler_of_equals():
+    def error(choice):
+        return abs(choice["a"] - 2) + 0.001 * choice["b"]
+
+    assert coordinate_search(error, {"a": (1, 2, 3), "b": (1, 5, 9)}) == {"a": 2, "b": 1}
+    assert coordinate_search(lambda choice: 1.0, {"a": (1, 2), "b": (3, 4)}) == {"a": 1, "b": 3}
+    assert coordinate_search(lambda choice: float("inf"), {"a": (1, 2)}) == {"a": 1}

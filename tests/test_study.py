@@ -1,0 +1,123 @@
+"""The study of the paper: what its numbers must show, on this motor and on others."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from emsid.errors import DataError
+from emsid.plant import Bench, Friction, Motor
+from emsid.study import (
+    FRICTION,
+    FULL,
+    LINEAR,
+    PAPER,
+    Settings,
+    findings,
+    load_friction_difference,
+    measure,
+    report,
+    study,
+)
+
+
+@pytest.fixture(scope="module")
+def result():
+    return study()
+
+
+def test_rows_are_complete(result):
+    rows = {(row.experiment, row.model, row.method, row.data) for row in result.rows}
+    assert rows == {
+        (experiment, model, method, data)
+        for experiment in ("simulation", "experiment")
+        for model in (LINEAR, PAPER, FULL, FRICTION)
+        for method in ("ls", "rls")
+        for data in ("identification", "verification")
+    }
+    keys = {"experiment", "model", "method", "data", "one_step_mse", "simulation_mse", "fit_percent"}
+    assert all(keys <= row.keys() for row in result.to_data()["rows"])
+
+
+def test_friction_regression_is_far_better_in_free_run(result):
+    simulation = result.parts[0]
+    linear, friction = (simulation.verified(model).row.simulation_mse for model in (LINEAR, FRICTION))
+    assert linear / friction > 50
+
+
+def test_even_polynomial_hardly_helps_a_symmetric_dead_zone(result):
+    for part in result.parts:
+        linear, paper = (part.verified(model).row.simulation_mse for model in (LINEAR, PAPER))
+        assert 0.5 < linear / paper < 2
+
+
+def test_one_step_errors_hide_what_free_runs_show(result):
+    linear = result.parts[0].verified(LINEAR).row
+    assert linear.simulation_mse > 100 * linear.one_step_mse
+
+
+def test_recursive_ends_where_batch_does(result):
+    for part in result.parts:
+        for batch, recursive in zip(part.fits[::2], part.fits[1::2], strict=True):
+            if batch.condition < 1e5:  # beyond, the initial covariance is not large against what the data say
+                np.testing.assert_allclose(recursive.estimate, batch.estimate, rtol=1e-4, atol=1e-6)
+
+
+def test_a_linear_motor_needs_no_nonlinear_model():
+    motor = replace(Motor(), rotor_friction=Friction(), load_friction=Friction(), voltage_dead_zone=None)
+    part = study(Settings(motor=motor, duration=5.0)).parts[0]
+    assert part.verified(LINEAR).row.fit_percent > 99.99
+
+
+def test_load_friction_check_follows_the_motor():
+    small, variance = load_friction_difference(Settings(duration=5.0))
+    heavy = replace(Motor(), load_friction=Friction(5e-3))
+    large, _ = load_friction_difference(Settings(motor=heavy, duration=5.0))
+    assert 0 < small < 1e-6 * variance < large
+    none, _ = load_friction_difference(Settings(motor=replace(Motor(), load_friction=Friction()), duration=5.0))
+    assert none == 0
+
+
+def test_findings_are_computed(result):
+    text = " ".join(findings(result))
+    ratio = result.parts[0].verified(LINEAR).row.simulation_mse / result.parts[0].verified(FRICTION).row.simulation_mse
+    assert f"1/{ratio:,.0f}" in text
+    assert "is fair" in text
+    heavy = replace(Motor(), load_friction=Friction(5e-3))
+    other = study(Settings(motor=heavy, duration=5.0))
+    assert "not fair" in " ".join(findings(other))
+
+
+def test_seed_decides_the_noise_and_nothing_else():
+    settings = Settings(duration=2.0)
+    one, same, other = (
+        measure(settings, Bench.typical(), "identification", np.random.default_rng(seed)) for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(one.output, same.output)
+    assert np.any(one.output != other.output)
+    np.testing.assert_array_equal(one.input, other.input)
+
+
+def test_records_of_the_user_take_the_place_of_the_bench():
+    settings = Settings(duration=5.0)
+    rng = np.random.default_rng(5)
+    records = tuple(measure(settings, Bench.typical(), kind, rng) for kind in ("identification", "verification"))
+    experiment = study(settings, records).parts[1]
+    assert experiment.identification is records[0]
+    assert experiment.verification is records[1]
+
+
+def test_interrupted_study_keeps_its_finished_part():
+    def stop_at_experiment(what, fraction):
+        if what.startswith("experiment"):
+            raise KeyboardInterrupt
+
+    kept = study(Settings(duration=2.0), progress=stop_at_experiment)
+    assert kept.interrupted
+    assert [part.name for part in kept.parts] == ["simulation"]
+    assert len(report(kept).sections) == 2
+
+
+def test_too_short_a_study_is_refused():
+    with pytest.raises(DataError, match="duration"):
+        Settings(duration=0.1)

@@ -332,7 +332,7 @@ def _stored(m: _Constants, x: Array) -> float:
 _CURRENT, _SPEED, _TWIST, _ANGLE, _DECAY, _NET, _ROWS = 0, 1, 3, 4, 5, 7, 9
 
 _SLACK = 1e-12  # relative; three decades above the rounding of a sum of torques
-_MOST_STEPS = 1_000_000  # in one sample
+_MOST_STEPS = 100_000  # in one sample
 
 
 @_kernel
@@ -535,7 +535,7 @@ def _first_event(
 ) -> tuple[float, int, int, int]:
     """The first event up to ``step``: its time, kind, body, and the new motion or the change of branch."""
     kind, which, turn = _NONE, 0, 0
-    drive = m.motor_constant * abs(s[_CURRENT, 0])
+    drive = m.motor_constant * (abs(s[_CURRENT, 0]) + m.scale[_CURRENT])
     shaft = m.stiffness * abs(s[_TWIST, 0]) + m.damping * (abs(s[_SPEED, 0]) + abs(s[_SPEED + 1, 0]))
     for body in range(1 if m.rigid else 2):
         level = max(m.breakaway[body, 0], m.breakaway[body, 1])

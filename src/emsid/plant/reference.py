@@ -1,0 +1,117 @@
+"""The plant as slow and obvious as can be: the reference that `emsid.plant.simulation` is tested and timed against.
+
+SciPy integrates (4.1)–(4.11) as they stand, with the laws of `Friction` and `DeadZone`, and is stopped and restarted
+where a sliding body comes to rest, where a held one breaks away and where the voltage changes. Corners of a torque
+dead zone are left to its step-size control. Only a motor with inductance and an elastic shaft is covered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from emsid.plant.friction import Friction
+from emsid.plant.motor import Motor
+
+Array = NDArray[np.float64]
+
+_SLACK = 1e-12  # how far beyond break-away, relatively, a torque must be to release a body: above rounding only
+
+
+def simulate_reference(
+    motor: Motor, voltage: Array, dt: float, *, tolerance: float = 1e-12, integrator: str = "DOP853"
+) -> tuple[Array, int]:
+    """The motor from rest, driven by a held voltage, without disturbance.
+
+    Args:
+        motor: the motor.
+        voltage: (N,) in V.
+        dt: sample time in s.
+        tolerance: relative tolerance of the integrator; the absolute one is a hundredth of it.
+        integrator: method of `scipy.integrate.solve_ivp`.
+
+    Returns:
+        The states (N + 1, 5) at every sample instant, in the order of `emsid.plant.simulation.State`, and the number
+        of times a body stuck or broke away.
+    """
+    states, motion, transitions = [np.zeros(5)], [0, 0], 0
+    for volt in voltage if motor.voltage_dead_zone is None else motor.voltage_dead_zone(voltage):
+        t, x = 0.0, states[-1].copy()
+        while t < dt:
+            solution = solve_ivp(
+                lambda _, x, volt=float(volt), motion=tuple(motion): _derivative(motor, x, volt, motion),
+                (t, dt),
+                x,
+                method=integrator,
+                rtol=tolerance,
+                atol=1e-2 * tolerance,
+                events=[_event(motor, body, motion[body]) for body in range(2)],
+            )
+            t, x = float(solution.t[-1]), solution.y[:, -1]
+            for body in range(2):
+                if len(solution.t_events[body]):
+                    was_held = motion[body] == 0
+                    x[1 + body] = 0.0
+                    motion[body] = _motion_from_rest(motor, x, body)
+                    transitions += was_held or motion[body] == 0
+        states.append(x)
+    return np.array(states), transitions
+
+
+def _net_torques(motor: Motor, x: Array) -> Array:
+    """(2,) the torques on rotor and load, all but the friction (4.7)."""
+    current, rotor, load, twist, _ = x
+    torque = motor.motor_constant * current
+    if motor.torque_dead_zone is not None:
+        torque = float(motor.torque_dead_zone(torque))
+    shaft = motor.shaft_stiffness * twist + motor.shaft_damping * (rotor - load)
+    return np.array([torque - shaft - motor.rotor_viscous * rotor, shaft - motor.load_viscous * load])
+
+
+def _derivative(motor: Motor, x: Array, volt: float, motion: tuple[int, ...]) -> Array:
+    current, rotor, load, _, _ = x
+    rotor_net, load_net = _net_torques(motor, x)
+    return np.array(
+        [
+            (volt - motor.resistance * current - motor.motor_constant * rotor) / motor.inductance,
+            _acceleration(rotor_net, motor.rotor_friction, motor.rotor_inertia, rotor, motion[0]),
+            _acceleration(load_net, motor.load_friction, motor.load_inertia, load, motion[1]),
+            rotor - load,
+            load,
+        ]
+    )
+
+
+def _acceleration(net: float, friction: Friction, inertia: float, speed: float, direction: int) -> float:
+    """Of a body held (direction 0) or sliding; trial steps of the integrator beyond standstill keep its direction."""
+    if direction == 0:
+        return 0.0
+    level, excess, rate = friction.forward if direction > 0 else friction.backward
+    return float(net - direction * (level + excess * np.exp(-rate * direction * speed))) / inertia
+
+
+def _event(motor: Motor, body: int, direction: int) -> Callable[[float, Array], float]:
+    """A function of time and state that falls through zero where the motion of a body ends."""
+    forward, backward = _breakaway(motor, body)
+
+    def margin(_: float, x: Array) -> float:
+        if direction != 0:
+            return direction * float(x[1 + body])
+        net = float(_net_torques(motor, x)[body])
+        return min(forward * (1 + _SLACK) - net, net + backward * (1 + _SLACK))
+
+    margin.terminal, margin.direction = True, -1  # type: ignore[attr-defined]
+    return margin
+
+
+def _motion_from_rest(motor: Motor, x: Array, body: int) -> int:
+    net = _net_torques(motor, x)[body]
+    forward, backward = _breakaway(motor, body)
+    return int(net > forward) - int(net < -backward)
+
+
+def _breakaway(motor: Motor, body: int) -> tuple[float, float]:
+    return (motor.rotor_friction, motor.load_friction)[body].breakaway

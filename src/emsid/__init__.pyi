@@ -9,6 +9,16 @@ from .estimation.least_squares import least_squares as least_squares
 from .estimation.least_squares import solve_rows as solve_rows
 from .estimation.recursive import RecursiveLeastSquares as RecursiveLeastSquares
 from .estimation.recursive import recursive_least_squares as recursive_least_squares
+from .excitation import crest_factor as crest_factor
+from .excitation import persistent_excitation_order as persistent_excitation_order
+from .identification import Identification as Identification
+from .identification import Options as Options
+from .identification import identify as identify
+from .io import load as load
+from .io import read as read
+from .io import read_motor as read_motor
+from .io import save as save
+from .io import write_record as write_record
 from .models.model import Model as Model
 from .models.model import Run as Run
 from .models.narx import Narx as Narx
@@ -16,10 +26,16 @@ from .models.regressors import Structure as Structure
 from .models.regressors import arx as arx
 from .models.regressors import friction_narx as friction_narx
 from .models.regressors import wiener_hammerstein_regression as wiener_hammerstein_regression
+from .plant import Bench as Bench
+from .plant import DeadZone as DeadZone
+from .plant import Friction as Friction
+from .plant import Motor as Motor
+from .plant import simulate as simulate
 from .record import Record as Record
 from .record import concatenate as concatenate
 from .validation.comparison import Comparison as Comparison
 from .validation.comparison import assess as assess
+from .validation.comparison import assess_model as assess_model
 from .validation.comparison import compare as compare
 
 __version__: str

@@ -6,6 +6,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# Timings never decide a test.
+settings.register_profile("emsid", deadline=None)
+settings.load_profile("emsid")
 
 
 @pytest.fixture(scope="session")

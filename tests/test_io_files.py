@@ -69,17 +69,30 @@ values = arrays(
 )
 
 
-@pytest.mark.parametrize("suffix", WRITERS)
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(values, st.sampled_from([1e-3, 1 / 3, 0.010048, 2.5e-5, 7.0]))
-def test_a_record_comes_back_bit_by_bit(tmp_path: Path, suffix: str, samples: np.ndarray, dt: float) -> None:
-    path = tmp_path / f"record{suffix}"
+sample_times = st.sampled_from([1e-3, 1 / 3, 0.010048, 2.5e-5, 7.0])
+
+
+def check_round_trip(path: Path, samples: np.ndarray, dt: float) -> None:
     record = Record(samples[:, :2], samples[:, 2:], dt, ("v (V)", "file"), ("d(q)",))
     time = write_record(record, path)
     back = read(path, input=record.input_names, output=record.output_names, time=time)
     np.testing.assert_array_equal(back.input, record.input)
     np.testing.assert_array_equal(back.output, record.output)
     assert (back.dt, back.times) == (record.dt, record.times)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(values, sample_times)
+def test_a_record_comes_back_bit_by_bit(tmp_path: Path, suffix: str, samples: np.ndarray, dt: float) -> None:
+    check_round_trip(tmp_path / f"record{suffix}", samples, dt)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=6)
+@given(values, sample_times)
+def test_a_record_comes_back_from_parquet(tmp_path: Path, samples: np.ndarray, dt: float) -> None:
+    """A few only: each is parsed in a process of its own."""
+    check_round_trip(tmp_path / "record.parquet", samples, dt)
 
 
 @pytest.mark.parametrize("suffix", WRITERS)

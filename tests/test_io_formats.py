@@ -180,6 +180,13 @@ def test_parquet() -> None:
     assert columns.place(0) == "row 1"
 
 
+def test_a_parquet_file_that_takes_its_parser_down_leaves_us_standing(monkeypatch: pytest.MonkeyPatch) -> None:
+    content = parquet(pl.DataFrame({"u": range(100)}))
+    monkeypatch.setattr("emsid.io.parquet._PARSER", "import os; os.abort()")
+    with pytest.raises(FormatError, match="this Parquet file is damaged or cut off"):
+        read_parquet(content)
+
+
 @pytest.mark.parametrize("reader", [read_mat, read_npz, read_parquet])
 @pytest.mark.parametrize(
     ("content", "what"),

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from emsid.errors import EmsidError
-from emsid.io import READERS, read
+from emsid.io import READERS, read, read_columns
 from emsid.record import Record
 from test_io_formats import mat_5, mat_73, npz, parquet
 
@@ -34,6 +34,8 @@ VALID = {
     ".parquet": [parquet(pl.DataFrame({"t": K / 10, "u": K, "y": K**2}))],
 }
 CASES = [(suffix, content) for suffix, contents in VALID.items() for content in contents]
+
+IN_PROCESS = [case for case in CASES if case[0] != ".parquet"]
 
 fuzzing = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -74,23 +76,33 @@ def test_random_bytes(folder: Path, suffix: str, content: bytes) -> None:
     check(folder / f"file{suffix}", content)
 
 
-@pytest.mark.parametrize(("suffix", "content"), CASES)
-@fuzzing
-@given(st.data())
-def test_changed_bytes(folder: Path, suffix: str, content: bytes, data: st.DataObject) -> None:
+@st.composite
+def damaged(draw: st.DrawFn, content: bytes) -> bytes:
+    """A file with some bytes changed, or cut off, or with a piece missing, or twice."""
+    places = st.integers(0, len(content))
     changed = bytearray(content)
-    places = st.integers(0, len(content) - 1)
-    for at, byte in data.draw(st.lists(st.tuples(places, st.integers(0, 255)), min_size=1, max_size=6)):
-        changed[at] = byte
-    check(folder / f"file{suffix}", bytes(changed))
+    for at, byte in draw(st.lists(st.tuples(places, st.integers(0, 255)), max_size=6)):
+        changed[at : at + 1] = bytes([byte])
+    first, second = sorted((draw(places), draw(places)))
+    rest = draw(st.sampled_from([bytes(changed[first:]), b"", bytes(changed[second:]), content]))
+    return bytes(changed[:first]) + rest
 
 
-@pytest.mark.parametrize(("suffix", "content"), CASES)
+@pytest.mark.parametrize(("suffix", "content"), IN_PROCESS)
 @fuzzing
 @given(st.data())
-def test_cut_and_spliced(folder: Path, suffix: str, content: bytes, data: st.DataObject) -> None:
-    first, second = sorted(data.draw(st.tuples(st.integers(0, len(content)), st.integers(0, len(content)))))
-    check(folder / f"file{suffix}", content[:first] + data.draw(st.sampled_from([b"", content[second:], content])))
+def test_damaged_files(folder: Path, suffix: str, content: bytes, data: st.DataObject) -> None:
+    check(folder / f"file{suffix}", data.draw(damaged(content)))
+
+
+@settings(fuzzing, max_examples=6)
+@given(damaged(VALID[".parquet"][0]))
+def test_damaged_parquet(folder: Path, content: bytes) -> None:
+    """A few only: each is parsed in a process of its own."""
+    path = folder / "file.parquet"
+    path.write_bytes(content)
+    with suppress(EmsidError):
+        assert read_columns(path).series
 
 
 cells = st.one_of(

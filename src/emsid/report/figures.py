@@ -53,9 +53,6 @@ _PAGE_ROW = 250  # an ordinary plot of the page, in pixels
 _SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",  # comes with Matplotlib, so that figures are the same everywhere
     "font.size": 8,
-    "axes.titlesize": 8.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
     "axes.labelsize": 8,
     "axes.edgecolor": "#8a8f98",
     "axes.linewidth": 0.6,
@@ -130,6 +127,8 @@ class _Place(NamedTuple):
     column: int
     top: float
     height: float
+    head: float  # what the titles and legends of its row take above it
+    room: float  # what its own legend has at most in width
     labelled: bool  # whether the x axis has its labels, or leaves them to the plot below
 
 
@@ -147,7 +146,8 @@ def _sheet(figure: Figure) -> Sheet:
     for place in places:
         bottom, share = 1 - (place.top + place.height) / height, place.height / height
         axes = sheet.add_axes((0.1, bottom, 0.8, share), sharex=drawn[0] if figure.shared_x and drawn else None)
-        _fill_axes(axes, place, _room(place.plot, figure))
+        _fill_axes(axes, place)
+        _put_head(axes, place)
         drawn.append(axes)
     left = [
         max((_tick_room(a) for a, p in zip(drawn, places, strict=True) if p.column == c), default=0.0) + _LABEL
@@ -169,18 +169,15 @@ def _places(figure: Figure) -> tuple[list[_Place], float]:
     places, y = [], 2.0
     for row in figure.rows:
         labelled = not figure.shared_x or figure.columns > 1 or row[-1] is figure.plots[-1]
-        y += max(_head_height(plot, _room(plot, figure)) for plot in row) + 4.0
+        rooms = [_WIDTH * plot.span / figure.columns - 60.0 for plot in row]
+        head = max(_head_height(plot, room) for plot, room in zip(row, rooms, strict=True)) + 4.0
         height, column = _ROW * max(plot.height for plot in row), 0
-        for plot in row:
-            places.append(_Place(plot, column, y, height, labelled))
+        y += head
+        for plot, room in zip(row, rooms, strict=True):
+            places.append(_Place(plot, column, y, height, head, room, labelled))
             column += plot.span
         y += height + (_FOOT if labelled else 6.0)
     return places, y
-
-
-def _room(plot: Plot, figure: Figure) -> float:
-    """About how wide a plot will be, in points: what its legend has to make do with."""
-    return _WIDTH * plot.span / figure.columns - 60.0
 
 
 def _head_height(plot: Plot, room: float) -> float:
@@ -215,7 +212,7 @@ def _tick_room(axes: Axes) -> float:
     return max((_text_width(text) for text in texts), default=0.0) + 6.0
 
 
-def _fill_axes(axes: Axes, place: _Place, room: float) -> None:
+def _fill_axes(axes: Axes, place: _Place) -> None:
     from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, NullLocator
 
     plot = place.plot
@@ -242,21 +239,18 @@ def _fill_axes(axes: Axes, place: _Place, room: float) -> None:
         axes.set_xlabel(plot.x.title)
     else:
         axes.tick_params(labelbottom=False)
-    handles, texts = axes.get_legend_handles_labels()
-    if texts:  # above the plot, where it hides nothing, with the title on top
-        legend = axes.legend(
-            handles,
-            texts,
-            loc="lower left",
-            bbox_to_anchor=(0.0, 1.0),
-            ncols=_legend_columns(texts, room),
-            title=plot.title or None,
-            title_fontproperties={"weight": "bold", "size": 8.5},
-            alignment="left",
-        )
-        legend.set_in_layout(False)
-    elif plot.title:
-        axes.set_title(plot.title)
+
+
+def _put_head(axes: Axes, place: _Place) -> None:
+    """The title, level with the others of the row, and the legend, above the plot where it hides nothing."""
+    if place.plot.title:
+        offset = (0, place.head - 11.0)
+        axes.annotate(place.plot.title, (0, 1), offset, "axes fraction", "offset points", weight="bold", size=8.5)
+    handles = {str(handle.get_label()): handle for handle in axes.get_legend_handles_labels()[0]}
+    texts = [mark.label for mark in place.plot.marks if mark.label]
+    if texts:
+        columns = _legend_columns(texts, place.room)
+        axes.legend([handles[text] for text in texts], texts, loc="lower left", bbox_to_anchor=(0, 1), ncols=columns)
 
 
 def _tick(side: MplAxis, value: float, _: int | None = None) -> str:
@@ -295,10 +289,12 @@ def _(mark: Band, axes: Axes) -> None:
 @_draw.register(Histogram)
 def _(mark: Histogram, axes: Axes) -> None:
     if mark.backdrop:
-        label, axes = mark.label, axes.twinx()
-        axes.set(ylim=(0, 4 * float(np.max(mark.heights, initial=0)) or 1.0))
-        axes.axis("off")
-        axes.stairs(mark.heights, mark.edges, fill=True, color=mark.stroke.ink.value, alpha=0.25, label=label)
+        from matplotlib.patches import StepPatch
+
+        shares = mark.heights / (4 * float(np.max(mark.heights, initial=0)) or 1.0)
+        foot = axes.get_xaxis_transform()  # x of the data, y as a part of the height of the plot
+        colour, label = mark.stroke.ink.value, mark.label
+        axes.add_artist(StepPatch(shares, mark.edges, fill=True, color=colour, alpha=0.25, label=label, transform=foot))
         return
     axes.stairs(mark.heights, mark.edges, label=mark.label, baseline=None, **_style(mark.stroke))
 
@@ -329,10 +325,10 @@ def interactive(plot: Plot) -> Trace:
     """A plot as Plotly's JSON: ``data`` and ``layout``, in built-in types."""
     layout = {
         "height": round(_PAGE_ROW * plot.height) + 60,
-        "margin": {"l": 70, "r": 16, "t": 30, "b": 48},
-        "font": {"family": "inherit", "size": 12, "color": "#22262e"},
-        "paper_bgcolor": "rgba(0,0,0,0)",
-        "plot_bgcolor": "rgba(0,0,0,0)",
+        "margin": {"l": 66, "r": 16, "t": 30, "b": 48},
+        "font": {"family": "Segoe UI, system-ui, Helvetica Neue, Arial, sans-serif", "size": 12, "color": "#22262e"},
+        "paper_bgcolor": "#ffffff",
+        "plot_bgcolor": "#ffffff",
         "hovermode": "closest" if plot.y.names else "x",
         "dragmode": "zoom",
         "showlegend": any(mark.label for mark in plot.marks),

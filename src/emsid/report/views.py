@@ -52,6 +52,8 @@ MODELS = (
     Stroke(Ink.GREEN, Dash.DASHED, 1.2),
     Stroke(Ink.PURPLE, Dash.SOLID, 1.0),
     Stroke(Ink.GREY, Dash.DASHED, 1.2),
+    Stroke(Ink.BLACK, Dash.DASH_DOTTED, 0.9),
+    Stroke(Ink.GREEN, Dash.SOLID, 0.9),
 )
 
 
@@ -82,19 +84,11 @@ def results_table(
         rows: in the order in which they are to stand.
         reference: published figures, to stand in a column of their own.
         unit: of the output.
-        caption: of the table; by default what the rows have in common.
+        caption: of the table; the units are added to it.
     """
     several = len({row.experiment for row in rows}) > 1
-    printed = readable_unit(unit)
     words = ("Experiment",) * several + ("Model", "Method", "Data")
-    squared = f"({printed})²" if unit not in ("", "1") else printed
-    numbers = (
-        f"One-step MSE [{squared}]",
-        f"Free-run MSE [{squared}]",
-        f"Free-run RMSE [{printed}]",
-        "Free-run fit [%]",
-        "Parameters",
-    )
+    numbers = ("One-step MSE", "Free-run MSE", "Free-run RMSE", "Free-run fit %", "Parameters")
     cells = []
     for row in rows:
         named = (row.experiment,) * several + (row.model, row.method.upper(), row.data)
@@ -117,11 +111,16 @@ def results_table(
     return Table(
         (*words, *numbers, *((f"{reference.source}: MSE",) if reference else ())),
         tuple(cells),
-        caption or "Errors of the models: free run and one step ahead.",
+        f"{caption or 'Errors of the models, free run and one step ahead.'}{_in_units(unit)}",
         " ".join([*((f"{reference.source}: {reference.note}",) if reference else ()), *notes]),
         text_columns=len(words),
         emphasised=_best_unseen(rows),
     )
+
+
+def _in_units(unit: str) -> str:
+    printed = _plain_unit(unit)
+    return f" MSE in ({printed})², RMSE in {printed}." if printed else ""
 
 
 def _published(reference: Reference, row: Row) -> str:
@@ -191,13 +190,14 @@ def motor_table(motor: Motor) -> Table:
         for part in parameter.name.split("."):
             value = getattr(value, part, None)
         if value is not None:
-            printed = " / ".join(_number(each) for each in value) if isinstance(value, tuple) else _number(value)
-            rows.append((parameter.description, parameter.symbol, printed, readable_unit(parameter.unit)))
+            pair = value if isinstance(value, tuple) else (value,)
+            printed = " / ".join(dict.fromkeys("∞" if each == inf else _number(each) for each in pair))
+            rows.append((parameter.description, parameter.symbol, readable_unit(parameter.unit), printed))
     return Table(
-        ("Parameter", "Symbol", "Value", "Unit"),
+        ("Parameter", "Symbol", "Unit", "Value"),
         tuple(rows),
         "Parameters of the motor; of a pair the first holds forward, the second backward.",
-        text_columns=2,
+        text_columns=3,
     )
 
 
@@ -217,7 +217,12 @@ def _estimate(value: float, half_width: float) -> str:
 
 
 def nonlinearities(motor: Motor, *, name: str = "nonlinearities") -> Figure:
-    """Dead zones (4.9) and friction torques (4.7) of a motor, as in Figure 4.2; what it has not is left out."""
+    """Dead zones (4.9) and friction torques (4.7) of a motor, as in Figure 4.2; what it has not is left out.
+
+    A motor without any shows that its rotor turns without friction.
+    """
+    frictions = ((motor.rotor_friction, "rotor"), (motor.load_friction, "load"))
+    acting = [(friction, where) for friction, where in frictions if max(friction.breakaway) > 0]
     plots = [
         *(
             _dead_zone(zone, quantity, unit)
@@ -227,20 +232,14 @@ def nonlinearities(motor: Motor, *, name: str = "nonlinearities") -> Figure:
             )
             if zone is not None
         ),
-        *(
-            _friction(friction, where)
-            for friction, where in ((motor.rotor_friction, "rotor"), (motor.load_friction, "load"))
-            if max(friction.breakaway) > 0
-        ),
-    ]
-    if not plots:
-        raise DataError("the motor has neither friction nor a dead zone; there is no nonlinearity to show")
+        *(_friction(friction, where) for friction, where in acting),
+    ] or [_friction(*frictions[0])]
     return Figure(
         name,
         "Hard nonlinearities of the motor: the dead zone passes nothing between its break points, and friction at rest "
         "takes any value up to break-away.",
         tuple(plots),
-        columns=min(len(plots), 2),
+        columns=len(plots) if len(plots) < 4 else 2,
     )
 
 
@@ -279,7 +278,7 @@ def _friction(friction: Friction, where: str) -> Plot:
 def _prefixed(size: float, unit: str) -> tuple[float, str]:
     """A factor and the unit with its prefix that bring a quantity of this size to between 1 and 1000."""
     for power, prefix in ((0, ""), (-3, "m"), (-6, "µ")):
-        if size >= 10.0**power:
+        if size >= 10.0**power or not size:
             return 10.0**-power, f"{prefix}{unit}"
     return 1e9, f"n{unit}"
 
@@ -507,8 +506,10 @@ def residuals(
     correlations += [Level(band, "99 % of white noise"), Level(-band)]
     plots = [Plot(tuple(over_time), TIME, Axis("Residual", unit), span=2)]
     if shares:
+        rarest = 100 / max(int(np.count_nonzero(each)) for each in counted)
+        share_axis = Axis("Share of samples", "%", log=True, range=(0.7 * rarest, 130.0))
         plots += [
-            Plot(tuple(shares), Axis("Residual", unit), Axis("Share of samples", "%", log=True), "Distribution"),
+            Plot(tuple(shares), Axis("Residual", unit), share_axis, "Distribution"),
             Plot(tuple(correlations), Axis("Lag", "s"), Axis("Autocorrelation", "1"), "Autocorrelation"),
         ]
     return Figure(name, f"Residuals of the free run on {record.name}.", tuple(plots), columns=2)
@@ -559,7 +560,8 @@ def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "co
         drawn = members[:at_most]
         marks: list[Mark] = []
         for k, ink in zip(drawn, cycle(_INKS), strict=False):
-            marks.append(Line(shown + 1.0, fit.history[shown, k], fit.names[k], Stroke(ink)))
+            label = fit.names[k] if len(members) > 1 else ""
+            marks.append(Line(shown + 1.0, fit.history[shown, k], label, Stroke(ink)))
             if batch is not None:
                 marks.append(Level(float(batch.estimate[k]), stroke=Stroke(ink, Dash.DASHED, 0.8)))
         left_out = f" (and {len(members) - len(drawn)} more)" if len(members) > len(drawn) else ""

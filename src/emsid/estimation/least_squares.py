@@ -117,7 +117,13 @@ def least_squares(
 
 
 def solve_rows(regression: ArrayLike, target: ArrayLike, refinements: int = 4) -> Solution:
-    """Least squares on a ready-made matrix Φ (N, n) and y (N,), refined to the last digits of double precision."""
+    """Least squares on a ready-made matrix, refined to the last digits of double precision.
+
+    Args:
+        regression: Φ, (N, n).
+        target: y, (N,).
+        refinements: how many corrections at most; they end by themselves where they no longer shrink.
+    """
     information = Information.from_rows(regression, target)
     solution = information.solve()
     if solution.rank < information.parameters:

@@ -78,7 +78,11 @@ class Assessment:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Several models on the same samples of the same records, the best free run first."""
+    """Several models on the same samples of the same records.
+
+    Attributes:
+        assessments: every model run over the record, the best free run first.
+    """
 
     assessments: tuple[Assessment, ...]
 
@@ -158,7 +162,12 @@ def assess(
 
 
 def assess_model(model: Model, record: Record, transient: int | None = None) -> Assessment:
-    """Run a model of which nothing but itself is known, as one from a file, over a record; see `assess`."""
+    """Run a model of which nothing but itself is known, as one from a file, over a record.
+
+    Args:
+        model: what to run.
+        record, transient: see `assess`.
+    """
     nothing = np.empty(0)
     unknown = Fit(model, (), nothing, np.empty((0, 0)), np.nan, 0.0, np.nan, 0, method="file")
     return assess(unknown, record, transient)

@@ -5,7 +5,7 @@ from math import inf, log
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.signal import cont2discrete
 
@@ -28,13 +28,13 @@ def two_sines(n: int, dt: float, volts: float = 2.0) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("motor", "volts"),
-    [(Motor(), 2.0), (LOADED, 2.0), (KINKED, 2.0), (SOFT, 1.5)],
-    ids=["default", "loaded", "kinked", "soft"],
+    [(Motor(), 1.5), (KINKED, 2.0), (SOFT, 1.5)],
+    ids=["default", "kinked", "soft"],
 )
 def test_agrees_with_scipy_restarted_at_every_event(motor, volts):
     dt = 2e-3
-    voltage = two_sines(400, dt, volts)
-    expected, transitions = simulate_reference(motor, voltage, dt)
+    voltage = two_sines(500, dt, volts)
+    expected, transitions = simulate_reference(motor, voltage, dt, tolerance=1e-11)
     result = simulate(motor, voltage, dt)
     assert result.events.transitions == transitions >= 20
     for k, name in enumerate(CHANNELS):
@@ -73,18 +73,20 @@ def test_without_friction_it_is_the_linear_system(inductance, rigid):
     assert result.events.transitions == 0
 
 
-def test_limits_are_approached_by_stiff_shafts_and_small_inductances():
+@pytest.mark.parametrize(
+    ("limit", "nearby", "factor"),
+    [  # where the motor stops, a shaft still swings by as much as the root of its compliance
+        (LOADED.rigid(), [replace(LOADED, shaft_stiffness=k, shaft_damping=0.02) for k in (1e2, 1e4)], 8.0),
+        (replace(LOADED, inductance=0.0), [replace(LOADED, inductance=k) for k in (1e-4, 1e-6)], 50.0),
+    ],
+    ids=["stiff shaft", "small inductance"],
+)
+def test_limits_are_approached(limit, nearby, factor):
     voltage, dt = two_sines(200, 2e-3), 2e-3
-
-    def distances(limit, *nearby):
-        end = simulate(limit, voltage, dt).load_angle[-1]
-        return [abs(simulate(motor, voltage, dt).load_angle[-1] - end) for motor in nearby]
-
-    stiff = [replace(LOADED, shaft_stiffness=k_s, shaft_damping=0.2) for k_s in (1e2, 1e3)]
-    quick = [replace(LOADED, inductance=henry) for henry in (1e-4, 1e-5)]
-    for limit, nearby in ((LOADED.rigid(), stiff), (replace(LOADED, inductance=0.0), quick)):
-        far, near = distances(limit, *nearby)
-        assert 5 < far / near < 20
+    end = simulate(limit, voltage, dt).load_speed
+    far, near = (np.sqrt(np.mean((simulate(motor, voltage, dt).load_speed - end) ** 2)) for motor in nearby)
+    assert far > factor * near
+    assert near < 1e-3 * np.abs(end).max()
 
 
 # Any motor, from any corner of what is plausible, on any voltage.
@@ -231,9 +233,7 @@ def test_an_excess_that_fades_fast_is_followed_when_the_motor_slows_down():
 @given(st.lists(st.floats(-1, 2), min_size=1, max_size=8), st.floats(0.05, 1.5))
 def test_first_zero_of_a_polynomial(roots, end):
     inside = sorted(root for root in roots if 0 < root <= end)
-    gaps = np.diff(sorted([0.0, *roots, end]))
-    if np.any((gaps > 0) & (gaps < 1e-3)) or len(set(roots)) < len(roots) or 0.0 in roots:
-        return  # its roots are not those it was built from, to double precision
+    assume(np.diff(sorted([0.0, *roots, end])).min() > 1e-3)  # else rounding the coefficients moves the roots
     p = np.polynomial.polynomial.polyfromroots(roots)
     found = _first_zero(p * np.sign(p[0]), end, np.empty(len(p)))
     assert found == (pytest.approx(inside[0], rel=1e-6) if inside else inf)

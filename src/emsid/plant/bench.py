@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError, ModelError
 from emsid.plant.motor import Motor
-from emsid.plant.simulation import AT_REST, STANDARD, State, Taylor, simulate
+from emsid.plant.simulation import AT_REST, STANDARD, State, Taylor, check_inputs, simulate
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -204,11 +204,9 @@ class Bench:
         Raises:
             DataError: for a voltage of another shape or not finite, for a sample time that is not positive.
         """
-        command = np.asarray(voltage, dtype=float)
-        if command.ndim != 1 or not np.isfinite(command).all():
-            raise DataError("the commanded voltage must be (N,) finite values in V")
-        if not (isfinite(dt) and dt > 0):
-            raise DataError(f"dt is {dt} s; it must be positive")
+        command, _, _ = check_inputs(voltage, dt, disturbance)
+        if len(command) == 0:
+            raise DataError("voltage has no sample; the bench needs at least one")
         # Time counts in samples here, so that whole ones are exact.
         n, period = len(command), (self.source.period or dt) / dt
         updates = _snap(period * np.arange(np.ceil(n / period)))

@@ -221,7 +221,7 @@ def simulate(
         ModelError: for an initial state the motor cannot be in, or time constants out of all proportion to
             dt.
     """
-    volts, holds, torques = _inputs(voltage, dt, disturbance)
+    volts, holds, torques = check_inputs(voltage, dt, disturbance)
     start = np.array([getattr(initial, f.name) for f in fields(State)], dtype=float)
     if not np.isfinite(start).all():
         raise ModelError(f"initial {initial} is not finite")
@@ -251,7 +251,8 @@ def simulate(
     )
 
 
-def _inputs(voltage: ArrayLike, dt: ArrayLike, disturbance: ArrayLike) -> tuple[Array, Array, Array]:
+def check_inputs(voltage: ArrayLike, dt: ArrayLike, disturbance: ArrayLike) -> tuple[Array, Array, Array]:
+    """Voltage, hold times and disturbance as (N,) each, or a `DataError` that says what is wrong with them."""
     volts = np.array(voltage, dtype=float)
     if volts.ndim != 1:
         raise DataError(f"voltage has shape {volts.shape}; give one value per sample, shape (N,)")

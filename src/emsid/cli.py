@@ -136,20 +136,31 @@ def _reader(
     )
 
 
-def reads_records(command: Command) -> Command:
-    """Give a command the options of `_reader`; what they make is its argument ``reader``."""
-    own = {name: p for name, p in inspect.signature(command).parameters.items() if name != "reader"}
-    shared = inspect.signature(_reader).parameters
+def reads_records(**defaults: Any) -> Callable[[Command], Command]:
+    """Give a command the options of `_reader`; what they make is its argument ``reader``.
 
-    def with_options(**values: Any) -> None:
-        reader = _reader(**{name: values.pop(name) for name in shared})
-        command(reader=reader, **values)
+    Args:
+        defaults: for options that may be left out in this command.
+    """
 
-    parameters = [p.replace(kind=p.KEYWORD_ONLY) for p in (*own.values(), *shared.values())]
-    with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    with_options.__annotations__ = {p.name: p.annotation for p in parameters}
-    with_options.__name__, with_options.__doc__ = command.__name__, command.__doc__
-    return with_options  # type: ignore[return-value]
+    def decorate(command: Command) -> Command:
+        own = {name: p for name, p in inspect.signature(command).parameters.items() if name != "reader"}
+        shared = {
+            name: p.replace(default=defaults.get(name, p.default))
+            for name, p in inspect.signature(_reader).parameters.items()
+        }
+
+        def with_options(**values: Any) -> None:
+            reader = _reader(**{name: values.pop(name) for name in shared})
+            command(reader=reader, **values)
+
+        parameters = [p.replace(kind=p.KEYWORD_ONLY) for p in (*own.values(), *shared.values())]
+        with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        with_options.__annotations__ = {p.name: p.annotation for p in parameters}
+        with_options.__name__, with_options.__doc__ = command.__name__, command.__doc__
+        return with_options  # type: ignore[return-value]
+
+    return decorate
 
 
 Transient = Annotated[
@@ -157,25 +168,22 @@ Transient = Annotated[
     typer.Option(metavar="N", help="Samples that start a free run and are left out of every error.", min=0),
 ]
 Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder for what is written.")]
-Reader = "Callable[[Path], Record]"
 
 
 # --- the commands ----------------------------------------------------------------------------------------------------
 
 
 @app.command()
+@reads_records(input=["voltage"], output=["speed"])
 def study(
+    reader: Any,
     out: Out = Path("emsid-study"),
     record: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Identify from this record instead of the virtual bench.")
     ] = None,
     verify: Annotated[Path | None, typer.Option(metavar="FILE", help="Verify on this record.")] = None,
-    input: Annotated[str, typer.Option(metavar="COL", help="Input column of both records.")] = "voltage",
-    output: Annotated[str, typer.Option(metavar="COL", help="Output column of both records.")] = "speed",
-    record_dt: Annotated[float | None, typer.Option(metavar="S", help="Sample time of both records.")] = None,
-    record_time: Annotated[str | None, typer.Option(metavar="COL", help="Or their time column.")] = None,
     motor: Annotated[Path | None, typer.Option(metavar="TOML", help="Parameters of the motor to simulate.")] = None,
-    dt: Annotated[float, typer.Option(metavar="S", help="Sample time of the simulated records.")] = 0.005,
+    step: Annotated[float, typer.Option(metavar="S", help="Sample time of the simulated records.")] = 0.005,
     duration: Annotated[float, typer.Option(metavar="S", help="Length of the simulated records.")] = 20.0,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of the noise on the bench.", min=0)] = 1,
     forgetting: Annotated[float, typer.Option(metavar="λ", help="Forgetting factor of recursive estimates.")] = 1.0,
@@ -184,30 +192,26 @@ def study(
 ) -> None:
     """The study of Kara and Abokoos, end to end, on a built-in motor; no data needed.
 
-    Writes report.html, study.json and the figures as SVG and PDF.
+    Writes report.html, study.json and the figures as SVG and PDF. The options on columns and times are for --record
+    and --verify.
 
     \b
     Examples:
       emsid study
       emsid study --motor motor.toml --seed 7 --out my-study
-      emsid study --record a.csv --verify b.csv --input u --output y --record-dt 0.01
+      emsid study --record a.csv --verify b.csv --input u --output y --dt 0.01
     """
     from emsid import study as paper
-    from emsid.io import read, read_motor
+    from emsid.io import read_motor
 
     if (record is None) != (verify is None):
         raise DataError("--record and --verify belong together: one record to identify, another to verify")
     settings = paper.Settings(
-        dt=dt, duration=duration, seed=seed, forgetting=forgetting, knots=knots, transient=transient
+        dt=step, duration=duration, seed=seed, forgetting=forgetting, knots=knots, transient=transient
     )
     if motor is not None:
         settings = replace(settings, motor=read_motor(motor))
-    records = None
-    if record is not None and verify is not None:
-        first, second = (
-            read(path, input=input, output=output, dt=record_dt, time=record_time) for path in (record, verify)
-        )
-        records = (first, second)
+    records = None if record is None or verify is None else (reader(record), reader(verify))
     with _progress() as report_progress:
         result = paper.study(settings, records, report_progress)
         report_progress("drawing the report", 1.0)
@@ -221,7 +225,7 @@ def study(
 
 
 @app.command()
-@reads_records
+@reads_records()
 def identify(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records to identify from.")],
     reader: Any,
@@ -285,7 +289,7 @@ def identify(
 
 
 @app.command()
-@reads_records
+@reads_records()
 def validate(
     model: Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that emsid wrote.")],
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records that the model has not seen.")],
@@ -356,7 +360,7 @@ def simulate(
 
 
 @app.command()
-@reads_records
+@reads_records()
 def describe(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records.")],
     reader: Any,

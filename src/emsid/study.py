@@ -118,6 +118,7 @@ class Study:
         load_friction_mse: mean square difference of the outputs with and without friction on the load side.
         output_variance: of the output with it, to compare that to.
         parts: the studies.
+        own_records: whether the second study is on records of the user's.
         interrupted: whether the user stopped it before both were done.
     """
 
@@ -125,6 +126,7 @@ class Study:
     load_friction_mse: float
     output_variance: float
     parts: tuple[Part, ...]
+    own_records: bool = False
     interrupted: bool = False
 
     @property
@@ -199,7 +201,7 @@ def study(
     except KeyboardInterrupt:
         if not parts:
             raise
-    return Study(settings, difference, variance, tuple(parts), interrupted=len(parts) < 2)
+    return Study(settings, difference, variance, tuple(parts), records is not None, len(parts) < 2)
 
 
 def _later(progress: Progress, begin: float, share: float) -> Progress:
@@ -230,9 +232,11 @@ def findings(result: Study) -> list[str]:
     sentences = [_about_load_friction(result)]
     for part in result.parts:
         linear, paper, friction = (part.verified(model).row for model in (LINEAR, PAPER, FRICTION))
+        known_motor = part.name == SIMULATION or not result.own_records
+        reason = _why(linear, paper, result.settings.motor) if known_motor else ""
         sentences += [
             f"In the {part.name} study, in free run on the verification record, the MSE of the paper's second-degree "
-            f"model is {_ratio(linear, paper)} that of the linear model{_why(linear, paper)}.",
+            f"model is {_ratio(linear, paper)} that of the linear model{reason}.",
             f"That of the friction regression is {_ratio(linear, friction)} it, at a fit of "
             f"{friction.fit_percent:.1f} %.",
         ]
@@ -278,9 +282,14 @@ def _ratio(linear: Row, other: Row) -> str:
     return f"{1 / ratio:.2f} times"
 
 
-def _why(linear: Row, paper: Row) -> str:
-    if paper.simulation_mse * 1.5 > linear.simulation_mse:
-        return ": its polynomial is even, and a dead zone and friction that are alike in both directions are odd"
+def _why(linear: Row, paper: Row, motor: Motor) -> str:
+    """Why an even polynomial does not help on a motor that is alike in both directions."""
+    zone, friction = motor.voltage_dead_zone or motor.torque_dead_zone, motor.rotor_friction
+    alike = friction.forward == friction.backward and (zone is None or zone.b_l == -zone.b_r)
+    if alike and paper.simulation_mse * 1.5 > linear.simulation_mse:
+        return (
+            ": its quadratic term is even, and dead zone and friction of this motor, alike in both directions, are odd"
+        )
     return ""
 
 

@@ -84,13 +84,29 @@ class Narx:
 
     def simulate(self, record: Record, transient: int | None = None) -> Run:
         """Free run over every segment, started by its first ``transient`` measured samples (at least the memory)."""
-        return self._run(record, transient, self._free_run)
+        # Where nothing was measured, as in a run over an input alone, only an overflow tells a divergence.
+        bound = RUNAWAY * float(np.max(np.abs(record.output))) or np.finfo(float).max
+
+        def advance(run: Array, segment: Record, start: int) -> int:
+            return int(free_run(run, segment.input, self._exogenous(segment, start), self._feedback, start, bound))
+
+        return self._run(record, transient, advance)
 
     def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
         """ŷ(t | t − horizon): simulated from measured outputs up to ``horizon`` samples before."""
         if horizon < 1:
             raise ModelError(f"{self.name}: a horizon of {horizon}; predictions look at least one sample ahead")
-        return self._run(record, transient, lambda segment, start: self._prediction(segment, start, horizon))
+
+        def advance(run: Array, segment: Record, start: int) -> int:
+            if horizon == 1:
+                self._weigh(self.structure, self.parameters, segment, start, run[start:])
+            else:
+                exogenous = self._exogenous(segment, self.memory)
+                measured = segment.output[:, 0]
+                predict_ahead(run, measured, segment.input, exogenous, self._feedback, self.memory, start, horizon)
+            return len(segment)
+
+        return self._run(record, transient, advance)
 
     def to_data(self) -> dict[str, Any]:
         """Regressors as text, parameters, sample time."""
@@ -119,22 +135,19 @@ class Narx:
         )
         return cls(structure, np.array(stored.parameters), stored.dt)
 
-    def _run(self, record: Record, transient: int | None, advance: Callable[[Record, int], Array]) -> Run:
+    def _run(self, record: Record, transient: int | None, advance: Callable[[Array, Record, int], int]) -> Run:
+        """Let ``advance`` overwrite every segment from its start on, up to the sample that it returns."""
         self.check(record)
         start = max(self.memory, transient or 0)
         output, counted = record.output.copy(), np.zeros(len(record), dtype=bool)
-        # Where nothing was measured, as in a run over an input alone, only an overflow tells a divergence.
-        bound = RUNAWAY * float(np.max(np.abs(record.output))) or np.finfo(float).max
         diverged_at, offset = None, 0
         for segment in record.segments:
             stop = offset + len(segment)
             if len(segment) > start:
-                run = advance(segment, start)
-                lost = np.flatnonzero(~(np.abs(run[start:]) <= bound))
-                if len(lost):
-                    run[start + lost[0] :] = np.nan
-                    diverged_at = offset + start + int(lost[0]) if diverged_at is None else diverged_at
-                output[offset:stop, 0] = run
+                reached = offset + advance(output[offset:stop, 0], segment, start)
+                if reached < stop:
+                    output[reached:stop] = np.nan
+                    diverged_at = reached if diverged_at is None else diverged_at
                 counted[offset + start : stop] = True
             offset = stop
         return Run(output, counted, diverged_at)
@@ -147,28 +160,6 @@ class Narx:
                 f"{self.name} was identified at {self.dt:g} s and {record.name} is sampled every {record.dt:g} s; "
                 "resample the record"
             )
-
-    def _prediction(self, segment: Record, start: int, horizon: int) -> Array:
-        result = segment.output[:, 0].copy()
-        if horizon == 1:
-            result[start:] = self._weighted(self.structure, self.parameters, segment, start)
-            return result
-        predict_ahead(
-            result,
-            segment.output[:, 0],
-            segment.input,
-            self._exogenous(segment, self.memory),
-            self._feedback,
-            self.memory,
-            start,
-            horizon,
-        )
-        return result
-
-    def _free_run(self, segment: Record, start: int) -> Array:
-        result = segment.output[:, 0].copy()
-        free_run(result, segment.input, self._exogenous(segment, start), self._feedback, start)
-        return result
 
     @cached_property
     def _feedback(self) -> Feedback:
@@ -196,15 +187,18 @@ class Narx:
 
     def _exogenous(self, segment: Record, start: int) -> Array:
         """The part of φᵀ(t)θ that contains inputs only, for every sample from ``start`` on."""
-        if self._outside is None:
-            return np.zeros(len(segment) - start)
-        return self._weighted(*self._outside, segment, start)
+        total = np.zeros(len(segment) - start)
+        if self._outside is not None:
+            self._weigh(*self._outside, segment, start, total)
+        return total
 
     @staticmethod
-    def _weighted(structure: Structure, parameters: Array, segment: Record, start: int) -> Array:
-        """φᵀ(t)θ for every sample from ``start`` on, with measured outputs."""
-        blocks = structure.blocks(segment, start, len(segment))
-        return np.concatenate([parameters @ block[:-1] for block in blocks])
+    def _weigh(structure: Structure, parameters: Array, segment: Record, start: int, result: Array) -> None:
+        """Write φᵀ(t)θ with measured outputs, for every sample from ``start`` on, into ``result``."""
+        done = 0
+        for block in structure.blocks(segment, start, len(segment)):
+            np.dot(parameters, block[:-1], out=result[done : done + block.shape[1]])
+            done += block.shape[1]
 
 
 class _Stored(msgspec.Struct, forbid_unknown_fields=True):
@@ -227,8 +221,11 @@ def free_run_reference(model: Narx, record: Record, start: int) -> Array:
 
 
 @numba.njit(cache=True, nogil=True)
-def free_run(y: Array, u: Array, exogenous: Array, feedback: Feedback, start: int) -> None:
-    """Overwrite y from ``start`` on by the model's own output; ``exogenous[t − start]`` is the rest of φᵀ(t)θ."""
+def free_run(y: Array, u: Array, exogenous: Array, feedback: Feedback, start: int, bound: float) -> int:
+    """Overwrite y from ``start`` on by the model's own output; ``exogenous[t − start]`` is the rest of φᵀ(t)θ.
+
+    Returns the first sample that is not within ±``bound``, where the run ends, or the number of samples.
+    """
     linear, weights, offsets, factors, parameters = feedback
     for t in range(start, len(y)):
         total = exogenous[t - start]
@@ -245,6 +242,9 @@ def free_run(y: Array, u: Array, exogenous: Array, feedback: Feedback, start: in
         for k in range(len(linear), 0, -1):  # the newest last: only it has to be waited for
             total += linear[k - 1] * y[t - k]
         y[t] = total
+        if not abs(total) <= bound:
+            return t
+    return len(y)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -264,5 +264,5 @@ def predict_ahead(
         first = max(t - horizon + 1, memory)
         length = memory + t - first + 1
         window[:memory] = y[first - memory : first]
-        free_run(window[:length], u[first - memory : t + 1], exogenous[first - memory :], feedback, memory)
+        free_run(window[:length], u[first - memory : t + 1], exogenous[first - memory :], feedback, memory, np.inf)
         result[t] = window[length - 1]

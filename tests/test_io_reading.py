@@ -367,6 +367,7 @@ class TestMask:
             ("u IN (select c from read_csv('{log}'))", "which is no column"),
             ("u IN (table (read_csv('{log}')))", "uses a function 'table'"),
             ("u IN (E'a\\'b')", "is not understood"),
+            ("u > least()", "uses 'least', which is no column"),
             ("u > $$1$$", "is not understood"),
         ],
     )

@@ -118,7 +118,7 @@ def test_data_that_begin_with_missing_values() -> None:
         (b"PAR1 text", "it looks like a Parquet file"),
         (b"t,u\n0,1\n\0\0\0\0\n2,3\n", "not a text table; it looks like binary data"),
         (b"t,u\n" + b"0,1\n" * 2000 + b"\0\0\n2,3\n", "text with binary data in row 2002"),
-        (b"\xff\xfet\0,\0u", "not a text table"),
+        (b"\xff\xfet\0,\0u", "no numbers in this file"),
     ],
 )
 def test_what_is_no_table(content: bytes, message: str) -> None:

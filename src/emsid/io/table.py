@@ -14,7 +14,6 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
 from emsid.errors import FormatError
@@ -53,6 +52,7 @@ _UNITS = {
 }
 _CELL = "\x1f"  # stands between the cells of a split line; in a file it would be binary, and refused
 _TAIL = 100  # lines at the end of the file that tell its structure
+_BETWEEN_BLANKS = re.compile(r'"[^"]*"|[^\s"]+')
 _DIGIT = re.compile(r"\d")
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
 
@@ -61,14 +61,9 @@ class _Line(NamedTuple):
     number: int  # 1-based line of the file
     text: str
 
-    @property
-    def cells(self) -> list[str]:
-        """The cells of a line that has been split by marks."""
-        return [cell.strip() for cell in self.text.split(_CELL)]
-
 
 class _Header(NamedTuple):
-    number: int  # 1-based line of the file with the names
+    at: int | None  # which line it begins in, of those that are no comment; None where it is a comment
     names: list[str]
     units: list[str]
 
@@ -80,73 +75,91 @@ def read_table(content: bytes) -> Columns:
         FormatError: for binary content, no data, or a line with another number of values than the rest.
     """
     comments: list[_Line] = []
-    lines: list[_Line] = []
+    numbers: list[int] = []
+    texts: list[str] = []
     for number, text in enumerate(_decode(content).replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1):
-        stripped = text.strip()
-        if stripped:
-            (comments if stripped[0] in "#%" else lines).append(_Line(number, text))
-    if not lines:
+        first = text.lstrip()[:1]
+        if first and first in "#%":
+            comments.append(_Line(number, text))
+        elif first:
+            numbers.append(number)
+            texts.append(text)
+    if not texts:
         raise FormatError("there is no table in this file, only comments or blank lines; check how it was exported")
 
-    tail = [line.text for line in lines[-_TAIL:] if _DIGIT.search(line.text)]
+    tail = [text for text in texts[-_TAIL:] if _DIGIT.search(text)]
     separator = _separator(tail[len(tail) // 2 :])
-    lines = [_Line(number, _with_marks(number, text, separator)) for number, text in lines]
-    width = _width(lines[-_TAIL:])
-    start = _first_data_line(lines, width)
-    header = _header(lines, start, width) or _commented_header(comments, lines[start], separator, width)
-    data = lines[start:]
-    for number, text in data:
-        if text.count(_CELL) != width - 1:
-            found = text.count(_CELL) + 1
-            raise FormatError(
-                f"row {number} of the file has {found} value{'s' * (found != 1)} where the others have "
-                f"{width}; the file is cut off or damaged there: repair or delete that row"
-            )
+    texts = _with_marks(numbers, texts, separator)
+    width = _width(texts[-_TAIL:])
+    start = _first_data_line(texts, width)
+    header = _header(texts, start, width) or _commented_header(comments, numbers[start], separator, width)
+    _check_widths(numbers[start:], texts[start:], width)
     names = _distinct(header.names if header else [""] * width)
-    above = (line for line in lines[:start] if not header or line.number < header.number)
-    preamble = sorted([*above, *(comment for comment in comments if comment.number < data[0].number)])
+    above = header.at if header and header.at is not None else start
+    preamble = sorted(
+        [*map(_Line, numbers[:above], texts[:above]), *(c for c in comments if c.number < numbers[start])]
+    )
     return Columns(
-        series=_parse(data, names),
+        series=_parse(texts[start:], names),
         units={name: unit for name, unit in zip(names, header.units, strict=True) if unit} if header else {},
         preamble=tuple(line.text.replace(_CELL, " ").strip().lstrip("#% ") for line in preamble),
-        lines=[line.number for line in data],
+        lines=numbers[start:],
     )
 
 
 def _decode(content: bytes) -> str:
     wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))  # UTF-16, as spreadsheets write "Unicode text"
-    text = None
-    with suppress(UnicodeDecodeError):
-        text = content.decode("utf-16" if wide else "utf-8-sig")
-    if text is None and not wide:
+    try:
+        text = content.decode("utf-16", errors="replace") if wide else content.decode("utf-8-sig")
+    except UnicodeDecodeError:
         text = content.decode("latin-1")  # a µ or ° of an older program; every byte is a letter
-    damage = None if text is None else _CONTROL.search(text)
-    what = looks_like(content)
-    if text is None or damage or not (wide or what == "text"):
-        if damage and what == "text":
-            what = f"text with binary data in row {text.count(chr(10), 0, damage.start()) + 1}" if text else what
+    what = "text" if wide else looks_like(content)
+    damage = _CONTROL.search(text)
+    if damage and what == "text":
+        what = f"text with binary data in row {text.count(chr(10), 0, damage.start()) + 1}"
+    if what != "text":
         raise FormatError(
             f"this is not a text table; it looks like {what}: give the file its right suffix or repair it"
         )
     return text
 
 
-def _with_marks(number: int, text: str, separator: str) -> str:
-    """The line with a mark between its cells in place of the separator, and without quotes."""
-    if '"' not in text:
-        return _CELL.join(text.split()) if separator == " " else text.replace(separator, _CELL)
+def _with_marks(numbers: Sequence[int], texts: Sequence[str], separator: str) -> list[str]:
+    """The lines with a mark between their cells in place of the separator, and without quotes."""
     if separator == " ":
-        return _CELL.join(cell.strip('"') for cell in re.findall(r'"[^"]*"|[^\s"]+', text))
-    try:
-        return _CELL.join(next(csv.reader([text], delimiter=separator, skipinitialspace=True)))
-    except (csv.Error, StopIteration) as problem:
-        raise FormatError(f"row {number} of the file cannot be split into values ({problem}); repair it") from None
+        return [_CELL.join(cell.strip('"') for cell in _BETWEEN_BLANKS.findall(text)) for text in texts]
+    whole = "\n".join(texts)
+    if '"' not in whole:
+        return whole.replace(separator, _CELL).split("\n")
+    marked = []
+    for number, text in zip(numbers, texts, strict=True):
+        try:
+            marked.append(_CELL.join(next(csv.reader([text], delimiter=separator, skipinitialspace=True))))
+        except (csv.Error, StopIteration) as problem:
+            raise FormatError(f"row {number} of the file cannot be split into values ({problem}); repair it") from None
+    return marked
+
+
+def _cells(text: str) -> list[str]:
+    """The cells of a line with marks."""
+    return [cell.strip() for cell in text.split(_CELL)]
+
+
+def _check_widths(numbers: Sequence[int], texts: Sequence[str], width: int) -> None:
+    """Refuse a line with another number of cells than the rest."""
+    counts = [text.count(_CELL) + 1 for text in texts]
+    if counts.count(width) < len(counts):
+        number, found = next((n, count) for n, count in zip(numbers, counts, strict=True) if count != width)
+        raise FormatError(
+            f"row {number} of the file has {found} value{'s' * (found != 1)} where the others have {width}; the file "
+            "is cut off or damaged there: repair or delete that row"
+        )
 
 
 def _numeric_share(sample: Sequence[str], separator: str) -> float:
     """The part of the filled cells that are numbers, were ``separator`` the right one."""
-    filled = [cell for text in sample for cell in text.replace('"', "").split(None if separator == " " else separator)]
-    cells = [cell.strip() for cell in filled if cell.strip()]
+    rows = (text.replace('"', "").split(None if separator == " " else separator) for text in sample)
+    cells = [cell.strip() for row in rows for cell in row if cell.strip()]
     return sum(bool(_NUMBER.fullmatch(cell)) for cell in cells) / len(cells) if cells else 0.0
 
 
@@ -162,9 +175,10 @@ def _separator(sample: Sequence[str]) -> str:
     return preferred if _numeric_share(sample, preferred) >= _numeric_share(sample, " ") else " "
 
 
-def _width(lines: Sequence[_Line]) -> int:
+def _width(texts: Sequence[str]) -> int:
     """The most frequent number of cells of a line with a number; of equally frequent ones the last."""
-    counts = Counter(len(line.cells) for line in reversed(lines) if any(map(_is_number, line.cells)))
+    rows = map(_cells, reversed(texts))
+    counts = Counter(len(cells) for cells in rows if any(map(_is_number, cells)))
     return counts.most_common(1)[0][0] if counts else 1
 
 
@@ -172,20 +186,21 @@ def _is_number(cell: str) -> bool:
     return _NUMBER.fullmatch(cell) is not None
 
 
-def _first_data_line(lines: Sequence[_Line], width: int) -> int:
+def _first_data_line(texts: Sequence[str], width: int) -> int:
     """The index of the first line that has ``width`` cells and a number among them, and that others like it follow."""
 
     def has_number(k: int) -> bool:
-        return any(map(_is_number, lines[k].cells))
+        return any(map(_is_number, _cells(texts[k])))
 
     def is_missing(k: int) -> bool:
-        return len(lines[k].cells) == width and all(map(_is_missing, lines[k].cells))
+        cells = _cells(texts[k])
+        return len(cells) == width and all(map(_is_missing, cells))
 
     def begins(k: int) -> bool:
-        follows = k + 1 == len(lines) or has_number(k + 1) or is_missing(k + 1)
-        return follows and len(lines[k].cells) == width and has_number(k)
+        follows = k + 1 == len(texts) or has_number(k + 1) or is_missing(k + 1)
+        return follows and len(_cells(texts[k])) == width and has_number(k)
 
-    start = next(filter(begins, range(len(lines))), None)
+    start = next(filter(begins, range(len(texts))), None)
     if start is None:
         raise FormatError("there are no numbers in this file; check how it was exported")
     while start and is_missing(start - 1):
@@ -193,33 +208,32 @@ def _first_data_line(lines: Sequence[_Line], width: int) -> int:
     return start
 
 
-def _header(lines: Sequence[_Line], start: int, width: int) -> _Header | None:
-    """The names, and perhaps units, in the one or two lines above the first data line, if that is what they
-    are."""
+def _header(texts: Sequence[str], start: int, width: int) -> _Header | None:
+    """The names, and perhaps units, in the one or two lines above the first data line, if that is what they are."""
 
     def names(k: int) -> list[str]:
         """Line ``k`` as ``width`` names; one separator too many, there or in the data, is forgiven."""
-        cells = lines[k].cells if k >= 0 else []
+        cells = _cells(texts[k]) if k >= 0 else []
         while len(cells) > width and not cells[-1]:
             cells.pop()
-        if len(cells) == width - 1 and not lines[start].cells[-1]:
+        if len(cells) == width - 1 and not _cells(texts[start])[-1]:
             cells.append("")
         return cells if _are_names(cells, width) else []
 
     nearest, above = names(start - 1), names(start - 2)
-    if above and all(map(_is_unit, nearest)) and nearest:
-        return _Header(lines[start - 2].number, above, [unit.strip("()[]{} ") for unit in nearest])
-    return _Header(lines[start - 1].number, nearest, [""] * width) if nearest else None
+    if nearest and above and all(map(_is_unit, nearest)):
+        return _Header(start - 2, above, [unit.strip("()[]{} ") for unit in nearest])
+    return _Header(start - 1, nearest, [""] * width) if nearest else None
 
 
-def _commented_header(comments: Sequence[_Line], first: _Line, separator: str, width: int) -> _Header | None:
-    """The names in the comment right above the first data line (``# t u y``), if that is what it is."""
-    above = next((comment for comment in comments if comment.number == first.number - 1), None)
+def _commented_header(comments: Sequence[_Line], first: int, separator: str, width: int) -> _Header | None:
+    """The names in the comment right above line ``first`` of the file (``# t u y``), if that is what it is."""
+    above = next((comment for comment in comments if comment.number == first - 1), None)
     if above is None:
         return None
-    text = above.text.strip().lstrip("#%").strip()
-    cells = _Line(above.number, _with_marks(above.number, text, separator)).cells
-    return _Header(above.number, cells, [""] * width) if _are_names(cells, width) else None
+    (text,) = _with_marks([above.number], [above.text.strip().lstrip("#% ")], separator)
+    cells = _cells(text)
+    return _Header(None, cells, [""] * width) if _are_names(cells, width) else None
 
 
 def _are_names(cells: Sequence[str], width: int) -> bool:
@@ -247,11 +261,11 @@ def _distinct(names: Sequence[str]) -> list[str]:
     return result
 
 
-def _parse(data: Sequence[_Line], names: Sequence[str]) -> dict[str, pl.Series]:
+def _parse(texts: Sequence[str], names: Sequence[str]) -> dict[str, pl.Series]:
     import polars as pl
 
     frame = pl.read_csv(
-        "\n".join(line.text for line in data).encode() + b"\n",
+        "\n".join(texts).encode() + b"\n",
         has_header=False,
         separator=_CELL,
         quote_char=None,

@@ -372,7 +372,7 @@ def _run(
             step = min(left, longest, _step_for(m, s, tolerance))
             while True:
                 step, event, body, turn = _first_event(m, s, motion, branch, torques[k], step, margin, centred)
-                if _decay_error(m, s, motion, step) <= tolerance:
+                if not _decay_error(m, s, motion, step) > tolerance:
                     break
                 step *= 0.5
             if energy:

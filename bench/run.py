@@ -1,8 +1,8 @@
 """Speed beside the peers, in one run on one machine: ``make bench``.
 
 Every figure is the best of several repetitions with the libraries' default thread settings, after a warm-up that
-compiles what is compiled. Slow peers are measured on fewer samples and reported per sample. Nothing here decides a test.
-"""
+compiles what is compiled. Slow peers are measured on fewer samples and reported per sample. Nothing here decides a
+test.
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -15,7 +16,10 @@ from hypothesis import strategies as st
 import emsid.models
 from emsid.errors import FormatError, ModelError
 from emsid.io import load, read_motor, save
+from emsid.models import Narx
+from emsid.models.regressors import arx
 from emsid.plant import Motor
+from emsid.record import Record
 
 
 @dataclass(frozen=True)
@@ -35,13 +39,13 @@ class Gain:
         return cls(**data)
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def gain_is_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(emsid.models, "MODELS", {"Gain": Gain}, raising=False)
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path: Path, gain_is_a_model: None) -> Path:
     path = tmp_path / "model.json"
     save(Gain([0.1, -2.0]), path)  # type: ignore[arg-type]
     return path
@@ -58,12 +62,22 @@ def failure(path: Path) -> str:
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False)), st.text(st.characters(exclude_categories=("Cs",))))
+@pytest.mark.usefixtures("gain_is_a_model")
 def test_a_model_comes_back_bit_by_bit(tmp_path: Path, values: list[float], name: str) -> None:
     save(Gain(values, name), tmp_path / "model.json")  # type: ignore[arg-type]
     back = load(tmp_path / "model.json")
     assert isinstance(back, Gain)
     assert back == Gain(values, name)
     assert list(map(str, back.values)) == list(map(str, values))  # 0.0 is not −0.0
+
+
+def test_a_regression_model_comes_back_and_runs_as_before(tmp_path: Path) -> None:
+    model = Narx(arx(na=2, nb=2), np.array([-1.5, 0.7, 1 / 3, 0.2]), 1e-3)
+    save(model, tmp_path / "arx.json")
+    back = load(tmp_path / "arx.json")
+    assert isinstance(back, Narx)
+    record = Record(np.sin(np.arange(50.0)), np.zeros(50), 1e-3)
+    np.testing.assert_array_equal(back.simulate(record).output, model.simulate(record).output)
 
 
 def test_the_file_says_what_it_is(path: Path) -> None:

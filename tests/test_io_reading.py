@@ -153,6 +153,8 @@ class TestTime:
             when = (1_700_000_000_000 + k).cast(pl.Datetime("ms")).dt.cast_time_unit(unit)  # type: ignore[arg-type]
             pl.DataFrame({"when": when, "u": [1, 2, 3, 4], "y": [1, 2, 3, 4]}).write_parquet(path)
             assert read(path, input="u", output="y", time="when").dt == pytest.approx(0.02)
+        pl.DataFrame({"when": k.cast(pl.Date), "u": [1, 2, 3, 4], "y": [1, 2, 3, 4]}).write_parquet(path)
+        assert read(path, input="u", output="y", time="when").dt == 20 * 86400
 
     def test_none_at_all(self, log: Path, write: Write) -> None:
         message = failure(log, input="u", output="y")

@@ -2,7 +2,7 @@
 
 ::
 
-    {"format": "emsid model", "schema": 1, "type": "Narx", "model": {…}, "sha256": "…"}
+    {"format": "emsid model", "schema": 1, "type": "narx", "model": {…}, "sha256": "…"}
 
 The checksum is that of the other entries with their keys sorted and no blanks, so that a file may be laid out anew but
 not altered. Floats are written with as many digits as bring them back exactly.

@@ -241,6 +241,7 @@ def _record(
     derivative_window: int,
     meanings: Mapping[str, float | None],
 ) -> Record:
+    """The record in ``columns``, with the options of `read`, in the order that the module says."""
     signals = _signals(inputs, outputs, columns)
     _check_options({"scale": scale, "offset": offset, "units": units}, signals)
     selection = _select(columns, [*(s.column for s in signals), *([clock.time] if clock.time else [])], rows, mask)
@@ -418,6 +419,8 @@ def _as_numbers(series: pl.Series) -> Array:
     """(N,) the values as real numbers, NaN where there is none; dates and durations become seconds."""
     import polars as pl
 
+    if series.dtype == pl.Date:
+        series = series.cast(pl.Datetime("ms"))
     if series.dtype.is_temporal():
         physical = series.to_physical()
         per_second = {"ms": 1e3, "us": 1e6, "ns": 1e9}[getattr(series.dtype, "time_unit", None) or "ns"]

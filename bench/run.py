@@ -3,6 +3,7 @@
 Every figure is the best of several repetitions with the libraries' default thread settings, after a warm-up that
 compiles what is compiled. Slow peers are measured on fewer samples and reported per sample. Nothing here decides a
 test.
+"""
 
 from __future__ import annotations
 
@@ -90,9 +91,8 @@ def batch() -> None:
     emsid.least_squares(structure, record)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    console.print(
-        f"peak memory of least_squares beyond the data: {peak / 2**20:.1f} MiB (the matrix: {matrix.nbytes / 2**20:.0f})\n"
-    )
+    size = matrix.nbytes / 2**20
+    console.print(f"peak memory beyond the data: {peak / 2**20:.1f} MiB (the matrix: {size:.0f} MiB)\n")
 
 
 def _sysidentpy(estimator: object, degree: int = 1, terms: int = 10) -> object:

@@ -144,7 +144,9 @@ def gather(
             check_excitation(record)
             first = first or record
             check_same_channels(first, record)
-            for part in pool.map(_fold_chunk, repeat(structure), structure.chunks(record, CHUNK)):
+            chunks = structure.chunks(record, CHUNK)
+            in_turn = map if len(chunks) == 1 else pool.map  # a short record is done before a thread has started
+            for part in in_turn(_fold_chunk, repeat(structure), chunks):
                 information = information.merge(part)
     if first is None:
         raise DataError("no record to identify from")

@@ -323,15 +323,17 @@ _PAGE_DASHES = {Dash.SOLID: "solid", Dash.DASHED: "dash", Dash.DOTTED: "2px,2px"
 
 def interactive(plot: Plot) -> Trace:
     """A plot as Plotly's JSON: ``data`` and ``layout``, in built-in types."""
+    named = any(mark.label for mark in plot.marks)
+    above, below = 30 if named else 10, 48
     layout = {
-        "height": round(_PAGE_ROW * plot.height) + 60,
-        "margin": {"l": 66, "r": 16, "t": 30, "b": 48},
+        "height": round(_PAGE_ROW * plot.height) + above + below - 30,
+        "margin": {"l": 66, "r": 16, "t": above, "b": below},
         "font": {"family": "Segoe UI, system-ui, Helvetica Neue, Arial, sans-serif", "size": 12, "color": "#22262e"},
         "paper_bgcolor": "#ffffff",
         "plot_bgcolor": "#ffffff",
         "hovermode": "closest" if plot.y.names else "x",
         "dragmode": "zoom",
-        "showlegend": any(mark.label for mark in plot.marks),
+        "showlegend": named,
         "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"},
         "xaxis": _page_axis(plot.x),
         "yaxis": _page_axis(plot.y),
@@ -359,7 +361,7 @@ def _page_axis(axis: Axis) -> Trace:
         "exponentformat": "power",
     }
     if axis.log:
-        settings |= {"type": "log", "dtick": 1}
+        settings |= {"type": "log", "dtick": 1, "tickformat": "~g"}
     if axis.range:
         settings["range"] = [float(v) for v in (np.log10(axis.range) if axis.log else axis.range)]
     if axis.names:

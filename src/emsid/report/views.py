@@ -248,7 +248,7 @@ def _dead_zone(zone: DeadZone, quantity: str, unit: str) -> Plot:
     x = np.array([-reach, zone.b_l, zone.b_r, reach])
     return Plot(
         (
-            Line(x[[0, -1]], x[[0, -1]], "without dead zone", Stroke(Ink.GREY, Dash.DASHED, 0.8)),
+            Line(x[[0, -1]], x[[0, -1]], "D(v) = v", Stroke(Ink.GREY, Dash.DASHED, 0.8)),
             Line(x, zone(x), "dead zone (4.9)", MEASURED),
         ),
         Axis(f"Applied {quantity} v", unit),
@@ -302,7 +302,7 @@ def timeline(record: Record) -> tuple[Array, NDArray[np.intp]]:
         if t[0] < end:
             t = t + (end - t[0])
         if offset:
-            times.append([(end + t[0]) / 2])
+            times.append([(end - record.dt + t[0]) / 2])
             samples.append([-1])
         times.append(t)
         samples.append(np.arange(offset, offset + len(segment)))
@@ -336,7 +336,7 @@ def inputs(records: Sequence[Record], *, name: str = "inputs") -> Figure:
             plots.append(
                 Plot((line,), TIME, Axis(_capital(channel), record.input_units[k]), _capital(record.name), height=0.8)
             )
-    return Figure(name, f"Input of {_listed([record.name for record in records])}.", tuple(plots))
+    return Figure(name, f"Input of {_listed(list(dict.fromkeys(record.name for record in records)))}.", tuple(plots))
 
 
 def critical_intervals(
@@ -556,7 +556,7 @@ def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "co
     for k, parameter in enumerate(fit.names):
         groups.setdefault(parameter.rstrip("0123456789_"), []).append(k)
     plots = []
-    for members in groups.values():
+    for row, members in enumerate(groups.values()):
         drawn = members[:at_most]
         marks: list[Mark] = []
         for k, ink in zip(drawn, cycle(_INKS), strict=False):
@@ -572,6 +572,7 @@ def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "co
                 Axis("Sample", "1", log=True),
                 Axis("Estimate", "SI", range=_settled_range(fit.history[:, drawn], batch, drawn)),
                 first if len(members) == 1 else f"{first} … {last}{left_out}",
+                span=2 if row % 2 == 0 and row == len(groups) - 1 > 0 else 1,  # the last one, alone in its row
             )
         )
     dashed = "; dashed: batch least squares" if batch is not None else ""

@@ -19,7 +19,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,16 +38,42 @@ TAKES_PART = 1e-3
 class Identifiability:
     """Which directions of relative change a set of data leaves open.
 
-    Attributes:
+    Args:
         names: (p,) the parameters.
+        triangle: (p, p) a factor of the information on relative changes, SᵀS.
+        noise: standard deviation σ of the residual; 0 asks what the model can tell without noise.
+
+    Attributes:
         spread: (p,) standard deviation, relative to the size, of every direction; infinite where the model cannot
             tell it.
         directions: (p, p) the directions as columns, orthonormal, in relative changes.
     """
 
     names: tuple[str, ...]
-    spread: Array
-    directions: Array
+    triangle: Array
+    noise: float
+    spread: Array = field(init=False)
+    directions: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        p = len(self.names)
+        length = np.linalg.norm(self.triangle, axis=0)
+        length = np.where(length > 0, length, 1.0)
+        _, values, turned = np.linalg.svd(self.triangle / length)
+        hidden = turned[values <= ROUNDED * max(float(np.max(values, initial=0.0)), np.finfo(float).tiny)].T
+        basis, _ = np.linalg.qr(hidden / length[:, None])
+        rest = np.linalg.qr(np.column_stack([basis, np.eye(p)]))[0][:, basis.shape[1] :]
+        _, values, turned = np.linalg.svd(self.triangle @ rest)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            told = np.where(values > 0, self.noise / values, np.inf)
+        object.__setattr__(self, "spread", np.concatenate([np.full(basis.shape[1], np.inf), told]))
+        object.__setattr__(self, "directions", np.column_stack([basis, rest @ turned.T]))
+
+    def without(self, held: Sequence[str]) -> Identifiability:
+        """The same data when these parameters are known."""
+        kept = [k for k, name in enumerate(self.names) if name not in held]
+        triangle: Array = np.asarray(np.linalg.qr(self.triangle[:, kept], mode="r"))
+        return Identifiability(tuple(self.names[k] for k in kept), triangle, self.noise)
 
     def tells(self, gradient: Array) -> bool:
         """Whether a function of the parameters is told, its gradient (p,) being with respect to relative changes."""
@@ -96,16 +122,5 @@ def identifiability(jacobians: Sequence[Array], sizes: Array, names: Sequence[st
     for jacobian in jacobians:
         columns = np.vstack([jacobian.T[nuisance_first], np.zeros(len(jacobian))])
         information = information.add_columns(np.ascontiguousarray(columns))
-    triangle = information.factor[width - p : width, width - p : width] * sizes  # after projection on the nuisance
-    length = np.linalg.norm(triangle, axis=0)
-    _, unit_values, unit_directions = np.linalg.svd(triangle / np.where(length > 0, length, 1.0))
-    blind = unit_directions[unit_values <= ROUNDED * max(float(unit_values[0]), 1e-300)].T
-    blind = blind / np.where(length > 0, length, 1.0)[:, None]
-    basis, _ = np.linalg.qr(blind) if blind.shape[1] else (np.zeros((p, 0)), None)
-    # The rest, at right angles to what the model cannot tell.
-    whole, _ = np.linalg.qr(np.column_stack([basis, np.eye(p)]))
-    rest = whole[:, basis.shape[1] : p]
-    _, values, turned = np.linalg.svd(triangle @ rest, full_matrices=False)
-    with np.errstate(divide="ignore"):
-        spread = np.concatenate([np.full(basis.shape[1], np.inf), noise / values])
-    return Identifiability(tuple(names), spread, np.column_stack([basis, rest @ turned.T]))
+    triangle = information.factor[width - p : width, width - p : width] * sizes  # what the nuisance cannot explain
+    return Identifiability(tuple(names), triangle, noise)

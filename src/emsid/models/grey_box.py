@@ -28,7 +28,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, isfinite
 from typing import Any
 
@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError, EmsidError, ModelError
-from emsid.estimation.fit import Fit
+from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.gauss_newton import Block, Infeasible, Iteration, Minimum, gauss_newton
 from emsid.estimation.identifiability import Identifiability, identifiability
 from emsid.models.grey_box_start import motions
@@ -482,6 +482,10 @@ class GreyBoxFit(Fit[GreyBox]):
         identifiability: of the parameters that were asked for, at the estimate.
         segments: the records it was fitted to, without gaps.
         states: their initial states.
+        weighting: how errors counted by their age.
+        limits: bounds of the free parameters, those of a datasheet and of physics included.
+        cost: V at the minimum, half the weighted sum of squares.
+        colour: (p,) how many times larger the variance of every parameter is than with a white residual.
     """
 
     table: tuple[Estimate, ...] = ()
@@ -491,6 +495,17 @@ class GreyBoxFit(Fit[GreyBox]):
     segments: tuple[Record, ...] = ()
     states: tuple[Array, ...] = ()
     weighting: Weighting = all_alike
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    cost: float = float("nan")
+    colour: Array = field(default_factory=lambda: np.ones(0))
+
+    def simulated(self) -> tuple[Array, ...]:
+        """The free run (Nᵢ, ny) of every segment from its estimated initial state."""
+        model = self.model
+        return tuple(
+            model.plant.simulate(segment.input, segment.dt, state, model.signals)
+            for segment, state in zip(self.segments, self.states, strict=True)
+        )
 
 
 def simulation_error(
@@ -546,19 +561,26 @@ def simulation_error(
         return _Simulation(current, shown, segments, names, guesses, unknown, weighting, threads or os.cpu_count() or 1)
 
     start = _best_start(subject, asked, limits, problem_for)
-    preference = _preference(subject, asked, sheet)
-    names, words = list(asked), []
-    told = _told(problem_for(start, asked), None)
-    while held := _to_hold(_restricted(told, names, problem_for, start), preference):
-        names.remove(held)
-    minimum, problem = _search(problem_for(start, names), limits, max_iterations, max_seconds, progress)
-    found = problem.plant_at(minimum.estimate)
-    states = problem.states(minimum.estimate)
+    names = _hold(_told(problem_for(start, asked), None), asked, _preference(subject, asked, sheet))
+    found, states, steps = start, None, 0
+    while True:
+        problem = problem_for(found, names, states)
+        minimum = _search(problem, limits, max_iterations, max_seconds, progress)
+        found, states = problem.plant_at(minimum.estimate), problem.states(minimum.estimate)
+        steps += minimum.iterations
+        inside = [name for name, free in zip(names, minimum.free, strict=False) if free]
+        kept = _hold(_told(problem_for(found, inside, states), minimum), inside, _preference(subject, asked, sheet))
+        if minimum.ending is Ending.INTERRUPTED or len(kept) == len(inside):
+            break
+        lost = [name for name in inside if name not in kept]
+        names = [name for name in names if name not in lost]
+        found = found.put({name: subject.value(name) for name in lost if name in sheet})
     told = _told(problem_for(found, asked, states), minimum)
-    words += _in_words(told, names, found, shown)
+    words = _in_words(told, names, found, shown)
     fit = minimum.fit(GreyBox(found, shown), tuple(names), "gn")
     return GreyBoxFit(
-        **{f: getattr(fit, f) for f in Fit.__dataclass_fields__ if f != "message"},
+        **{f: getattr(fit, f) for f in Fit.__dataclass_fields__ if f not in ("message", "iterations")},
+        iterations=steps,
         message="; ".join(filter(None, [fit.message, *words])),
         table=_table(found, start, names, asked, fixed, sheet, minimum, told),
         combinations=_combinations(found, names, asked, minimum, told),
@@ -567,7 +589,15 @@ def simulation_error(
         segments=segments,
         states=tuple(states),
         weighting=weighting,
+        limits=limits,
+        cost=minimum.cost,
+        colour=_colour(minimum, len(names)),
     )
+
+
+def _colour(minimum: Minimum, parameters: int) -> Array:
+    coloured, white = (np.diag(c)[:parameters] for c in (minimum.covariance, minimum.white_covariance))
+    return np.divide(coloured, white, out=np.ones(parameters), where=(white > 0) & np.isfinite(white))
 
 
 def _segments(records: Record | Iterable[Record]) -> tuple[Record, ...]:
@@ -732,20 +762,12 @@ def _told(problem: _Simulation, minimum: Minimum | None) -> Identifiability:
     return identifiability(jacobians, problem.sizes[:p], problem.free, noise)
 
 
-def _restricted(
-    told: Identifiability,
-    names: Sequence[str],
-    problem_for: Callable[[Plant, Sequence[str]], _Simulation],
-    plant: Plant,
-) -> Identifiability:
-    return told if len(names) == len(told.names) else _told(problem_for(plant, names), None)
-
-
-def _to_hold(told: Identifiability, preference: Sequence[str]) -> str | None:
-    """The parameter to hold next so that the others can be told, if one has to be."""
-    for group in told.groups:
-        return min(group, key=preference.index)
-    return None
+def _hold(told: Identifiability, names: Sequence[str], preference: Sequence[str]) -> list[str]:
+    """The parameters that are left when one after the other is held until the others can be told."""
+    kept = list(names)
+    while kept and (groups := told.without([name for name in names if name not in kept]).groups):
+        kept.remove(min(groups[0], key=preference.index))
+    return kept
 
 
 def _search(
@@ -754,11 +776,11 @@ def _search(
     max_iterations: int,
     max_seconds: float,
     progress: Callable[[Iteration], None] | None,
-) -> tuple[Minimum, _Simulation]:
+) -> Minimum:
     lower, upper = problem.lower, problem.upper
     for k, name in enumerate(problem.free):
         lower[k], upper[k] = limits[name]
-    minimum = gauss_newton(
+    return gauss_newton(
         problem,
         problem.start,
         lower=lower,
@@ -769,7 +791,6 @@ def _search(
         names=problem.names,
         progress=progress,
     )
-    return minimum, problem
 
 
 def _in_words(told: Identifiability, names: Sequence[str], plant: Plant, signals: Sequence[Signal]) -> list[str]:

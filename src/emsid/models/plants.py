@@ -494,6 +494,12 @@ class DrivenMotor(_Parametrised):
             )
         return replace(self, motor=found)
 
+    def friction_torque(self, speed: Array) -> Array:
+        """All mechanical friction (4.7) with the viscous part, in N·m, at speeds in rad/s."""
+        m = self.motor
+        viscous = (m.rotor_viscous + m.load_viscous) * speed
+        return np.asarray(m.rotor_friction.torque(speed) + m.load_friction.torque(speed) + viscous)
+
     def quantities(self) -> tuple[Quantity, ...]:
         """What voltage and speed alone can tell of a motor."""
         m = self.motor
@@ -509,6 +515,12 @@ class DrivenMotor(_Parametrised):
             Quantity("Coulomb voltage backward", "R·T_c/K", "V", r * float(slide.coulomb[1]) / k),
             Quantity("electromechanical time constant", "R·J/K²", "s", r * inertia / k**2),
         ]
+        zone = m.voltage_dead_zone or DeadZone(0.0, 0.0)
+        for k_side, side, edge, slope in ((0, "forward", zone.b_r, zone.m_r), (1, "backward", -zone.b_l, zone.m_l)):
+            held = float(slide.coulomb[k_side] + slide.stribeck[k_side])
+            found.append(
+                Quantity(f"break-away voltage {side}", "b + R·(T_c + T_s)/(K·m)", "V", edge + r * held / (k * slope))
+            )
         if m.inductance > 0:
             found.append(Quantity("electrical time constant", "L/R", "s", m.inductance / r))
         if not m.is_rigid:
@@ -635,6 +647,11 @@ class LinearAxis(_Parametrised):
             offset=mass * motion.offset,
             dead_zone=None if self.dead_zone is None else replace(self.dead_zone, b_l=-zone, b_r=zone),
         )
+
+    def friction_torque(self, speed: Array) -> Array:
+        """All friction with the viscous part, in N, at speeds in m/s."""
+        forward, backward = self.viscous_friction  # type: ignore[misc]
+        return np.asarray(self.friction.torque(speed) + np.where(speed < 0, backward, forward) * speed)
 
     def quantities(self) -> tuple[Quantity, ...]:
         """What is known even where the gain of the drive is not."""

@@ -172,8 +172,6 @@ every_name = pytest.mark.parametrize("name", PUBLIC)
 
 # A parameter may be explained by another word for it.
 WORDS = {"path": "path|file", "records": "records|experiments"}
-# To be explained where they are defined; the mark goes when they are.
-UNEXPLAINED = {"concatenate"}
 
 
 def parameters(thing: object) -> list[str]:
@@ -196,10 +194,7 @@ def test_public_names_resolve_to_what_they_are_called(name: str) -> None:
     assert getattr(emsid, name).__name__ == name
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.xfail(strict=True)) if name in UNEXPLAINED else name for name in PUBLIC],
-)
+@every_name
 def test_docstring_mentions_every_parameter(name: str) -> None:
     thing = getattr(emsid, name)
     text = thing.__doc__ or ""

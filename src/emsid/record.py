@@ -253,6 +253,10 @@ class Record:
 def concatenate(records: Iterable[Record], name: str | None = None) -> Record:
     """Several experiments as one record, each a segment (or several) of it.
 
+    Args:
+        records: of the same channels and sample time.
+        name: of the whole, by default that of the first.
+
     Raises:
         DataError: where sample times, channel names or units differ.
     """

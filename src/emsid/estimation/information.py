@@ -180,51 +180,68 @@ def fold_reference(factor: Array, columns: Array) -> Array:
     return np.asarray(np.linalg.qr(np.vstack([factor, columns.T]), mode="r"))
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+@numba.njit(cache=True, nogil=True)
 def fold(factor: Array, columns: Array) -> None:
     """Fold the rows of [Φ y], given as columns (k, m), into the triangular factor (k, k), in place.
 
-    Tiles of rows are reflected against the factor, column by column; `columns` itself is left as it is. Three columns
-    are reflected at a time, so that the reflector is loaded once for the three; padding makes their number even out.
+    `columns` itself is left as it is: tiles of it are copied to where the first-level cache holds them.
     """
     width, rows = columns.shape
-    tile = np.zeros((width + 2, TILE))
-    top = np.zeros((width, width + 2))
-    top[:, :width] = factor
+    top, tile = workspace(factor)
     for first in range(0, rows, TILE):
         height = min(TILE, rows - first)
         for j in range(width):
             for i in range(height):
                 tile[j, i] = columns[j, first + i]
-        for k in range(width):
-            v = tile[k, :height]
-            square = 0.0
-            for i in range(height):
-                square += v[i] * v[i]
-            if square == 0.0:
-                continue
-            head = top[k, k]
-            norm = -np.copysign(np.sqrt(head * head + square), head)
-            top[k, k] = norm
-            # H = I − τ w wᵀ with w = (1, v/pivot) maps (head, v) to (norm, 0).
-            pivot = head - norm
-            tau = -pivot / norm
-            for j in range(k + 1, width, 3):
-                a, b, c = tile[j, :height], tile[j + 1, :height], tile[j + 2, :height]
-                va, vb, vc = 0.0, 0.0, 0.0
-                for i in range(height):
-                    va += v[i] * a[i]
-                    vb += v[i] * b[i]
-                    vc += v[i] * c[i]
-                sa = tau * (top[k, j] + va / pivot)
-                sb = tau * (top[k, j + 1] + vb / pivot)
-                sc = tau * (top[k, j + 2] + vc / pivot)
-                top[k, j] -= sa
-                top[k, j + 1] -= sb
-                top[k, j + 2] -= sc
-                sa, sb, sc = sa / pivot, sb / pivot, sc / pivot
-                for i in range(height):
-                    a[i] -= sa * v[i]
-                    b[i] -= sb * v[i]
-                    c[i] -= sc * v[i]
+        reflect(top, tile, height)
     factor[:, :] = top[:, :width]
+
+
+@numba.njit(cache=True, nogil=True)
+def workspace(factor: Array) -> tuple[Array, Array]:
+    """The factor and a tile for `reflect`, both with two columns of zeros more than there are."""
+    width = len(factor)
+    top = np.zeros((width, width + 2))
+    top[:, :width] = factor
+    return top, np.zeros((width + 2, TILE))
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+def reflect(top: Array, tile: Array, height: int) -> None:
+    """Reflect the first ``height`` rows of a tile, held by columns, against the factor; both as `workspace` made them.
+
+    Three columns are reflected at a time, so that the reflector is loaded once for the three; the columns of zeros make
+    their number even out.
+    """
+    width = len(top)
+    for k in range(width):
+        v = tile[k, :height]
+        square = 0.0
+        for i in range(height):
+            square += v[i] * v[i]
+        if square == 0.0:
+            continue
+        head = top[k, k]
+        norm = -np.copysign(np.sqrt(head * head + square), head)
+        top[k, k] = norm
+        # H = I − τ w wᵀ with w = (1, v/pivot) maps (head, v) to (norm, 0).
+        pivot = head - norm
+        tau = -pivot / norm
+        for j in range(k + 1, width, 3):
+            a, b, c = tile[j, :height], tile[j + 1, :height], tile[j + 2, :height]
+            va, vb, vc = 0.0, 0.0, 0.0
+            for i in range(height):
+                va += v[i] * a[i]
+                vb += v[i] * b[i]
+                vc += v[i] * c[i]
+            sa = tau * (top[k, j] + va / pivot)
+            sb = tau * (top[k, j + 1] + vb / pivot)
+            sc = tau * (top[k, j + 2] + vc / pivot)
+            top[k, j] -= sa
+            top[k, j + 1] -= sb
+            top[k, j + 2] -= sc
+            sa, sb, sc = sa / pivot, sb / pivot, sc / pivot
+            for i in range(height):
+                a[i] -= sa * v[i]
+                b[i] -= sb * v[i]
+                c[i] -= sc * v[i]

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.information import TILE, reflect, workspace
 from emsid.record import Record
 
 if TYPE_CHECKING:
@@ -258,6 +259,10 @@ class Structure:
             block = np.empty((len(self) + 1, min(BLOCK, stop - first)))
             fill(block, *self.tables, segment.output[:, 0], segment.input, first)
             yield block
+
+    def fold(self, factor: Array, segment: Record, start: int, stop: int) -> None:
+        """Fold [Φ y] of samples ``start`` to ``stop`` of a segment into a factor (n + 1, n + 1), in place."""
+        fold_regression(factor, *self.tables, segment.output[:, 0], segment.input, start, stop)
 
     def model(self, parameters: Array, record: Record) -> Narx:
         """The model with these parameters, at the sample time of this record."""
@@ -576,3 +581,25 @@ def fill(
                     row[i] *= product
     for i in range(count):
         block[-1, i] = y[start + i]
+
+
+@numba.njit(cache=True, nogil=True)
+def fold_regression(
+    factor: Array,
+    signs: Array,
+    offsets: Integers,
+    factors: Integers,
+    parameters: Array,
+    y: Array,
+    u: Array,
+    start: int,
+    stop: int,
+) -> None:
+    """Fold samples ``start`` to ``stop`` into a factor, tile by tile: the regression never leaves the cache."""
+    width = len(factor)
+    top, tile = workspace(factor)
+    for first in range(start, stop, TILE):
+        height = min(TILE, stop - first)
+        fill(tile[:width, :height], signs, offsets, factors, parameters, y, u, first)
+        reflect(top, tile, height)
+    factor[:, :] = top[:, :width]

@@ -28,7 +28,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf, isfinite
 from typing import Any
 
@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError, EmsidError, ModelError
+from emsid.estimation.coloured import coloured_covariance
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.gauss_newton import Block, Infeasible, Iteration, Minimum, gauss_newton
 from emsid.estimation.identifiability import Identifiability, identifiability
@@ -564,6 +565,11 @@ def simulation_error(
     names = _hold(_told(problem_for(start, asked), None), asked, _preference(subject, asked, sheet))
     found, states, steps = start, None, 0
     while True:
+        coarse = [name for name in names if name not in found.fine]
+        if steps == 0 and 0 < len(coarse) < len(names):  # what moves the output most first
+            rough = problem_for(found, coarse, states)
+            beginning = _search(rough, limits, max_iterations, max_seconds, progress)
+            found, states = rough.plant_at(beginning.estimate), rough.states(beginning.estimate)
         problem = problem_for(found, names, states)
         minimum = _search(problem, limits, max_iterations, max_seconds, progress)
         found, states = problem.plant_at(minimum.estimate), problem.states(minimum.estimate)
@@ -780,17 +786,38 @@ def _search(
     lower, upper = problem.lower, problem.upper
     for k, name in enumerate(problem.free):
         lower[k], upper[k] = limits[name]
-    return gauss_newton(
+    return _with_colour(
         problem,
-        problem.start,
-        lower=lower,
-        upper=upper,
-        max_iterations=max_iterations,
-        max_seconds=max_seconds,
-        tolerance=1e-2,
-        names=problem.names,
-        progress=progress,
+        gauss_newton(
+            problem,
+            problem.start,
+            lower=lower,
+            upper=upper,
+            max_iterations=max_iterations,
+            max_seconds=max_seconds,
+            tolerance=1e-2,
+            names=problem.names,
+            progress=progress,
+        ),
     )
+
+
+def _with_colour(problem: _Simulation, minimum: Minimum) -> Minimum:
+    """The covariance under coloured noise; where the sandwich finds more, the deviations are the sandwich's."""
+    columns = np.flatnonzero(minimum.free & np.isfinite(np.diag(minimum.covariance)))
+    if minimum.rank < len(columns) or not len(columns):
+        return minimum
+    pieces, channels = [], len(problem.signals)
+    for residual, jacobian in problem.linearised(minimum.estimate):
+        parts = np.split(np.arange(len(residual)), channels)
+        pieces += [(residual[part], jacobian[np.ix_(part, columns)]) for part in parts]
+    covariance = coloured_covariance(pieces)
+    within = np.ix_(columns, columns)
+    ratio = np.diag(minimum.covariance)[columns] / np.diag(covariance)
+    wider = np.sqrt(np.maximum(ratio, 1.0))
+    whole = minimum.covariance.copy()
+    whole[within] = covariance * np.outer(wider, wider)
+    return replace(minimum, covariance=whole)
 
 
 def _in_words(told: Identifiability, names: Sequence[str], plant: Plant, signals: Sequence[Signal]) -> list[str]:

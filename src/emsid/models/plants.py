@@ -119,6 +119,11 @@ class Plant(Protocol):
         ...
 
     @property
+    def fine(self) -> frozenset[str]:
+        """Parameters that matter only once the others are about right: they join the search later."""
+        ...
+
+    @property
     def states(self) -> int:
         """How many numbers an initial state has."""
         ...
@@ -418,6 +423,12 @@ class DrivenMotor(_Parametrised):
         return (*names, "rotor_friction.coulomb", "voltage_dead_zone.half_width")
 
     @property
+    def fine(self) -> frozenset[str]:
+        """What concerns the shaft, and the inductance: of a motor with an elastic shaft only."""
+        late = ("shaft_stiffness", "shaft_damping", "load_inertia", "inductance")
+        return frozenset() if self.motor.is_rigid else frozenset(late)
+
+    @property
     def states(self) -> int:
         """Speed and angle."""
         return 2
@@ -603,6 +614,11 @@ class LinearAxis(_Parametrised):
         return ("mass", "viscous_friction", "friction.coulomb", "offset")
 
     @property
+    def fine(self) -> frozenset[str]:
+        """None."""
+        return frozenset()
+
+    @property
     def states(self) -> int:
         """Speed and position."""
         return 2
@@ -710,6 +726,11 @@ class OwnPlant:
     def usual(self) -> tuple[str, ...]:
         """All of them."""
         return tuple(p.name for p in self.table)
+
+    @property
+    def fine(self) -> frozenset[str]:
+        """None that emsid would know of."""
+        return frozenset()
 
     def value(self, name: str) -> float:
         """The value of a parameter."""

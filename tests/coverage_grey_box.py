@@ -1,0 +1,57 @@
+"""How often the 95 % intervals of the grey box hold the truth: ``python tests/coverage_grey_box.py [records]``.
+
+The sensor is a low-resolution encoder behind a drive with coloured noise, so residuals are neither white nor Gaussian.
+`make coverage` runs 300 records; the test suite runs a short form of the same function.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from scipy.signal import lfilter
+
+from emsid.models.grey_box import simulation_error
+from emsid.models.plants import DrivenMotor, Signal
+from emsid.plant import DeadZone, Friction, Motor
+from emsid.record import Record
+
+MOTOR = DrivenMotor(
+    Motor(
+        inductance=0.0,
+        load_friction=Friction(),
+        rotor_friction=Friction(6e-3),
+        voltage_dead_zone=DeadZone(-0.4, 0.4),
+    ).rigid()
+)
+FREE = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb", "voltage_dead_zone.half_width")
+STEP = 0.05  # rad/s, of the quantised speed
+
+
+def simulated_record(rng: np.random.Generator, pole: float = 0.8, noise: float = 0.3, samples: int = 1500) -> Record:
+    """A noisy, quantised speed of a motor driven by random steps and sinusoids."""
+    dt = 5e-3
+    t = dt * np.arange(samples)
+    voltage = 3 * np.sin(2 * np.pi * 0.4 * t) + 2 * np.repeat(rng.uniform(-1, 1, samples // 50), 50)
+    speed = MOTOR.simulate(voltage[:, None], dt, np.zeros(2), (Signal.SPEED,))[:, 0]
+    coloured = lfilter([np.sqrt(1 - pole**2)], [1, -pole], noise * rng.standard_normal(samples))
+    measured = STEP * np.round((speed + coloured) / STEP)
+    return Record(voltage, measured, dt, input_units=("V",), output_units=("rad/s",))
+
+
+def coverage(records: int, seed: int = 1) -> dict[str, float]:
+    """The share of records whose 95 % interval holds the true value, by parameter."""
+    rng = np.random.default_rng(seed)
+    truth = np.array([MOTOR.value(name) for name in FREE])
+    hits = np.zeros(len(FREE))
+    for _ in range(records):
+        fit = simulation_error(MOTOR, simulated_record(rng), free=FREE)
+        interval = fit.interval()
+        hits += (interval[:, 0] <= truth) & (truth <= interval[:, 1])
+    return dict(zip(FREE, (hits / records).tolist(), strict=True))
+
+
+if __name__ == "__main__":
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 300
+    for name, share in coverage(count).items():
+        print(f"{name:32} {100 * share:5.1f} % of {count} intervals hold the true value")

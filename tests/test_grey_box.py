@@ -1,0 +1,379 @@
+"""The grey box: motion, recovery, what cannot be told, bad input, and real recordings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numba import njit
+
+from coverage_grey_box import FREE, MOTOR, coverage, simulated_record
+from emsid.errors import DataError, EmsidError, ModelError
+from emsid.estimation.fit import Ending
+from emsid.estimation.identifiability import identifiability
+from emsid.models.grey_box import Given, GreyBox, Recent, simulation_error
+from emsid.models.grey_box_choice import choose, coasting_bridge, stribeck
+from emsid.models.grey_box_findings import dead_zone_curve, friction_curve, likelihood_profile, stops
+from emsid.models.model import Model
+from emsid.models.plants import Bridge, Drive, DrivenMotor, LinearAxis, OwnPlant, Sensor, Signal
+from emsid.plant import DeadZone, Friction, Motor, State, simulate
+from emsid.plant.motor import Parameter
+from emsid.record import Record, concatenate
+from emsid.validation.metrics import fit_percent
+
+DT = 5e-3
+T = DT * np.arange(2000)
+VOLTAGE = 3 * np.sin(2 * np.pi * 0.4 * T) + 2 * np.sin(2 * np.pi * 1.3 * T)
+RIGID = Motor(inductance=0.0).rigid()
+SPEED = (Signal.SPEED,)
+
+
+def record_of(plant, command=VOLTAGE, noise=0.0, seed=0, unit="rad/s", signals=SPEED):
+    output = plant.simulate(command[:, None], DT, np.zeros(plant.states), signals)
+    output = output + noise * np.random.default_rng(seed).standard_normal(output.shape)
+    return Record(command, output, DT, output_units=(unit,) * len(signals))
+
+
+# --- motion ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "friction", [Friction(8e-3), Friction((8e-3, 5e-3)), Friction()], ids=["coulomb", "directions", "none"]
+)
+def test_one_mass_moves_exactly_as_the_plant_does(friction):
+    motor = replace(RIGID, rotor_friction=friction)
+    for initial in (0.0, 12.0, -7.0):
+        exact = simulate(motor, VOLTAGE, DT, initial=State(0.0, initial, initial))
+        fast = DrivenMotor(motor).simulate(VOLTAGE[:, None], DT, np.array([initial, 0.0]), SPEED)[:, 0]
+        assert np.max(np.abs(fast - exact.load_speed)) < 1e-8
+        assert np.array_equal(fast == 0, exact.load_held)
+
+
+def test_a_stribeck_excess_is_of_second_order_in_the_step():
+    exact = simulate(RIGID, VOLTAGE, DT).load_speed
+    runs = [DrivenMotor(RIGID, steps=n).simulate(VOLTAGE[:, None], DT, np.zeros(2), SPEED)[:, 0] for n in (4, 8, 16)]
+    errors = [np.sqrt(np.mean((run - exact) ** 2)) for run in runs]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert errors[0] < 1e-3 * np.std(exact)
+    assert np.all(orders > 1.6)
+
+
+@pytest.mark.parametrize("motor", [replace(RIGID, rotor_friction=Friction(8e-3)), Motor()], ids=["rigid", "two masses"])
+def test_half_a_sample_late_is_a_delay_of_one_at_half_the_sample_time(motor):
+    late = DrivenMotor(motor, Drive(delay=1.5 * DT)).simulate(VOLTAGE[:, None], DT, np.zeros(2), SPEED)
+    twice = np.repeat(VOLTAGE, 2)
+    fine = DrivenMotor(motor, Drive(delay=3 * DT / 2)).simulate(twice[:, None], DT / 2, np.zeros(2), SPEED)
+    assert np.allclose(late, fine[::2], atol=1e-7)
+
+
+def test_a_bridge_that_coasts_brakes_in_proportion_to_its_duty():
+    motor = replace(RIGID, rotor_friction=Friction(), load_friction=Friction(), voltage_dead_zone=None)
+    command = np.full(2000, 6.0)
+    final = [
+        DrivenMotor(motor, Drive(supply=24.0, freewheel=f)).simulate(command[:, None], DT, np.zeros(2), SPEED)[-1, 0]
+        for f in (0.0, 1.0)
+    ]
+    k, r, b = motor.motor_constant, motor.resistance, motor.rotor_viscous + motor.load_viscous
+    assert final == pytest.approx([6 * k / r / (k**2 / r + b), 6 * k / r / (0.25 * k**2 / r + b)], rel=1e-6)
+
+
+def test_codes_brake_and_coast():
+    motor = replace(RIGID, rotor_friction=Friction(), load_friction=Friction())
+    drive = Drive(codes=((1000.0, Bridge.BRAKE), (999.0, Bridge.COAST)))
+    k, r, b = motor.motor_constant, motor.resistance, motor.rotor_viscous + motor.load_viscous
+    inertia = motor.rotor_inertia + motor.load_inertia
+    for code, damping in ((1000.0, k**2 / r + b), (999.0, b)):
+        command = np.full(20, code)
+        run = DrivenMotor(motor, drive).simulate(command[:, None], DT, np.array([50.0, 0.0]), SPEED)[:, 0]
+        assert run == pytest.approx(50 * np.exp(-damping / inertia * DT * np.arange(20)), rel=1e-9)
+
+
+def test_a_sensor_scales_lags_and_averages():
+    motor = DrivenMotor(replace(RIGID, rotor_friction=Friction(8e-3)))
+    plain = record_of(motor).output[:, 0]
+    position = record_of(motor, signals=(Signal.POSITION,), unit="rad").output[:, 0]
+    shown = record_of(replace(motor, sensor=Sensor(ratio=10.0, offset=0.5, average=True))).output[:, 0]
+    assert shown[1:] == pytest.approx(np.diff(position) / DT / 10 + 0.5)
+    lagging = record_of(replace(motor, sensor=Sensor(lag=0.02))).output[:, 0]
+    assert np.sqrt(np.mean((lagging[4:] - plain[:-4]) ** 2)) < 0.3 * np.sqrt(np.mean((lagging - plain) ** 2))
+
+
+# --- recovery -------------------------------------------------------------------------------------------------------
+
+
+def test_a_motor_is_recovered_from_start_values_half_off():
+    start = MOTOR.put(
+        {name: MOTOR.value(name) * factor for name, factor in zip(FREE, (1.5, 0.5, 1.5, 0.5), strict=True)}
+    )
+    fit = simulation_error(start, record_of(MOTOR), free=FREE)
+    assert fit.ending is Ending.CONVERGED
+    assert fit.estimate == pytest.approx([MOTOR.value(name) for name in FREE], rel=1e-5)
+
+
+def test_an_axis_is_recovered_from_its_position_without_start_values():
+    truth = LinearAxis(80.0, (150.0, 200.0), Friction((30.0, 20.0)), offset=0.0)
+    free = (
+        "mass", "viscous_friction.forward", "viscous_friction.backward",
+        "friction.coulomb.forward", "friction.coulomb.backward",
+    )  # fmt: skip
+    record = record_of(truth, 30 * VOLTAGE, unit="m", signals=(Signal.POSITION,))
+    fit = simulation_error(LinearAxis(), record, free=free)
+    assert fit.estimate == pytest.approx([80.0, 150.0, 200.0, 30.0, 20.0], rel=1e-4)
+
+
+def test_two_masses_are_recovered():
+    truth = DrivenMotor(Motor(load_friction=Friction(), rotor_friction=Friction(8e-3)))
+    free = ("motor_constant", "rotor_inertia", "shaft_stiffness", "rotor_friction.coulomb")
+    start = truth.put({name: truth.value(name) * f for name, f in zip(free, (1.5, 0.5, 1.1, 0.5), strict=True)})
+    fit = simulation_error(start, record_of(truth, VOLTAGE[:800], noise=0.02), free=free)
+    interval = fit.interval(0.999)
+    true = np.array([truth.value(name) for name in fit.names])
+    assert fit.names == free
+    assert np.all((interval[:, 0] <= true) & (true <= interval[:, 1]))
+
+
+def test_several_records_share_parameters_and_not_initial_states():
+    pieces = []
+    for speed in (0.0, 30.0, -20.0):
+        output = MOTOR.simulate(VOLTAGE[:500, None], DT, np.array([speed, 0.0]), SPEED)
+        noise = 0.1 * np.random.default_rng(int(speed) + 100).standard_normal(output.shape)
+        pieces.append(Record(VOLTAGE[:500], output + noise, DT, output_units=("rad/s",)))
+    apart = simulation_error(MOTOR, pieces, free=FREE)
+    joined = simulation_error(MOTOR, concatenate(pieces), free=FREE)
+    assert apart.estimate == pytest.approx(joined.estimate, rel=1e-12)
+    assert [state[0] for state in apart.states] == pytest.approx([0.0, 30.0, -20.0], abs=0.3)
+
+
+def test_a_current_tells_what_a_speed_does_not():
+    signals = (Signal.SPEED, Signal.CURRENT)
+    output = MOTOR.simulate(VOLTAGE[:, None], DT, np.zeros(2), signals)
+    output = output + np.random.default_rng(1).standard_normal(output.shape) * (0.05, 0.002)
+    record = Record(VOLTAGE, output, DT, output_names=("speed", "current"), output_units=("rad/s", "A"))
+    fit = simulation_error(MOTOR, record, free=("resistance", *FREE))
+    assert fit.names == ("resistance", *FREE)
+    assert not fit.words
+    assert fit.estimate[:2] == pytest.approx([MOTOR.value("resistance"), MOTOR.value("motor_constant")], rel=0.01)
+
+
+def test_intervals_hold_the_truth_with_coloured_noise_and_a_quantised_sensor():
+    assert min(coverage(15).values()) >= 0.8  # 300 records by `make coverage`
+
+
+def test_errors_that_are_forgotten_find_the_same_parameters():
+    record = record_of(MOTOR, noise=0.05)
+    plain, recent = (simulation_error(MOTOR, record, free=FREE, weighting=w) for w in (Recent(10.0), Recent(0.2, 2)))
+    spread = np.hypot(plain.standard_error, recent.standard_error)
+    assert np.all(np.abs(plain.estimate - recent.estimate) < 5 * spread)
+
+
+# --- what can be told -----------------------------------------------------------------------------------------------
+
+
+def test_voltage_and_speed_tell_combinations_only():
+    record = record_of(MOTOR, noise=0.05)
+    fit = simulation_error(MOTOR, record, free=("resistance", "rotor_viscous", *FREE))
+    assert set(fit.names).isdisjoint({"resistance", "rotor_viscous"})
+    status = {row.name: row.status for row in fit.table}
+    assert status["resistance"] == "held"
+    assert status["rotor_inertia"] == "conditional"
+    assert status["voltage_dead_zone.half_width"] == "estimated"
+    assert "cannot be told apart" in fit.words[0]
+    assert "resistance" in fit.message
+    true = {q.name: q.value for q in MOTOR.quantities()}
+    told = {c.quantity.name: c for c in fit.combinations}
+    assert {"mechanical time constant", "speed per volt", "acceleration per volt"} <= set(told)
+    assert "electromechanical time constant" not in told
+    for name, combination in told.items():
+        assert abs(combination.quantity.value - true[name]) < 4 * combination.standard_error, name
+
+
+def test_steps_from_rest_do_not_tell_a_dead_zone_from_coulomb_friction():
+    steps = [record_of(MOTOR, np.repeat([0.0, v], [20, 200]), noise=0.02) for v in (2.0, 3.0, 5.0, -2.0, -4.0)]
+    fit = simulation_error(MOTOR, steps, free=FREE)
+    status = {row.name: row.status for row in fit.table}
+    assert {status["voltage_dead_zone.half_width"], status["rotor_friction.coulomb"]} <= {"held", "conditional"}
+    assert "held" in status.values()
+    told = {c.quantity.name: c.quantity.value for c in fit.combinations}
+    true = {q.name: q.value for q in MOTOR.quantities()}
+    assert told["break-away voltage forward"] == pytest.approx(true["break-away voltage forward"], rel=0.02)
+
+
+def test_identifiability_of_a_product():
+    x = np.random.default_rng(0).standard_normal((50, 2))
+    jacobian = np.column_stack([3.0 * x[:, 0], 2.0 * x[:, 0], x[:, 1]])  # a·b and c at a = 2, b = 3, c = 1
+    found = identifiability([jacobian], np.array([2.0, 3.0, 1.0]), ("a", "b", "c"), 0.01)
+    assert found.groups == (("a", "b"),)
+    assert found.tells(np.array([1.0, 1.0, 0.0]))
+    assert not found.tells(np.array([1.0, 0.0, 0.0]))
+    assert found.without(["a"]).groups == ()
+
+
+# --- the model ------------------------------------------------------------------------------------------------------
+
+
+def test_it_is_a_model_that_comes_back_from_data():
+    plant = replace(MOTOR, drive=Drive(2.0, 0.1, 24.0, 0.003, 0.5, ((999.0, Bridge.COAST),)), sensor=Sensor(lag=0.01))
+    for one in (plant, DrivenMotor(Motor()), LinearAxis(3.0, (1.0, 2.0), dead_zone=DeadZone(-1, 2))):
+        model = GreyBox(one, SPEED)
+        assert isinstance(model, Model)
+        assert GreyBox.from_data(model.to_data()).plant == one
+        assert model.name in model.equation()
+    with pytest.raises(ModelError, match="not a grey-box model"):
+        GreyBox.from_data({"plant": {}})
+
+
+def test_a_free_run_starts_from_the_first_samples_and_a_prediction_is_closer():
+    record = record_of(MOTOR, noise=0.2)
+    model = GreyBox(MOTOR.put({"motor_constant": 0.052}), SPEED)
+    late = record[300:]
+    free, ahead = model.simulate(late, 5), model.predict(late, 1, 5)
+    assert not free.counted[:5].any()
+    assert free.counted[5:].all()
+    errors = [np.mean((late.output - run.output)[run.counted] ** 2) for run in (free, ahead)]
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_what_a_fit_says_beyond_numbers():
+    fit = simulation_error(MOTOR, simulated_record(np.random.default_rng(3)), free=FREE)
+    friction = friction_curve(fit, 51)
+    assert np.all((friction.low <= friction.y) & (friction.y <= friction.high))
+    assert friction.y[25] == 0
+    zone = dead_zone_curve(fit, 51)
+    assert zone is not None
+    assert zone.support.sum() > 0
+    held = np.concatenate([run[:, 0] == 0 for run in fit.simulated()])
+    assert len(stops(fit)) == np.count_nonzero(np.diff(np.concatenate([[0], held, [0]])) == 1)
+    profile = likelihood_profile(fit, "motor_constant", 7)
+    assert profile.interval == pytest.approx(tuple(fit.interval()[0]), rel=2e-3)
+    with pytest.raises(ModelError, match="was not estimated; profiles can be had of motor_constant"):
+        likelihood_profile(fit, "inductance")
+
+
+def test_refinements_are_kept_only_where_they_help():
+    plain = choose(MOTOR, record_of(MOTOR, noise=0.1)[:1200], refinements=(coasting_bridge, stribeck))
+    assert not any("freewheel" in name for name in plain.names)
+    coasting = replace(MOTOR, drive=Drive(supply=6.0, freewheel=1.0))
+    fit = choose(MOTOR, record_of(coasting, noise=0.1)[:1200], refinements=(coasting_bridge, stribeck))
+    assert fit.model.plant.value("drive.freewheel") == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_plant_of_the_users_own():
+    @njit
+    def derivative(x, u, p):
+        return np.array([x[1], -p[0] * np.sin(x[0]) - p[1] * x[1] + u[0]])
+
+    @njit
+    def output(x, u, p):
+        return x[:1]
+
+    table = (Parameter("g", "g/l", "1/s^2", "gravity over length"), Parameter("d", "d", "1/s", "damping"))
+    truth = OwnPlant(derivative, output, table, (9.0, 0.5), 2, name="pendulum")
+    record = record_of(truth, VOLTAGE, signals=SPEED, unit="rad")
+    slow = replace(truth, derivative=derivative.py_func, output=output.py_func)
+    assert np.allclose(slow.simulate(VOLTAGE[:50, None], DT, np.zeros(2), SPEED), record.output[:50], atol=1e-12)
+    fit = simulation_error(truth.put({"g": 7.0, "d": 1.0}), record)
+    assert fit.estimate == pytest.approx([9.0, 0.5], rel=1e-5)
+    with pytest.raises(ModelError, match="made of functions"):
+        fit.model.to_data()
+
+
+# --- bad input ------------------------------------------------------------------------------------------------------
+
+GOOD = record_of(MOTOR)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"free": ["resistence"]}, "rigid-motor has no parameter 'resistence'; it has resistance, "),
+        ({"free": ["shaft_stiffness"]}, "rigid-motor has no parameter 'shaft_stiffness'"),
+        ({"free": ["resistance"], "fixed": {"resistance": 1.0}}, "resistance is both free and fixed at 1"),
+        ({"free": ["resistance"], "bounds": {"resistance": (3.0, 4.0)}}, "of resistance exclude its start 2"),
+        ({"free": ["resistance"], "bounds": {"resistance": (4.0, 3.0)}}, "they must ascend"),
+        ({"free": ["resistance"], "bounds": {"inductance": (0.0, 1.0)}}, "bounds for inductance, which is not free"),
+        (
+            {
+                "free": ["resistance"],
+                "datasheet": {"resistance": Given(2.0, 0.1)},
+                "bounds": {"resistance": (5.0, 6.0)},
+            },
+            "they contradict each other",
+        ),
+        (
+            {"fixed": {"resistance": 9.0}, "datasheet": {"resistance": Given(2.0, 0.1)}},
+            "resistance is fixed at 9 and the datasheet has 2 ± 10 %",
+        ),
+        ({"free": ["rotor_friction.coulomb", "rotor_friction.coulomb.forward"]}, "are the same thing in part"),
+        ({"free": []}, "no parameter of rigid-motor is free"),
+        ({"fixed": {"resistance": -1.0}}, "motor resistance is -1 ohm; it must be positive"),
+    ],
+)
+def test_impossible_wishes_are_refused_in_words(arguments, message):
+    with pytest.raises(ModelError, match=message):
+        simulation_error(MOTOR, GOOD, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("record", "message"),
+    [
+        (replace(GOOD, output=np.zeros(2000)), "output y1 stays at 0 throughout; nothing moves"),
+        (replace(GOOD, input=np.full(2000, 3.0)), "input u1 stays at 3 throughout; nothing drives it"),
+        (replace(GOOD, output_units=("m/s",)), "is in m/s, rigid-motor gives a speed in rad/s"),
+        (replace(GOOD, input=np.ones((2000, 2)), input_names=(), input_units=()), "2 inputs for rigid-motor"),
+    ],
+)
+def test_records_that_do_not_fit_are_refused_in_words(record, message):
+    with pytest.raises(DataError, match=message):
+        simulation_error(MOTOR, record, free=FREE)
+
+
+@pytest.mark.parametrize(
+    "build",
+    [
+        lambda: Given(float("nan")), lambda: Given(None, 0.1), lambda: Given(1.0, -0.1), lambda: Recent(0.0),
+        lambda: Drive(gain=0.0), lambda: Drive(delay=-1.0), lambda: Drive(supply=0.0), lambda: Drive(freewheel=0.5),
+        lambda: Drive(freewheel=2.0, supply=1.0), lambda: Sensor(ratio=0.0), lambda: Sensor(lag=-1.0),
+        lambda: LinearAxis(mass=0.0), lambda: LinearAxis(viscous_friction=-1.0), lambda: LinearAxis(offset=np.inf),
+    ],
+)  # fmt: skip
+def test_values_that_are_not_physical_are_refused(build):
+    with pytest.raises(EmsidError):
+        build()
+
+
+def test_a_fit_that_ends_at_a_bound_says_so():
+    start = MOTOR.put({"motor_constant": 0.055})
+    fit = simulation_error(start, GOOD, free=FREE, bounds={"motor_constant": (0.0501, 0.06)})
+    assert "held at a bound: motor_constant" in fit.message
+    assert next(row for row in fit.table if row.name == "motor_constant").status == "at a bound"
+
+
+# --- real recordings ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.recordings
+def test_the_axis_of_emps(recordings):
+    import emsid.io
+
+    record = emsid.io.read(
+        recordings / "emps" / "DATA_EMPS.mat", input="vir", output="qm", time="t", scale={"vir": 35.15065}
+    )
+    train, _ = record.split(0.6)
+    as_force = simulation_error(LinearAxis(), train, weighting=Recent(0.02, 2))
+    assert as_force.estimate == pytest.approx([95.1089, 203.5034, 20.3935, -3.1648], rel=0.05)
+    as_position = simulation_error(LinearAxis(), train)
+    assert np.sqrt(as_position.noise_variance) < 3e-3
+
+
+@pytest.mark.recordings
+def test_a_motor_on_a_bridge_that_coasts(recordings):
+    import emsid.io
+
+    record = emsid.io.read(
+        recordings / "dc_motor_bidirectional" / "testBench_testAll_10ms.dat",
+        input="PWM", output="mVel", dt=0.010048, mask="abs(PWM) > 255",
+    )  # fmt: skip
+    train, test = record.split(0.5)
+    motor = DrivenMotor(replace(RIGID, voltage_dead_zone=DeadZone(-1.0, 1.0)))
+    fit = choose(motor, train)
+    run = fit.model.simulate(test)
+    assert fit_percent(test.output[run.counted], run.output[run.counted]) > 97.0

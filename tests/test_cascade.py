@@ -55,6 +55,7 @@ CASCADES = {
     ),
     "with friction": Cascade((FAST, CoulombLinear(0.3, 1.0, width=0.2), SLOW), input_offset=0.2),
     "of five blocks": Cascade((FAST, DeadZone(-0.3, 0.3), SLOW, Saturation(1.0, -1.0, 1.0), fir([0.5, 0.5], delay=1))),
+    "oversampled": Cascade((FAST, CubicSpline(KNOTS, np.tanh(KNOTS)), SLOW), oversampling=3, delay=1),
     "user's": Cascade((FAST, UserMap(lambda x, p: x**3, lambda x, p: 3 * x**2), SLOW)),
 }
 
@@ -293,6 +294,8 @@ def test_bad_input() -> None:
         fit_cascade(Cascade((Rational([1.0], [-1.2]), DeadZone(-1, 1), SLOW)), record)
     with pytest.raises(ModelError, match="at least one block"):
         Cascade(())
+    with pytest.raises(ModelError, match="oversampling 0"):
+        Cascade((SLOW,), oversampling=0)
     with pytest.raises(ModelError, match="look ahead"):
         Cascade((SLOW,), delay=-1)
     with pytest.raises(ModelError, match="finite"):

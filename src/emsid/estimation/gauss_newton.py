@@ -62,6 +62,8 @@ M = TypeVar("M")
 # A step that changes no parameter by more than this part of it, or promises less than this part of the cost,
 # is rounding.
 ROUNDING = 1e-13
+# A singular value below so much (times n) of the largest is rounding; steps do not go along it.
+RANK = 4 * float(np.finfo(float).eps)
 # With so much damping a step is a crumb along the gradient; where that fails the cost is not smooth here.
 LEAST_DAMPING, MOST_DAMPING = 1e-20, 1e16
 
@@ -363,25 +365,29 @@ def _trial_cost(problem: Problem, theta: Array, loss: Loss) -> float:
     return cost if np.isfinite(cost) else np.inf
 
 
+def least_squares_step(information: Information) -> Array:
+    """The shortest p, in units of the columns' lengths, that minimises ‖z − Rp‖; bare, without covariance or rank."""
+    n = information.parameters
+    triangle, projected = information.factor[:n, :n], information.factor[:n, n]
+    length = np.linalg.norm(triangle, axis=0)
+    length[length == 0] = 1.0
+    step: Array = np.linalg.lstsq(triangle / length, projected, rcond=RANK * n)[0] / length
+    return step
+
+
 def _bounded_step(information: Information, lower: Array, upper: Array) -> Array:
     """The p that minimises ‖z − Rp‖ within bounds, which contain zero."""
     from scipy.optimize import lsq_linear
 
-    step = information.solve().estimate
+    step = least_squares_step(information)
     if np.all((lower <= step) & (step <= upper)):
         return step
     n = information.parameters
     triangle, projected = information.factor[:n, :n], information.factor[:n, n]
     length = np.linalg.norm(triangle, axis=0)
     length[length == 0] = 1.0
-    found = lsq_linear(
-        triangle / length,
-        projected,
-        (lower * length, upper * length),
-        method="bvls",
-        tol=1e-15,
-        max_iter=10 * n,
-    )
+    room = lower * length, upper * length
+    found = lsq_linear(triangle / length, projected, room, method="bvls", tol=1e-15, max_iter=10 * n)
     bounded: Array = np.clip(found.x / length, lower, upper)
     return bounded
 

@@ -227,6 +227,19 @@ def fir(taps: ArrayLike, delay: int = 0) -> Rational:
     return Rational(np.asarray(taps, dtype=float), delay=delay)
 
 
+def interpolated(u: Array, factor: int) -> Array:
+    """(N·factor,) the band-limited signal through samples u (N,), held constant beyond its ends."""
+    from scipy.signal import firwin, resample_poly
+
+    if factor == 1:
+        return u
+    reach = 16
+    held = np.pad(u, reach, mode="edge")
+    low_pass = firwin(2 * reach * factor + 1, 1 / factor, window=("kaiser", 9.0))
+    fine: Array = resample_poly(held - held[0], factor, 1, window=low_pass) + held[0]
+    return fine[reach * factor : -reach * factor]
+
+
 def _shift_into(row: Array, source: Array, by: int) -> None:
     if by < len(row):
         row[by:] = source[: len(row) - by]

@@ -1,0 +1,528 @@
+r"""Wiener–Hammerstein models and their relatives from records alone.
+
+`wiener_hammerstein`, `hammerstein`, `wiener` and `hammerstein_wiener` need no more than a record. What is not given is
+chosen on held-back data, the last quarter of every record, or the records given as ``validation``:
+
+1. the order, by the description length of a rational fit to the measured frequency response;
+2. the input delay, the least with which that order fits the response;
+3. for each oversampling to be tried, pairs of filters from all sources of `starts`, each scored by one linear problem;
+4. the best few refined by `fit_cascade` on a part of the record, on all cores, and judged by their held-back free run;
+5. the size of the static map (knots, degree) likewise;
+6. the winner fitted to all identification data.
+
+Free runs are compared throughout, never one-step predictions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.frequency_response import fit_rational, frequency_response
+from emsid.estimation.gauss_newton import Iteration
+from emsid.estimation.least_squares import check_excitation
+from emsid.estimation.losses import SQUARES, Loss
+from emsid.models.cascade import Cascade, check_channels, fit_cascade
+from emsid.models.families import SPLINE, Family
+from emsid.models.filters import Rational
+from emsid.models.starts import (
+    Filters,
+    linear_candidates,
+    random_candidates,
+    regression_candidate,
+    scanned,
+    started,
+)
+from emsid.models.static_maps import CubicSpline, DeadZone, PiecewiseLinear, Saturation, StaticMap
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, Iteration | None], None]
+
+# How much of each record serves to identify while choices are made; the rest judges them.
+IDENTIFY = 0.75
+# Refinements for a choice see no more samples than this, and take no more steps.
+CHOICE_SAMPLES, CHOICE_STEPS = 8_000, 25
+# Candidates refined per oversampling, and where chance had to help.
+REFINED, REFINED_RANDOM = 4, 24
+# Of these, how many go on with a map of the family asked for.
+REFINED_MAPS = 2
+# How many standard errors from the minimum refinements for a choice, and the final fit, may end.
+CHOICE_TOLERANCE, FINAL_TOLERANCE = 0.1, 0.03
+# Chance is not called in where a start leaves less than this part of the output unexplained.
+LINEAR_SUFFICES = 0.5
+# A more complex alternative must be this much better on held-back data.
+WORTH = 0.98
+LARGEST_ORDER = 8
+# The longest delay looked for; one is as good as another within this part of the squared error and the noise of it.
+LONGEST_DELAY, DELAY_SLACK = 20, 0.1
+# Every parameter should have this many samples to it.
+SAMPLES_PER_PARAMETER = 5
+# What `advice` calls seldom (part of the samples), cancelled (part of the distance to the unit circle) and straight.
+# straight.
+SELDOM, CANCELS, STRAIGHT = 0.002, 0.05, 0.01
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which filters a structure has beside the map that is looked for.
+
+    Attributes:
+        name: of the structure.
+        first, second: whether there is a filter before the map, and one after it.
+        outer: whether a second map follows the second filter.
+    """
+
+    name: str
+    first: bool
+    second: bool
+    outer: bool = False
+
+
+WIENER_HAMMERSTEIN = Layout("wiener-hammerstein", first=True, second=True)
+HAMMERSTEIN = Layout("hammerstein", first=False, second=True)
+WIENER = Layout("wiener", first=True, second=False)
+HAMMERSTEIN_WIENER = Layout("hammerstein-wiener", first=False, second=True, outer=True)
+
+LAYOUTS: dict[str, Layout] = {
+    layout.name: layout for layout in (WIENER_HAMMERSTEIN, HAMMERSTEIN, WIENER, HAMMERSTEIN_WIENER)
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Options:
+    """What may be given to the estimation of a cascade; what is None is chosen on held-back data.
+
+    Attributes:
+        static: family of the static map, see `families`.
+        size: its number of knots, or degree.
+        delay: from the input to its first effect, in samples.
+        oversampling: how many times faster than the record the blocks run; None tries 1 and 2.
+        validation: records that judge the choices, in place of the last quarter of the identification records.
+        skip: samples left out at the start of every segment; None estimates the starting states.
+        loss: what the final fit minimises.
+        workers: threads for what can be tried at the same time.
+        max_iterations, max_seconds: budget of the final fit.
+        rng: source of the random starts.
+        progress: called with what is being done, and with every step of the final fit.
+    """
+
+    static: Family = SPLINE
+    size: int | None = None
+    delay: int | None = None
+    oversampling: int | None = None
+    validation: Record | Sequence[Record] | None = None
+    skip: int | None = None
+    loss: Loss = SQUARES
+    workers: int = 2
+    max_iterations: int = 50
+    max_seconds: float = np.inf
+    rng: np.random.Generator | None = None
+    progress: Progress | None = None
+
+    def tell(self, what: str, iteration: Iteration | None = None) -> None:
+        """Report progress, if anybody listens."""
+        if self.progress is not None:
+            self.progress(what, iteration)
+
+
+DEFAULTS = Options()
+
+
+def wiener_hammerstein(
+    records: Record | Sequence[Record], orders: tuple[int, int] | None = None, options: Options = DEFAULTS
+) -> Fit[Cascade]:
+    """Filter, static map, filter.
+
+    Args:
+        records: one input and one output each.
+        orders: of the two filters; each has as many poles, and one numerator coefficient more.
+        options: everything else.
+
+    Raises:
+        ModelError: for records of other channels or too short for the orders, an input that does not excite the map.
+    """
+    return estimate(WIENER_HAMMERSTEIN, records, orders or (None, None), options)
+
+
+def hammerstein(
+    records: Record | Sequence[Record], order: int | None = None, options: Options = DEFAULTS
+) -> Fit[Cascade]:
+    """Static map, then a filter of this order; see `wiener_hammerstein`."""
+    return estimate(HAMMERSTEIN, records, (None, order), options)
+
+
+def wiener(records: Record | Sequence[Record], order: int | None = None, options: Options = DEFAULTS) -> Fit[Cascade]:
+    """A filter of this order, then a static map; see `wiener_hammerstein`."""
+    return estimate(WIENER, records, (order, None), options)
+
+
+def hammerstein_wiener(
+    records: Record | Sequence[Record], order: int | None = None, options: Options = DEFAULTS
+) -> Fit[Cascade]:
+    """Static map, a filter of this order, and a second map of the same family; see `wiener_hammerstein`."""
+    return estimate(HAMMERSTEIN_WIENER, records, (None, order), options)
+
+
+def estimate(
+    layout: Layout,
+    records: Record | Sequence[Record],
+    orders: tuple[int | None, int | None],
+    options: Options,
+) -> Fit[Cascade]:
+    """A structure of any of the layouts; see `wiener_hammerstein`.
+
+    Ctrl-C ends it with the best model so far and `Ending.INTERRUPTED`, once there is one.
+    """
+    several = [records] if isinstance(records, Record) else list(records)
+    template = Cascade((Rational(np.ones(1)),), name=layout.name)
+    for record in several:
+        check_channels(template, record)
+    _check_excitation(layout, several)
+    identify, judge = _held_back(several, options)
+    template = replace(
+        template, delay=_delay(layout, _pairs(identify), orders) if options.delay is None else options.delay
+    )
+    _check_size(layout, several, orders, options)
+    best: Choice | None = None
+    try:
+        for choice in _improving(layout, identify, judge, orders, options, template):
+            best = choice
+        assert best is not None
+        options.tell(f"fitting {layout.name} to all data")
+        return fit_cascade(
+            _placed(best, several, options),
+            several,
+            skip=options.skip,
+            loss=options.loss,
+            max_iterations=options.max_iterations,
+            max_seconds=options.max_seconds,
+            tolerance=FINAL_TOLERANCE,
+            progress=lambda iteration: options.tell(f"fitting {layout.name}", iteration),
+        )
+    except KeyboardInterrupt:
+        if best is None:
+            raise
+        fit = fit_cascade(best.model, several, skip=options.skip, max_iterations=0)
+        return replace(fit, ending=Ending.INTERRUPTED, message="interrupted during the choices; the best is kept")
+
+
+# -------------------------------------------------------------------------------------------------------- choices
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """A refined model, the root mean square of its held-back free-run error, and the size of its map."""
+
+    model: Cascade
+    error: float
+    size: int = 0
+
+
+def _improving(
+    layout: Layout,
+    identify: Sequence[Record],
+    judge: Sequence[Record],
+    orders: tuple[int | None, int | None],
+    options: Options,
+    template: Cascade,
+) -> Iterator[Choice]:
+    """Better and better choices, the last one final: first the filters, with a trial map, then the map."""
+    part, family = _shortened(identify), options.static
+    sizes = (options.size,) if options.size is not None else (family.sizes or (0,))
+    typical = sizes[len(sizes) // 2]
+    best: Choice | None = None
+    for rate in (1, 2) if options.oversampling is None else (options.oversampling,):
+        options.tell(f"start values at {rate} times the sampling rate")
+        starts = _starts(layout, identify, orders, options, replace(template, oversampling=rate))
+        options.tell(f"refining {len(starts)} of them")
+        refined = _refined([(start, 0) for start in starts], part, judge, options.workers)
+        if refined and not (family.direct and not layout.outer):
+            options.tell(f"static map: {family.name}")
+            placed = [
+                (_with_map(choice.model, layout, family, typical, part), typical) for choice in refined[:REFINED_MAPS]
+            ]
+            refined = _refined(placed, part, judge, options.workers)
+        if refined and (best is None or refined[0].error < WORTH * best.error):
+            best = refined[0]
+            yield best
+    if best is None:
+        raise ModelError(f"{layout.name}: no start describes the record at all; check channels, units and delay")
+    if len(sizes) == 1:
+        return
+    options.tell(f"size of the {family.name}")
+    others = [(_with_map(best.model, layout, family, size, part), size) for size in sizes if size != typical]
+    alternatives = sorted([best, *_refined(others, part, judge, options.workers)], key=lambda choice: choice.size)
+    chosen = alternatives[0]
+    for choice in alternatives[1:]:
+        if choice.error < WORTH * chosen.error:
+            chosen = choice
+    yield chosen
+
+
+def _starts(
+    layout: Layout,
+    records: Sequence[Record],
+    orders: tuple[int | None, int | None],
+    options: Options,
+    template: Cascade,
+) -> list[Cascade]:
+    """The cascades worth refining, from all sources, best first."""
+    segments = _delayed(records, template.delay)
+    totals = _totals(layout, segments, orders)
+    pairs: list[Filters] = []
+    for total in totals:
+        for first, second in _shares(layout, orders, total):
+            with suppress(ModelError):  # too short for a frequency response: the other sources remain
+                pairs += linear_candidates(segments, (first, second), total, template.oversampling)
+            if layout.second and template.oversampling == 1:
+                with suppress(ModelError):
+                    _, behind = regression_candidate(records, second or 0, 3, max(template.delay, 0))
+                    pairs.append((_through(first) if layout.first else None, behind))
+    found = scanned(pairs, segments, options.static.trial, template, options.workers)
+    level = float(np.std(np.concatenate([y for _, y in segments])))
+    if (found and found[0].error < LINEAR_SUFFICES * level) or template.oversampling > 1:
+        return [candidate.cascade for candidate in found[:REFINED]]
+    rng = np.random.default_rng(0) if options.rng is None else options.rng
+    draws: list[Filters] = []
+    for first, second in _shares(layout, orders, totals[-1]):
+        draws += random_candidates((first, second), len(segments[0][0]), rng)
+    found += scanned(draws, segments, options.static.trial, template, options.workers)
+    found.sort(key=lambda candidate: candidate.error)
+    return [candidate.cascade for candidate in found[:REFINED_RANDOM]]
+
+
+def _refined(
+    starts: Sequence[tuple[Cascade, int]], part: Sequence[Record], judge: Sequence[Record], workers: int
+) -> list[Choice]:
+    """The starts refined on a part of the data and judged on another, best first; failures are left out."""
+
+    def refine(start: tuple[Cascade, int]) -> Choice | None:
+        try:
+            model = fit_cascade(start[0], part, max_iterations=CHOICE_STEPS, tolerance=CHOICE_TOLERANCE).model
+            error = _free_run_error(model, judge)
+        except (ModelError, np.linalg.LinAlgError):
+            return None
+        return Choice(model, error, start[1]) if np.isfinite(error) else None
+
+    with ThreadPoolExecutor(workers) as pool:
+        found = [choice for choice in pool.map(refine, starts) if choice is not None]
+    return sorted(found, key=lambda choice: choice.error)
+
+
+def _with_map(model: Cascade, layout: Layout, family: Family, size: int, part: Sequence[Record]) -> Cascade:
+    """The model with its trial map replaced by one of the family, and the outer map, if any, as a straight line."""
+    segments = _pairs(part)
+    start = started(model, lambda x, z: family.start(x, z, size), segments)
+    if layout.outer and len(start.blocks) == 2:
+        y = np.concatenate([start.output(u, start.resting(float(u[0]))) for u, _ in segments])
+        start = replace(start, blocks=(*start.blocks, family.start(y, y, size)), output_offset=0.0)
+    return start
+
+
+def _placed(choice: Choice, records: Sequence[Record], options: Options) -> Cascade:
+    """The choice with its knots spread over all of the data."""
+    if not options.static.sizes or len(choice.model.blocks) < 2:
+        return choice.model
+    return started(choice.model, lambda x, z: options.static.start(x, z, choice.size), _pairs(records))
+
+
+def _free_run_error(model: Cascade, records: Sequence[Record]) -> float:
+    square, count = 0.0, 0
+    for record in records:
+        run = model.simulate(record)
+        error = (run.output - record.output)[run.counted]
+        square, count = square + float(np.sum(error**2)), count + len(error)
+    return float(np.sqrt(square / count))
+
+
+# ---------------------------------------------------------------------------------------------- orders, delay, data
+
+
+def _totals(
+    layout: Layout, segments: Sequence[tuple[Array, Array]], orders: tuple[int | None, int | None]
+) -> list[int]:
+    """Orders of the best linear approximation to try: what is given, or what describes the response most briefly."""
+    given_orders = [order for order in orders if order is not None]
+    if given_orders:
+        return [sum(given_orders)]
+    least = 2 if layout.first and layout.second else 1
+    try:
+        response = frequency_response(segments)
+    except ModelError:
+        return [least]
+    points = 2 * len(response.frequency)
+    largest = min(LARGEST_ORDER, (points - 2) // 6)
+    costs = {n: fit_rational(response, n + 1, n)[2] for n in range(least, max(largest, least) + 1)}
+    scale = max(min(costs.values()) / points, 1e-12)
+    return [min(costs, key=lambda n: costs[n] / scale + (2 * n + 1) * np.log(points))]
+
+
+def _shares(layout: Layout, orders: tuple[int | None, int | None], total: int) -> list[tuple[int | None, int | None]]:
+    """The orders of the two filters that a total order may stand for."""
+    if not layout.first:
+        return [(None, total)]
+    if not layout.second:
+        return [(total, None)]
+    if orders[0] is not None and orders[1] is not None:
+        return [(orders[0], orders[1])]
+    return [(first, total - first) for first in range(1, total)]
+
+
+def _delay(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: tuple[int | None, int | None]) -> int:
+    """The least delay with which the orders describe the measured frequency response about as well as with the best."""
+    (total,) = _totals(layout, segments, orders)
+    try:
+        response = frequency_response(segments)
+    except ModelError:
+        return 0
+    noise = 2 * len(response.frequency)
+    costs: list[float] = []
+    for delay in range(LONGEST_DELAY + 1):
+        ahead = np.exp(2j * np.pi * response.frequency * delay)
+        costs.append(fit_rational(replace(response, value=response.value * ahead), total + 1, total)[2])
+        if costs[0] < 2 * noise:  # as good as can be without any
+            return 0
+    return next(k for k, cost in enumerate(costs) if cost <= (1 + DELAY_SLACK) * min(costs) + noise)
+
+
+def _held_back(records: Sequence[Record], options: Options) -> tuple[list[Record], list[Record]]:
+    """What identifies and what judges while choices are made."""
+    if options.validation is not None:
+        judge = [options.validation] if isinstance(options.validation, Record) else list(options.validation)
+        return list(records), [record[:CHOICE_SAMPLES] for record in judge]
+    halves = [record.split(IDENTIFY) for record in records]
+    return [first for first, _ in halves], [second[:CHOICE_SAMPLES] for _, second in halves]
+
+
+def _shortened(records: Sequence[Record]) -> list[Record]:
+    """The start of every record, together about as long as a choice needs."""
+    share = max(CHOICE_SAMPLES // len(records), 1)
+    return [record[: max(share, min(len(record), 500))] for record in records]
+
+
+def _pairs(records: Sequence[Record]) -> list[tuple[Array, Array]]:
+    return [(piece.input[:, 0], piece.output[:, 0]) for record in records for piece in record.segments]
+
+
+def _delayed(records: Sequence[Record], delay: int) -> list[tuple[Array, Array]]:
+    """(u, y) of every segment with the delay taken off."""
+    return [(u[: len(u) - delay], y[delay:]) for u, y in _pairs(records) if len(u) > delay]
+
+
+def _through(order: int | None) -> Rational:
+    """A filter of this order that passes its input on."""
+    size = order or 0
+    return Rational(np.eye(size + 1)[0], np.zeros(size))
+
+
+def _check_excitation(layout: Layout, records: Sequence[Record]) -> None:
+    for record in records:
+        check_excitation(record)
+    levels = np.unique(np.concatenate([record.input[:, 0] for record in records]))
+    if len(levels) == 2 and not layout.first:
+        raise ModelError(
+            f"{layout.name}: the input takes two values only, {levels[0]:g} and {levels[1]:g}; a static map of it "
+            "cannot be told from a gain. Use an input of many levels"
+        )
+
+
+def _check_size(
+    layout: Layout, records: Sequence[Record], orders: tuple[int | None, int | None], options: Options
+) -> None:
+    for order in orders:
+        if order is not None and order < (0 if layout.first and layout.second else 1):
+            raise ModelError(f"{layout.name}: order {order}; orders are whole numbers from 1 on")
+    parameters = sum(2 * order + 1 for order in orders if order is not None) + (options.size or 4)
+    samples = sum(len(record) for record in records)
+    if samples < SAMPLES_PER_PARAMETER * parameters:
+        raise ModelError(
+            f"{layout.name}: about {parameters} parameters for {samples} samples; give smaller orders, fewer knots, or "
+            "a longer record"
+        )
+
+
+# --------------------------------------------------------------------------------------------------------- advice
+
+
+def advice(fit: Fit[Cascade], records: Record | Sequence[Record]) -> list[str]:
+    """What in a fitted cascade the records cannot tell, in sentences; empty where all is well.
+
+    Args:
+        fit: the cascade as fitted.
+        records: what it was fitted to.
+    """
+    several = [records] if isinstance(records, Record) else list(records)
+    model = fit.model
+    pairs = _pairs(several)
+    sentences = [f"The search ended {fit.ending.value}: {fit.message}."] if fit.message else []
+    for k, block in enumerate(model.blocks):
+        if isinstance(block, Rational):
+            sentences += _about_filter(block, k)
+        elif isinstance(block, StaticMap):
+            x = np.concatenate([model.signals(u, model.resting(float(u[0])))[k] for u, _ in pairs])
+            sentences += _about_map(block, x, k)
+    lost = [
+        name for name, variance in zip(fit.names, np.diag(fit.covariance), strict=True) if not np.isfinite(variance)
+    ]
+    if lost:
+        sentences.append(f"The records cannot tell {', '.join(lost)} from other parameters.")
+    return sentences
+
+
+def _about_filter(block: Rational, k: int) -> list[str]:
+    sentences = []
+    for pole in block.poles:
+        if pole.imag < 0 or abs(pole) < 1e-6:
+            continue
+        near = [zero for zero in block.zeros if abs(zero - pole) < CANCELS * max(1 - abs(pole), 1e-3)]
+        if near:
+            where = f"{pole.real:.4g}" + (f" ± {pole.imag:.4g}i" if pole.imag else "")
+            sentences.append(
+                f"Block {k + 1}: a zero all but cancels the pole at {where}; an order lower would do as well."
+            )
+    return sentences
+
+
+def _about_map(block: StaticMap, x: Array, k: int) -> list[str]:
+    if isinstance(block, DeadZone):
+        sides = [
+            ("left", "b_l, m_l", np.mean(x < block.b_l)),
+            ("right", "b_r, m_r", np.mean(x > block.b_r)),
+        ]
+        sentences = [
+            f"Block {k + 1}: the signal hardly leaves the dead zone on the {side} ({100 * part:.2g} % of samples); "
+            f"{names} are not known. Drive it harder."
+            for side, names, part in sides
+            if part < SELDOM
+        ]
+        inside = np.mean((x > block.b_l) & (x < block.b_r))
+        if not sentences and inside < SELDOM:
+            sentences.append(f"Block {k + 1}: the signal is hardly ever inside the dead zone; there may be none.")
+        return sentences
+    if isinstance(block, Saturation):
+        linear = block.slope_between * x
+        limits = [("low", np.mean(linear <= block.low)), ("high", np.mean(linear >= block.high))]
+        return [
+            f"Block {k + 1}: the signal hardly reaches the {side} limit; it is not known. Drive it harder."
+            for side, part in limits
+            if part < SELDOM
+        ]
+    if isinstance(block, CubicSpline | PiecewiseLinear):
+        edges = np.concatenate([[-np.inf], block.knots, [np.inf]])
+        counts = np.histogram(x, edges)[0]
+        empty = [j for j in range(len(block.knots)) if counts[j] + counts[j + 1] < SAMPLES_PER_PARAMETER]
+        if empty:
+            where = ", ".join(f"{block.knots[j]:.4g}" for j in empty)
+            return [f"Block {k + 1}: hardly any data around the knots at {where}; use fewer knots or a larger input."]
+        slopes = block.slope(np.asarray(np.quantile(x, np.linspace(0.01, 0.99, 99)), dtype=float))
+        if np.ptp(slopes) < STRAIGHT * np.max(np.abs(slopes)):
+            return [f"Block {k + 1}: the map is a straight line where the data are; a linear model would do as well."]
+    return []

@@ -123,7 +123,7 @@ def test_an_axis_is_recovered_from_its_position_without_start_values():
 def test_two_masses_are_recovered():
     truth = DrivenMotor(Motor(load_friction=Friction(), rotor_friction=Friction(8e-3)))
     free = ("motor_constant", "rotor_inertia", "shaft_stiffness", "rotor_friction.coulomb")
-    start = truth.put({name: truth.value(name) * f for name, f in zip(free, (1.5, 0.5, 1.1, 0.5), strict=True)})
+    start = truth.put({name: truth.value(name) * f for name, f in zip(free, (1.5, 0.5, 1.5, 0.5), strict=True)})
     fit = simulation_error(start, record_of(truth, VOLTAGE[:800], noise=0.02), free=free)
     interval = fit.interval(0.999)
     true = np.array([truth.value(name) for name in fit.names])

@@ -569,7 +569,9 @@ def simulation_error(
         if steps == 0 and 0 < len(coarse) < len(names):  # what moves the output most first
             rough = problem_for(found, coarse, states)
             beginning = _search(rough, limits, max_iterations, max_seconds, progress)
-            found, states = rough.plant_at(beginning.estimate), rough.states(beginning.estimate)
+            states = rough.states(beginning.estimate)
+            fine = [name for name in names if name not in coarse]
+            found = _scan(rough.plant_at(beginning.estimate), fine, limits, states, problem_for)
         problem = problem_for(found, names, states)
         minimum = _search(problem, limits, max_iterations, max_seconds, progress)
         found, states = problem.plant_at(minimum.estimate), problem.states(minimum.estimate)
@@ -733,6 +735,29 @@ def _best_start(
             continue
         if cost < lowest:
             best, lowest = moved, cost
+    return best
+
+
+SCAN = (0.12, 0.18, 0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0)
+"""By what factors a fine parameter is moved before the search: the error has many minima over a resonance."""
+
+
+def _scan(
+    plant: Plant,
+    names: Sequence[str],
+    limits: Limits,
+    states: Sequence[Array],
+    problem_for: Callable[[Plant, Sequence[str], Sequence[Array]], _Simulation],
+) -> Plant:
+    """The plant with each of these parameters in turn moved to where it simulates best."""
+    best, lowest = plant, _cost(problem_for(plant, (), states))
+    for name in names:
+        value = best.value(name)
+        trials = [best.put({name: float(np.clip(factor * value, *limits[name]))}) for factor in SCAN]
+        costs = [_cost(problem_for(trial, (), states)) for trial in trials]
+        k = int(np.argmin(costs))
+        if costs[k] < lowest:
+            best, lowest = trials[k], costs[k]
     return best
 
 

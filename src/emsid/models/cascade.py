@@ -60,7 +60,7 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.gauss_newton import Infeasible, Iteration, Minimum, gauss_newton
 from emsid.estimation.losses import SQUARES, Loss
 from emsid.models.blocks import Block, block_from_data
-from emsid.models.filters import Rational, interpolated
+from emsid.models.filters import INTERPOLATION_REACH, Rational, interpolated
 from emsid.models.model import RUNAWAY, Run
 from emsid.models.static_maps import Scaling, StaticMap
 from emsid.record import Record
@@ -71,7 +71,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 # A segment's start is described by this many samples for every state that has to be found from it.
-SAMPLES_PER_STATE = 4
+SAMPLES_PER_STATE = 8
 # How firmly a free run starts at rest: a prior on each state, relative to what the samples of the start say about it.
 REST = 1e-2
 
@@ -138,7 +138,12 @@ class Cascade:
     @property
     def memory(self) -> int:
         """How many samples of a segment its starting states are found from."""
-        return self.delay + SAMPLES_PER_STATE * self.states
+        return self.edge + SAMPLES_PER_STATE * self.states
+
+    @property
+    def edge(self) -> int:
+        """Samples of a segment at whose time the input between samples, or before them, is not known."""
+        return self.delay + (INTERPOLATION_REACH if self.oversampling > 1 else 0)
 
     def with_parameters(self, theta: Array) -> Cascade:
         """The same cascade with other parameters (p,)."""
@@ -222,7 +227,7 @@ class Cascade:
         if not (self.states and len(y)):
             return rest
         signals = self.signals(u, rest)
-        firmness = REST * np.linalg.norm(self.gradient(signals)[len(self.parameters) :], axis=1)
+        firmness = REST * np.linalg.norm(self.gradient(signals)[len(self.parameters) :, self.edge :], axis=1)
         return gauss_newton(_Start(self, u, y, rest, firmness), rest, max_iterations=20).estimate
 
     def simulate(self, record: Record, transient: int | None = None) -> Run:
@@ -621,13 +626,15 @@ class _Start:
     firmness: Array
 
     def residuals(self, theta: Array) -> list[Array]:
-        return [self.cascade.output(self.u, theta) - self.y, self.firmness * (theta - self.rest)]
+        error = self.cascade.output(self.u, theta) - self.y
+        return [error[self.cascade.edge :], self.firmness * (theta - self.rest)]
 
     def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
         signals = self.cascade.signals(self.u, theta)
         rows = self.cascade.gradient(signals)[len(self.cascade.parameters) :]
         error = self.cascade.sampled(signals) - self.y
-        return [(error, rows.T), (self.firmness * (theta - self.rest), np.diag(self.firmness))]
+        edge = self.cascade.edge
+        return [(error[edge:], rows[:, edge:].T), (self.firmness * (theta - self.rest), np.diag(self.firmness))]
 
 
 def fit_cascade(
@@ -687,7 +694,7 @@ def search(
     """What `fit_cascade` does before it concludes; for those who go on from the minimum."""
     cascade = unit_gain(start)
     cascade.check()
-    problem = FreeRun(cascade, freedom(cascade, hold), gather(cascade, records, skip), skip or 0)
+    problem = FreeRun(cascade, freedom(cascade, hold), gather(cascade, records, skip), max(skip or 0, cascade.edge))
     theta = problem.start
     count = len(problem.freedom.free)
     low, high = np.full(len(theta), -np.inf), np.full(len(theta), np.inf)

@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 
 # A pole this close to the unit circle, or outside, makes a filter unstable for every practical purpose.
 STABILITY_MARGIN = 1e-7
+# Interpolation between samples looks at so many on either side.
+INTERPOLATION_REACH = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,15 +230,19 @@ def fir(taps: ArrayLike, delay: int = 0) -> Rational:
 
 
 def interpolated(u: Array, factor: int) -> Array:
-    """(N·factor,) the band-limited signal through samples u (N,), held constant beyond its ends."""
+    """(N·factor,) the band-limited signal through samples u (N,), which is taken to go on point-symmetrically at its ends.
+
+    Within `INTERPOLATION_REACH` samples of an end it is a guess.
+    """
     from scipy.signal import firwin, resample_poly
 
     if factor == 1:
         return u
-    reach = 16
-    held = np.pad(u, reach, mode="edge")
+    reach = INTERPOLATION_REACH
+    kind: dict[str, str] = {"mode": "reflect", "reflect_type": "odd"} if len(u) > reach else {"mode": "edge"}
+    around = np.pad(u, reach, **kind)  # type: ignore[call-overload]
     low_pass = firwin(2 * reach * factor + 1, 1 / factor, window=("kaiser", 9.0))
-    fine: Array = resample_poly(held - held[0], factor, 1, window=low_pass) + held[0]
+    fine: Array = resample_poly(around, factor, 1, window=low_pass)
     return fine[reach * factor : -reach * factor]
 
 

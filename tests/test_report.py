@@ -153,7 +153,7 @@ each_table = pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys()
 def test_axes_name_quantity_and_unit(figure):
     for axis in chain.from_iterable((plot.x, plot.y) for plot in figure.plots):
         assert axis.names or re.fullmatch(r".+ \[.+\]", axis.title)
-        assert "not given" not in axis.title
+        assert "?" not in axis.title
     assert figure.caption.endswith(".")
 
 
@@ -232,6 +232,21 @@ def test_text_is_never_markup_or_mathematics():
     specification = interactive(figure.plots[0])
     assert specification["data"][0]["name"] == "&lt;b&gt;$\\frac{$&lt;/b&gt;"
     assert "<" not in specification["layout"]["yaxis"]["title"]["text"]
+
+
+def test_legends_show_every_line_in_its_own_look():
+    from matplotlib import rc_context
+
+    from emsid.report import figures
+
+    x = np.arange(3.0)
+    same = [Line(x, k * x, "same name", Stroke(ink)) for k, ink in enumerate((Ink.RED, Ink.GREEN))]
+    marks = (*same, Band(x, x, x + 1, "band"), Line(x, x, "last", Stroke(Ink.NAVY)))
+    with rc_context(figures._SETTINGS):
+        (axes,) = figures._sheet(Figure("a", "A.", (Plot(marks, Axis("x", "s"), Axis("y", "V")),))).axes
+    legend = axes.get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == ["same name", "same name", "band", "last"]
+    assert [line.get_color() for line in legend.get_lines()] == [Ink.RED.value, Ink.GREEN.value, Ink.NAVY.value]
 
 
 def test_drawing_leaves_the_settings_of_matplotlib_alone():
@@ -376,6 +391,7 @@ def test_labels_name_the_method_where_a_model_stands_there_twice():
     both = [emsid.least_squares(structure, record), emsid.recursive_least_squares(structure, record)]
     assert views.labels([assess(fit, record) for fit in both]) == ("arx (LS)", "arx (RLS)")
     assert views.labels([assess(both[0], record)]) == ("arx",)
+    assert views.labels([assess(both[0], record)] * 2) == ("arx (LS), no. 1", "arx (LS), no. 2")
 
 
 def test_residuals_show_shares_and_autocorrelation():

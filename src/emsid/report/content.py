@@ -129,11 +129,11 @@ class Histogram:
 
 @dataclass(frozen=True, eq=False)
 class Bars:
-    """Horizontal bars, the first at the top, each with a remark at its end; the y axis has `Axis.names`.
+    """Horizontal bars, the first at the top, each below its name, which is in `Axis.names` of y, and a remark.
 
     Attributes:
         values: (n,) on the x axis; no bar is drawn where one is not finite.
-        remarks: (n,) text at the end of every bar.
+        remarks: (n,) text beside every name.
         label: for the legend, empty for none.
         ink: their colour.
     """
@@ -185,7 +185,7 @@ class Axis:
         """Quantity and unit.
 
         >>> Axis("Torque", "N*m").title, Axis("Gain", "1").title, Axis("y1").title
-        ('Torque [N·m]', 'Gain [–]', 'y1 [unit not given]')
+        ('Torque [N·m]', 'Gain [–]', 'y1 [unit?]')
         """
         return self.quantity if self.names else f"{self.quantity} [{readable_unit(self.unit)}]"
 
@@ -334,9 +334,13 @@ class Report:
 
 
 def readable_unit(unit: str) -> str:
-    """A unit as it is printed: ``N*m`` with a dot, ``kg*m^2`` with a raised 2, a dash for a mere number."""
+    """A unit as it is printed: a dot for ``*``, raised powers, a dash for a number, a question where unknown.
+
+    >>> readable_unit("kg*m^2"), readable_unit("1"), readable_unit("")
+    ('kg·m²', '–', 'unit?')
+    """
     if not unit:
-        return "unit not given"
+        return "unit?"
     raised = re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_RAISED), unit)
     return "–" if unit == "1" else raised.replace("*", "·").replace("ohm", "Ω")
 

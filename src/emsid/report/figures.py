@@ -195,12 +195,13 @@ def _legend_columns(texts: list[str], room: float) -> int:
 
 
 @cache
-def _text_width(text: str) -> float:
-    """Width of a text in small letters, in points."""
+def _text_width(text: str, size: float = _SMALL, weight: str = "normal") -> float:
+    """Width of a text in points."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import text_to_path
 
-    width, _, _ = text_to_path.get_text_width_height_descent(text, FontProperties(size=_SMALL), ismath=False)
+    font = FontProperties(size=size, weight=weight)
+    width, _, _ = text_to_path.get_text_width_height_descent(text, font, ismath=False)
     return float(width)
 
 
@@ -213,7 +214,7 @@ def _tick_room(axes: Axes) -> float:
 
 
 def _fill_axes(axes: Axes, place: _Place) -> None:
-    from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, NullLocator
+    from matplotlib.ticker import FuncFormatter, NullLocator
 
     plot = place.plot
     for mark in plot.marks:
@@ -228,11 +229,9 @@ def _fill_axes(axes: Axes, place: _Place) -> None:
     if plot.y.range:
         axes.set_ylim(plot.y.range)
     if plot.y.names:
-        axes.yaxis.set_major_locator(FixedLocator(range(len(plot.y.names))))
-        axes.yaxis.set_major_formatter(FixedFormatter(plot.y.names))
-        axes.set_ylim(len(plot.y.names) - 0.4, -0.6)
-        axes.tick_params(axis="y", length=0)
-        axes.grid(visible=False, axis="y")
+        axes.yaxis.set_major_locator(NullLocator())
+        axes.set_ylim(_name_range(plot.y)[::-1])
+        _name_bars(axes, plot)
     else:
         axes.set_ylabel(plot.y.title)
     if place.labelled:
@@ -241,16 +240,32 @@ def _fill_axes(axes: Axes, place: _Place) -> None:
         axes.tick_params(labelbottom=False)
 
 
+def _name_bars(axes: Axes, plot: Plot) -> None:
+    """The name of every bar and its remark, above it."""
+    for mark in plot.marks:
+        if isinstance(mark, Bars):
+            for k, (name, remark) in enumerate(zip(plot.y.names, mark.remarks, strict=True)):
+                end = 2 + _text_width(name, 8.0, "bold")
+                for text, x, weight in ((name, 2.0, "bold"), (remark, end + 6, "normal")):
+                    axes.annotate(text, (0, k), (x, 7), ("axes fraction", "data"), "offset points", weight=weight)
+
+
+def _name_range(axis: Axis) -> tuple[float, float]:
+    """Where an axis of names begins, at the top, and ends: half a place beyond them and room for the first name."""
+    return -0.75, len(axis.names) - 0.5
+
+
 def _put_head(axes: Axes, place: _Place) -> None:
     """The title, level with the others of the row, and the legend, above the plot where it hides nothing."""
     if place.plot.title:
         offset = (0, place.head - 11.0)
         axes.annotate(place.plot.title, (0, 1), offset, "axes fraction", "offset points", weight="bold", size=8.5)
-    handles = {str(handle.get_label()): handle for handle in axes.get_legend_handles_labels()[0]}
-    texts = [mark.label for mark in place.plot.marks if mark.label]
-    if texts:
-        columns = _legend_columns(texts, place.room)
-        axes.legend([handles[text] for text in texts], texts, loc="lower left", bbox_to_anchor=(0, 1), ncols=columns)
+    wanted = [mark.label for mark in place.plot.marks if mark.label]
+    if wanted:
+        drawn = zip(*axes.get_legend_handles_labels(), strict=True)
+        handles, texts = zip(*sorted(drawn, key=lambda each: wanted.index(each[1])), strict=True)
+        columns = _legend_columns(wanted, place.room)
+        axes.legend(handles, texts, loc="lower left", bbox_to_anchor=(0, 1), ncols=columns)
 
 
 def _tick(side: MplAxis, value: float, _: int | None = None) -> str:
@@ -301,14 +316,8 @@ def _(mark: Histogram, axes: Axes) -> None:
 
 @_draw.register(Bars)
 def _(mark: Bars, axes: Axes) -> None:
-    known = np.isfinite(mark.values)
-    places = np.flatnonzero(known)
-    bars = axes.barh(places, mark.values[known], height=0.55, color=mark.ink.value, alpha=0.75, label=mark.label)
-    axes.bar_label(bars, [mark.remarks[k] for k in places], padding=4, fontsize=7.5)
-    for k in np.flatnonzero(~known):
-        axes.annotate(
-            mark.remarks[k], (0, k), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points", va="center"
-        )
+    known = np.flatnonzero(np.isfinite(mark.values))
+    axes.barh(known, mark.values[known], height=0.3, color=mark.ink.value, alpha=0.75, label=mark.label)
 
 
 @_draw.register(Level)
@@ -325,21 +334,24 @@ def interactive(plot: Plot) -> Trace:
     """A plot as Plotly's JSON: ``data`` and ``layout``, in built-in types."""
     named = any(mark.label for mark in plot.marks)
     above, below = 30 if named else 10, 48
-    layout = {
+    layout: Trace = {
         "height": round(_PAGE_ROW * plot.height) + above + below - 30,
         "margin": {"l": 66, "r": 16, "t": above, "b": below},
         "font": {"family": "Segoe UI, system-ui, Helvetica Neue, Arial, sans-serif", "size": 12, "color": "#22262e"},
         "paper_bgcolor": "#ffffff",
         "plot_bgcolor": "#ffffff",
         "hovermode": "closest" if plot.y.names else "x",
-        "dragmode": "zoom",
+        "dragmode": False if plot.y.names else "zoom",
         "showlegend": named,
         "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"},
         "xaxis": _page_axis(plot.x),
         "yaxis": _page_axis(plot.y),
         "hoverlabel": {"font": {"size": 11}},
         "shapes": [_shape(mark) for mark in plot.marks if isinstance(mark, Level)],
+        "annotations": _bar_names(plot),
     }
+    if plot.y.names:
+        layout["margin"] |= {"l": 16}
     traces = [trace for mark in plot.marks for trace in _trace(mark)]
     backdrop = next((m for m in plot.marks if isinstance(m, Histogram) and m.backdrop), None)
     if backdrop is not None:
@@ -350,7 +362,7 @@ def interactive(plot: Plot) -> Trace:
 
 def _page_axis(axis: Axis) -> Trace:
     settings: Trace = {
-        "title": {"text": escape(axis.title), "standoff": 8},
+        "title": {"text": escape(axis.title), "standoff": 8, "font": {"size": 12.5}},
         "gridcolor": "#e4e7eb",
         "linecolor": "#8a8f98",
         "showline": True,
@@ -365,16 +377,20 @@ def _page_axis(axis: Axis) -> Trace:
     if axis.range:
         settings["range"] = [float(v) for v in (np.log10(axis.range) if axis.log else axis.range)]
     if axis.names:
-        settings |= {
-            "tickmode": "array",
-            "tickvals": list(range(len(axis.names))),
-            "ticktext": [escape(name) for name in axis.names],
-            "range": [len(axis.names) - 0.4, -0.6],
-            "showgrid": False,
-            "automargin": True,
-            "title": {"text": ""},
-        }
+        hidden = {"showgrid": False, "showticklabels": False, "ticks": "", "title": {"text": ""}}
+        settings |= {"range": list(_name_range(axis)[::-1])} | hidden
     return settings
+
+
+def _bar_names(plot: Plot) -> list[Trace]:
+    """Names and remarks of bars, above each and not beside it, so that they have room on a phone too."""
+    place = {"xref": "paper", "x": 0, "xanchor": "left", "yshift": 17, "showarrow": False}
+    return [
+        {"text": f"<b>{escape(name)}</b>&nbsp; {escape(remark)}", "y": k} | place
+        for mark in plot.marks
+        if isinstance(mark, Bars)
+        for k, (name, remark) in enumerate(zip(plot.y.names, mark.remarks, strict=True))
+    ]
 
 
 def _packed(values: ArrayLike) -> Trace:
@@ -447,17 +463,14 @@ def _(mark: Histogram) -> list[Trace]:
 
 @_trace.register(Bars)
 def _(mark: Bars) -> list[Trace]:
-    known = np.isfinite(mark.values)
     return [
         {
             "type": "bar",
             "orientation": "h",
-            "x": [float(v) if k else None for v, k in zip(mark.values, known, strict=True)],
+            "x": [float(value) if np.isfinite(value) else None for value in mark.values],
             "y": list(range(len(mark.values))),
-            "text": [escape(remark) for remark in mark.remarks],
-            "textposition": "outside",
             "marker": {"color": mark.ink.value, "opacity": 0.75},
-            "width": 0.55,
+            "width": 0.3,
             "hoverinfo": "skip",
         }
         | _named(mark.label)

@@ -164,7 +164,7 @@ def parameter_table(
                 *(texts[k] for texts in extra.values()),
                 _estimate(value, half) if known else "–",
                 f"{_estimate(low, half)} … {_estimate(high, half)}" if known else "not told apart by these data",
-                f"{100 * half / abs(value):.2g}" if known and value else "–",
+                _share(half, value) if known else "–",
             )
         )
     return Table(
@@ -174,6 +174,11 @@ def parameter_table(
         " ".join(filter(None, (note, fit.message))),
         text_columns=1 + len(extra),
     )
+
+
+def _share(half_width: float, value: float) -> str:
+    """Half an interval in percent of the estimate; an interval that holds zero has more than 100."""
+    return "> 100" if half_width > abs(value) else f"{100 * half_width / abs(value):.2g}" if value else "0"
 
 
 def regressor_column(fit: Fit[Any]) -> dict[str, tuple[str, ...]]:
@@ -329,14 +334,16 @@ TIME = Axis("Time", "s")
 def inputs(records: Sequence[Record], *, name: str = "inputs") -> Figure:
     """The inputs of several records over time, as in Figures 5.1 and 5.5."""
     plots = []
+    names = [record.name for record in records]
     for record in records:
         t, samples = timeline(record)
+        title = _capital(record.name)
+        if names.count(record.name) > 1:
+            title += f", {t[0]:.4g} s to {t[-1]:.4g} s"
         for k, channel in enumerate(record.input_names):
             line = Line(t, _with_gaps(record.input[:, k], samples), stroke=Stroke(Ink.BLUE, width=0.9), held=True)
-            plots.append(
-                Plot((line,), TIME, Axis(_capital(channel), record.input_units[k]), _capital(record.name), height=0.8)
-            )
-    return Figure(name, f"Input of {_listed(list(dict.fromkeys(record.name for record in records)))}.", tuple(plots))
+            plots.append(Plot((line,), TIME, Axis(_capital(channel), record.input_units[k]), title, height=0.8))
+    return Figure(name, f"Input of {_listed(list(dict.fromkeys(names)))}.", tuple(plots))
 
 
 def critical_intervals(
@@ -386,10 +393,11 @@ def critical_intervals(
 
 def labels(assessments: Sequence[Assessment]) -> tuple[str, ...]:
     """What to call them in legends: the model, with the method where one model stands there twice."""
-    models = [each.row.model for each in assessments]
+    rows = [each.row for each in assessments]
+    models = [row.model for row in rows]
+    names = [row.model if models.count(row.model) == 1 else f"{row.model} ({row.method.upper()})" for row in rows]
     return tuple(
-        each.row.model if models.count(each.row.model) == 1 else f"{each.row.model} ({each.row.method.upper()})"
-        for each in assessments
+        name if names.count(name) == 1 else f"{name}, no. {names[: k + 1].count(name)}" for k, name in enumerate(names)
     )
 
 
@@ -625,7 +633,7 @@ def ranking(comparison: Comparison, *, name: str = "ranking") -> Figure:
         ),
         Axis("RMSE", record.output_units[0], log=log, range=_bar_range(drawable, log)),
         Axis("Model", names=labels(comparison.assessments)),
-        height=0.45 + 0.17 * len(rows),
+        height=0.4 + 0.19 * len(rows),
     )
     return Figure(
         name,
@@ -636,14 +644,11 @@ def ranking(comparison: Comparison, *, name: str = "ranking") -> Figure:
 
 
 def _bar_range(values: Array, log: bool) -> tuple[float, float]:
-    """From the root of the bars to their ends, with room for the remarks."""
+    """From the root of the bars to a little beyond their ends."""
     if not len(values):
         return 0.0, 1.0
     low, high = float(values.min()), float(values.max())
-    if not log:
-        return 0.0, 1.35 * high
-    root = 10.0 ** floor(log10(low) - 0.05)
-    return root, high * (high / root) ** 0.4
+    return (10.0 ** floor(log10(low) - 0.05), 1.5 * high) if log else (0.0, 1.05 * high)
 
 
 def _percent(fit: float) -> str:

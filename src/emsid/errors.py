@@ -6,7 +6,14 @@ line prints the message as one line and exits with status 2; anything that is no
 
 
 class EmsidError(Exception):
-    """Base of every error that the user can do something about."""
+    """Base of every error that the user can do something about.
+
+    Args:
+        message: what is wrong, where, and what to do; put on one line, whatever a file has named its columns.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(" ".join(message.splitlines()))
 
 
 class DataError(EmsidError):

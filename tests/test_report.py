@@ -241,11 +241,11 @@ def test_legends_show_every_line_in_its_own_look():
 
     x = np.arange(3.0)
     same = [Line(x, k * x, "same name", Stroke(ink)) for k, ink in enumerate((Ink.RED, Ink.GREEN))]
-    marks = (*same, Band(x, x, x + 1, "band"), Line(x, x, "last", Stroke(Ink.NAVY)))
+    marks = (*same, Band(x, x, x + 1, "band"), Line(x, x, "_last", Stroke(Ink.NAVY)))
     with rc_context(figures._SETTINGS):
         (axes,) = figures._sheet(Figure("a", "A.", (Plot(marks, Axis("x", "s"), Axis("y", "V")),))).axes
     legend = axes.get_legend()
-    assert [text.get_text() for text in legend.get_texts()] == ["same name", "same name", "band", "last"]
+    assert [text.get_text() for text in legend.get_texts()] == ["same name", "same name", "band", "_last"]
     assert [line.get_color() for line in legend.get_lines()] == [Ink.RED.value, Ink.GREEN.value, Ink.NAVY.value]
 
 

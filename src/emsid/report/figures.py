@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from base64 import b64encode
+from collections.abc import Sequence
 from functools import cache, partial, singledispatch
 from html import escape
 from io import BytesIO
@@ -34,8 +35,10 @@ from emsid.report.content import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis as MplAxis
+    from matplotlib.container import BarContainer
     from matplotlib.figure import Figure as Sheet
 
 Array = NDArray[np.float64]
@@ -146,8 +149,9 @@ def _sheet(figure: Figure) -> Sheet:
     for place in places:
         bottom, share = 1 - (place.top + place.height) / height, place.height / height
         axes = sheet.add_axes((0.1, bottom, 0.8, share), sharex=drawn[0] if figure.shared_x and drawn else None)
-        _fill_axes(axes, place)
-        _put_head(axes, place)
+        handles = [_draw(mark, axes) for mark in place.plot.marks]
+        _set_axes(axes, place)
+        _put_head(axes, place, handles)
         drawn.append(axes)
     left = [
         max((_tick_room(a) for a, p in zip(drawn, places, strict=True) if p.column == c), default=0.0) + _LABEL
@@ -187,7 +191,7 @@ def _head_height(plot: Plot, room: float) -> float:
     return 12.5 * bool(plot.title) + 11.5 * lines
 
 
-def _legend_columns(texts: list[str], room: float) -> int:
+def _legend_columns(texts: Sequence[str], room: float) -> int:
     """As many columns of legend entries as go into ``room`` points."""
     widths = [_text_width(text) + 34.0 for text in texts]  # with its line and the space to the next
     fitting = (n for n in range(len(texts), 1, -1) if sum(max(widths[k::n]) for k in range(n)) <= room)
@@ -213,12 +217,11 @@ def _tick_room(axes: Axes) -> float:
     return max((_text_width(text) for text in texts), default=0.0) + 6.0
 
 
-def _fill_axes(axes: Axes, place: _Place) -> None:
+def _set_axes(axes: Axes, place: _Place) -> None:
+    """Scales, ranges, ticks and labels."""
     from matplotlib.ticker import FuncFormatter, NullLocator
 
     plot = place.plot
-    for mark in plot.marks:
-        _draw(mark, axes)
     for axis, side, set_scale in ((plot.x, axes.xaxis, axes.set_xscale), (plot.y, axes.yaxis, axes.set_yscale)):
         if axis.log:
             set_scale("log")
@@ -255,17 +258,16 @@ def _name_range(axis: Axis) -> tuple[float, float]:
     return -0.75, len(axis.names) - 0.5
 
 
-def _put_head(axes: Axes, place: _Place) -> None:
+def _put_head(axes: Axes, place: _Place, handles: Sequence[Artist | BarContainer]) -> None:
     """The title, level with the others of the row, and the legend, above the plot where it hides nothing."""
     if place.plot.title:
         offset = (0, place.head - 11.0)
         axes.annotate(place.plot.title, (0, 1), offset, "axes fraction", "offset points", weight="bold", size=8.5)
-    wanted = [mark.label for mark in place.plot.marks if mark.label]
-    if wanted:
-        drawn = zip(*axes.get_legend_handles_labels(), strict=True)
-        handles, texts = zip(*sorted(drawn, key=lambda each: wanted.index(each[1])), strict=True)
-        columns = _legend_columns(wanted, place.room)
-        axes.legend(handles, texts, loc="lower left", bbox_to_anchor=(0, 1), ncols=columns)
+    entries = [(handle, mark.label) for handle, mark in zip(handles, place.plot.marks, strict=True) if mark.label]
+    if entries:
+        shown, texts = zip(*entries, strict=True)
+        columns = _legend_columns(texts, place.room)
+        axes.legend(shown, texts, loc="lower left", bbox_to_anchor=(0, 1), ncols=columns)
 
 
 def _tick(side: MplAxis, value: float, _: int | None = None) -> str:
@@ -277,7 +279,8 @@ def _tick(side: MplAxis, value: float, _: int | None = None) -> str:
 
 
 @singledispatch
-def _draw(mark: Mark, axes: Axes) -> None:
+def _draw(mark: Mark, axes: Axes) -> Artist | BarContainer:
+    """Draw a mark; returned is what stands for it in a legend."""
     raise TypeError(f"no drawing of {type(mark).__name__}")
 
 
@@ -286,43 +289,42 @@ def _style(stroke: Stroke) -> dict[str, Any]:
 
 
 @_draw.register(Line)
-def _(mark: Line, axes: Axes) -> None:
+def _(mark: Line, axes: Axes) -> Artist | BarContainer:
     x, y = thin(mark.x, mark.y, PRINT_POINTS)
-    axes.plot(x, y, label=mark.label, drawstyle="steps-post" if mark.held else "default", **_style(mark.stroke))
+    return axes.plot(x, y, drawstyle="steps-post" if mark.held else "default", **_style(mark.stroke))[0]
 
 
 @_draw.register(Points)
-def _(mark: Points, axes: Axes) -> None:
-    axes.plot(mark.x, mark.y, "o", label=mark.label, color=mark.ink.value, markersize=3.5, clip_on=False, zorder=4)
+def _(mark: Points, axes: Axes) -> Artist | BarContainer:
+    return axes.plot(mark.x, mark.y, "o", color=mark.ink.value, markersize=3.5, clip_on=False, zorder=4)[0]
 
 
 @_draw.register(Band)
-def _(mark: Band, axes: Axes) -> None:
-    axes.fill_between(mark.x, mark.lower, mark.upper, label=mark.label, color=mark.ink.value, alpha=0.18, linewidth=0)
+def _(mark: Band, axes: Axes) -> Artist | BarContainer:
+    return axes.fill_between(mark.x, mark.lower, mark.upper, color=mark.ink.value, alpha=0.18, linewidth=0)
 
 
 @_draw.register(Histogram)
-def _(mark: Histogram, axes: Axes) -> None:
+def _(mark: Histogram, axes: Axes) -> Artist | BarContainer:
     if mark.backdrop:
         from matplotlib.patches import StepPatch
 
         shares = mark.heights / (4 * float(np.max(mark.heights, initial=0)) or 1.0)
         foot = axes.get_xaxis_transform()  # x of the data, y as a part of the height of the plot
-        colour, label = mark.stroke.ink.value, mark.label
-        axes.add_artist(StepPatch(shares, mark.edges, fill=True, color=colour, alpha=0.25, label=label, transform=foot))
-        return
-    axes.stairs(mark.heights, mark.edges, label=mark.label, baseline=None, **_style(mark.stroke))
+        colour = mark.stroke.ink.value
+        return axes.add_artist(StepPatch(shares, mark.edges, fill=True, color=colour, alpha=0.25, transform=foot))
+    return axes.stairs(mark.heights, mark.edges, baseline=None, **_style(mark.stroke))
 
 
 @_draw.register(Bars)
-def _(mark: Bars, axes: Axes) -> None:
+def _(mark: Bars, axes: Axes) -> Artist | BarContainer:
     known = np.flatnonzero(np.isfinite(mark.values))
-    axes.barh(known, mark.values[known], height=0.3, color=mark.ink.value, alpha=0.75, label=mark.label)
+    return axes.barh(known, mark.values[known], height=0.3, color=mark.ink.value, alpha=0.75)
 
 
 @_draw.register(Level)
-def _(mark: Level, axes: Axes) -> None:
-    axes.axhline(mark.value, label=mark.label, **_style(mark.stroke))
+def _(mark: Level, axes: Axes) -> Artist | BarContainer:
+    return axes.axhline(mark.value, **_style(mark.stroke))
 
 
 # --- Plotly ---------------------------------------------------------------------------------------------------------

@@ -90,7 +90,8 @@ def test_derivatives_agree_with_finite_differences(name: str) -> None:
     )
     ways = np.random.default_rng(7).standard_normal((5, len(x)))
     by_input = [(block.output(x + 1e-6 * w, state) - block.output(x - 1e-6 * w, state)) / 2e-6 for w in ways]
-    np.testing.assert_allclose(block.tangent(x, ways), by_input, rtol=1e-6, atol=1e-7)
+    block.push(x, ways)
+    np.testing.assert_allclose(ways, by_input, rtol=1e-6, atol=1e-7)
 
 
 @pytest.mark.parametrize("name", BLOCKS)

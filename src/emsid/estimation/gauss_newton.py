@@ -341,7 +341,8 @@ def _linearise(problem: Problem, theta: Array, varied: Indices, loss: Loss) -> _
             )
         root = np.sqrt(loss.weight(residual))
         columns = np.empty((len(varied) + 1, len(residual)))
-        np.multiply(jacobian.T[varied], root, out=columns[:-1])
+        for row, k in enumerate(varied):
+            np.multiply(jacobian[:, k], root, out=columns[row])
         np.multiply(residual, -root, out=columns[-1])
         if not np.isfinite(columns.sum()):
             bad = varied[~np.isfinite(columns[:-1]).all(axis=1)]

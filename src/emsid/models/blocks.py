@@ -2,7 +2,7 @@ r"""What a block of a cascade is, and the list of those that a model file may na
 
 A block turns a signal x(t) into a signal y(t). To be fitted it must say how y moves with everything it depends on,
 
-    δy = tangent(δx) + Σₖ gradientₖ δθₖ + Σⱼ state_gradientⱼ δsⱼ,
+    δy = push(δx) + Σₖ gradientₖ δθₖ + Σⱼ state_gradientⱼ δsⱼ,
 
 its input, its parameters θ and, for a filter, the state s that it starts from. All derivatives are exact. `filters` and
 `static_maps` hold the blocks that come with the program; any object that does what `Block` asks for may stand in a
@@ -72,8 +72,8 @@ class Block(Protocol):
         """(N,) y for x (N,), starting from a state (s,)."""
         ...
 
-    def tangent(self, x: Array, rows: Array) -> Array:
-        """(k, N) how y moves when x moves along each of the rows (k, N)."""
+    def push(self, x: Array, rows: Array) -> None:
+        """Turn rows (k, N) of ways in which x moves, in place, into those in which y moves then."""
         ...
 
     def gradient(self, x: Array, y: Array) -> Array:

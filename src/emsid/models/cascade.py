@@ -8,9 +8,9 @@ fitted to the free run, the output that the model gives from the input alone.
 
 **Derivatives.** With block i turning xᵢ into xᵢ₊₁, the chain rule reads, row by row of a growing matrix,
 
-    δxᵢ₊₁ = tangentᵢ(δxᵢ),      and appended   gradientᵢ  and  state_gradientᵢ:
+    δxᵢ₊₁ = pushᵢ(δxᵢ),      and appended   gradientᵢ  and  state_gradientᵢ:
 
-everything that moved the signal before block i goes through its tangent, and the block's own parameters and starting
+everything that moved the signal before block i is pushed through it, and the block's own parameters and starting
 state join. One pass gives the output and its derivative with respect to all parameters, exactly.
 
 **Normalisation.** A factor can be moved between a filter and the map beside it, and a level between a map and the
@@ -195,18 +195,17 @@ class Cascade:
             signals: what `signals` gave.
         """
         samples, count = len(signals[0]), len(self.parameters)
-        rows = np.empty((count + self.states, len(signals[0][:: self.oversampling])))
-        order: list[int] = [count - 2]
-        moved = np.full((1, samples), -1.0)
+        rows = np.empty((count + self.states, samples))
+        rows[count - 2] = -1.0
         state = count
         for block, span, x, y in zip(self.blocks, self.spans, signals[:-1], signals[1:], strict=True):
-            own = [*range(span.start, span.stop), *range(state, state + block.states)]
+            for before in (slice(0, span.start), slice(count - 2, count - 1), slice(count, state)):
+                block.push(x, rows[before])
+            rows[span] = block.gradient(x, y)
+            rows[state : state + block.states] = block.state_gradient(samples)
             state += block.states
-            moved = np.concatenate([block.tangent(x, moved), block.gradient(x, y), block.state_gradient(samples)])
-            order += own
-        rows[order] = moved[:, :: self.oversampling]
         rows[count - 1] = 1.0
-        return rows
+        return rows[:, :: self.oversampling]
 
     def resting(self, level: float) -> Array:
         """(s,) starting states at which a constant input ``level`` leaves everything at rest."""
@@ -603,8 +602,10 @@ class FreeRun:
             signals = model.signals(u, self._states(theta, k))
             rows = model.gradient(signals)
             self.freedom.tie(rows)
-            derivative = np.zeros((len(theta), len(u) - self.skip))
-            derivative[:count] = rows[self.freedom.free, self.skip :]
+            derivative = np.empty((len(theta), len(u) - self.skip))
+            derivative[count:] = 0.0
+            for j, row in enumerate(self.freedom.free):
+                derivative[j] = rows[row, self.skip :]
             first = count + k * model.states
             derivative[first : first + model.states] = rows[parameters:, self.skip :]
             blocks.append(((model.sampled(signals) - y)[self.skip :], derivative.T))
@@ -646,7 +647,7 @@ def fit_cascade(
     loss: Loss = SQUARES,
     max_iterations: int = 50,
     max_seconds: float = np.inf,
-    tolerance: float = 1e-2,
+    tolerance: float = 0.05,
     progress: Callable[[Iteration], None] | None = None,
 ) -> Fit[Cascade]:
     """The cascade whose free run is closest to one or several records, from a start.
@@ -688,7 +689,7 @@ def search(
     loss: Loss = SQUARES,
     max_iterations: int = 50,
     max_seconds: float = np.inf,
-    tolerance: float = 1e-2,
+    tolerance: float = 0.05,
     progress: Callable[[Iteration], None] | None = None,
 ) -> tuple[Minimum, FreeRun]:
     """What `fit_cascade` does before it concludes; for those who go on from the minimum."""

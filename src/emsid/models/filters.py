@@ -9,8 +9,8 @@ and differentiation gives the sensitivity filters (Ljung 1999, sec. 10.3)
 
     ∂y/∂bₖ = q⁻ᵏ⁻ⁿᵏ A⁻¹(q) x,      ∂y/∂aₖ = −q⁻ᵏ A⁻¹(q) y,      ∂y/∂sⱼ = q⁻ʲ A⁻¹(q) δ:
 
-three filterings, however many parameters there are; all the rest is shifts. The tangent is the filter itself, run from
-a zero state over every row δx, which is where the time of a fit goes; `filter_rows` does four rows at a time.
+three filterings, however many parameters there are; all the rest is shifts. The filter itself, run from a
+zero state over every row δx, is where the time of a fit goes; `filter_rows` does four rows at a time.
 
 References:
     Ljung, *System Identification: Theory for the User*, 2nd ed. (1999).
@@ -155,12 +155,9 @@ class Rational:
         y: Array = lfilter(b, a, x, zi=state)[0]
         return y
 
-    def tangent(self, x: Array, rows: Array) -> Array:
-        """(k, N) every row filtered from a zero state."""
-        b, a = self.transfer
-        out = np.empty_like(rows)
-        filter_rows(b, a, rows, out)
-        return out
+    def push(self, x: Array, rows: Array) -> None:
+        """Every row (k, N), in place, filtered from a zero state."""
+        filter_rows(*self.transfer, rows, rows)
 
     def gradient(self, x: Array, y: Array) -> Array:
         """(nb + na, N) shifted copies of x and y filtered by 1/A."""
@@ -239,8 +236,7 @@ def interpolated(u: Array, factor: int) -> Array:
     if factor == 1:
         return u
     reach = INTERPOLATION_REACH
-    kind: dict[str, str] = {"mode": "reflect", "reflect_type": "odd"} if len(u) > reach else {"mode": "edge"}
-    around = np.pad(u, reach, **kind)  # type: ignore[call-overload]
+    around = np.pad(u, reach, "reflect", reflect_type="odd") if len(u) > reach else np.pad(u, reach, "edge")
     low_pass = firwin(2 * reach * factor + 1, 1 / factor, window=("kaiser", 9.0))
     fine: Array = resample_poly(around, factor, 1, window=low_pass)
     return fine[reach * factor : -reach * factor]
@@ -257,7 +253,7 @@ def _in_delays(coefficients: Array, first: int) -> str:
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
 def filter_rows(b: Array, a: Array, rows: Array, out: Array) -> None:
-    """Filter every row (k, N) by B/A from a zero state into ``out``; `scipy.signal.lfilter`, four rows at a time.
+    """Filter every row (k, N) by B/A from a zero state into ``out``, which may be ``rows``; a faster `lfilter`.
 
     A recursion waits for itself; four rows side by side keep the processor busy meanwhile. ``a[0]`` is one.
     """

@@ -261,7 +261,9 @@ def _settled_rows(block: Rational | None, rows: Array) -> tuple[Rational | None,
         return None, rows
     block = _of_unit_gain(block)
     level = block.resting(1.0)[1]
-    return block, block.tangent(rows[0], rows - rows[:, :1]) + level * rows[:, :1]
+    moved = rows - rows[:, :1]
+    block.push(rows[0], moved)
+    return block, moved + level * rows[:, :1]
 
 
 def _of_unit_gain(block: Rational) -> Rational:

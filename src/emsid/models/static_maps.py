@@ -121,9 +121,9 @@ class StaticMap(ABC):
         """(N,) f(x)."""
         return self.value(x)
 
-    def tangent(self, x: Array, rows: Array) -> Array:
-        """(k, N) the rows times the slope."""
-        return rows * self.slope(x)
+    def push(self, x: Array, rows: Array) -> None:
+        """Every row (k, N), in place, times the slope."""
+        rows *= self.slope(x)
 
     def gradient(self, x: Array, y: Array) -> Array:
         """(p, N) ∂f/∂θ."""

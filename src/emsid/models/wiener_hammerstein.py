@@ -54,8 +54,8 @@ CHOICE_SAMPLES, CHOICE_STEPS = 8_000, 25
 REFINED, REFINED_RANDOM = 4, 24
 # Of these, how many go on with a map of the family asked for.
 REFINED_MAPS = 2
-# How many standard errors from the minimum refinements for a choice, and the final fit, may end.
-CHOICE_TOLERANCE, FINAL_TOLERANCE = 0.1, 0.03
+# How many standard errors from the minimum a refinement for a choice may end.
+CHOICE_TOLERANCE = 0.2
 # Chance is not called in where a start leaves less than this part of the output unexplained.
 LINEAR_SUFFICES = 0.5
 # A more complex alternative must be this much better on held-back data.
@@ -204,7 +204,6 @@ def estimate(
             loss=options.loss,
             max_iterations=options.max_iterations,
             max_seconds=options.max_seconds,
-            tolerance=FINAL_TOLERANCE,
             progress=lambda iteration: options.tell(f"fitting {layout.name}", iteration),
         )
     except KeyboardInterrupt:

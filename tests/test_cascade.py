@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from coverage_cascade import NOISES, coverage
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.gauss_newton import Infeasible, Iteration
@@ -202,6 +203,14 @@ def test_dead_zone_edges_come_back_with_honest_intervals() -> None:
     for name, value in (("f.b_l", -0.5), ("f.b_r", 0.4)):
         assert fit.estimate[fit.names.index(name)] == pytest.approx(value, rel=0.02)
         assert interval[name][0] < value < interval[name][1]
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_intervals_cover_the_truth(noise: str) -> None:
+    """The short form of ``tests/coverage_cascade.py``, 30 data sets."""
+    shares = coverage(30, NOISES[noise])
+    assert 0.89 <= np.mean(list(shares.values())) <= 0.995
+    assert min(shares.values()) >= 0.75
 
 
 def test_covariance_follows_the_normalisation() -> None:

@@ -14,7 +14,7 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.gauss_newton import Infeasible, Iteration, gauss_newton
 from emsid.estimation.losses import SQUARES, Cauchy, Huber, Loss
-from emsid.estimation.sandwich import automatic_window, long_run_variance
+from emsid.estimation.sandwich import automatic_window, long_run_variance, weighted_variance
 
 Array = NDArray[np.float64]
 
@@ -45,17 +45,12 @@ def decay(noise: float = 0.05, outliers: float = 0.0, experiments: int = 1) -> C
 
     def jacobian(theta: Array) -> list[Array]:
         e = [np.exp(-theta[1] * x[i]) for i in parts]
-        return [
-            np.column_stack([ei, -theta[0] * x[i] * ei, np.ones_like(ei)])
-            for ei, i in zip(e, parts, strict=True)
-        ]
+        return [np.column_stack([ei, -theta[0] * x[i] * ei, np.ones_like(ei)]) for ei, i in zip(e, parts, strict=True)]
 
     return Curves(residual, jacobian)
 
 
-def by_scipy(
-    problem: Curves, start: list[float], lower: object, upper: object, loss: str = "linear"
-) -> Array:
+def by_scipy(problem: Curves, start: list[float], lower: object, upper: object, loss: str = "linear") -> Array:
     found = least_squares(
         lambda t: np.concatenate(problem.residual(t)),
         start,
@@ -88,9 +83,7 @@ def test_finds_the_minimum_that_scipy_finds(lower: object, upper: object) -> Non
     np.testing.assert_allclose(found.estimate, by_scipy(problem, start, lower, upper), rtol=1e-8)
 
 
-@pytest.mark.parametrize(
-    ("loss", "name"), [(SQUARES, "linear"), (Huber(0.1), "huber"), (Cauchy(0.1), "cauchy")]
-)
+@pytest.mark.parametrize(("loss", "name"), [(SQUARES, "linear"), (Huber(0.1), "huber"), (Cauchy(0.1), "cauchy")])
 def test_robust_losses_agree_with_scipy_and_ignore_outliers(loss: Loss, name: str) -> None:
     problem, start = decay(outliers=3.0), [1.0, 1.0, 0.7]
     found = gauss_newton(problem, start, loss=loss, tolerance=1e-9)
@@ -239,7 +232,7 @@ def test_batch_sums_are_the_newey_west_estimate() -> None:
     for k in range(1, window):
         gamma = scores[k:].T @ scores[:-k]
         expected += (1 - k / window) * (gamma + gamma.T)
-    np.testing.assert_allclose(long_run_variance([scores], window), expected, rtol=1e-10)
+    np.testing.assert_allclose(weighted_variance([scores], window), expected, rtol=1e-10)
 
 
 def test_window_is_short_for_white_scores_and_long_for_coloured_ones() -> None:

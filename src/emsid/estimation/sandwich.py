@@ -22,6 +22,10 @@ brought to the coordinates in which J has orthonormal columns, so the choice doe
 how the parameters are mixed. A window of one keeps the variances only, White's form, which white residuals
 ask for.
 
+Bartlett's weights alone underestimate a long memory. The scores are therefore first whitened by a vector autoregression
+of order one, ``sₜ = A sₜ₋₁ + wₜ``, Ω is found for what is left, and coloured again, ``(I − A)⁻¹ Ω_w (I − A)⁻ᵀ``
+(Andrews & Monahan 1992), the singular values of A being kept below 0.97.
+
 References:
     Hjalmarsson, Ljung, *Estimating model variance in the case of undermodeling*, IEEE TAC 37 (1992).
     Newey, West, *A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent
@@ -40,21 +44,48 @@ Array = NDArray[np.float64]
 
 # No pole of a score is taken to be closer to one than this; a longer memory cannot be told from a trend.
 LARGEST_POLE = 0.97
+# With fewer samples for every score an autoregression would be made of noise.
+SAMPLES_PER_DIRECTION = 20
 
 
-def long_run_variance(scores: Sequence[Array], window: int | None = None) -> Array:
-    """Ω, the variance of the sum of all scores.
+def long_run_variance(scores: Sequence[Array]) -> Array:
+    """Ω, the variance of the sum of all scores, whitened, weighted and coloured again.
 
     Args:
-        scores: (Nᵢ, p) of every experiment; no correlation is taken across experiments.
-        window: L in samples; by default Andrews' choice, `automatic_window`.
+        scores: (Nᵢ, p) of every experiment, in coordinates where all directions count alike; no correlation is taken
+            across experiments.
     """
-    length = automatic_window(scores) if window is None else window
+    size = scores[0].shape[1]
+    memory = _autoregression(scores)
+    white = [np.concatenate([block[:1], block[1:] - block[:-1] @ memory.T]) for block in scores]
+    colour = np.linalg.inv(np.eye(size) - memory)
+    coloured: Array = colour @ weighted_variance(white, automatic_window(white)) @ colour.T
+    return coloured
+
+
+def weighted_variance(scores: Sequence[Array], window: int) -> Array:
+    """Newey and West's estimate with Bartlett's weights.
+
+    Args:
+        scores: (Nᵢ, p) of every experiment.
+        window: L in samples.
+    """
     total = np.zeros((scores[0].shape[1],) * 2)
     for block in scores:
-        batches = _batch_sums(block, min(length, max(len(block), 1)))
+        batches = _batch_sums(block, min(window, max(len(block), 1)))
         total += batches.T @ batches
     return total
+
+
+def _autoregression(scores: Sequence[Array]) -> Array:
+    """(p, p) A of the vector autoregression; zero where there are too few samples to tell it."""
+    size = scores[0].shape[1]
+    past, now = (np.concatenate([block[cut] for block in scores]) for cut in (slice(None, -1), slice(1, None)))
+    if len(past) < SAMPLES_PER_DIRECTION * size:
+        return np.zeros((size, size))
+    left, singular, right = np.linalg.svd(np.linalg.lstsq(past, now, rcond=None)[0].T)
+    stable: Array = (left * np.minimum(singular, LARGEST_POLE)) @ right
+    return stable
 
 
 def automatic_window(scores: Sequence[Array]) -> int:

@@ -227,7 +227,7 @@ def fir(taps: ArrayLike, delay: int = 0) -> Rational:
 
 
 def interpolated(u: Array, factor: int) -> Array:
-    """(N·factor,) the band-limited signal through samples u (N,), which is taken to go on point-symmetrically at its ends.
+    """(N·factor,) the band-limited signal through samples u (N,), taken to go on point-symmetrically at its ends.
 
     Within `INTERPOLATION_REACH` samples of an end it is a guess.
     """

@@ -12,6 +12,7 @@ from emsid.study import (
     FULL,
     LINEAR,
     PAPER,
+    PHYSICAL,
     Settings,
     findings,
     load_friction_difference,
@@ -34,6 +35,10 @@ def test_rows_are_complete(result):
         for model in (LINEAR, PAPER, FULL, FRICTION)
         for method in ("ls", "rls")
         for data in ("identification", "verification")
+    } | {
+        (experiment, PHYSICAL, "gn", data)
+        for experiment in ("simulation", "experiment")
+        for data in ("identification", "verification")
     }
     keys = {"experiment", "model", "method", "data", "one_step_mse", "simulation_mse", "fit_percent"}
     assert all(keys <= row.keys() for row in result.to_data()["rows"])
@@ -43,6 +48,12 @@ def test_friction_regression_is_far_better_in_free_run(result):
     simulation = result.parts[0]
     linear, friction = (simulation.verified(model).row.simulation_mse for model in (LINEAR, FRICTION))
     assert linear / friction > 50
+
+
+def test_physical_motor_beats_the_largest_ratio_of_the_paper(result):
+    simulation = result.parts[0]
+    linear, physical = (simulation.verified(model).row.simulation_mse for model in (LINEAR, PHYSICAL))
+    assert linear / physical >= 557
 
 
 def test_even_polynomial_hardly_helps_a_symmetric_dead_zone(result):
@@ -58,7 +69,8 @@ def test_one_step_errors_hide_what_free_runs_show(result):
 
 def test_recursive_ends_where_batch_does(result):
     for part in result.parts:
-        for batch, recursive in zip(part.fits[::2], part.fits[1::2], strict=True):
+        for model in (LINEAR, PAPER, FULL, FRICTION):
+            batch, recursive = (part.verified(model, method).fit for method in ("ls", "rls"))
             if batch.condition < 1e5:  # beyond, the initial covariance is not large against what the data say
                 np.testing.assert_allclose(recursive.estimate, batch.estimate, rtol=1e-4, atol=1e-6)
 

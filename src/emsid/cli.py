@@ -233,7 +233,8 @@ def identify(
         list[Path], typer.Option(metavar="FILE", help="Unseen record to rank on; repeat for more.")
     ] = [],  # noqa: B006
     models: Annotated[
-        str | None, typer.Option(metavar="NAME,...", help="Candidates, all by default; `emsid list` names them.")
+        str | None,
+        typer.Option(metavar="NAME,...", help="Candidates, by default the regressions; `emsid list` names all."),
     ] = None,
     unseen: Annotated[
         float, typer.Option(metavar="FRACTION", help="Part kept unseen, at the end, where nothing is --validate'd.")
@@ -270,7 +271,7 @@ def identify(
         result = identification.identify(
             records,
             tests or None,
-            models=models.split(",") if models else tuple(identification.CANDIDATES),
+            models=models.split(",") if models else identification.USUAL,
             options=options,
             transient=transient,
             unseen=unseen,

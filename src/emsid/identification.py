@@ -8,7 +8,7 @@ that no candidate has seen in either step.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -18,7 +18,10 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.least_squares import least_squares
 from emsid.estimation.recursive import recursive_least_squares
 from emsid.estimation.selection import coordinate_search
+from emsid.models.grey_box_choice import REFINEMENTS, Mechanical, Refinement, choose
+from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
+from emsid.plant import Motor
 from emsid.record import Record, concatenate
 from emsid.validation.comparison import Comparison, assess, compare
 
@@ -41,6 +44,7 @@ class Options:
         knots: hinges on either side of zero in a friction regression.
         ridge: weight of the squared parameters.
         forgetting: forgetting factor; recursive least squares is used where it is given.
+        fix: physical parameters that are known, by name, in SI units.
         held_back: fraction of the record, at its end, on which choices are made.
     """
 
@@ -52,6 +56,7 @@ class Options:
     knots: int | None = None
     ridge: float = 0.0
     forgetting: float | None = None
+    fix: Mapping[str, float] = field(default_factory=dict)
     held_back: float = 0.25
 
     def estimate(self, structure: Structure, record: Record, history: bool = False) -> Fit[Any]:
@@ -132,6 +137,32 @@ class Candidate(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Physical:
+    """A plant with physical parameters as a candidate, with those refinements that held-back data ask for.
+
+    Args:
+        summary: what it is, in a few words.
+        plant: to begin with.
+        refinements: what may be added to it.
+    """
+
+    summary: str
+    plant: Mechanical
+    refinements: tuple[Refinement, ...] = REFINEMENTS
+
+    def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
+        """Choose the refinements on held-back data and fit to the whole record."""
+        return choose(
+            self.plant,
+            record,
+            fixed=options.fix,
+            held_back=options.held_back,
+            refinements=self.refinements,
+            progress=progress,
+        )
+
+
 # Every model that `emsid identify` knows by name.
 CANDIDATES: dict[str, Candidate] = {
     "arx": Regression(
@@ -147,7 +178,17 @@ CANDIDATES: dict[str, Candidate] = {
         _friction_narx,
         {"nk": (0, 1, 2, 3), "na": (1, 2, 3), "nb": (1, 2, 3), "knots": (0, 4, 8, 12)},
     ),
+    "rigid-motor": Physical(
+        "a motor with its load as one mass: ohms, kg·m² and N·m with intervals",
+        DrivenMotor(replace(Motor(), inductance=0.0).rigid()),
+    ),
+    "motor": Physical("a motor that turns its load through an elastic shaft", DrivenMotor(Motor()), ()),
+    "linear-axis": Physical("a mass on a rail: force to position, kg and N with intervals", LinearAxis()),
 }
+
+
+# What is tried when nobody names a model: what any record of one input and one output can be described by.
+USUAL = ("arx", "wiener-hammerstein-regression", "friction-narx")
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +231,7 @@ def identify(
     records: Record | Iterable[Record],
     validation: Record | Iterable[Record] | None = None,
     *,
-    models: Sequence[str] = tuple(CANDIDATES),
+    models: Sequence[str] = USUAL,
     options: Options | None = None,
     transient: int | None = None,
     unseen: float = 0.3,
@@ -216,7 +257,11 @@ def identify(
     if unknown or not models:
         raise ModelError(f"no model {', '.join(unknown) or 'is named'}; there are {', '.join(CANDIDATES)}")
     record = _one(records)
-    train, test = record.split(1 - unseen) if validation is None else (record, _one(validation))
+    if validation is None:
+        train, rest = record.split(1 - unseen)
+        test = replace(rest, name=f"{record.name}, unseen part")
+    else:
+        train, test = record, _one(validation)
     fits: list[Fit[Any]] = []
     failed: dict[str, EmsidError] = {}
     interrupted = False

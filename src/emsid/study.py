@@ -4,24 +4,27 @@ Two studies, each with two different inputs, one to identify and one to verify: 
 (Table 1 of the paper) and *experiment* on a bench with noise, quantisation and effects that no model contains
 (Table 2), or on two records of the user's own. In both, the paper's linear and nonlinear structures, its full
 regression of a higher degree and a regression with friction terms are identified by least squares and by recursive
-least squares.
+least squares, and the physical motor, as one mass, by the error of its free run.
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from emsid.errors import DataError
+from emsid.errors import DataError, EmsidError
 from emsid.estimation.fit import Fit
 from emsid.estimation.least_squares import least_squares
 from emsid.estimation.recursive import recursive_least_squares
 from emsid.excitation import sines
 from emsid.identification import Progress, stribeck_speeds
+from emsid.models.grey_box_estimation import simulation_error
+from emsid.models.plants import DrivenMotor
 from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
-from emsid.plant import Bench, Friction, Motor
+from emsid.plant import Bench, DeadZone, Friction, Motor
 from emsid.record import Record, check_same_channels
 from emsid.validation.comparison import Assessment, Row, assess
 
@@ -29,11 +32,12 @@ if TYPE_CHECKING:
     from emsid.report.content import Report, Section
 
 SIMULATION, EXPERIMENT = "simulation", "experiment"
-LINEAR, PAPER, FULL, FRICTION = (
+LINEAR, PAPER, FULL, FRICTION, PHYSICAL = (
     "arx",
     "wiener-hammerstein-regression",
     "wiener-hammerstein-regression-degree-3",
     "friction-narx",
+    "rigid-motor",
 )
 
 # The paper's MSE (5.14) of its Tables 1 and 2, of another motor and in units that it does not state:
@@ -46,6 +50,8 @@ PAPER_MSE = {
 }
 # Section V.A: the mean square difference that friction on the load side makes to the output.
 PAPER_LOAD_FRICTION_MSE = 3.341e-6
+
+STRIBECK = ("rotor_friction.stribeck", "rotor_friction.stribeck_rate")
 
 # Sums of two sines (section V.B) for slow operation in both directions: amplitudes in V, frequencies in Hz.
 INPUTS = {"identification": ((3.0, 2.0), (0.4, 1.3)), "verification": ((2.5, 2.0), (0.25, 0.9))}
@@ -104,9 +110,14 @@ class Part:
         """A row for every model, method and record."""
         return [each.row for pair in self.assessed for each in pair]
 
-    def verified(self, model: str, method: str = "ls") -> Assessment:
-        """A model on the record that it has not seen."""
-        return next(v for _, v in self.assessed if (v.row.model, v.row.method) == (model, method))
+    def verified(self, model: str, method: str = "") -> Assessment:
+        """A model on the record that it has not seen, by the first method it was fitted with or by another."""
+        return next(v for _, v in self.assessed if v.row.model == model and method in ("", v.row.method))
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """The names of the models, in order."""
+        return tuple(dict.fromkeys(fit.model.name for fit in self.fits))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +163,25 @@ def structures(record: Record, knots: int) -> tuple[Structure, ...]:
         wiener_hammerstein_regression(na=4, nb=3, degree=2),
         replace(full, name=FULL),
         friction_narx(na=2, nb=2, knots=input_knots(record, knots), speeds=stribeck_speeds(record)),
+    )
+
+
+def physical_start(motor: Motor) -> DrivenMotor:
+    """The motor as one mass without inductance, every other parameter 50 % off: where its search begins."""
+
+    def off(value: float | tuple[float, float]) -> Any:
+        return tuple(1.5 * each for each in value) if isinstance(value, tuple) else 1.5 * value
+
+    friction, zone = motor.rotor_friction, motor.voltage_dead_zone
+    return DrivenMotor(
+        replace(
+            motor,
+            inductance=0.0,
+            motor_constant=off(motor.motor_constant),
+            rotor_inertia=off(motor.rotor_inertia + motor.load_inertia),
+            rotor_friction=Friction(off(friction.coulomb), off(friction.stribeck), off(friction.stribeck_rate)),
+            voltage_dead_zone=None if zone is None else DeadZone(off(zone.b_l), off(zone.b_r)),
+        ).rigid()
     )
 
 
@@ -214,9 +244,13 @@ def _part(name: str, first: Record, second: Record, settings: Settings, progress
     start = max(settings.transient or 0, *(structure.memory for structure in candidates))
     fits: list[Fit[Any]] = []
     for k, structure in enumerate(candidates):
-        progress(f"{name}: {structure.name}", k / len(candidates))
+        progress(f"{name}: {structure.name}", 0.9 * k / len(candidates))
         fits.append(least_squares(structure, first))
         fits.append(recursive_least_squares(structure, first, forgetting=settings.forgetting, history=True))
+    progress(f"{name}: {PHYSICAL}", 0.9)
+    plant = physical_start(settings.motor)
+    with suppress(EmsidError):  # records of other quantities than voltage and speed have no motor
+        fits.append(simulation_error(plant, first, free=(*plant.usual, *STRIBECK)))
     assessed = tuple(
         (
             assess(fit, first, start, experiment=name, data="identification"),
@@ -231,14 +265,20 @@ def findings(result: Study) -> list[str]:
     """What the numbers show, in sentences that follow from them."""
     sentences = [_about_load_friction(result)]
     for part in result.parts:
-        linear, paper, friction = (part.verified(model).row for model in (LINEAR, PAPER, FRICTION))
+        linear, paper = (part.verified(model).row for model in (LINEAR, PAPER))
         known_motor = part.name == SIMULATION or not result.own_records
         reason = _why(linear, paper, result.settings.motor) if known_motor else ""
         sentences += [
             f"In the {part.name} study, in free run on the verification record, the MSE of the paper's second-degree "
             f"model is {_ratio(linear, paper)} that of the linear model{reason}.",
-            f"That of the friction regression is {_ratio(linear, friction)} it, at a fit of "
-            f"{friction.fit_percent:.1f} %.",
+            *(
+                f"That of {what} is {_ratio(linear, row)} it, at a fit of {row.fit_percent:.1f} %."
+                for what, row in (
+                    (words, part.verified(model).row)
+                    for model, words in ((FRICTION, "the friction regression"), (PHYSICAL, "the physical motor"))
+                    if model in part.models
+                )
+            ),
         ]
         finite = [row for row in part.rows if row.data == "verification" and np.isfinite(row.simulation_mse)]
         if finite:
@@ -247,11 +287,12 @@ def findings(result: Study) -> list[str]:
                 f"One step ahead every model looks good; the MSE of {flattered.model} ({flattered.method}) is "
                 f"{flattered.simulation_mse / flattered.one_step_mse:,.0f} times larger in free run."
             )
-        pairs = [(a.row, b.row) for (_, a), (_, b) in zip(part.assessed[::2], part.assessed[1::2], strict=True)]
+        recursive = [fit.model.name for fit in part.fits if fit.method == "rls"]
+        pairs = [(part.verified(model, "ls").row, part.verified(model, "rls").row) for model in recursive]
         apart = [
-            (abs(recursive.simulation_mse / batch.simulation_mse - 1), recursive.model)
-            for batch, recursive in pairs
-            if np.isfinite(batch.simulation_mse) and np.isfinite(recursive.simulation_mse)
+            (abs(later.simulation_mse / batch.simulation_mse - 1), later.model)
+            for batch, later in pairs
+            if np.isfinite(batch.simulation_mse) and np.isfinite(later.simulation_mse)
         ]
         if apart:
             difference, model = max(apart)
@@ -329,7 +370,7 @@ def _section(result: Study, part: Part) -> Section:
     from emsid.report.content import Section
 
     name = part.name
-    shown = [part.verified(model) for model in (LINEAR, PAPER, FULL, FRICTION)]
+    shown = [part.verified(model) for model in part.models]
     error = part.verification.output - shown[0].simulation.output
     intervals = views.critical_intervals(part.verification, 0.1 * len(part.verification) * part.verification.dt, error)
     published = {
@@ -346,7 +387,7 @@ def _section(result: Study, part: Part) -> Section:
         figures=(
             views.inputs((part.identification, part.verification), name=f"{name}-inputs"),
             views.responses(shown, intervals, name=f"{name}-responses"),
-            views.measured_and_simulated(shown[-1], name=f"{name}-free-run"),
+            views.measured_and_simulated(min(shown, key=lambda each: each.row.simulation_mse), name=f"{name}-free-run"),
             views.convergence(part.verified(PAPER, "rls").fit, part.verified(PAPER).fit, name=f"{name}-convergence"),
             views.residuals(shown, name=f"{name}-residuals"),
         ),

@@ -488,8 +488,8 @@ def input_knots(record: Record, count: int) -> tuple[float, ...]:
     ``max|u|·(i/(count + 1))²``.
     """
     reach = float(np.max(np.abs(record.input[:, 0])))
-    positive = reach * (np.arange(1, count + 1) / (count + 1)) ** 2
-    return (*(-positive[::-1]), *positive)
+    positive = [float(f"{reach * (k / (count + 1)) ** 2:.3g}") for k in range(1, count + 1)]  # to be read by people
+    return (*(-knot for knot in reversed(positive)), *positive)
 
 
 def _lagged(channel: int, lag: int) -> Regressor:

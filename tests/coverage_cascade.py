@@ -2,9 +2,9 @@
 
     python tests/coverage_cascade.py [datasets]
 
-simulates so many data sets (300 by default) of a filter, a dead zone and a filter for each kind of noise, fits each, and
-prints the coverage of every parameter. The standard error of a coverage from 300 sets is 1.3 %. The test suite runs a
-short form of it.
+simulates so many data sets (300 by default) of a filter, a dead zone and a filter for each kind of noise, fits each,
+and prints the coverage of every parameter. The standard error of a coverage from 300 sets is 1.3 %. The test suite
+runs a short form of it.
 """
 
 from __future__ import annotations

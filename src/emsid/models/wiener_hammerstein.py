@@ -186,11 +186,11 @@ def estimate(
     for record in several:
         check_channels(template, record)
     _check_excitation(layout, several)
+    _check_size(layout, several, orders, options)
     identify, judge = _held_back(several, options)
     template = replace(
         template, delay=_delay(layout, _pairs(identify), orders) if options.delay is None else options.delay
     )
-    _check_size(layout, several, orders, options)
     best: Choice | None = None
     try:
         for choice in _improving(layout, identify, judge, orders, options, template):
@@ -515,10 +515,9 @@ def _about_map(block: StaticMap, x: Array, k: int) -> list[str]:
             if part < SELDOM
         ]
     if isinstance(block, CubicSpline | PiecewiseLinear):
-        edges = np.concatenate([[-np.inf], block.knots, [np.inf]])
-        counts = np.histogram(x, edges)[0]
-        empty = [j for j in range(len(block.knots)) if counts[j] + counts[j + 1] < SAMPLES_PER_PARAMETER]
-        if empty:
+        nearest = np.searchsorted(0.5 * (block.knots[1:] + block.knots[:-1]), x)
+        empty = np.flatnonzero(np.bincount(nearest, minlength=len(block.knots)) < SAMPLES_PER_PARAMETER)
+        if len(empty):
             where = ", ".join(f"{block.knots[j]:.4g}" for j in empty)
             return [f"Block {k + 1}: hardly any data around the knots at {where}; use fewer knots or a larger input."]
         slopes = block.slope(np.asarray(np.quantile(x, np.linspace(0.01, 0.99, 99)), dtype=float))

@@ -1,0 +1,222 @@
+"""Cascades from records alone: starts, choices, advice, interruption, bad input, and two real recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+import emsid.models.wiener_hammerstein as module
+from emsid.errors import EmsidError, ModelError
+from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.frequency_response import fit_rational, frequency_response
+from emsid.estimation.gauss_newton import Iteration
+from emsid.models.cascade import Cascade, unit_gain
+from emsid.models.families import ABS, COULOMB, DEAD_ZONE, FAMILIES, POLYNOMIAL, SPLINE, Family, given
+from emsid.models.filters import Rational, fir
+from emsid.models.starts import regression_candidate
+from emsid.models.static_maps import Abs, CubicSpline, DeadZone, Polynomial, UserMap
+from emsid.models.wiener_hammerstein import (
+    Options,
+    advice,
+    hammerstein,
+    hammerstein_wiener,
+    wiener,
+    wiener_hammerstein,
+)
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+FAST = Rational([0.5, 0.2], [-0.4])
+SLOW = Rational([0.1, 0.05], [-1.3, 0.45])
+KNOTS = np.linspace(-4, 4, 9)
+BEND = CubicSpline(KNOTS, KNOTS - 0.04 * KNOTS**3 / 3 + 0.05 * KNOTS**2)
+AT_RATE = Options(oversampling=1)
+
+
+def record_of(model: Cascade, samples: int = 4000, noise: float = 0.01, seed: int = 0) -> Record:
+    rng = np.random.default_rng(seed)
+    u = 1.5 * lfilter([0.6], [1, -0.4], rng.standard_normal(samples)) / 0.65
+    y = model.output(u, model.resting(float(u[0])))
+    return Record(u, y + noise * np.std(y) * rng.standard_normal(samples), 1e-3)
+
+
+def unexplained(fit: Fit[Cascade], record: Record) -> float:
+    """Free-run error on a record over the spread of its output."""
+    run = fit.model.simulate(record)
+    return float(np.sqrt(np.mean((run.output - record.output)[run.counted] ** 2)) / np.std(record.output))
+
+
+@pytest.mark.parametrize(
+    ("estimator", "orders", "truth"),
+    [
+        (wiener_hammerstein, (1, 2), Cascade((FAST, BEND, SLOW))),
+        (wiener_hammerstein, None, Cascade((FAST, BEND, SLOW))),
+        (hammerstein, 2, Cascade((BEND, SLOW))),
+        (wiener, 2, Cascade((SLOW, BEND))),
+        (wiener, None, Cascade((SLOW, BEND))),
+        (hammerstein_wiener, 2, Cascade((DeadZone(-0.4, 0.5), SLOW, BEND))),
+    ],
+)
+def test_structures_are_found_from_a_record_alone(
+    estimator: Callable[..., Fit[Cascade]], orders: object, truth: Cascade
+) -> None:
+    fit = estimator(record_of(truth), orders, replace(AT_RATE, size=9))
+    assert fit.ending is Ending.CONVERGED, fit.message
+    assert unexplained(fit, record_of(truth, 2000, noise=0.0, seed=1)) < (
+        0.03 if estimator is hammerstein_wiener else 0.01
+    )
+
+
+@pytest.mark.parametrize(
+    ("family", "truth"),
+    [
+        (DEAD_ZONE, DeadZone(-0.5, 0.4, 0.8, 1.2)),
+        (POLYNOMIAL, Polynomial.from_powers([0.0, 1.0, 0.2, -0.03], -4, 4)),
+        (FAMILIES["saturation"], FAMILIES["saturation"].start(KNOTS, np.clip(KNOTS, -1.0, 1.2), 0)),
+        (FAMILIES["piecewise-linear"], BEND),
+        (COULOMB, COULOMB.start(KNOTS, KNOTS + np.sign(KNOTS), 0)),
+        (
+            given(UserMap(lambda x, p: np.tanh(x), lambda x, p: 1 / np.cosh(x) ** 2)),
+            UserMap(lambda x, p: np.tanh(x), lambda x, p: 1 / np.cosh(x) ** 2),
+        ),
+    ],
+)
+def test_every_family_is_found(family: Family, truth: object) -> None:
+    model = Cascade((FAST.amplified(1 / FAST.gain), truth, SLOW))  # type: ignore[arg-type]
+    fit = wiener_hammerstein(record_of(model), (1, 2), replace(AT_RATE, static=family))
+    assert unexplained(fit, record_of(model, 2000, noise=0.0, seed=1)) < 0.03
+
+
+def test_dead_zone_of_a_motor_within_two_percent_and_inside_its_interval() -> None:
+    truth = unit_gain(Cascade((fir([1.0]), DeadZone(-0.6, 0.45, 1.0, 1.0), SLOW)))
+    fit = hammerstein(record_of(truth, 6000), 2, replace(AT_RATE, static=DEAD_ZONE))
+    interval = fit.interval(0.99)
+    for name, value in (("f.b_l", -0.6), ("f.b_r", 0.45)):
+        at = fit.names.index(name)
+        assert fit.estimate[at] == pytest.approx(value, rel=0.02)
+        assert interval[at, 0] <= value <= interval[at, 1]
+    assert advice(fit, record_of(truth, 6000)) == []
+
+
+def test_a_lost_sign_is_found_by_chance() -> None:
+    truth = Cascade((Rational([0.0, 0.1], [-0.9]), Abs(), Rational([0.6], [-0.4])))
+    fit = wiener_hammerstein(record_of(truth, 1500), (1, 1), replace(AT_RATE, static=ABS))
+    assert unexplained(fit, record_of(truth, 1500, noise=0.0, seed=1)) < 0.03
+
+
+def test_a_delay_is_found() -> None:
+    truth = Cascade((FAST, BEND, SLOW), delay=6)
+    fit = wiener_hammerstein(record_of(truth), (1, 2), replace(AT_RATE, size=9))
+    assert 4 <= fit.model.delay <= 6
+    assert unexplained(fit, record_of(truth, 2000, noise=0.0, seed=1)) < 0.01
+
+
+def test_the_papers_regression_is_factorised_back_into_blocks() -> None:
+    curve = Polynomial.from_powers([0.0, 2.0, 0.5], -6, 6)
+    truth = Cascade((curve, Rational([0.1, 0.05, 0.02], [-1.3, 0.45])), delay=1)
+    found, behind = regression_candidate([record_of(truth, 3000, noise=0.0)], 2, 2, 1)
+    np.testing.assert_allclose(behind.denominator, [-1.3, 0.45], rtol=1e-8)
+    np.testing.assert_allclose(behind.numerator / behind.numerator[0], [1, 0.5, 0.2], rtol=1e-7)
+    np.testing.assert_allclose(found.powers * behind.numerator[0], [0, 0.2, 0.05], atol=1e-9)
+
+
+def test_frequency_response_and_the_rational_function_through_it() -> None:
+    record = record_of(Cascade((SLOW,)), 20_000, noise=0.001)
+    response = frequency_response([(record.input[:, 0], record.output[:, 0])])
+    b, a, cost = fit_rational(response, 2, 2)
+    np.testing.assert_allclose(a, SLOW.denominator, atol=0.01)
+    np.testing.assert_allclose(b, SLOW.numerator, atol=0.002)
+    assert cost < 4 * len(response.frequency)
+    with pytest.raises(ModelError, match="needs a segment of 32 samples"):
+        frequency_response([(np.ones(20), np.ones(20))])
+    with pytest.raises(ModelError, match="excites nothing"):
+        frequency_response([(np.zeros(200), np.ones(200))])
+
+
+def test_progress_is_told() -> None:
+    told: list[tuple[str, Iteration | None]] = []
+    truth = Cascade((BEND, SLOW))
+    hammerstein(record_of(truth, 800), 2, replace(AT_RATE, size=6, progress=lambda *what: told.append(what)))
+    assert any("start values" in what for what, _ in told)
+    assert any(isinstance(iteration, Iteration) for _, iteration in told)
+
+
+def test_interruption_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = Cascade((BEND, SLOW))
+
+    def stop(what: str, iteration: Iteration | None) -> None:
+        if what.startswith("fitting"):
+            raise KeyboardInterrupt
+
+    fit = hammerstein(record_of(truth, 800), 2, replace(AT_RATE, size=6, progress=stop))
+    assert fit.ending is Ending.INTERRUPTED
+    assert "best" in fit.message
+
+    def stop_at_once(what: str, iteration: Iteration | None) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        hammerstein(record_of(truth, 800), 2, replace(AT_RATE, progress=stop_at_once))
+
+
+def test_advice() -> None:
+    record = record_of(Cascade((BEND, SLOW)), 1000)
+
+    def about(*blocks: object) -> str:
+        model = Cascade(blocks)  # type: ignore[arg-type]
+        fit = Fit(model, (), np.zeros(0), np.zeros((0, 0)), 1.0, 1000, 1.0, 0)
+        return " ".join(advice(fit, record))
+
+    assert "hardly leaves the dead zone on the right" in about(DeadZone(-0.5, 50.0), SLOW)
+    assert "may be none" in about(DeadZone(-1e-6, 1e-6), SLOW)
+    assert "hardly any data around the knots at 30" in about(CubicSpline([-1.0, 0.0, 1.0, 30.0], np.ones(4)), SLOW)  # type: ignore[arg-type]
+    assert "straight line" in about(CubicSpline([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), SLOW)  # type: ignore[arg-type]
+    assert "all but cancels the pole at 0.9" in about(DeadZone(-0.5, 0.5), Rational([1.0, -0.899], [-0.9]))
+    assert "high limit" in about(module.Saturation(1.0, -1.0, 90.0), SLOW)
+    assert about(DeadZone(-0.5, 0.5), SLOW) == ""
+
+
+@pytest.mark.parametrize(
+    ("record", "orders", "options", "message"),
+    [
+        (record_of(Cascade((BEND, SLOW)), 100), (9, 9), {}, "parameters for 100 samples"),
+        (record_of(Cascade((BEND, SLOW)), 500), (-1, 2), {}, "order -1"),
+        (Record(np.zeros(500), np.random.default_rng(0).standard_normal(500), 1.0), (1, 1), {}, "throughout"),
+        (Record(np.ones((500, 2)), np.ones(500), 1.0), (1, 1), {}, "choose one of u1, u2"),
+        (
+            record_of(Cascade((BEND, SLOW)), 500),
+            (1, 1),
+            {"static": given(UserMap(lambda x, p: np.ones(3), lambda x, p: x))},
+            r"returned shape \(3,\)",
+        ),
+    ],
+)
+def test_bad_input(record: Record, orders: tuple[int, int], options: dict[str, object], message: str) -> None:
+    with pytest.raises(EmsidError, match=message):
+        wiener_hammerstein(record, orders, replace(AT_RATE, **options))  # type: ignore[arg-type]
+
+
+def test_a_map_of_two_levels_cannot_be_told_from_a_gain() -> None:
+    u = np.where(np.random.default_rng(0).random(500) > 0.5, 1.0, -1.0)
+    with pytest.raises(ModelError, match="two values only, -1 and 1"):
+        hammerstein(Record(u, SLOW.output(u, np.zeros(2)), 1.0), 2, AT_RATE)
+
+
+@pytest.mark.recordings
+def test_benchmark_circuit(recordings: Path) -> None:
+    """The circuit of 2009 from orders and a number of knots, on a part of the data short enough for a test."""
+    values = np.loadtxt(recordings / "wiener_hammerstein_2009" / "estimation.csv", delimiter=",", skiprows=1)
+    record = Record(values[:, 0], values[:, 1], 1 / 51_200)
+    fit = wiener_hammerstein(record[5200:25_000], (3, 3), Options(size=25, static=SPLINE))
+    held = record[85_000:]
+    run = fit.model.simulate(held)
+    error = float(np.sqrt(np.mean((run.output - held.output)[run.counted] ** 2)))
+    assert fit.model.oversampling == 2
+    assert error < 0.26e-3

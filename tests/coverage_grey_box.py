@@ -11,7 +11,7 @@ import sys
 import numpy as np
 from scipy.signal import lfilter
 
-from emsid.models.grey_box import simulation_error
+from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.plants import DrivenMotor, Signal
 from emsid.plant import DeadZone, Friction, Motor
 from emsid.record import Record

@@ -1,8 +1,8 @@
-"""Files: records from tables, MAT, Parquet and NPZ; motors from TOML; models as JSON. Nothing else opens a file."""
+"""Files: records as tables, MAT, Parquet, NPZ; motors and datasheets as TOML; models as JSON. Only here are any opened."""
 
 from emsid.io.files import atomic_write
 from emsid.io.model_file import load, save
-from emsid.io.motor_file import read_motor
+from emsid.io.motor_file import read_datasheet, read_motor
 from emsid.io.reading import READERS, read, read_columns
 from emsid.io.record_file import WRITERS, write_record
 
@@ -13,6 +13,7 @@ __all__ = [
     "load",
     "read",
     "read_columns",
+    "read_datasheet",
     "read_motor",
     "save",
     "write_record",

@@ -1,23 +1,37 @@
-"""Motors from TOML files, as somebody types them from a datasheet::
+"""Motors and datasheets from TOML files, as somebody types them.
 
-[motor]
-resistance = "2.1 ohm"
-inductance = 1.5e-3        # a number is in SI units
+A motor, for simulations::
 
-[motor.rotor_friction]
-coulomb = "4 mN*m"
+    [motor]
+    resistance = "2.1 ohm"
+    inductance = 1.5e-3        # a number is in SI units
+
+    [motor.rotor_friction]
+    coulomb = "4 mN*m"
+
+A datasheet, for an estimation, also says how far to trust it; of an axis, the table is ``[linear-axis]``::
+
+    [motor]
+    resistance = { value = "2.1 ohm", tolerance = "10 %" }    # within it
+    motor_constant = "50 mV*s"                                # where the search starts
+    rotor_inertia = "unknown"                                 # is estimated
+    drive.supply = "24 V"
+
+    [motor.rotor_friction]
+    coulomb = ["4 mN*m", "5 mN*m"]                            # forward, backward
 """
 
 from __future__ import annotations
 
 import os
 import tomllib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from emsid.errors import FormatError, ModelError
 from emsid.io.files import read_bytes
 
 if TYPE_CHECKING:
+    from emsid.models.grey_box_datasheet import Given
     from emsid.plant import Motor
 
 
@@ -30,17 +44,43 @@ def read_motor(path: str | os.PathLike[str]) -> Motor:
     """
     from emsid.plant import Motor
 
-    content = read_bytes(path)
-    try:
-        document = tomllib.loads(content.decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
-        raise FormatError(f"{path}: this is not TOML ({problem}); write [motor] and below it name = value") from None
-    motor = document.pop("motor", None)
-    if not isinstance(motor, dict):
-        raise FormatError(f"{path}: there is no table [motor]; put that line above the parameters")
-    if document:
-        raise FormatError(f"{path}: {', '.join(document)} outside of [motor]; move it into the table or delete it")
+    _, motor = _one_table(path, ("motor",))
     try:
         return Motor.from_dict(motor)
     except ModelError as problem:
         raise ModelError(f"{path}: {problem}") from None
+
+
+def read_datasheet(path: str | os.PathLike[str]) -> dict[str, Given]:
+    """What the table ``[motor]`` or ``[linear-axis]`` of a TOML file knows of a plant, by name of parameter.
+
+    Raises:
+        FormatError: where the file cannot be read, is not TOML or has anything but one such table.
+        ModelError: for a parameter that the plant does not have, a value in another unit or beyond what is physical,
+            a tolerance without value, a parameter given twice.
+    """
+    from emsid.models.grey_box_datasheet import KINDS, datasheet
+
+    kind, table = _one_table(path, tuple(KINDS))
+    try:
+        return datasheet(kind, table)
+    except ModelError as problem:
+        raise ModelError(f"{path}: {problem}") from None
+
+
+def _one_table(path: str | os.PathLike[str], names: tuple[str, ...]) -> tuple[str, dict[str, Any]]:
+    """The one table that a TOML file may have, with its name."""
+    content = read_bytes(path)
+    wanted = " or ".join(f"[{name}]" for name in names)
+    try:
+        document = tomllib.loads(content.decode())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+        raise FormatError(f"{path}: this is not TOML ({problem}); write {wanted} and below it name = value") from None
+    found = [name for name in names if isinstance(document.get(name), dict)]
+    if not found:
+        raise FormatError(f"{path}: there is no table {wanted}; put that line above the parameters")
+    name = found[0]
+    table = document.pop(name)
+    if document:
+        raise FormatError(f"{path}: {', '.join(document)} outside of [{name}]; move it into the table or delete it")
+    return name, table

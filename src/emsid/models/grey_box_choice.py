@@ -16,7 +16,9 @@ from typing import Any
 import numpy as np
 
 from emsid.errors import EmsidError
-from emsid.models.grey_box import Given, GreyBoxFit, simulation_error
+from emsid.models.grey_box_datasheet import Given
+from emsid.models.grey_box_estimation import simulation_error
+from emsid.models.grey_box_fit import GreyBoxFit
 from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.record import Record
 

@@ -12,7 +12,8 @@ from scipy.special import ndtri
 from scipy.stats import chi2
 
 from emsid.errors import ModelError
-from emsid.models.grey_box import GreyBoxFit, simulation_error
+from emsid.models.grey_box_estimation import simulation_error
+from emsid.models.grey_box_fit import GreyBoxFit
 from emsid.models.plants import DrivenMotor, LinearAxis, Plant, Signal
 from emsid.plant import DeadZone
 from emsid.record import concatenate

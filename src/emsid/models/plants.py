@@ -24,7 +24,7 @@ sample before it, as counting encoder edges does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from math import inf, isfinite
@@ -71,6 +71,15 @@ class Handle(NamedTuple):
     paths: tuple[tuple[tuple[str | int, ...], float], ...]
     lower: float = -inf
     upper: float = inf
+
+    @property
+    def allowed(self) -> str:
+        """The bounds in words."""
+        if self.upper < inf:
+            return f"it must be from {self.lower:g} to {self.upper:g} and finite"
+        if self.lower == -inf:
+            return "it must be finite"
+        return "it must be positive and finite" if self.lower > 0 else "it cannot be negative and must be finite"
 
 
 class Motion(NamedTuple):
@@ -199,6 +208,20 @@ def find_handle(plant: Plant, name: str) -> Handle:
     if name not in plant.handles:
         raise ModelError(f"{plant.name} has no parameter {name!r}; it has {', '.join(plant.handles)}")
     return plant.handles[name]
+
+
+def refuse_overlap(plant: Plant, names: Iterable[str]) -> None:
+    """Refuse names that stand for the same value of a plant, such as a level for both directions and the forward one.
+
+    Raises:
+        ModelError: that names the two.
+    """
+    places: dict[tuple[str | int, ...], str] = {}
+    for name in names:
+        for path, _ in find_handle(plant, name).paths:
+            if path in places:
+                raise ModelError(f"{places[path]} and {name} are the same thing in part; choose one of them")
+            places[path] = name
 
 
 _POSITIVE = {"resistance", "motor_constant", "rotor_inertia", "load_inertia", "shaft_stiffness", "mass"}
@@ -344,29 +367,32 @@ class Sensor:
         return lagging
 
 
-_DRIVE = {
-    **_leaf((), "drive.gain", "k_u", "V", "volts per unit of command"),
-    "drive.offset": Handle(
-        Parameter("drive.offset", "u₀", "V", "offset of the command, in its unit"), ((("drive", "offset"), 1.0),)
-    ),
-    **_leaf((), "drive.delay", "t_d", "s", "delay from the command to the terminals"),
-    "drive.supply": Handle(
-        Parameter("drive.supply", "V_s", "V", "supply voltage"), ((("drive", "supply"), 1.0),), _TINY
-    ),
-    "drive.freewheel": Handle(
-        Parameter("drive.freewheel", "λ", "1", "how far the bridge coasts in its off-time"),
-        ((("drive", "freewheel"), 1.0),),
-        0.0,
-        1.0,
-    ),
-    **_leaf((), "sensor.lag", "t_s", "s", "time constant of the sensor"),
-    "sensor.offset": Handle(
-        Parameter("sensor.offset", "y₀", "rad/s", "what the sensor shows at rest"), ((("sensor", "offset"), 1.0),)
-    ),
-    "sensor.ratio": Handle(
-        Parameter("sensor.ratio", "n", "1", "turns of the motor per turn measured"), ((("sensor", "ratio"), 1.0),)
-    ),
-}
+def _outside(volt: str, volts: str, motion: str) -> dict[str, Handle]:
+    """The handles of drive and sensor, given what the drive makes (unit and word) and what the sensor shows."""
+    return {
+        **_leaf((), "drive.gain", "k_u", volt, f"{volts} per unit of command"),
+        "drive.offset": Handle(
+            Parameter("drive.offset", "u₀", "1", "offset of the command, in its unit"), ((("drive", "offset"), 1.0),)
+        ),
+        **_leaf((), "drive.delay", "t_d", "s", "delay from the command to what it does"),
+        "drive.supply": Handle(
+            Parameter("drive.supply", "V_s", volt, f"most {volts} that there are"), ((("drive", "supply"), 1.0),), _TINY
+        ),
+        "drive.freewheel": Handle(
+            Parameter("drive.freewheel", "λ", "1", "how far the bridge coasts in its off-time"),
+            ((("drive", "freewheel"), 1.0),),
+            0.0,
+            1.0,
+        ),
+        **_leaf((), "sensor.lag", "t_s", "s", "time constant of the sensor"),
+        "sensor.offset": Handle(
+            Parameter("sensor.offset", "y₀", motion, "what the sensor shows at rest"), ((("sensor", "offset"), 1.0),)
+        ),
+        "sensor.ratio": Handle(
+            Parameter("sensor.ratio", "n", "1", "turns of the motor per turn measured"), ((("sensor", "ratio"), 1.0),)
+        ),
+    }
+
 
 _MOTOR_HANDLES = {
     name: handle
@@ -376,7 +402,7 @@ _MOTOR_HANDLES = {
     "load_torque": Handle(
         Parameter("load_torque", "T_d", "N*m", "constant torque on the load"), ((("load_torque",), 1.0),)
     ),
-    **_DRIVE,
+    **_outside("V", "volts", "rad/s"),
 }
 
 
@@ -554,7 +580,11 @@ _AXIS_HANDLES = {
     **_leaf((), "dead_zone.b_r", "b_r", "N", "right break point of the dead zone on the force"),
     **_leaf((), "dead_zone.m_l", "m_l", "1", "left slope of the dead zone on the force"),
     **_leaf((), "dead_zone.m_r", "m_r", "1", "right slope of the dead zone on the force"),
-    **{name: handle for name, handle in _DRIVE.items() if name not in ("drive.freewheel", "sensor.ratio")},
+    **{
+        name: handle
+        for name, handle in _outside("N", "newtons", "m").items()
+        if name not in ("drive.freewheel", "sensor.ratio")
+    },
 }
 
 

@@ -225,7 +225,7 @@ def _parameters(part: Field[Any]) -> tuple[Parameter, ...]:
 
 def _read_part(part: Field[Any], value: Any) -> Any:
     if "kind" not in part.metadata:
-        return _read_number(part.name, value, part.metadata["unit"])
+        return read_number(f"motor {part.name}", value, part.metadata["unit"])
     kind = part.metadata["kind"]
     if value is None or isinstance(value, kind):
         return value
@@ -242,23 +242,32 @@ def _read_part(part: Field[Any], value: Any) -> Any:
 
 def _read_either(name: str, value: Any, unit: str) -> float | tuple[float, ...]:
     if isinstance(value, (tuple, list)):
-        return tuple(_read_number(name, v, unit) for v in value)
-    return _read_number(name, value, unit)
+        return tuple(read_number(f"motor {name}", v, unit) for v in value)
+    return read_number(f"motor {name}", value, unit)
 
 
-def _read_number(name: str, value: Any, unit: str) -> float:
-    """A number in SI units, or a text such as ``1.2 ohm`` converted to them."""
+def read_number(what: str, value: Any, unit: str) -> float:
+    """A number in SI units, or a text such as ``1.2 ohm`` converted to them.
+
+    Args:
+        what: the name of the parameter and whose it is, for messages.
+        value: the number or the text.
+        unit: the SI unit.
+
+    Raises:
+        ModelError: for anything else, or a unit of another quantity.
+    """
     if isinstance(value, (int, float, np.number)) and not isinstance(value, bool):
         return float(value)
     text = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*", str(value))
     if text is None or not isinstance(value, str):
-        raise ModelError(f"motor {name} is {value!r}; give a number in {unit}, or a text such as '1.5 {unit}'")
+        raise ModelError(f"{what} is {value!r}; give a number in {unit}, or a text such as '1.5 {unit}'")
     if text[2] is None:
         return float(text[1])
     try:
         gain, offset, _ = conversion(text[2], unit)
     except DataError as problem:
-        raise ModelError(f"motor {name} is {value!r}, which is not in {unit}: {problem}") from None
+        raise ModelError(f"{what} is {value!r}, which is not in {unit}: {problem}") from None
     return gain * float(text[1]) + offset
 
 

@@ -1,0 +1,360 @@
+r"""The parameters of a grey box from records: what is asked, where the search starts, what the records can tell.
+
+The search is `gauss_newton` on the error of the free run (`emsid.models.grey_box_problem`). Not every parameter can be
+told from every record: from voltage and speed of a rigid motor, R_a, K_m and J can be anything that keeps K_m/(R_a·J)
+and K_m²/(R_a·J). The information matrix shows that (`emsid.estimation.identifiability`) at the start and again at the
+end with the noise found; the parameters to hold are taken in the order in which a datasheet is likeliest to have them
+right, and the fit says what it held, at what, and which combinations do not depend on it (`emsid.models.grey_box_fit`).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from math import inf, isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import DataError, EmsidError, ModelError
+from emsid.estimation.coloured import coloured_covariance
+from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.gauss_newton import Infeasible, Iteration, Minimum, gauss_newton
+from emsid.estimation.identifiability import Identifiability, identifiability
+from emsid.models.grey_box import GreyBox, check_channels, signals_of
+from emsid.models.grey_box_datasheet import Given
+from emsid.models.grey_box_fit import GreyBoxFit, combinations, in_words, table
+from emsid.models.grey_box_problem import FreeRunError, Weighting, all_alike, free_states, guess_state
+from emsid.models.grey_box_start import motions
+from emsid.models.plants import DrivenMotor, Handle, LinearAxis, OwnPlant, Plant, Signal, find_handle, refuse_overlap
+from emsid.plant import Motor
+from emsid.record import Record, check_same_channels
+
+Array = NDArray[np.float64]
+
+
+def simulation_error(
+    plant: Plant | Motor,
+    records: Record | Iterable[Record],
+    *,
+    free: Sequence[str] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    datasheet: Mapping[str, Given] | None = None,
+    signals: Sequence[Signal] | None = None,
+    weighting: Weighting = all_alike,
+    max_iterations: int = 60,
+    max_seconds: float = inf,
+    threads: int | None = None,
+    progress: Callable[[Iteration], None] | None = None,
+) -> GreyBoxFit:
+    """The physical parameters that minimise the error of the free run over one or several records.
+
+    Args:
+        plant: what to fit, with its parameters as the start; a bare `Motor` gets a drive and a sensor without effect.
+        records: a record, or several experiments, all with one set of parameters.
+        free: the parameters to estimate; by default what plants of this kind usually have unknown.
+        fixed: values that are known, by name, in SI units; they are not estimated.
+        bounds: (lower, upper) by name, in addition to what is physical.
+        datasheet: what is known beforehand, see `Given`. A value is the start, and a tolerance bounds it.
+        signals: what the outputs of the records are, by default judged by their units.
+        weighting: how errors count by their age: `all_alike`, `Recent`, or any other linear filter (error, dt) → error.
+        max_iterations, max_seconds: of the search.
+        threads: how many, by default as many as there are cores.
+        progress: called after every step.
+
+    Raises:
+        ModelError: for names that the plant does not have, bounds that exclude a start, a datasheet that contradicts
+            itself.
+        DataError: for records without motion, with other channels or in other units.
+    """
+    subject: Plant = DrivenMotor(plant) if isinstance(plant, Motor) else plant
+    segments = _segments(records)
+    shown = tuple(signals) if signals is not None else signals_of(subject, segments[0])
+    for segment in segments:
+        check_channels(subject, shown, segment)
+    _check_motion(segments)
+    fixed, sheet = dict(fixed or {}), dict(datasheet or {})
+    asked = _asked(subject, free, fixed, sheet)
+    limits = _limits(subject, asked, bounds or {}, sheet)
+    subject = subject.put({n: g.value for n, g in sheet.items() if g.value is not None} | fixed)
+    _check_start(subject, asked, limits)
+
+    def problem_for(current: Plant, names: Sequence[str], states: Sequence[Array] | None = None) -> FreeRunError:
+        guesses = [guess_state(current, shown, s) for s in segments] if states is None else states
+        unknown = [free_states(current, shown, s) for s in segments]
+        return FreeRunError(
+            current, shown, segments, names, guesses, unknown, weighting, threads or os.cpu_count() or 1
+        )
+
+    start = _best_start(subject, asked, limits, problem_for)
+    names = _hold(_told(problem_for(start, asked), None), asked, _preference(subject, asked, sheet))
+    found, states, steps = start, None, 0
+    while True:
+        coarse = [name for name in names if name not in found.fine]
+        if steps == 0 and 0 < len(coarse) < len(names):  # what moves the output most first
+            rough = problem_for(found, coarse, states)
+            beginning = _search(rough, limits, max_iterations, max_seconds, progress)
+            states = rough.states(beginning.estimate)
+            fine = [name for name in names if name not in coarse]
+            found = _scan(rough.plant_at(beginning.estimate), fine, limits, states, problem_for)
+        problem = problem_for(found, names, states)
+        minimum = _search(problem, limits, max_iterations, max_seconds, progress)
+        found, states = problem.plant_at(minimum.estimate), problem.states(minimum.estimate)
+        steps += minimum.iterations
+        inside = [name for name, free in zip(names, minimum.free, strict=False) if free]
+        kept = _hold(_told(problem_for(found, inside, states), minimum), inside, _preference(subject, asked, sheet))
+        if minimum.ending is Ending.INTERRUPTED or len(kept) == len(inside):
+            break
+        lost = [name for name in inside if name not in kept]
+        names = [name for name in names if name not in lost]
+        found = found.put({name: subject.value(name) for name in lost if name in sheet})
+    told = _told(problem_for(found, asked, states), minimum)
+    words = in_words(told, names, found, shown)
+    fit = minimum.fit(GreyBox(found, shown), tuple(names), "gn")
+    return GreyBoxFit(
+        **{f: getattr(fit, f) for f in Fit.__dataclass_fields__ if f not in ("message", "iterations")},
+        iterations=steps,
+        message="; ".join(filter(None, [fit.message, *words])),
+        table=table(found, start, names, asked, fixed, sheet, minimum, told),
+        combinations=combinations(found, names, asked, minimum, told),
+        words=tuple(words),
+        identifiability=told,
+        segments=segments,
+        states=tuple(states),
+        weighting=weighting,
+        limits=limits,
+        cost=minimum.cost,
+        colour=_colour(minimum, len(names)),
+    )
+
+
+def _colour(minimum: Minimum, parameters: int) -> Array:
+    coloured, white = (np.diag(c)[:parameters] for c in (minimum.covariance, minimum.white_covariance))
+    return np.divide(coloured, white, out=np.ones(parameters), where=(white > 0) & np.isfinite(white))
+
+
+def _segments(records: Record | Iterable[Record]) -> tuple[Record, ...]:
+    whole = (records,) if isinstance(records, Record) else tuple(records)
+    if not whole:
+        raise DataError("no record to identify from")
+    for other in whole[1:]:
+        check_same_channels(whole[0], other)
+    return tuple(segment for record in whole for segment in record.segments)
+
+
+def _check_motion(segments: Sequence[Record]) -> None:
+    for names, side in ((segments[0].input_names, "input"), (segments[0].output_names, "output")):
+        values = [getattr(segment, side) for segment in segments]
+        if not any(np.ptp(v, axis=0).any() for v in values):
+            what = "nothing drives it" if side == "input" else "nothing moves"
+            raise DataError(
+                f"{segments[0].name}: {side} {', '.join(names)} stays at {values[0][0, 0]:g} throughout; {what}, "
+                "and no parameter can be found from it"
+            )
+
+
+def _asked(
+    plant: Plant, free: Sequence[str] | None, fixed: Mapping[str, float], sheet: Mapping[str, Given]
+) -> tuple[str, ...]:
+    for name in (*(free or ()), *fixed, *sheet):
+        find_handle(plant, name)
+    both = [name for name in free or () if name in fixed]
+    if both:
+        raise ModelError(f"{both[0]} is both free and fixed at {fixed[both[0]]:g}; choose one")
+    for name, value in fixed.items():
+        given = sheet.get(name)
+        if given is not None and given.limits is not None and not given.limits[0] <= value <= given.limits[1]:
+            raise ModelError(
+                f"{name} is fixed at {value:g} and the datasheet has it within [{given.limits[0]:g}, "
+                f"{given.limits[1]:g}]; correct one of them"
+            )
+    unknown = [name for name, given in sheet.items() if given.value is None]
+    names = tuple(free) if free is not None else tuple(dict.fromkeys((*plant.usual, *unknown)))
+    names = tuple(name for name in names if name not in fixed)
+    refuse_overlap(plant, names)
+    if not names:
+        raise ModelError(f"no parameter of {plant.name} is free; it has {', '.join(plant.handles)}")
+    return names
+
+
+Limits = dict[str, tuple[float, float]]
+
+
+def _limits(
+    plant: Plant, asked: Sequence[str], bounds: Mapping[str, tuple[float, float]], sheet: Mapping[str, Given]
+) -> Limits:
+    """The narrowest bounds that hold for every parameter that was asked for."""
+    limits: Limits = {}
+    for name in bounds:
+        find_handle(plant, name)
+        if name not in asked:
+            raise ModelError(f"bounds for {name}, which is not free; free are {', '.join(asked)}")
+    for name in asked:
+        handle: Handle = plant.handles[name]
+        low, high = handle.lower, handle.upper
+        if name in bounds:
+            given_low, given_high = bounds[name]
+            if not given_low <= given_high or given_high < low or given_low > high:
+                raise ModelError(
+                    f"bounds of {name} are [{given_low:g}, {given_high:g}] {handle.parameter.unit}; they must ascend "
+                    f"within [{low:g}, {high:g}]"
+                )
+            low, high = max(low, given_low), min(high, given_high)
+        given = sheet.get(name)
+        if given is not None and given.limits is not None:
+            sheet_low, sheet_high = given.limits
+            if sheet_low > high or sheet_high < low:
+                raise ModelError(
+                    f"the datasheet has {name} within [{sheet_low:g}, {sheet_high:g}] and its bounds are "
+                    f"[{low:g}, {high:g}] {handle.parameter.unit}; they contradict each other"
+                )
+            low, high = max(low, sheet_low), min(high, sheet_high)
+        limits[name] = (low, high)
+    return limits
+
+
+def _check_start(plant: Plant, asked: Sequence[str], limits: Limits) -> None:
+    for name in asked:
+        value, (low, high) = plant.value(name), limits[name]
+        if not low <= value <= high:
+            unit = plant.handles[name].parameter.unit
+            raise ModelError(
+                f"bounds [{low:g}, {high:g}] {unit} of {name} exclude its start {value:g}; widen them or move the start"
+            )
+
+
+def _best_start(
+    plant: Plant, asked: Sequence[str], limits: Limits, problem_for: Callable[[Plant, Sequence[str]], FreeRunError]
+) -> Plant:
+    """The plant as given, or moved to what a regression on the records says, whichever simulates better."""
+    best = plant
+    first = problem_for(plant, asked)
+    lowest = _cost(first)
+    if isinstance(plant, OwnPlant):
+        return plant
+    assert isinstance(plant, (DrivenMotor, LinearAxis))
+    channel, is_position = _motion_channel(first.signals)
+    if channel is None:
+        return plant
+    zone = any("dead_zone" in name for name in asked)
+    for motion in motions(first.segments, channel, is_position, zone, plant.drive.offset):
+        if motion.gain / plant.drive.gain <= 0:
+            continue
+        try:
+            suggested = plant.put_motion(motion)
+            moved = plant.put({n: float(np.clip(suggested.value(n), *limits[n])) for n in asked})
+            cost = _cost(problem_for(moved, asked))
+        except EmsidError:
+            continue
+        if cost < lowest:
+            best, lowest = moved, cost
+    return best
+
+
+SCAN = (0.12, 0.18, 0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0)
+"""By what factors a fine parameter is moved before the search: the error has many minima over a resonance."""
+
+
+def _scan(
+    plant: Plant,
+    names: Sequence[str],
+    limits: Limits,
+    states: Sequence[Array],
+    problem_for: Callable[[Plant, Sequence[str], Sequence[Array]], FreeRunError],
+) -> Plant:
+    """The plant with each of these parameters in turn moved to where it simulates best."""
+    best, lowest = plant, _cost(problem_for(plant, (), states))
+    for name in names:
+        value = best.value(name)
+        trials = [best.put({name: float(np.clip(factor * value, *limits[name]))}) for factor in SCAN]
+        costs = [_cost(problem_for(trial, (), states)) for trial in trials]
+        k = int(np.argmin(costs))
+        if costs[k] < lowest:
+            best, lowest = trials[k], costs[k]
+    return best
+
+
+def _motion_channel(signals: Sequence[Signal]) -> tuple[int | None, bool]:
+    for k, signal in enumerate(signals):
+        if signal is not Signal.CURRENT:
+            return k, signal is Signal.POSITION
+    return None, False
+
+
+def _cost(problem: FreeRunError) -> float:
+    try:
+        cost = float(sum(np.sum(r**2) for r in problem.residuals(problem.start)))
+    except Infeasible:
+        return inf
+    return cost if isfinite(cost) else inf
+
+
+def _preference(plant: Plant, asked: Sequence[str], sheet: Mapping[str, Given]) -> tuple[str, ...]:
+    """In which order parameters are held: what a datasheet gives, what plants of this kind usually have known."""
+    known = sorted(
+        (n for n in asked if n in sheet and sheet[n].value is not None), key=lambda n: sheet[n].tolerance or inf
+    )
+    usual = [name for name in plant.usual if name in asked]
+    return tuple(dict.fromkeys((*known, *usual, *reversed(asked))))
+
+
+def _told(problem: FreeRunError, minimum: Minimum | None) -> Identifiability:
+    """What the records tell of the parameters of a problem; without noise where nothing is known of that."""
+    p = len(problem.free)
+    noise = 0.0 if minimum is None else float(np.sqrt(minimum.noise_variance))
+    jacobians = [jacobian for _, jacobian in problem.linearised(problem.start)]
+    return identifiability(jacobians, problem.sizes[:p], problem.free, noise)
+
+
+def _hold(told: Identifiability, names: Sequence[str], preference: Sequence[str]) -> list[str]:
+    """The parameters that are left when one after the other is held until the others can be told."""
+    kept = list(names)
+    while kept and (groups := told.without([name for name in names if name not in kept]).groups):
+        kept.remove(min(groups[0], key=preference.index))
+    return kept
+
+
+def _search(
+    problem: FreeRunError,
+    limits: Limits,
+    max_iterations: int,
+    max_seconds: float,
+    progress: Callable[[Iteration], None] | None,
+) -> Minimum:
+    lower, upper = problem.lower, problem.upper
+    for k, name in enumerate(problem.free):
+        lower[k], upper[k] = limits[name]
+    return _with_colour(
+        problem,
+        gauss_newton(
+            problem,
+            problem.start,
+            lower=lower,
+            upper=upper,
+            max_iterations=max_iterations,
+            max_seconds=max_seconds,
+            tolerance=1e-2,
+            names=problem.names,
+            progress=progress,
+        ),
+    )
+
+
+def _with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
+    """The covariance under coloured noise; where the sandwich finds more, the deviations are the sandwich's."""
+    columns = np.flatnonzero(minimum.free & np.isfinite(np.diag(minimum.covariance)))
+    if minimum.rank < len(columns) or not len(columns):
+        return minimum
+    pieces, channels = [], len(problem.signals)
+    for residual, jacobian in problem.linearised(minimum.estimate):
+        parts = np.split(np.arange(len(residual)), channels)
+        pieces += [(residual[part], jacobian[np.ix_(part, columns)]) for part in parts]
+    covariance = coloured_covariance(pieces)
+    within = np.ix_(columns, columns)
+    ratio = np.diag(minimum.covariance)[columns] / np.diag(covariance)
+    wider = np.sqrt(np.maximum(ratio, 1.0))
+    whole = minimum.covariance.copy()
+    whole[within] = covariance * np.outer(wider, wider)
+    return replace(minimum, covariance=whole)

@@ -1,0 +1,181 @@
+"""A fitted grey box: its table of parameters, the combinations its records tell, and what they cannot tell in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.estimation.fit import Fit
+from emsid.estimation.gauss_newton import Minimum
+from emsid.estimation.identifiability import Identifiability
+from emsid.models.grey_box import GreyBox
+from emsid.models.grey_box_datasheet import Given
+from emsid.models.grey_box_problem import Weighting, all_alike
+from emsid.models.plants import Plant, Quantity, Signal
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A row of the table of parameters.
+
+    Attributes:
+        name, symbol, unit, description: of the parameter.
+        value: in that unit.
+        standard_error: of it; None for one that was not estimated.
+        status: ``estimated`` from the record; ``conditional`` on what was held, because the record tells only
+            combinations; ``held`` because of that; ``fixed`` by the user; ``at a bound``.
+        start: the value the search began with.
+        datasheet: what the datasheet says, None without.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    description: str
+    value: float
+    standard_error: float | None
+    status: str
+    start: float
+    datasheet: float | None
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A combination of parameters that the record tells whatever was held.
+
+    Attributes:
+        quantity: its name, formula, unit and value.
+        standard_error: of it.
+    """
+
+    quantity: Quantity
+    standard_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class GreyBoxFit(Fit[GreyBox]):
+    """A `Fit` that knows its physics.
+
+    Attributes:
+        table: every parameter that was asked for or fixed.
+        combinations: what the record tells although some parameters had to be held; all the quantities of the plant
+            that it tells.
+        words: what cannot be told apart and what was done about it, one sentence each; empty where all is told.
+        identifiability: of the parameters that were asked for, at the estimate.
+        segments: the records it was fitted to, without gaps.
+        states: their initial states.
+        weighting: how errors counted by their age.
+        limits: bounds of the free parameters, those of a datasheet and of physics included.
+        cost: V at the minimum, half the weighted sum of squares.
+        colour: (p,) how many times larger the variance of every parameter is than with a white residual.
+    """
+
+    table: tuple[Estimate, ...] = ()
+    combinations: tuple[Combination, ...] = ()
+    words: tuple[str, ...] = ()
+    identifiability: Identifiability | None = None
+    segments: tuple[Record, ...] = ()
+    states: tuple[Array, ...] = ()
+    weighting: Weighting = all_alike
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    cost: float = float("nan")
+    colour: Array = field(default_factory=lambda: np.ones(0))
+
+    def simulated(self) -> tuple[Array, ...]:
+        """The free run (Nᵢ, ny) of every segment from its estimated initial state."""
+        model = self.model
+        return tuple(
+            model.plant.simulate(segment.input, segment.dt, state, model.signals)
+            for segment, state in zip(self.segments, self.states, strict=True)
+        )
+
+
+def in_words(told: Identifiability, names: Sequence[str], plant: Plant, signals: Sequence[Signal]) -> list[str]:
+    held = [name for name in told.names if name not in names]
+    channels = "the input and " + " and ".join(signal.value for signal in signals)
+    words = []
+    for group in told.groups:
+        mine = [name for name in group if name in held]
+        kept = ", ".join(f"{n} = {plant.value(n):.4g} {plant.handles[n].parameter.unit}" for n in mine)
+        if len(group) == 1 and not mine:
+            words.append(f"from {channels} alone, {group[0]} is not known to better than 100 %")
+        elif mine:
+            words.append(
+                f"from {channels} alone, {', '.join(group)} cannot be told apart, only combinations of them; held: "
+                f"{kept}; fix what you know, or add a channel"
+            )
+        else:
+            words.append(
+                f"from {channels} alone, {', '.join(group)} can hardly be told apart; see their intervals, fix one of "
+                "them or add a channel"
+            )
+    return words
+
+
+def table(
+    plant: Plant,
+    start: Plant,
+    names: Sequence[str],
+    asked: Sequence[str],
+    fixed: Mapping[str, float],
+    sheet: Mapping[str, Given],
+    minimum: Minimum,
+    told: Identifiability,
+) -> tuple[Estimate, ...]:
+    rows = []
+    errors = np.sqrt(np.diag(minimum.covariance))
+    for name in (*asked, *(n for n in fixed if n not in asked)):
+        parameter = plant.handles[name].parameter
+        error: float | None = None
+        if name in fixed:
+            status = "fixed"
+        elif name not in names:
+            status = "held"
+        else:
+            k = names.index(name)
+            error = float(errors[k])
+            alone = told.tells(np.array([1.0 if n == name else 0.0 for n in told.names]))
+            status = "at a bound" if not minimum.free[k] else "estimated" if alone else "conditional"
+        given = sheet.get(name)
+        datasheet = None if given is None else given.value
+        rows.append(Estimate(*_described(parameter), plant.value(name), error, status, start.value(name), datasheet))
+    return tuple(rows)
+
+
+def _described(parameter: Any) -> tuple[str, str, str, str]:
+    return parameter.name, parameter.symbol, parameter.unit, parameter.description
+
+
+def combinations(
+    plant: Plant, names: Sequence[str], asked: Sequence[str], minimum: Minimum, told: Identifiability
+) -> tuple[Combination, ...]:
+    """The quantities of the plant that the record tells, with standard errors to first order."""
+
+    def gradients(which: Sequence[str]) -> Array:
+        columns = []
+        for name in which:
+            value = plant.value(name)
+            step = 1e-6 * max(abs(value), 1e-12) * (1 if value < plant.handles[name].upper else -1)
+            above = plant.put({name: value + step}).quantities()
+            columns.append([(a.value - q.value) / step for a, q in zip(above, plant.quantities(), strict=True)])
+        return np.array(columns).T.reshape(-1, len(which))
+
+    quantities = plant.quantities()
+    if not quantities:
+        return ()
+    relative = gradients(asked) * np.array([max(abs(plant.value(n)), 1e-12) for n in asked])
+    direct = gradients(names)
+    covariance = minimum.covariance[: len(names), : len(names)]
+    found = []
+    for quantity, whole, part in zip(quantities, relative, direct, strict=True):
+        if np.any(whole) and told.tells(whole) and isfinite(quantity.value):
+            found.append(Combination(quantity, float(np.sqrt(max(part @ covariance @ part, 0.0)))))
+    return tuple(found)

@@ -30,8 +30,9 @@ back through C exactly.
 **Sampling.** Between samples an input that was measured through an anti-alias filter is the band-limited signal through
 them, and a map of it makes harmonics beyond half the sampling rate. A real system's second filter removes them before
 they are sampled; a model that runs at the sampling rate folds them back. With ``oversampling`` L the input is
-interpolated to L times the rate, the blocks run there, and every L-th output counts. On the benchmark circuit of 2009
-this removes most of what is otherwise taken for a limit of the structure. An input that is held between samples (a
+interpolated to L times the rate, the blocks run there, and every L-th output counts. On the benchmark
+circuit of 2009 the held-back error of the same structure falls from 0.287 to 0.238 mV with L = 2.
+An input that is held between samples (a
 drive's command) needs none.
 
 **Transients.** What a filter held when a record began is not known. It is estimated along with the parameters, a few

@@ -68,6 +68,13 @@ def _numbers(texts: list[str], option: str) -> dict[str, float]:
     return numbers
 
 
+def _counts(text: str | None, option: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(count) for count in text.split(",")) if text else ()
+    except ValueError:
+        raise DataError(f"{option} {text!r}: write it as whole numbers with commas between") from None
+
+
 def _rows(text: str | None) -> slice | None:
     if text is None:
         return None
@@ -234,7 +241,7 @@ def identify(
     ] = [],  # noqa: B006
     models: Annotated[
         str | None,
-        typer.Option(metavar="NAME,...", help="Candidates, by default the regressions; `emsid list` names all."),
+        typer.Option(metavar="NAME,...", help="Candidates, by default the regressions and wiener-hammerstein."),
     ] = None,
     unseen: Annotated[
         float, typer.Option(metavar="FRACTION", help="Part kept unseen, at the end, where nothing is --validate'd.")
@@ -245,7 +252,15 @@ def identify(
     nk: Annotated[int | None, typer.Option(metavar="N", help="Delay in samples.", min=0)] = None,
     degree: Annotated[int | None, typer.Option(metavar="N", help="Degree of the polynomial.", min=1)] = None,
     taps: Annotated[int | None, typer.Option(metavar="N", help="Taps of the first filter.", min=1)] = None,
-    knots: Annotated[int | None, typer.Option(metavar="N", help="Hinges on either side of zero.", min=0)] = None,
+    knots: Annotated[
+        int | None, typer.Option(metavar="N", help="Hinges on either side of zero; knots or degree of a map.", min=0)
+    ] = None,
+    orders: Annotated[
+        str | None, typer.Option(metavar="N,...", help="Orders of the filters of a cascade of blocks.")
+    ] = None,
+    static: Annotated[
+        str, typer.Option(metavar="NAME", help="Static map of a cascade; `emsid list` names them.")
+    ] = "spline",
     ridge: Annotated[float, typer.Option(metavar="WEIGHT", help="Weight of the squared parameters.", min=0)] = 0.0,
     forgetting: Annotated[
         float | None, typer.Option(metavar="λ", help="Estimate recursively with this forgetting factor.")
@@ -261,11 +276,17 @@ def identify(
     Examples:
       emsid identify log.csv --input voltage --output speed --dt 0.001
       emsid identify log.dat -u PWM -y mVel --dt 0.010048 --mask "abs(PWM) > 255" --validate other.dat
+      emsid identify drives.csv -u u11 -y z11 --dt 0.02 --models wiener-hammerstein --static abs
       emsid identify arm.mat -u vir -y "d(qm)" --time t --scale vir=35.15065 --models friction-narx --knots 8
     """
     from emsid import identification
+    from emsid.models.families import FAMILIES
 
-    options = identification.Options(na, nb, nk, degree, taps, knots, ridge, forgetting)
+    if static not in FAMILIES:
+        raise DataError(f"no static map {static!r}; there are {', '.join(FAMILIES)}")
+    options = identification.Options(
+        na, nb, nk, degree, taps, knots, _counts(orders, "--orders"), FAMILIES[static], ridge, forgetting
+    )
     records, tests = [reader(path) for path in files], [reader(path) for path in validate]
     with _progress() as report_progress:
         result = identification.identify(
@@ -394,10 +415,12 @@ def list_() -> None:
     from emsid.excitation import SIGNALS
     from emsid.identification import CANDIDATES
     from emsid.io import READERS, WRITERS
+    from emsid.models.families import FAMILIES
 
     print("models for --models:")
     for name, candidate in CANDIDATES.items():
         print(f"  {name:<32}{candidate.summary}")
+    print(f"static maps for --static: {', '.join(FAMILIES)}")
     print("signals for --excitation:")
     for name, signal in SIGNALS.items():
         print(f"  {name:<32}{signal.__doc__}")

@@ -15,12 +15,18 @@ import numpy as np
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
+from emsid.estimation.gauss_newton import Iteration
 from emsid.estimation.least_squares import least_squares
 from emsid.estimation.recursive import recursive_least_squares
 from emsid.estimation.selection import coordinate_search
+from emsid.models.cascade import Cascade
+from emsid.models.families import SPLINE, Family
 from emsid.models.grey_box_choice import REFINEMENTS, Mechanical, Refinement, choose
 from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
+from emsid.models.wiener_hammerstein import HAMMERSTEIN, HAMMERSTEIN_WIENER, WIENER, WIENER_HAMMERSTEIN, Layout, advice
+from emsid.models.wiener_hammerstein import Options as CascadeOptions
+from emsid.models.wiener_hammerstein import estimate as estimate_cascade
 from emsid.plant import Motor
 from emsid.record import Record, concatenate
 from emsid.validation.comparison import Comparison, assess, compare
@@ -41,7 +47,9 @@ class Options:
         nk: delay in samples.
         degree: of the polynomial of a Wiener–Hammerstein regression.
         taps: of its first filter.
-        knots: hinges on either side of zero in a friction regression.
+        knots: hinges on either side of zero in a friction regression; knots, or the degree, of a static map.
+        orders: of the filters of a cascade of blocks, as many as it has.
+        static: family of its static map.
         ridge: weight of the squared parameters.
         forgetting: forgetting factor; recursive least squares is used where it is given.
         fix: physical parameters that are known, by name, in SI units.
@@ -54,6 +62,8 @@ class Options:
     degree: int | None = None
     taps: int | None = None
     knots: int | None = None
+    orders: tuple[int, ...] = ()
+    static: Family = SPLINE
     ridge: float = 0.0
     forgetting: float | None = None
     fix: Mapping[str, float] = field(default_factory=dict)
@@ -138,6 +148,44 @@ class Candidate(Protocol):
 
 
 @dataclass(frozen=True)
+class Blocks:
+    """A cascade of linear filters and static maps as a candidate.
+
+    Args:
+        summary: what it is, in a few words.
+        layout: which filters stand beside the map.
+    """
+
+    summary: str
+    layout: Layout
+
+    def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
+        """Choose orders, knots and delay on held-back data and fit to the free run over the whole record."""
+        done = 0.0
+
+        def advance(what: str, iteration: Iteration | None) -> None:  # nobody knows how many steps there will be
+            nonlocal done
+            done += 0.05 * (1 - done)
+            progress(done)
+
+        settings = CascadeOptions(static=options.static, size=options.knots, delay=options.nk, progress=advance)
+        return estimate_cascade(self.layout, record, self._orders(options), settings)
+
+    def _orders(self, options: Options) -> tuple[int | None, int | None]:
+        wanted = self.layout.first + self.layout.second
+        if not options.orders:
+            return None, None
+        if len(options.orders) != wanted:
+            raise ModelError(
+                f"{self.layout.name} has {wanted} filter{'s' if wanted > 1 else ''} and {len(options.orders)} orders "
+                "are given; give one for each"
+            )
+        given = iter(options.orders)
+        first = next(given) if self.layout.first else None
+        return first, next(given) if self.layout.second else None
+
+
+@dataclass(frozen=True)
 class Physical:
     """A plant with physical parameters as a candidate, with those refinements that held-back data ask for.
 
@@ -178,6 +226,10 @@ CANDIDATES: dict[str, Candidate] = {
         _friction_narx,
         {"nk": (0, 1, 2, 3), "na": (1, 2, 3), "nb": (1, 2, 3), "knots": (0, 4, 8, 12)},
     ),
+    "wiener-hammerstein": Blocks("filter, static map, filter: three blocks that can be seen", WIENER_HAMMERSTEIN),
+    "hammerstein": Blocks("static map, filter", HAMMERSTEIN),
+    "wiener": Blocks("filter, static map", WIENER),
+    "hammerstein-wiener": Blocks("static map, filter, static map", HAMMERSTEIN_WIENER),
     "rigid-motor": Physical(
         "a motor with its load as one mass: ohms, kg·m² and N·m with intervals",
         DrivenMotor(replace(Motor(), inductance=0.0).rigid()),
@@ -188,7 +240,7 @@ CANDIDATES: dict[str, Candidate] = {
 
 
 # What is tried when nobody names a model: what any record of one input and one output can be described by.
-USUAL = ("arx", "wiener-hammerstein-regression", "friction-narx")
+USUAL = ("arx", "wiener-hammerstein-regression", "friction-narx", "wiener-hammerstein")
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,7 +354,10 @@ def remarks(result: Identification) -> list[str]:
         for row in result.verification.rows
         if row.diverged_at is not None
     ]
-    sentences += [f"{fit.model.name}: {fit.message}." for fit in result.verification.fits if fit.message]
+    for fit in result.verification.fits:
+        sentences += [f"{fit.model.name}: {fit.message}."] if fit.message else []
+        if isinstance(fit.model, Cascade):
+            sentences += [f"{fit.model.name}: {words}." for words in advice(fit, result.record)]
     sentences += [f"{name} could not be fitted: {why}." for name, why in result.failed.items()]
     return sentences
 

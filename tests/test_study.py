@@ -8,6 +8,7 @@ import pytest
 from emsid.errors import DataError
 from emsid.plant import Bench, Friction, Motor
 from emsid.study import (
+    BLOCKS,
     FRICTION,
     FULL,
     LINEAR,
@@ -36,7 +37,8 @@ def test_rows_are_complete(result):
         for method in ("ls", "rls")
         for data in ("identification", "verification")
     } | {
-        (experiment, PHYSICAL, "gn", data)
+        (experiment, model, "gn", data)
+        for model in (BLOCKS, PHYSICAL)
         for experiment in ("simulation", "experiment")
         for data in ("identification", "verification")
     }
@@ -54,6 +56,12 @@ def test_physical_motor_beats_the_largest_ratio_of_the_paper(result):
     simulation = result.parts[0]
     linear, physical = (simulation.verified(model).row.simulation_mse for model in (LINEAR, PHYSICAL))
     assert linear / physical >= 557
+
+
+def test_three_blocks_are_far_better_than_their_expansion(result):
+    for part in result.parts:
+        paper, blocks = (part.verified(model).row.simulation_mse for model in (PAPER, BLOCKS))
+        assert paper / blocks > 50
 
 
 def test_even_polynomial_hardly_helps_a_symmetric_dead_zone(result):

@@ -342,12 +342,17 @@ def identify(
 
 def remarks(result: Identification) -> list[str]:
     """What a user should know about the result, in sentences that follow from it."""
-    best = result.verification.best.row
+    best, unit = result.verification.best.row, result.unseen.output_units[0]
     sentences = []
-    if best.one_step_mse > 0 and np.isfinite(best.simulation_mse):
+    if np.isfinite(best.simulation_mse):
         sentences.append(
-            f"{best.model}: the free run explains {best.fit_percent:.1f} % of the unseen output; one step ahead its "
-            f"MSE is {best.simulation_mse / best.one_step_mse:,.3g} times smaller, which any model finds easy."
+            f"{best.model}: the free run has a fit of {best.fit_percent:.1f} % on the unseen data, an RMSE of "
+            f"{best.simulation_rmse:.4g}{' ' * bool(unit)}{unit}."
+        )
+    if 0 < 2 * best.one_step_mse < best.simulation_mse < np.inf:
+        sentences.append(
+            f"{best.model}: one step ahead its MSE is {best.simulation_mse / best.one_step_mse:,.3g} times smaller; "
+            "that is what any model finds easy."
         )
     sentences += [
         f"{row.model}: the free run diverges at sample {row.diverged_at} of the unseen data."
@@ -355,9 +360,8 @@ def remarks(result: Identification) -> list[str]:
         if row.diverged_at is not None
     ]
     for fit in result.verification.fits:
-        sentences += [f"{fit.model.name}: {fit.message}."] if fit.message else []
-        if isinstance(fit.model, Cascade):
-            sentences += [f"{fit.model.name}: {words}." for words in advice(fit, result.record)]
+        words = advice(fit, result.record) if isinstance(fit.model, Cascade) else [fit.message] * bool(fit.message)
+        sentences += [f"{fit.model.name}: {each.rstrip('.')}." for each in words]
     sentences += [f"{name} could not be fitted: {why}." for name, why in result.failed.items()]
     return sentences
 
@@ -380,8 +384,8 @@ def report(result: Identification) -> Report:
         title=f"Identification of {result.record.name}",
         summary=tuple(remarks(result)),
         facts=(
-            Fact(best.row.model, "best free run on unseen data"),
-            Fact(f"{best.row.fit_percent:.1f} %", "of the unseen output explained"),
+            Fact(best.row.model, "the best of the models in free run"),
+            Fact(f"{best.row.fit_percent:.1f} %", "fit of its free run on unseen data"),
             Fact(f"{len(result.record):,}", "samples to identify from"),
             Fact(f"{best.row.samples:,}", "unseen samples counted"),
         ),

@@ -155,19 +155,34 @@ def wiener_hammerstein(
 def hammerstein(
     records: Record | Sequence[Record], order: int | None = None, options: Options = DEFAULTS
 ) -> Fit[Cascade]:
-    """Static map, then a filter of this order; see `wiener_hammerstein`."""
+    """Static map, then a filter of this order.
+
+    Args:
+        records, options: as in `wiener_hammerstein`.
+        order: of the filter, chosen on held-back data where it is None.
+    """
     return estimate(HAMMERSTEIN, records, (None, order), options)
 
 
 def wiener(records: Record | Sequence[Record], order: int | None = None, options: Options = DEFAULTS) -> Fit[Cascade]:
-    """A filter of this order, then a static map; see `wiener_hammerstein`."""
+    """A filter of this order, then a static map.
+
+    Args:
+        records, options: as in `wiener_hammerstein`.
+        order: of the filter, chosen on held-back data where it is None.
+    """
     return estimate(WIENER, records, (order, None), options)
 
 
 def hammerstein_wiener(
     records: Record | Sequence[Record], order: int | None = None, options: Options = DEFAULTS
 ) -> Fit[Cascade]:
-    """Static map, a filter of this order, and a second map of the same family; see `wiener_hammerstein`."""
+    """Static map, a filter of this order, and a second map of the same family.
+
+    Args:
+        records, options: as in `wiener_hammerstein`.
+        order: of the filter, chosen on held-back data where it is None.
+    """
     return estimate(HAMMERSTEIN_WIENER, records, (None, order), options)
 
 

@@ -130,6 +130,17 @@ BAD = {
     "negative duration": (("simulate", "--duration", "-1", "--out", "x.csv"), ("-1",)),
     "study of one record": (("study", "--record", "LOG"), ("--verify",)),
     "study without duration": (("study", "--duration", "0"), ("duration",)),
+    "orders in words": (("identify", "LOG", *IDENTIFY, "--orders", "two"), ("--orders",)),
+    "orders for another structure": (
+        ("identify", "LOG", *IDENTIFY, "--models", "wiener", "--orders", "2,2"),
+        ("wiener has 1 filter", "2 orders"),
+    ),
+    "unknown static map": (("identify", "LOG", *IDENTIFY, "--static", "cubic"), ("cubic", "dead-zone")),
+    "unknown physical parameter": (
+        ("identify", "LOG", *IDENTIFY, "--models", "rigid-motor", "--fix", "resistanse=1"),
+        ("resistanse", "resistance"),
+    ),
+    "missing datasheet": (("identify", "LOG", *IDENTIFY, "--datasheet", "sheet.toml"), ("sheet.toml",)),
     "missing motor": (("study", "--motor", "motor.toml"), ("motor.toml",)),
     "forgetting of zero": (("study", "--forgetting", "0", "--duration", "2"), ("forgetting",)),
 }

@@ -265,6 +265,12 @@ def identify(
     forgetting: Annotated[
         float | None, typer.Option(metavar="λ", help="Estimate recursively with this forgetting factor.")
     ] = None,
+    fix: Annotated[
+        list[str], typer.Option(metavar="NAME=X", help="A physical parameter that is known, in SI units.")
+    ] = [],  # noqa: B006
+    datasheet: Annotated[
+        Path | None, typer.Option(metavar="TOML", help="What a datasheet says of the physical parameters.")
+    ] = None,
     out: Out = Path("emsid-result"),
 ) -> None:
     """Fit candidate models to a record and rank them by their free run on unseen data.
@@ -277,15 +283,20 @@ def identify(
       emsid identify log.csv --input voltage --output speed --dt 0.001
       emsid identify log.dat -u PWM -y mVel --dt 0.010048 --mask "abs(PWM) > 255" --validate other.dat
       emsid identify drives.csv -u u11 -y z11 --dt 0.02 --models wiener-hammerstein --static abs
+      emsid identify log.csv -u voltage -y speed --time t --models rigid-motor --fix resistance=1.2
       emsid identify arm.mat -u vir -y "d(qm)" --time t --scale vir=35.15065 --models friction-narx --knots 8
     """
     from emsid import identification
+    from emsid.io import read_datasheet
     from emsid.models.families import FAMILIES
 
     if static not in FAMILIES:
         raise DataError(f"no static map {static!r}; there are {', '.join(FAMILIES)}")
     options = identification.Options(
         na, nb, nk, degree, taps, knots, _counts(orders, "--orders"), FAMILIES[static], ridge, forgetting
+    )
+    options = replace(
+        options, fix=_numbers(fix, "--fix"), datasheet={} if datasheet is None else read_datasheet(datasheet)
     )
     records, tests = [reader(path) for path in files], [reader(path) for path in validate]
     with _progress() as report_progress:

@@ -22,6 +22,7 @@ from emsid.estimation.selection import coordinate_search
 from emsid.models.cascade import Cascade
 from emsid.models.families import SPLINE, Family
 from emsid.models.grey_box_choice import REFINEMENTS, Mechanical, Refinement, choose
+from emsid.models.grey_box_datasheet import Given
 from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
 from emsid.models.wiener_hammerstein import HAMMERSTEIN, HAMMERSTEIN_WIENER, WIENER, WIENER_HAMMERSTEIN, Layout, advice
@@ -53,6 +54,7 @@ class Options:
         ridge: weight of the squared parameters.
         forgetting: forgetting factor; recursive least squares is used where it is given.
         fix: physical parameters that are known, by name, in SI units.
+        datasheet: what is said of others: where to start, and how far off they may be.
         held_back: fraction of the record, at its end, on which choices are made.
     """
 
@@ -67,6 +69,7 @@ class Options:
     ridge: float = 0.0
     forgetting: float | None = None
     fix: Mapping[str, float] = field(default_factory=dict)
+    datasheet: Mapping[str, Given] = field(default_factory=dict)
     held_back: float = 0.25
 
     def estimate(self, structure: Structure, record: Record, history: bool = False) -> Fit[Any]:
@@ -205,6 +208,7 @@ class Physical:
             self.plant,
             record,
             fixed=options.fix,
+            datasheet=options.datasheet,
             held_back=options.held_back,
             refinements=self.refinements,
             progress=progress,

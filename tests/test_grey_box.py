@@ -10,7 +10,7 @@ from coverage_grey_box import FREE, MOTOR, coverage, simulated_record
 from emsid.errors import DataError, EmsidError, FormatError, ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.identifiability import identifiability
-from emsid.io import read_datasheet
+from emsid.io import read, read_datasheet
 from emsid.models.grey_box import GreyBox
 from emsid.models.grey_box_choice import choose, coasting_bridge, stribeck
 from emsid.models.grey_box_datasheet import Given, applicable, datasheet
@@ -78,6 +78,12 @@ def test_a_bridge_that_coasts_brakes_in_proportion_to_its_duty():
     ]
     k, r, b = motor.motor_constant, motor.resistance, motor.rotor_viscous + motor.load_viscous
     assert final == pytest.approx([6 * k / r / (k**2 / r + b), 6 * k / r / (0.25 * k**2 / r + b)], rel=1e-6)
+
+
+def test_a_drive_counts_commands_differently_beyond_its_knee_and_ends_at_its_supply():
+    drive = Drive(gain=0.5, supply=6.0, knee=4.0, beyond=2.0)
+    command = np.array([0.0, 6.0, 8.0, 9.0, 20.0, -9.0, -20.0])
+    assert drive.terminals(command, DT)[0][1:] == pytest.approx([0.0, 3.0, 4.0, 5.0, 6.0, -5.0, -6.0])
 
 
 def test_codes_brake_and_coast():
@@ -321,7 +327,9 @@ def test_a_datasheet_of_no_plant_is_refused():
 
 
 def test_it_is_a_model_that_comes_back_from_data():
-    plant = replace(MOTOR, drive=Drive(2.0, 0.1, 24.0, 0.003, 0.5, ((999.0, Bridge.COAST),)), sensor=Sensor(lag=0.01))
+    plant = replace(
+        MOTOR, drive=Drive(2.0, 0.1, 24.0, 0.003, 9.0, 1.5, 0.5, ((999.0, Bridge.COAST),)), sensor=Sensor(lag=0.01)
+    )
     for one in (plant, DrivenMotor(Motor()), LinearAxis(3.0, (1.0, 2.0), dead_zone=DeadZone(-1, 2))):
         model = GreyBox(one, SPEED)
         assert isinstance(model, Model)
@@ -441,7 +449,8 @@ def test_records_that_do_not_fit_are_refused_in_words(record, message):
     [
         lambda: Given(float("nan")), lambda: Given(None, 0.1), lambda: Given(1.0, -0.1), lambda: Recent(0.0),
         lambda: Drive(gain=0.0), lambda: Drive(delay=-1.0), lambda: Drive(supply=0.0), lambda: Drive(freewheel=0.5),
-        lambda: Drive(freewheel=2.0, supply=1.0), lambda: Sensor(ratio=0.0), lambda: Sensor(lag=-1.0),
+        lambda: Drive(freewheel=2.0, supply=1.0), lambda: Drive(knee=0.0), lambda: Drive(beyond=-1.0),
+        lambda: Sensor(ratio=0.0), lambda: Sensor(lag=-1.0),
         lambda: LinearAxis(mass=0.0), lambda: LinearAxis(viscous_friction=-1.0), lambda: LinearAxis(offset=np.inf),
     ],
 )  # fmt: skip
@@ -460,30 +469,78 @@ def test_a_fit_that_ends_at_a_bound_says_so():
 # --- real recordings ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.recordings
-def test_the_axis_of_emps(recordings):
-    import emsid.io
+def rms(error):
+    return float(np.sqrt(np.mean(error**2)))
 
-    record = emsid.io.read(
-        recordings / "emps" / "DATA_EMPS.mat", input="vir", output="qm", time="t", scale={"vir": 35.15065}
-    )
-    train, _ = record.split(0.6)
-    as_force = simulation_error(LinearAxis(), train, weighting=Recent(0.02, 2))
-    assert as_force.estimate == pytest.approx([95.1089, 203.5034, 20.3935, -3.1648], rel=0.05)
-    as_position = simulation_error(LinearAxis(), train)
-    assert np.sqrt(as_position.noise_variance) < 3e-3
+
+def errors(fit):
+    return np.concatenate([run - record.output for run, record in zip(fit.simulated(), fit.segments, strict=True)])
+
+
+@pytest.fixture(scope="module")
+def emps(recordings):
+    """The first 60 % of the record, as force and position."""
+    record = read(recordings / "emps" / "DATA_EMPS.mat", input="vir", output="qm", time="t", scale={"vir": 35.15065})
+    return record.split(0.6)[0]
+
+
+@pytest.mark.recordings
+def test_emps_has_the_published_parameters_where_errors_are_seen_as_accelerations(emps):
+    fit = simulation_error(LinearAxis(), emps, weighting=Recent(0.02, 2))
+    assert fit.estimate == pytest.approx([95.1089, 203.5034, 20.3935, -3.1648], rel=0.05)
+
+
+@pytest.mark.recordings
+def test_emps_resists_more_in_one_direction_than_in_the_other(emps):
+    fit = choose(LinearAxis(), emps)
+    plant = fit.model.plant
+    assert rms(errors(fit)) < 0.7e-3
+    assert plant.value("viscous_friction.backward") == pytest.approx(232, rel=0.05)
+    assert plant.value("viscous_friction.forward") == pytest.approx(162, rel=0.05)
+    assert plant.value("offset") == 0
 
 
 @pytest.mark.recordings
 def test_a_motor_on_a_bridge_that_coasts(recordings):
-    import emsid.io
-
-    record = emsid.io.read(
+    record = read(
         recordings / "dc_motor_bidirectional" / "testBench_testAll_10ms.dat",
         input="PWM", output="mVel", dt=0.010048, mask="abs(PWM) > 255",
     )  # fmt: skip
     train, test = record.split(0.5)
-    motor = DrivenMotor(replace(RIGID, voltage_dead_zone=DeadZone(-1.0, 1.0)))
-    fit = choose(motor, train)
+    fit = choose(DrivenMotor(replace(RIGID, voltage_dead_zone=DeadZone(-1.0, 1.0))), train)
     run = fit.model.simulate(test)
     assert fit_percent(test.output[run.counted], run.output[run.counted]) > 97.0
+
+
+@pytest.mark.recordings
+def test_one_geared_motor_from_steps_both_ways(recordings):
+    steps = [
+        read(path, input="Commanded_PWM", output="Motor_Speed(RPM)", time="Timestamp(ms)",
+             units={"Motor_Speed(RPM)": "rpm"})
+        for path in sorted((recordings / "dc_motor_jga25_steps").glob("*.csv"))
+    ]  # fmt: skip
+    steps = [replace(one, input=one.input[2::5], output=one.output[2::5], dt=5e-3) for one in steps]  # a 200 Hz loop
+    motor = replace(
+        RIGID, resistance=2.0, motor_constant=0.07, rotor_inertia=5e-5, rotor_viscous=1e-5, load_viscous=0.0,
+        load_inertia=1e-6, rotor_friction=Friction(0.05, 0.04, 0.3), load_friction=Friction(), voltage_dead_zone=None,
+    )  # fmt: skip
+    drive = Drive(gain=12 / 4800, supply=13.0, knee=10.0, beyond=1.5, delay=6e-3)
+    fit = simulation_error(
+        DrivenMotor(motor, drive, Sensor(offset=0.127)),
+        steps,
+        free=(
+            "motor_constant", "rotor_inertia", "rotor_friction.coulomb.forward", "rotor_friction.coulomb.backward",
+            "rotor_friction.stribeck", "rotor_friction.stribeck_rate",
+            "drive.supply", "drive.knee", "drive.beyond", "drive.delay",
+        ),
+        bounds={"drive.beyond": (1.0, 8.0)},
+        look_around=False,
+    )  # fmt: skip
+    assert len(fit.segments) == 26
+    error, output = errors(fit), np.concatenate([one.output for one in steps])
+    assert fit_percent(output, output + error) > 97.0
+    assert rms(error) < 20 * np.pi / 30  # half of what the encoder resolves in 5 ms
+    told = {c.quantity.name: c.quantity.value for c in fit.combinations}
+    stays, starts = 901 * drive.gain, 1299 * drive.gain  # commands that it stood still at and moved at
+    assert stays <= told["break-away voltage forward"] <= starts
+    assert stays <= told["break-away voltage backward"] <= starts

@@ -44,6 +44,7 @@ def simulation_error(
     datasheet: Mapping[str, Given] | None = None,
     signals: Sequence[Signal] | None = None,
     weighting: Weighting = all_alike,
+    look_around: bool = True,
     max_iterations: int = 60,
     max_seconds: float = inf,
     threads: int | None = None,
@@ -60,6 +61,8 @@ def simulation_error(
         datasheet: what is known beforehand, see `Given`. A value is the start, and a tolerance bounds it.
         signals: what the outputs of the records are, by default judged by their units.
         weighting: how errors count by their age: `all_alike`, `Recent`, or any other linear filter (error, dt) → error.
+        look_around: whether to begin where a regression on the records says, if that simulates better than the plant
+            as it is given.
         max_iterations, max_seconds: of the search.
         threads: how many, by default as many as there are cores.
         progress: called after every step.
@@ -88,7 +91,7 @@ def simulation_error(
             current, shown, segments, names, guesses, unknown, weighting, threads or os.cpu_count() or 1
         )
 
-    start = _best_start(subject, asked, limits, problem_for)
+    start = _best_start(subject, asked, limits, problem_for) if look_around else subject
     names = _hold(_told(problem_for(start, asked), None), asked, _preference(subject, asked, sheet))
     found, states, steps = start, None, 0
     while True:

@@ -9,6 +9,8 @@ real logs put in front of it and behind it; its rigid form without inductance is
 so that one fast loop, `emsid.models.one_mass`, moves both, and `emsid.plant.simulate` the general motor.
 
 **The drive** makes the voltage (or force) from the command: v = gain·(u(t − delay) + offset), limited by the supply.
+Beyond a knee the command may count more: a bridge loses a part of every period to switching, and gets it back near full
+duty, where it no longer switches.
 A bridge that leaves the armature open in the off-time of its PWM brakes only while it conducts. With ρ = |v|/supply
 the duty and λ how far it does so, the armature conducts during
 
@@ -267,6 +269,8 @@ class Drive:
         offset: what is added to the command, in its unit.
         supply: the largest voltage (force) there is, in V (N); infinite for no limit.
         delay: from the command to the terminals, in s.
+        knee: voltage (force) above which the command counts differently, in V (N); infinite for none.
+        beyond: how many times more it counts there.
         freewheel: λ, 0 for a bridge that always conducts and 1 for one that leaves the armature open in the off-time.
         codes: commands that are none: pairs of a value and what the bridge then does.
 
@@ -278,6 +282,8 @@ class Drive:
     offset: float = 0.0
     supply: float = inf
     delay: float = 0.0
+    knee: float = inf
+    beyond: float = 1.0
     freewheel: float = 0.0
     codes: tuple[tuple[float, Bridge], ...] = ()
 
@@ -288,6 +294,11 @@ class Drive:
             raise ModelError(f"drive with a delay of {self.delay} s; it cannot be negative and must be finite")
         if not self.supply > 0:
             raise ModelError(f"drive with a supply of {self.supply} V; it must be positive")
+        if not (self.knee > 0 and isfinite(self.beyond) and self.beyond >= 0):
+            raise ModelError(
+                f"drive with a knee at {self.knee} V and {self.beyond} times beyond; the first must be positive, the "
+                "second not negative and finite"
+            )
         if not 0 <= self.freewheel <= 1:
             raise ModelError(f"drive with freewheel {self.freewheel}; give 0 (always conducts) to 1 (open when off)")
         if self.freewheel > 0 and not isfinite(self.supply):
@@ -298,7 +309,9 @@ class Drive:
 
         The first value is what acted before the first sample; a command is taken to have stood there for ever.
         """
-        voltage = np.clip(self.gain * (command + self.offset), -self.supply, self.supply)
+        wanted = self.gain * (command + self.offset)
+        extra = wanted - np.clip(wanted, -self.knee, self.knee)
+        voltage = np.clip(wanted + (self.beyond - 1.0) * extra, -self.supply, self.supply)
         duty = np.abs(voltage) / self.supply if isfinite(self.supply) else 1.0
         conducts = np.broadcast_to(1.0 - self.freewheel * (1.0 - duty), voltage.shape)
         for code, bridge in self.codes:
@@ -378,6 +391,12 @@ def _outside(volt: str, volts: str, motion: str) -> dict[str, Handle]:
         "drive.supply": Handle(
             Parameter("drive.supply", "V_s", volt, f"most {volts} that there are"), ((("drive", "supply"), 1.0),), _TINY
         ),
+        "drive.knee": Handle(
+            Parameter("drive.knee", "V_k", volt, f"{volts} above which the command counts differently"),
+            ((("drive", "knee"), 1.0),),
+            _TINY,
+        ),
+        **_leaf((), "drive.beyond", "γ", "1", "how many times more the command counts beyond the knee"),
         "drive.freewheel": Handle(
             Parameter("drive.freewheel", "λ", "1", "how far the bridge coasts in its off-time"),
             ((("drive", "freewheel"), 1.0),),
@@ -404,6 +423,9 @@ _MOTOR_HANDLES = {
     ),
     **_outside("V", "volts", "rad/s"),
 }
+
+
+_RIGID_HANDLES = {name: handle for name, handle in _MOTOR_HANDLES.items() if not name.startswith("shaft_")}
 
 
 @dataclass(frozen=True)
@@ -434,9 +456,7 @@ class DrivenMotor(_Parametrised):
     @property
     def handles(self) -> Mapping[str, Handle]:
         """Those of `Motor.parameters` by their names there, then load torque, drive and sensor."""
-        if not self.motor.is_rigid:
-            return _MOTOR_HANDLES
-        return {name: handle for name, handle in _MOTOR_HANDLES.items() if not name.startswith("shaft_")}
+        return _RIGID_HANDLES if self.motor.is_rigid else _MOTOR_HANDLES
 
     @property
     def usual(self) -> tuple[str, ...]:

@@ -1,6 +1,8 @@
 """The grey box: motion, recovery, what cannot be told, bad input, and real recordings."""
 
+import runpy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -392,6 +394,24 @@ def test_a_plant_of_the_users_own():
     assert fit.estimate == pytest.approx([9.0, 0.5], rel=1e-5)
     with pytest.raises(ModelError, match="made of functions"):
         fit.model.to_data()
+
+
+@pytest.fixture(scope="module")
+def coupled_drives():
+    """The example of a user's own plant; its file runs from any folder."""
+    return runpy.run_path(str(Path(__file__).parents[1] / "examples" / "coupled_drives.py"))
+
+
+def test_the_example_finds_the_drives_that_it_simulated(coupled_drives):
+    fit, outside = coupled_drives["main"]([])
+    assert fit.names == coupled_drives["PLANT"].usual
+    assert outside == pytest.approx([0.01, 0.01], rel=0.3)  # its noise
+
+
+@pytest.mark.recordings
+def test_the_example_reaches_on_the_recordings_what_it_says(coupled_drives, recordings):
+    _, outside = coupled_drives["main"]([str(recordings / "coupled_drives" / "uniform_first400.csv")])
+    assert outside == pytest.approx([0.112, 0.103], rel=0.02)
 
 
 # --- bad input ------------------------------------------------------------------------------------------------------

@@ -14,12 +14,13 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.identifiability import identifiability
 from emsid.io import read, read_datasheet
 from emsid.models.grey_box import GreyBox
-from emsid.models.grey_box_choice import choose, coasting_bridge, stribeck
+from emsid.models.grey_box_choice import by_direction, choose, coasting_bridge, stribeck
 from emsid.models.grey_box_datasheet import Given, applicable, datasheet
 from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_findings import dead_zone_curve, friction_curve, likelihood_profile, stops
 from emsid.models.grey_box_problem import Recent
 from emsid.models.model import Model
+from emsid.models.one_mass import Sliding, move
 from emsid.models.plants import Bridge, Drive, DrivenMotor, LinearAxis, OwnPlant, Sensor, Signal
 from emsid.plant import DeadZone, Friction, Motor, State, simulate
 from emsid.plant.motor import Parameter
@@ -52,6 +53,41 @@ def test_one_mass_moves_exactly_as_the_plant_does(friction):
         fast = DrivenMotor(motor).simulate(VOLTAGE[:, None], DT, np.array([initial, 0.0]), SPEED)[:, 0]
         assert np.max(np.abs(fast - exact.load_speed)) < 1e-8
         assert np.array_equal(fast == 0, exact.load_held)
+
+
+def moved_slowly(mass, friction, force, damping, dt, late, steps, speed, position):
+    """`move` as anybody would write it: small steps, in which friction takes from the speed but never turns it."""
+    speeds, positions = np.empty(len(force) - 1), np.empty(len(force) - 1)
+    for k in range(len(speeds)):
+        speeds[k], positions[k] = speed, position
+        for part, whole in ((k, late * dt), (k + 1, (1 - late) * dt)):
+            h = whole / steps
+            for _ in range(steps):
+                side = 0 if (speed > 0 or (speed == 0 and force[part] > 0)) else 1
+                level = friction.coulomb[side] + friction.stribeck[side] * np.exp(-friction.rate[side] * abs(speed))
+                drag = damping[part] + friction.viscous[side]
+                pushed = (speed + h * force[part] / mass) / (1 + h * drag / mass)
+                speed = np.sign(pushed) * max(abs(pushed) - h * level / mass, 0.0)
+                position += h * speed
+    return speeds, positions
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_compiled_motion_is_the_limit_of_the_slow_one(seed):
+    rng = np.random.default_rng(seed)
+    friction = Sliding(
+        rng.uniform(0.2, 1.0, 2), rng.uniform(0.0, 0.5, 2) * (seed % 2), rng.uniform(1, 5, 2), rng.uniform(0, 2, 2)
+    )
+    force, damping = np.repeat(3 * rng.standard_normal(13), 5), np.repeat(rng.uniform(0.1, 1.0, 13), 5)
+    start = (0.05, float(rng.uniform(0, 1)))
+    speeds, positions = np.empty(64), np.empty(64)
+    move(0.7, friction, force, damping, *start, 20, 0.4, 1.0, speeds, positions)
+    differences = []
+    for steps in (40, 160):
+        slow = moved_slowly(0.7, friction, force, damping, *start, steps, 0.4, 1.0)
+        differences.append(max(np.max(np.abs(speeds - slow[0])), np.max(np.abs(positions - slow[1]))))
+    assert differences[0] < 0.02 * np.max(np.abs(speeds))
+    assert differences[1] < 0.4 * differences[0]  # of first order, towards the same motion
 
 
 def test_a_stribeck_excess_is_of_second_order_in_the_step():
@@ -271,6 +307,26 @@ def test_a_datasheet_is_where_a_search_starts_and_what_it_keeps_to():
     assert rows["motor_constant"].value == pytest.approx(MOTOR.value("motor_constant"), rel=0.02)
     assert rows["rotor_inertia"].datasheet is None
     assert rows["rotor_inertia"].value == pytest.approx(MOTOR.value("rotor_inertia"), rel=0.05)
+
+
+def test_refinements_keep_to_a_datasheet():
+    truth = LinearAxis(80.0, (150.0, 220.0), Friction(25.0), drive=Drive(delay=0.02))
+    record = record_of(truth, 30 * VOLTAGE[:1200], noise=1e-4, unit="m", signals=(Signal.POSITION,))
+    sheet = datasheet(
+        "linear-axis",
+        {
+            "viscous_friction": {"value": 210.0, "tolerance": "10 %"},
+            "mass": {"value": 80.0, "tolerance": 0.0},
+            "drive.delay": "unknown",
+        },
+    )
+    fit = choose(LinearAxis(), record, datasheet=sheet, refinements=(by_direction,))
+    plant = fit.model.plant
+    assert fit.limits["viscous_friction.forward"] == pytest.approx((189.0, 231.0))
+    assert plant.value("viscous_friction.forward") == pytest.approx(189.0)  # as far as the datasheet lets it
+    assert plant.value("viscous_friction.backward") > 200.0
+    assert plant.value("drive.delay") > 0.01
+    assert plant.value("mass") == 80.0
 
 
 @pytest.mark.parametrize(

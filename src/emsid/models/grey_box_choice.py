@@ -145,7 +145,8 @@ def choose(
         except EmsidError:
             return None  # a refinement that cannot be fitted is none
 
-    plain = tried(plant, tuple(name for name in plant.usual if name not in known["fixed"]))
+    unknown = (name for name, given in known["datasheet"].items() if given.value is None)
+    plain = tried(plant, tuple(n for n in dict.fromkeys((*plant.usual, *unknown)) if n not in known["fixed"]))
     progress(0.2)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         alone = pool.map(lambda refine: (refined(refine, plain, threads=1), refine), refinements)

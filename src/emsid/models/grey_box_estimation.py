@@ -61,9 +61,10 @@ def simulation_error(
         datasheet: what is known beforehand, see `Given`. A value is the start, and a tolerance bounds it.
         signals: what the outputs of the records are, by default judged by their units.
         weighting: how errors count by their age: `all_alike`, `Recent`, or any other linear filter (error, dt) → error.
-        look_around: whether to begin where a regression on the records says, if that simulates better than the plant
-            as it is given.
-        max_iterations, max_seconds: of the search.
+        look_around: whether to begin at the datasheet, or where a regression on the records says if that simulates
+            better; otherwise the search begins with the plant as it is given.
+        max_iterations: of the search, all its rounds together.
+        max_seconds: of every round.
         threads: how many, by default as many as there are cores.
         progress: called after every step.
 
@@ -80,8 +81,10 @@ def simulation_error(
     _check_motion(segments)
     fixed, sheet = dict(fixed or {}), dict(datasheet or {})
     asked = _asked(subject, free, fixed, sheet)
+    sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
     limits = _limits(subject, asked, bounds or {}, sheet)
-    subject = subject.put({n: g.value for n, g in sheet.items() if g.value is not None} | fixed)
+    known = {name: given.value for name, given in sheet.items() if given.value is not None}
+    subject = subject.put((known if look_around else {}) | fixed)
     _check_start(subject, asked, limits)
 
     def problem_for(current: Plant, names: Sequence[str], states: Sequence[Array] | None = None) -> FreeRunError:
@@ -103,7 +106,7 @@ def simulation_error(
             fine = [name for name in names if name not in coarse]
             found = _scan(rough.plant_at(beginning.estimate), fine, limits, states, problem_for)
         problem = problem_for(found, names, states)
-        minimum = _search(problem, limits, max_iterations, max_seconds, progress)
+        minimum = _search(problem, limits, max(max_iterations - steps, 1), max_seconds, progress)
         found, states = problem.plant_at(minimum.estimate), problem.states(minimum.estimate)
         steps += minimum.iterations
         inside = [name for name, free in zip(names, minimum.free, strict=False) if free]
@@ -112,7 +115,7 @@ def simulation_error(
             break
         lost = [name for name in inside if name not in kept]
         names = [name for name in names if name not in lost]
-        found = found.put({name: subject.value(name) for name in lost if name in sheet})
+        found = found.put({name: known[name] for name in lost if name in known})
     told = _told(problem_for(found, asked, states), minimum)
     words = in_words(told, names, found, shown)
     fit = minimum.fit(GreyBox(found, shown), tuple(names), "gn")
@@ -180,6 +183,11 @@ def _asked(
     if not names:
         raise ModelError(f"no parameter of {plant.name} is free; it has {', '.join(plant.handles)}")
     return names
+
+
+def _both_ways(name: str) -> str:
+    """The parameter for both directions that one for a single direction is a part of."""
+    return name.removesuffix(".forward").removesuffix(".backward")
 
 
 Limits = dict[str, tuple[float, float]]

@@ -1,4 +1,4 @@
-"""Files: records as tables, MAT, Parquet, NPZ; motors and datasheets as TOML; models as JSON. Only here are any opened."""
+"""Files: records as tables, MAT, Parquet, NPZ; motors and datasheets as TOML; models as JSON. Opened nowhere else."""
 
 from emsid.io.files import atomic_write
 from emsid.io.model_file import load, save

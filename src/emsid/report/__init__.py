@@ -1,5 +1,8 @@
 """Reports: what they contain (plain data), how results become that, figures for print, and a page that zooms.
 
+What only cascades and physical models have is in `emsid.report.cascade_views` and `emsid.report.grey_box_views`, loaded
+where a section of such a model is asked for.
+
 >>> from emsid import report
 >>> contents = report.Report("A motor", ("It turns.",), (report.Section("Data"),))
 >>> report.page(contents).startswith("<!DOCTYPE html>")
@@ -21,6 +24,7 @@ from emsid.report.content import (
     Points,
     Report,
     Section,
+    Spans,
     Stroke,
     Table,
     thin,
@@ -32,6 +36,7 @@ from emsid.report.views import (
     critical_intervals,
     inputs,
     measured_and_simulated,
+    model_section,
     nonlinearities,
     parameter_table,
     ranking,
@@ -56,12 +61,14 @@ __all__ = [
     "Reference",
     "Report",
     "Section",
+    "Spans",
     "Stroke",
     "Table",
     "convergence",
     "critical_intervals",
     "inputs",
     "measured_and_simulated",
+    "model_section",
     "nonlinearities",
     "page",
     "parameter_table",

@@ -159,7 +159,22 @@ class Level:
     stroke: Stroke = Stroke(Ink.BLACK, Dash.DASHED, 0.8)
 
 
-Mark = Line | Points | Band | Histogram | Bars | Level
+@dataclass(frozen=True, eq=False)
+class Spans:
+    """Stretches of the x axis, shaded over the whole height of the plot.
+
+    Attributes:
+        edges: (n, 2) where each begins and ends, on the x axis.
+        label: for the legend, empty for none.
+        ink: its colour, laid on thinly.
+    """
+
+    edges: Array
+    label: str = ""
+    ink: Ink = Ink.ORANGE
+
+
+Mark = Line | Points | Band | Histogram | Bars | Level | Spans
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from emsid.report.content import (
     Mark,
     Plot,
     Points,
+    Spans,
     Stroke,
     thin,
 )
@@ -327,6 +328,13 @@ def _(mark: Level, axes: Axes) -> Artist | BarContainer:
     return axes.axhline(mark.value, **_style(mark.stroke))
 
 
+@_draw.register(Spans)
+def _(mark: Spans, axes: Axes) -> Artist | BarContainer:
+    stretches = [(float(a), float(b - a)) for a, b in mark.edges]
+    over_all = axes.get_xaxis_transform()  # x of the data, y as a part of the height of the plot
+    return axes.broken_barh(stretches, (0, 1), color=mark.ink.value, alpha=0.22, linewidth=0, transform=over_all)
+
+
 # --- Plotly ---------------------------------------------------------------------------------------------------------
 
 _PAGE_DASHES = {Dash.SOLID: "solid", Dash.DASHED: "dash", Dash.DOTTED: "2px,2px", Dash.DASH_DOTTED: "dashdot"}
@@ -349,7 +357,7 @@ def interactive(plot: Plot) -> Trace:
         "xaxis": _page_axis(plot.x),
         "yaxis": _page_axis(plot.y),
         "hoverlabel": {"font": {"size": 11}},
-        "shapes": [_shape(mark) for mark in plot.marks if isinstance(mark, Level)],
+        "shapes": [shape for mark in plot.marks for shape in _shapes(mark)],
         "annotations": _bar_names(plot),
     }
     if plot.y.names:
@@ -480,13 +488,24 @@ def _(mark: Bars) -> list[Trace]:
 
 
 @_trace.register(Level)
-def _(mark: Level) -> list[Trace]:
-    return []  # a shape, not a trace: see `_shape`
+@_trace.register(Spans)
+def _(mark: Level | Spans) -> list[Trace]:
+    return []  # shapes, not traces: see `_shapes`
 
 
-def _shape(level: Level) -> Trace:
-    ends = {"xref": "paper", "x0": 0, "x1": 1, "y0": level.value, "y1": level.value}
-    return {"type": "line", "layer": "below"} | ends | {"line": _page_stroke(level.stroke)} | _named(level.label)
+def _shapes(mark: Mark) -> list[Trace]:
+    """What of a mark Plotly wants as shapes on the layout; the first of them stands in the legend."""
+    if isinstance(mark, Level):
+        ends = {"xref": "paper", "x0": 0, "x1": 1, "y0": mark.value, "y1": mark.value}
+        return [{"type": "line", "layer": "below"} | ends | {"line": _page_stroke(mark.stroke)} | _named(mark.label)]
+    if isinstance(mark, Spans):
+        fill = {"fillcolor": _faint(mark.ink.value, 0.22), "line": {"width": 0}}
+        area = {"type": "rect", "layer": "below", "yref": "paper", "y0": 0, "y1": 1} | fill
+        return [
+            area | {"x0": float(a), "x1": float(b)} | _named("" if k else mark.label)
+            for k, (a, b) in enumerate(mark.edges)
+        ]
+    return []
 
 
 def plotly_source() -> str:

@@ -6,7 +6,8 @@ paper's figures and tables that they correspond to stand in their docstrings.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import cycle, groupby
 from math import ceil, floor, inf, isfinite, log10, sqrt
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emsid.errors import DataError
+from emsid.errors import DataError, EmsidError
 from emsid.report.content import (
     Axis,
     Bars,
@@ -28,9 +29,23 @@ from emsid.report.content import (
     Mark,
     Plot,
     Points,
+    Section,
     Stroke,
     Table,
     readable_unit,
+)
+from emsid.report.timeline import TIME, timeline, with_gaps
+from emsid.report.wording import (
+    capital,
+    estimate,
+    listed,
+    number,
+    percent,
+    plain_unit,
+    prefixed,
+    sentence,
+    share_of,
+    slug,
 )
 
 if TYPE_CHECKING:
@@ -95,9 +110,9 @@ def results_table(
         cells.append(
             (
                 *named,
-                _number(row.one_step_mse),
-                _number(row.simulation_mse),
-                _number(row.simulation_rmse),
+                number(row.one_step_mse),
+                number(row.simulation_mse),
+                number(row.simulation_rmse),
                 f"{row.fit_percent:.2f}" if isfinite(row.fit_percent) else "–",
                 str(row.parameters),
                 *((_published(reference, row),) if reference else ()),
@@ -119,13 +134,13 @@ def results_table(
 
 
 def _in_units(unit: str) -> str:
-    printed = _plain_unit(unit)
+    printed = plain_unit(unit)
     return f" MSE in ({printed})², RMSE in {printed}." if printed else ""
 
 
 def _published(reference: Reference, row: Row) -> str:
     value = reference.mse.get((row.model, row.data))
-    return "" if value is None else _number(value)
+    return "" if value is None else number(value)
 
 
 def _best_unseen(rows: Sequence[Row]) -> frozenset[int]:
@@ -162,9 +177,9 @@ def parameter_table(
             (
                 name,
                 *(texts[k] for texts in extra.values()),
-                _estimate(value, half) if known else "–",
-                f"{_estimate(low, half)} … {_estimate(high, half)}" if known else "not told apart by these data",
-                _share(half, value) if known else "–",
+                estimate(value, half) if known else "–",
+                f"{estimate(low, half)} … {estimate(high, half)}" if known else "not told apart by these data",
+                share_of(half, value) if known else "–",
             )
         )
     return Table(
@@ -174,11 +189,6 @@ def parameter_table(
         " ".join(filter(None, (note, fit.message))),
         text_columns=1 + len(extra),
     )
-
-
-def _share(half_width: float, value: float) -> str:
-    """Half an interval in percent of the estimate; an interval that holds zero has more than 100."""
-    return "> 100" if half_width > abs(value) else f"{100 * half_width / abs(value):.2g}" if value else "0"
 
 
 def regressor_column(fit: Fit[Any]) -> dict[str, tuple[str, ...]]:
@@ -196,7 +206,7 @@ def motor_table(motor: Motor) -> Table:
             value = getattr(value, part, None)
         if value is not None:
             pair = value if isinstance(value, tuple) else (value,)
-            printed = " / ".join(dict.fromkeys("∞" if each == inf else _number(each) for each in pair))
+            printed = " / ".join(dict.fromkeys("∞" if each == inf else number(each) for each in pair))
             rows.append((parameter.description, parameter.symbol, readable_unit(parameter.unit), printed))
     return Table(
         ("Parameter", "Symbol", "Unit", "Value"),
@@ -204,18 +214,6 @@ def motor_table(motor: Motor) -> Table:
         "Parameters of the motor; of a pair the first holds forward, the second backward.",
         text_columns=3,
     )
-
-
-def _number(value: float) -> str:
-    return f"{value:.4g}" if isfinite(value) else "–"
-
-
-def _estimate(value: float, half_width: float) -> str:
-    """As many digits as the interval leaves a meaning to, one more, and no more than eight."""
-    if not value or not half_width:
-        return f"{value:.8g}"
-    digits = floor(log10(abs(value))) - floor(log10(half_width)) + 2
-    return f"{value:.{min(max(digits, 2), 8)}g}"
 
 
 # --- the plant ------------------------------------------------------------------------------------------------------
@@ -267,7 +265,7 @@ def _friction(friction: Friction, where: str) -> Plot:
     reach = 5 / slowest if slowest > 0 else 10.0
     forwards = reach * np.concatenate([[1e-12], np.linspace(0, 1, 200)[1:]])
     w = np.concatenate([-forwards[::-1], forwards])
-    factor, unit = _prefixed(max(friction.breakaway), "N*m")
+    factor, unit = prefixed(max(friction.breakaway), "N*m")
     forward, backward = friction.breakaway
     return Plot(
         (
@@ -280,55 +278,11 @@ def _friction(friction: Friction, where: str) -> Plot:
     )
 
 
-def _prefixed(size: float, unit: str) -> tuple[float, str]:
-    """A factor and the unit with its prefix that bring a quantity of this size to between 1 and 1000."""
-    for power, prefix in ((0, ""), (-3, "m"), (-6, "µ")):
-        if size >= 10.0**power or not size:
-            return 10.0**-power, f"{prefix}{unit}"
-    return 1e9, f"n{unit}"
-
-
 # --- records --------------------------------------------------------------------------------------------------------
 
 
-def timeline(record: Record) -> tuple[Array, NDArray[np.intp]]:
-    """The time axis of a figure of a record, with a place for a gap between its segments.
-
-    Experiments that each begin at zero are put one after the other.
-
-    Returns:
-        (M,) time in seconds, ascending, and (M,) the index of the sample that stands there, −1 in a gap.
-    """
-    times: list[ArrayLike] = []
-    samples: list[ArrayLike] = []
-    offset, end = 0, -inf
-    for segment in record.segments:
-        t = segment.time
-        if t[0] < end:
-            t = t + (end - t[0])
-        if offset:
-            times.append([(end - record.dt + t[0]) / 2])
-            samples.append([-1])
-        times.append(t)
-        samples.append(np.arange(offset, offset + len(segment)))
-        offset, end = offset + len(segment), float(t[-1]) + record.dt
-    return np.concatenate(times), np.concatenate(samples).astype(np.intp)
-
-
-def _with_gaps(values: Array, samples: NDArray[np.intp]) -> Array:
-    return np.where(samples < 0, np.nan, values[samples])
-
-
 def _output_axis(record: Record, channel: int = 0) -> Axis:
-    return Axis(_capital(record.output_names[channel]), record.output_units[channel])
-
-
-def _capital(text: str) -> str:
-    """A word with a capital, a symbol such as y1 or mVel as it is."""
-    return text.capitalize() if text.islower() and text.isalpha() and len(text) > 2 else text
-
-
-TIME = Axis("Time", "s")
+    return Axis(capital(record.output_names[channel]), record.output_units[channel])
 
 
 def inputs(records: Sequence[Record], *, name: str = "inputs") -> Figure:
@@ -337,13 +291,13 @@ def inputs(records: Sequence[Record], *, name: str = "inputs") -> Figure:
     names = [record.name for record in records]
     for record in records:
         t, samples = timeline(record)
-        title = _capital(record.name)
+        title = capital(record.name)
         if names.count(record.name) > 1:
             title += f", {t[0]:.4g} s to {t[-1]:.4g} s"
         for k, channel in enumerate(record.input_names):
-            line = Line(t, _with_gaps(record.input[:, k], samples), stroke=Stroke(Ink.BLUE, width=0.9), held=True)
-            plots.append(Plot((line,), TIME, Axis(_capital(channel), record.input_units[k]), title, height=0.8))
-    return Figure(name, f"Input of {_listed(list(dict.fromkeys(names)))}.", tuple(plots))
+            line = Line(t, with_gaps(record.input[:, k], samples), stroke=Stroke(Ink.BLUE, width=0.9), held=True)
+            plots.append(Plot((line,), TIME, Axis(capital(channel), record.input_units[k]), title, height=0.8))
+    return Figure(name, f"Input of {listed(list(dict.fromkeys(names)))}.", tuple(plots))
 
 
 def critical_intervals(
@@ -422,10 +376,10 @@ def responses(
         marks = [Line(x, values[rows, channel], label, stroke) for values, label, stroke in _measured_and(assessments)]
         measured = record.output[rows, channel]
         plots.append(Plot(tuple(marks), TIME, _within_reach(axis, measured, marks), f"{x[0]:.4g} s to {x[-1]:.4g} s"))
-    fits = [f"{label} {_percent(a.row.fit_percent)}" for label, a in zip(labels(assessments), assessments, strict=True)]
+    fits = [f"{label} {percent(a.row.fit_percent)}" for label, a in zip(labels(assessments), assessments, strict=True)]
     return Figure(
         name,
-        f"Free runs on {record.name} around critical intervals. Fit over the whole record: {_listed(fits)}.",
+        f"Free runs on {record.name} around critical intervals. Fit over the whole record: {listed(fits)}.",
         tuple(plots),
     )
 
@@ -452,8 +406,8 @@ def measured_and_simulated(assessment: Assessment, *, name: str = "free-run", ch
     record, row = assessment.record, assessment.row
     axis = _output_axis(record, channel)
     t, samples = timeline(record)
-    measured = _with_gaps(record.output[:, channel], samples)
-    simulated = _with_gaps(assessment.simulation.output[:, channel], samples)
+    measured = with_gaps(record.output[:, channel], samples)
+    simulated = with_gaps(assessment.simulation.output[:, channel], samples)
     lines = (
         Line(t, measured, "measured", MEASURED),
         Line(t, simulated, f"{row.model}, free run", Stroke(Ink.RED, width=0.9)),
@@ -461,8 +415,8 @@ def measured_and_simulated(assessment: Assessment, *, name: str = "free-run", ch
     residual = Line(t, measured - simulated, stroke=Stroke(Ink.BLACK, width=0.7))
     return Figure(
         name,
-        f"{_capital(record.name)}: measured and simulated by {row.model} ({row.method.upper()}), "
-        f"fit {_percent(row.fit_percent)}, RMSE {_number(row.simulation_rmse)} {_plain_unit(axis.unit)}".rstrip()
+        f"{capital(record.name)}: measured and simulated by {row.model} ({row.method.upper()}), "
+        f"fit {percent(row.fit_percent)}, RMSE {number(row.simulation_rmse)} {plain_unit(axis.unit)}".rstrip()
         + ".",
         (
             Plot(lines, TIME, _within_reach(axis, record.output[:, channel], lines), height=1.2),
@@ -501,7 +455,7 @@ def residuals(
     edges = _histogram_edges(errors)
     for label, stroke, error in zip(labels(assessments), cycle(MODELS), errors, strict=False):
         thinner = Stroke(stroke.ink, Dash.SOLID, 0.8)
-        over_time.append(Line(t, _with_gaps(error, samples), label, thinner))
+        over_time.append(Line(t, with_gaps(error, samples), label, thinner))
         known = error[np.isfinite(error)]
         if not len(known):
             continue
@@ -621,7 +575,7 @@ def ranking(comparison: Comparison, *, name: str = "ranking") -> Figure:
     drawable = drawable[np.isfinite(drawable) & (drawable > 0)]
     log = len(drawable) > 0 and bool(drawable.max() > 20 * drawable.min())
     remarks = tuple(
-        f"{_number(row.simulation_rmse)}  (fit {_percent(row.fit_percent)})"
+        f"{number(row.simulation_rmse)}  (fit {percent(row.fit_percent)})"
         if row.diverged_at is None
         else f"diverged at sample {row.diverged_at}"
         for row in rows
@@ -651,13 +605,57 @@ def _bar_range(values: Array, log: bool) -> tuple[float, float]:
     return (10.0 ** floor(log10(low) - 0.05), 1.5 * high) if log else (0.0, 1.05 * high)
 
 
-def _percent(fit: float) -> str:
-    return f"{fit:.1f} %" if isfinite(fit) else "none (diverged)"
+def model_section(fit: Fit[Any], record: Record, *, name: str = "") -> Section:
+    """All there is to show of one model: its equation, its parameters, and what only a model of its kind has.
+
+    A cascade shows its static maps and filters, a physical model its friction, its dead zone and where it sticks. What
+    cannot be drawn is left out.
+
+    Args:
+        fit: of any model.
+        record: in which the signals between the blocks of a cascade are shown.
+        name: what its figures' names begin with, by default the model's name; to be given where a report shows two
+            models of one name.
+    """
+    from emsid.models.cascade import Cascade
+    from emsid.models.grey_box_fit import GreyBoxFit
+    from emsid.report.cascade_views import block_column, cascade_equations, frequency_responses, static_maps
+    from emsid.report.grey_box_views import (
+        dead_zone,
+        friction,
+        physical_table,
+        plant_equations,
+        sticking,
+        units_taken,
+    )
+
+    model, prefix = fit.model, slug(name or fit.model.name)
+    paragraphs: tuple[str, ...] = ()
+    if isinstance(fit, GreyBoxFit):
+        equations, tables = plant_equations(fit), physical_table(fit)
+        paragraphs = tuple(filter(None, (sentence(fit.message), units_taken(fit))))
+        drawings: list[Callable[[], Figure | None]] = [
+            lambda: sticking(fit, name=f"{prefix}-sticking"),
+            lambda: friction(fit, name=f"{prefix}-friction"),
+            lambda: dead_zone(fit, name=f"{prefix}-dead-zone"),
+        ]
+    elif isinstance(model, Cascade):
+        equations = (cascade_equations(model),)
+        tables = (parameter_table(fit, columns=block_column(fit)),)
+        drawings = [
+            lambda: static_maps(fit, record, name=f"{prefix}-static-maps"),
+            lambda: frequency_responses(fit, record.dt, name=f"{prefix}-filters"),
+        ]
+    else:
+        equations, drawings = (model.equation(),), []
+        tables = (parameter_table(fit, columns=regressor_column(fit)),)
+    return Section(name or model.name, paragraphs, equations, tables, _drawable(drawings))
 
 
-def _plain_unit(unit: str) -> str:
-    return "" if unit in ("", "1") else readable_unit(unit)
-
-
-def _listed(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+def _drawable(drawings: Sequence[Callable[[], Figure | None]]) -> tuple[Figure, ...]:
+    """The figures that can be had."""
+    figures = []
+    for drawing in drawings:
+        with suppress(EmsidError):
+            figures.append(drawing())
+    return tuple(figure for figure in figures if figure is not None)

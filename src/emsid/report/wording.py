@@ -1,0 +1,74 @@
+"""How a report words numbers, units and names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from math import floor, isfinite, log10
+
+from emsid.report.content import readable_unit
+
+
+def number(value: float) -> str:
+    """Four digits; a dash for what is not a finite number."""
+    return f"{value:.4g}" if isfinite(value) else "–"
+
+
+def estimate(value: float, half_width: float) -> str:
+    """As many digits as the interval leaves a meaning to, one more, and no more than eight."""
+    if not value or not half_width:
+        return f"{value:.8g}"
+    digits = floor(log10(abs(value))) - floor(log10(half_width)) + 2
+    return f"{value:.{min(max(digits, 2), 8)}g}"
+
+
+def share_of(half_width: float, value: float) -> str:
+    """Half an interval in percent of the estimate; an interval that holds zero has more than 100."""
+    return "> 100" if half_width > abs(value) else f"{100 * half_width / abs(value):.2g}" if value else "0"
+
+
+def percent(fit: float) -> str:
+    """A fit in percent."""
+    return f"{fit:.1f} %" if isfinite(fit) else "none (diverged)"
+
+
+def plain_unit(unit: str) -> str:
+    """A unit as it is printed, nothing where there is none."""
+    return "" if unit in ("", "1") else readable_unit(unit)
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words with commas, and an "and" before the last."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def capital(text: str) -> str:
+    """A word with a capital, a symbol such as y1 or mVel as it is."""
+    return text.capitalize() if text.islower() and text.isalpha() and len(text) > 2 else text
+
+
+def prefixed(size: float, unit: str) -> tuple[float, str]:
+    """A factor and the unit with its prefix that bring a quantity of this size to between 1 and 1000."""
+    for power, prefix in ((0, ""), (-3, "m"), (-6, "µ")):
+        if size >= 10.0**power or not size:
+            return 10.0**-power, f"{prefix}{unit}"
+    return 1e9, f"n{unit}"
+
+
+def sentence(text: str) -> str:
+    """A message with a capital and a full stop."""
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}." if text else ""
+
+
+def within(value: float, half_width: float) -> str:
+    """An estimate and half its interval, with as many digits as that leaves a meaning to."""
+    return f"{estimate(value, half_width)} ± {half_width:.2g}"
+
+
+def slug(text: str) -> str:
+    """A name for files and for places in a page.
+
+    >>> slug("Wiener–Hammerstein (no. 2)")
+    'wiener-hammerstein-no-2'
+    """
+    return "-".join(re.findall("[a-z0-9]+", text.lower())) or "model"

@@ -14,7 +14,7 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.identifiability import identifiability
 from emsid.io import read, read_datasheet
 from emsid.models.grey_box import GreyBox
-from emsid.models.grey_box_choice import by_direction, choose, coasting_bridge, stribeck
+from emsid.models.grey_box_choice import STARTS, by_direction, choose, coasting_bridge, late_command, stribeck
 from emsid.models.grey_box_datasheet import Given, applicable, datasheet
 from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_findings import dead_zone_curve, friction_curve, likelihood_profile, stops
@@ -38,6 +38,10 @@ def record_of(plant, command=VOLTAGE, noise=0.0, seed=0, unit="rad/s", signals=S
     output = plant.simulate(command[:, None], DT, np.zeros(plant.states), signals)
     output = output + noise * np.random.default_rng(seed).standard_normal(output.shape)
     return Record(command, output, DT, output_units=(unit,) * len(signals))
+
+
+def rms(error):
+    return float(np.sqrt(np.mean(error**2)))
 
 
 # --- motion ---------------------------------------------------------------------------------------------------------
@@ -288,6 +292,7 @@ def test_a_datasheet_is_read_with_its_units_tolerances_and_unknowns(tmp_path):
         "rotor_friction.coulomb.backward": (pytest.approx(5e-3), None),
     }
     assert set(sheet) - set(applicable(sheet, MOTOR)) == {"inductance", "shaft_stiffness"}
+    assert applicable(sheet, LinearAxis()) == {}
     axis = datasheet("linear-axis", {"mass": "95 kg", "drive": {"gain": "35 N"}, "viscous_friction": "unknown"})
     assert axis == {"mass": Given(95.0), "drive.gain": Given(35.0), "viscous_friction": Given(None)}
 
@@ -307,6 +312,25 @@ def test_a_datasheet_is_where_a_search_starts_and_what_it_keeps_to():
     assert rows["motor_constant"].value == pytest.approx(MOTOR.value("motor_constant"), rel=0.02)
     assert rows["rotor_inertia"].datasheet is None
     assert rows["rotor_inertia"].value == pytest.approx(MOTOR.value("rotor_inertia"), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("resistance", "constant", "inertia", "coulomb", "volts"),
+    [(20.0, 2e-3, 2e-9, 5e-5, 3.0), (0.5, 2.0, 0.5, 20.0, 200.0)],
+    ids=["coreless", "traction"],
+)
+def test_motors_of_any_size_are_found_from_nothing_but_a_record(resistance, constant, inertia, coulomb, volts):
+    motor = replace(
+        RIGID, resistance=resistance, motor_constant=constant, rotor_inertia=inertia, load_inertia=1e-3 * inertia,
+        rotor_friction=Friction(coulomb), load_friction=Friction(), rotor_viscous=0.0, load_viscous=0.0,
+        voltage_dead_zone=None,
+    )  # fmt: skip
+    clean = record_of(DrivenMotor(motor), VOLTAGE / 5 * volts)
+    noise = 0.01 * np.std(clean.output)
+    record = replace(clean, output=clean.output + noise * np.random.default_rng(0).standard_normal((2000, 1)))
+    fit = choose(STARTS["rigid-motor"], record[:1400], refinements=(late_command,))
+    run = fit.model.simulate(record[1400:])
+    assert rms((run.output - record.output[1400:])[run.counted]) == pytest.approx(noise, rel=0.1)
 
 
 def test_refinements_keep_to_a_datasheet():
@@ -543,10 +567,6 @@ def test_a_fit_that_ends_at_a_bound_says_so():
 
 
 # --- real recordings ------------------------------------------------------------------------------------------------
-
-
-def rms(error):
-    return float(np.sqrt(np.mean(error**2)))
 
 
 def errors(fit):

@@ -20,18 +20,29 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from emsid.errors import EmsidError
-from emsid.models.grey_box_datasheet import Given
+from emsid.models.grey_box_datasheet import Given, applicable
 from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_fit import GreyBoxFit
 from emsid.models.grey_box_problem import Weighting, all_alike
 from emsid.models.plants import DrivenMotor, LinearAxis
+from emsid.plant import Friction, Motor
 from emsid.record import Record
 
-LEAST_GAIN = 0.05
+_PLAIN = replace(Motor(), rotor_friction=Friction(8e-3), load_friction=Friction())
+
+STARTS: Mapping[str, Mechanical] = {
+    "rigid-motor": DrivenMotor(replace(_PLAIN, inductance=0.0, load_inertia=1e-15, load_viscous=0.0).rigid()),
+    "motor": DrivenMotor(_PLAIN),
+    "linear-axis": LinearAxis(),
+}
+"""A plant of every kind to begin with where nothing is known: the regression on the record finds its scale, and nothing
+in it that is not estimated, such as a Stribeck excess or the load's share of one inertia, has a scale of its own."""
+
+LEAST_GAIN = 0.1
 """A refinement has to lower the mean square error of the held-back free run by this part.
 
 A free run drifts, so its errors hang together over seconds and the held-back part holds few independent ones: a gain of
-a percent is chance.
+a few percent is chance.
 """
 
 TRIAL_ITERATIONS = 15
@@ -125,13 +136,15 @@ def choose(
     Args:
         plant: to begin with.
         record: what to identify from.
-        fixed, datasheet, weighting: as in `simulation_error`; they hold for every trial.
+        fixed, weighting: as in `simulation_error`; they hold for every trial.
+        datasheet: likewise, as far as it is `applicable` to the plant.
         held_back: fraction of the record, at its end, that decides.
-        refinements: what is tried, in this order.
+        refinements: what is tried.
         progress: called with the fraction done.
     """
     train, rest = record.split(1 - held_back)
-    known: dict[str, Any] = {"fixed": fixed or {}, "datasheet": datasheet or {}, "weighting": weighting}
+    sheet = applicable(datasheet or {}, plant)
+    known: dict[str, Any] = {"fixed": fixed or {}, "datasheet": sheet, "weighting": weighting}
 
     def tried(start: Mechanical, free: tuple[str, ...], **how: Any) -> _Trial:
         fit = simulation_error(start, train, free=free, max_iterations=TRIAL_ITERATIONS, **how, **known)
@@ -145,7 +158,7 @@ def choose(
         except EmsidError:
             return None  # a refinement that cannot be fitted is none
 
-    unknown = (name for name, given in known["datasheet"].items() if given.value is None)
+    unknown = (name for name, given in sheet.items() if given.value is None)
     plain = tried(plant, tuple(n for n in dict.fromkeys((*plant.usual, *unknown)) if n not in known["fixed"]))
     progress(0.2)
     with ThreadPoolExecutor(os.cpu_count()) as pool:

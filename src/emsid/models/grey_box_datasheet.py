@@ -82,11 +82,16 @@ def datasheet(kind: str, table: Mapping[str, Any]) -> dict[str, Given]:
 
 
 def applicable(sheet: Mapping[str, Given], plant: Plant) -> dict[str, Given]:
-    """The part of a datasheet that concerns a plant: a rigid motor has no shaft, and one mass no inductance."""
-    rigid = isinstance(plant, DrivenMotor) and plant.motor.is_rigid and plant.motor.inductance == 0
-    return {
-        name: given for name, given in sheet.items() if name in plant.handles and not (rigid and name == "inductance")
-    }
+    """The part of a datasheet that concerns a plant.
+
+    A rigid motor has no shaft and no inductance; a datasheet of another kind of plant says nothing of this one.
+    """
+    kind = KINDS.get("motor" if isinstance(plant, DrivenMotor) else plant.name, plant)
+    if not set(sheet) <= set(kind.handles):
+        return {}
+    one_mass = isinstance(plant, DrivenMotor) and plant.motor.is_rigid and plant.motor.inductance == 0
+    missing = {"inductance"} if one_mass else set()
+    return {name: given for name, given in sheet.items() if name in plant.handles and name not in missing}
 
 
 def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -6,8 +6,14 @@ too, and one mass is linear in what it takes to say how it moves:
     dv/dt = gain·D(u) − damping·v − c·sgn(v) − offset.
 
 This is regressed on the samples that move, for several filters and several widths of the dead zone; the simulation
-error of each decides which is the start (`emsid.models.grey_box`). It is inverse dynamics least squares as robotics
-uses it (Gautier, Khalil), with 1/(1 + τs)² run forward and backward as the filter.
+error of each decides which is the start (`emsid.models.grey_box_estimation`). It is inverse dynamics least squares as
+robotics uses it (Gautier, Khalil), with 1/(1 + τs)² run forward and backward as the filter.
+
+A mass that settles within a few samples has no derivative to be seen. What it shows is where it settles,
+
+    v = (gain·D(u) − c·sgn(v) − offset)/damping,
+
+which is regressed too, and tried with several dampings.
 """
 
 from __future__ import annotations
@@ -26,6 +32,8 @@ FILTERS = (1.0, 3.0, 8.0, 20.0)
 """Time constants of the filter, in samples."""
 DEAD_ZONES = (0.0, 0.05, 0.1, 0.2, 0.35)
 """Half widths of the dead zone, as a part of the largest command."""
+SETTLING = (0.5, 1.5, 5.0, 15.0)
+"""Time constants of a mass that settles quickly, in samples."""
 
 
 def motions(
@@ -54,13 +62,23 @@ def motions(
             matrix = np.concatenate(rows)
             if len(matrix) < 12:
                 continue
-            scale = np.linalg.norm(matrix[:, :-1], axis=0)
-            scale[scale == 0] = 1.0
-            found = np.linalg.lstsq(matrix[:, :-1] / scale, matrix[:, -1], rcond=1e-10)[0] / scale
-            gain, damping, coulomb, drop = (float(x) for x in found)
-            if gain == 0 or not np.isfinite(found).all():
-                continue
-            yield Motion(gain, max(damping, 0.0), coulomb, drop, width)
+            gain, damping, coulomb, drop = _solved(matrix[:, :-1], matrix[:, -1])
+            if gain != 0:
+                yield Motion(gain, max(damping, 0.0), coulomb, drop, width)
+            if samples == FILTERS[0]:
+                gain, coulomb, drop = _solved(matrix[:, [0, 2, 3]], -matrix[:, 1])
+                if gain != 0:
+                    for time in SETTLING:
+                        rate = 1 / (time * segments[0].dt)
+                        yield Motion(rate * gain, rate, rate * coulomb, rate * drop, width)
+
+
+def _solved(matrix: Array, right: Array) -> list[float]:
+    """The least-squares solution, whatever the units of the columns; zeros where it is not finite."""
+    scale = np.linalg.norm(matrix, axis=0)
+    scale[scale == 0] = 1.0
+    found = np.linalg.lstsq(matrix / scale, right, rcond=1e-10)[0] / scale
+    return [float(x) for x in found] if np.isfinite(found).all() else [0.0] * len(scale)
 
 
 def _rows(segment: Record, channel: int, is_position: bool, samples: float, width: float, offset: float) -> Array:

@@ -526,7 +526,7 @@ class DrivenMotor(_Parametrised):
         motor = self.motor
         share = motor.rotor_inertia / (motor.rotor_inertia + motor.load_inertia)
         gain = motion.gain / self.drive.gain  # rad/s² per volt
-        constant = max(motion.damping / gain, 1e-3 * motor.motor_constant)
+        constant = max(motion.damping / gain, 1e-6 * motor.motor_constant)
         inertia = constant / (motor.resistance * gain)
         found = replace(
             motor,

@@ -257,3 +257,13 @@ def test_bad_blocks(make: object, message: str) -> None:
 def test_what_makes_no_working_block_is_infeasible(block: Block) -> None:
     with pytest.raises(Infeasible):
         block.check()
+
+
+def test_a_filter_goes_on_from_the_states_that_it_visits() -> None:
+    block = Rational([0.5, 0.2, 0.1], [-1.3, 0.45, -0.1], delay=1)
+    x = np.random.default_rng(0).standard_normal(60)
+    state, _ = block.resting(x[0])
+    y = block.output(x, state)
+    visited = block.visited(x, y)
+    np.testing.assert_allclose(visited[:, 0], state, atol=1e-12)
+    np.testing.assert_allclose(block.output(x[40:], visited[:, 40]), y[40:], atol=1e-12)

@@ -96,7 +96,9 @@ def test_derivatives_agree_with_finite_differences(name: str) -> None:
 def test_the_free_coordinates_are_differentiated_exactly(name: str) -> None:
     cascade = unit_gain(CASCADES[name])
     u = excitation(120)
-    problem = FreeRun(cascade, freedom(cascade), ((u, np.zeros(120)), (u[::-1].copy(), np.zeros(120))), 5)
+    inputs = (u, u[::-1].copy())
+    segments = tuple((each, cascade.output(each, cascade.resting(float(each[0])))) for each in inputs)
+    problem = FreeRun(cascade, freedom(cascade), segments, 5)
     theta = problem.start
     blocks = problem.linearised(theta)
     assert [len(r) for r, _ in blocks] == [115, 115]
@@ -323,3 +325,14 @@ def test_bad_input() -> None:
     wrong = UserMap(lambda x, p: np.ones(7), lambda x, p: x)
     with pytest.raises(ModelError, match=r"returned shape \(7,\) where"):
         fit_cascade(Cascade((FAST, wrong, SLOW)), record)
+
+
+def test_a_free_run_is_not_carried_away_by_a_pole_that_its_start_tells_nothing_about() -> None:
+    slow = Rational([1.0, 0.0, 0.0], np.poly([0.999, 0.9, 0.85])[1:])
+    model = Cascade((slow.amplified(1 / slow.gain),))
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(6000).cumsum() / 20
+    clean = model.output(u, model.resting(float(u[0])))
+    record = Record(u, clean + 0.1 * np.std(clean) * rng.standard_normal(6000), 1.0)[2000:]
+    error = (model.simulate(record).output[:, 0] - clean[2000:])[model.memory :]
+    assert np.sqrt(np.mean(error**2)) < 0.15 * np.std(clean)

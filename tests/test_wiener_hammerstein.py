@@ -16,9 +16,12 @@ from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.frequency_response import fit_rational, frequency_response
 from emsid.estimation.gauss_newton import Iteration
+from emsid.estimation.least_squares import least_squares
+from emsid.io import read
 from emsid.models.cascade import Cascade, unit_gain
 from emsid.models.families import ABS, COULOMB, DEAD_ZONE, FAMILIES, POLYNOMIAL, SPLINE, Family, given
 from emsid.models.filters import Rational, fir
+from emsid.models.regressors import arx
 from emsid.models.starts import regression_candidate
 from emsid.models.static_maps import Abs, CubicSpline, DeadZone, Polynomial, UserMap
 from emsid.models.wiener_hammerstein import (
@@ -207,6 +210,23 @@ def test_a_map_of_two_levels_cannot_be_told_from_a_gain() -> None:
     u = np.where(np.random.default_rng(0).random(500) > 0.5, 1.0, -1.0)
     with pytest.raises(ModelError, match="two values only, -1 and 1"):
         hammerstein(Record(u, SLOW.output(u, np.zeros(2)), 1.0), 2, AT_RATE)
+
+
+@pytest.mark.recordings
+def test_a_drive_with_friction_runs_as_well_as_a_linear_model(recordings: Path) -> None:
+    """States estimated along with a slow pole once fitted the drift of this record, and no free run."""
+    record = read(
+        recordings / "dc_motor_bidirectional" / "testBench_testAll_10ms.dat",
+        input="PWM",
+        output="mVel",
+        dt=0.010048,
+        mask="abs(PWM) > 255",
+    )
+    first, second = record.split(0.5)
+    fit = hammerstein(first)
+    linear = least_squares(arx(3, 3), first).model.simulate(second)
+    missed = np.sqrt(np.mean((linear.output - second.output)[linear.counted] ** 2)) / np.std(second.output)
+    assert unexplained(fit, second) < min(missed, 0.15)
 
 
 @pytest.mark.recordings

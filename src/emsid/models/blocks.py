@@ -84,6 +84,10 @@ class Block(Protocol):
         """(s, N) how y moves with each element of the starting state."""
         ...
 
+    def visited(self, x: Array, y: Array) -> Array:
+        """(s, N) the states in which the block meets each sample of its input x (N,), y (N,) being its output."""
+        ...
+
     def resting(self, level: float) -> tuple[Array, float]:
         """The state (s,) in which a constant input leaves the block at rest, and the constant output."""
         ...

@@ -73,8 +73,10 @@ Array = NDArray[np.float64]
 
 # A segment's start is described by this many samples for every state that has to be found from it.
 SAMPLES_PER_STATE = 8
-# How firmly a free run starts at rest: a prior on each state, relative to what the samples of the start say about it.
+# How firmly the first look at a starting state holds it at rest, relative to what the samples of the start say.
 REST = 1e-2
+# The states that the input leads to are looked at over so many samples; no direction among them is flatter than this.
+CLOUD, FLAT = 10_000, 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,17 +220,41 @@ class Cascade:
         return np.concatenate(states)
 
     def starting(self, u: Array, y: Array) -> Array:
-        """(s,) starting states that explain the first samples of a segment.
+        """(s,) starting states that explain the first samples of a segment, and are such as the input leads to.
+
+        A few samples tell nothing about a slow pole, whose part of the state would be noise carried on for long. So
+        states are found twice: freely, for the variance of the residual, and then with that variance against a prior,
+        the mean and covariance of the states that the input leads the blocks through.
 
         Args:
-            u, y: (m,) measured input and output of these samples; without any, the states at rest.
+            u: (N,) input of the segment.
+            y: (m ≤ N,) measured output of its first samples; without any, the states at rest are given.
         """
         rest = self.resting(float(u[0])) if len(u) else np.zeros(self.states)
         if not (self.states and len(y)):
             return rest
-        signals = self.signals(u, rest)
-        firmness = REST * np.linalg.norm(self.gradient(signals)[len(self.parameters) :, self.edge :], axis=1)
-        return gauss_newton(_Start(self, u, y, rest, firmness), rest, max_iterations=20).estimate
+        start = u[: len(y)]
+        rows = self.gradient(self.signals(start, rest))[len(self.parameters) :, self.edge :]
+        weak = np.diag(REST * np.linalg.norm(rows, axis=1))
+        free = gauss_newton(_Start(self, start, y, rest, weak), rest, max_iterations=20)
+        centre, spread = self._cloud(u[:CLOUD])
+        freedom = len(y) - self.edge - self.states
+        variance = np.sum(free.residuals[0] ** 2) / freedom if freedom > 0 else 0.0
+        if not (variance > 0 and np.trace(spread) > 0):
+            return free.estimate
+        size, axes = np.linalg.eigh(spread)
+        firmness = np.sqrt(variance / np.maximum(size, FLAT * size[-1]))[:, None] * axes.T
+        return gauss_newton(_Start(self, start, y, centre, firmness), free.estimate, max_iterations=20).estimate
+
+    def _cloud(self, u: Array) -> tuple[Array, Array]:
+        """Mean (s,) and covariance (s, s) of the states that an input (N,) leads to from zero and from rest."""
+        clouds = []
+        for states in (np.zeros(self.states), self.resting(float(u[0]))):
+            signals = self.signals(u, states)
+            visited = [block.visited(x, y) for block, x, y in zip(self.blocks, signals[:-1], signals[1:], strict=True)]
+            clouds.append(np.concatenate(visited))
+        cloud = np.concatenate(clouds, axis=1)
+        return cloud.mean(axis=1), np.atleast_2d(np.cov(cloud))
 
     def simulate(self, record: Record, transient: int | None = None) -> Run:
         """Free run over every segment; the measured outputs of its start serve only to find the starting states.
@@ -251,7 +277,7 @@ class Cascade:
             stop = first + len(segment)
             if len(segment) > skip:
                 with np.errstate(over="ignore", invalid="ignore"):
-                    run = self.output(u, self.starting(u[:skip], y[:skip]))
+                    run = self.output(u, self.starting(u, y[:skip]))
                 bound = RUNAWAY * (np.ptp(y) + np.max(np.abs(y)))
                 away = np.flatnonzero(~(np.abs(run) <= bound)) if bound > 0 else np.flatnonzero(~np.isfinite(run))
                 if len(away):
@@ -581,9 +607,12 @@ class FreeRun:
 
     @property
     def start(self) -> Array:
-        """φ₀, and the states at rest under the first input."""
-        rests = [self.cascade.resting(float(u[0])) for u, _ in self.segments]
-        return np.concatenate([self.freedom.start[self.freedom.free], *rests])
+        """φ₀, and the states at rest under the first input, or those of a free run where its start is left out."""
+        if self.skip > self.cascade.edge:
+            states = [self.cascade.starting(u, y[: self.cascade.memory]) for u, y in self.segments]
+        else:
+            states = [self.cascade.resting(float(u[0])) for u, _ in self.segments]
+        return np.concatenate([self.freedom.start[self.freedom.free], *states])
 
     def model(self, theta: Array) -> Cascade:
         """The cascade at these parameters."""
@@ -619,24 +648,24 @@ class FreeRun:
 
 @dataclass(frozen=True, eq=False)
 class _Start:
-    """The starting states of one segment, from its first samples, with a prior at rest."""
+    """The starting states of one segment, from its first samples, with a prior ‖firmness·(states − centre)‖."""
 
     cascade: Cascade
     u: Array
     y: Array
-    rest: Array
+    centre: Array
     firmness: Array
 
     def residuals(self, theta: Array) -> list[Array]:
         error = self.cascade.output(self.u, theta) - self.y
-        return [error[self.cascade.edge :], self.firmness * (theta - self.rest)]
+        return [error[self.cascade.edge :], self.firmness @ (theta - self.centre)]
 
     def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
         signals = self.cascade.signals(self.u, theta)
         rows = self.cascade.gradient(signals)[len(self.cascade.parameters) :]
         error = self.cascade.sampled(signals) - self.y
         edge = self.cascade.edge
-        return [(error[edge:], rows[:, edge:].T), (self.firmness * (theta - self.rest), np.diag(self.firmness))]
+        return [(error[edge:], rows[:, edge:].T), (self.firmness @ (theta - self.centre), self.firmness)]
 
 
 def fit_cascade(
@@ -656,7 +685,8 @@ def fit_cascade(
     Args:
         start: blocks with start values; it is brought to `unit_gain` first.
         records: one input and one output each; every segment of each is an experiment.
-        skip: samples left out at the start of every segment; None estimates its starting states instead.
+        skip: samples left out at the start of every segment, whose states keep what the start finds from them; None
+            estimates the states along with the parameters.
         hold: names of parameters that keep their (normalised) start values.
         loss: `Squares`, `Huber` or `Cauchy`.
         max_iterations, max_seconds, tolerance, progress: as `gauss_newton` has them.

@@ -180,6 +180,17 @@ class Rational:
             _shift_into(rows[j], response, j)
         return rows
 
+    def visited(self, x: Array, y: Array) -> Array:
+        """(s, N) sⱼ(t) = Σ over k > j of bₖx(t + j − k) − aₖy(t + j − k), signals held before the first sample."""
+        b, a = self.transfer
+        flows = np.zeros((self.states, len(x)))
+        for j in range(self.states):
+            for k in range(j + 1, self.states + 1):
+                flow, late = b[k] * x - a[k] * y, k - j
+                flows[j, :late] += flow[0]
+                flows[j, late:] += flow[:-late]
+        return flows
+
     def resting(self, level: float) -> tuple[Array, float]:
         """The state and output for a constant input."""
         b, a = self.transfer

@@ -133,6 +133,10 @@ class StaticMap(ABC):
         """(0, N)."""
         return np.zeros((0, samples))
 
+    def visited(self, x: Array, y: Array) -> Array:
+        """(0, N)."""
+        return np.zeros((0, len(x)))
+
     def resting(self, level: float) -> tuple[Array, float]:
         """No state, and f of the level."""
         return np.zeros(0), float(self.value(np.array([level]))[0])

@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,10 +64,11 @@ WORTH = 0.98
 LARGEST_ORDER = 8
 # The longest delay looked for; one is as good as another within this part of the squared error and the noise of it.
 LONGEST_DELAY, DELAY_SLACK = 20, 0.1
+# An input that keeps its value this often from one sample to the next is held between them.
+HELD = 0.5
 # Every parameter should have this many samples to it.
 SAMPLES_PER_PARAMETER = 5
 # What `advice` calls seldom (part of the samples), cancelled (part of the distance to the unit circle) and straight.
-# straight.
 SELDOM, CANCELS, STRAIGHT = 0.002, 0.05, 0.01
 
 
@@ -212,7 +214,7 @@ def estimate(
             best = choice
         assert best is not None
         options.tell(f"fitting {layout.name} to all data")
-        return fit_cascade(
+        return _fitted(
             _placed(best, several, options),
             several,
             skip=options.skip,
@@ -233,10 +235,18 @@ def estimate(
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """A refined model, the root mean square of its held-back free-run error, and the size of its map."""
+    """A refined model on its way to be chosen.
+
+    Attributes:
+        model: with all its parameters.
+        error: root mean square of its held-back free-run error.
+        known: the same on the data that it was refined on.
+        size: of its map.
+    """
 
     model: Cascade
     error: float
+    known: float
     size: int = 0
 
 
@@ -253,32 +263,48 @@ def _improving(
     sizes = (options.size,) if options.size is not None else (family.sizes or (0,))
     typical = sizes[len(sizes) // 2]
     best: Choice | None = None
-    for rate in (1, 2) if options.oversampling is None else (options.oversampling,):
+    for rate in _rates(identify) if options.oversampling is None else (options.oversampling,):
         options.tell(f"start values at {rate} times the sampling rate")
         starts = _starts(layout, identify, orders, options, replace(template, oversampling=rate))
         options.tell(f"refining {len(starts)} of them")
         refined = _refined([(start, 0) for start in starts], part, judge, options.workers)
+        if refined:
+            first = _simplest(refined, _complexity)
+            refined = [first, *(choice for choice in refined if choice is not first)]
         if refined and not (family.direct and not layout.outer):
             options.tell(f"static map: {family.name}")
             placed = [
                 (_with_map(choice.model, layout, family, typical, part), typical) for choice in refined[:REFINED_MAPS]
             ]
             refined = _refined(placed, part, judge, options.workers)
-        if refined and (best is None or refined[0].error < WORTH * best.error):
-            best = refined[0]
-            yield best
+        if refined:
+            choice = _simplest(refined, _complexity)
+            if best is None or choice.error < WORTH * best.error:
+                best = choice
+                yield best
     if best is None:
         raise ModelError(f"{layout.name}: no start describes the record at all; check channels, units and delay")
     if len(sizes) == 1:
         return
     options.tell(f"size of the {family.name}")
     others = [(_with_map(best.model, layout, family, size, part), size) for size in sizes if size != typical]
-    alternatives = sorted([best, *_refined(others, part, judge, options.workers)], key=lambda choice: choice.size)
-    chosen = alternatives[0]
-    for choice in alternatives[1:]:
-        if choice.error < WORTH * chosen.error:
+    yield _simplest([best, *_refined(others, part, judge, options.workers)], lambda choice: choice.size)
+
+
+def _simplest(choices: Sequence[Choice], complexity: Callable[[Choice], int]) -> Choice:
+    """The choice to which nothing more complex is worth its complexity.
+
+    A complex model that runs worse than a simpler one even on what it was refined on was lucky where it was judged.
+    """
+    chosen, *others = sorted(choices, key=lambda choice: (complexity(choice), choice.error))
+    for choice in others:
+        if choice.error < WORTH * chosen.error and choice.known < chosen.known:
             chosen = choice
-    yield chosen
+    return chosen
+
+
+def _complexity(choice: Choice) -> int:
+    return len(choice.model.parameters)
 
 
 def _starts(
@@ -288,7 +314,7 @@ def _starts(
     options: Options,
     template: Cascade,
 ) -> list[Cascade]:
-    """The cascades worth refining, from all sources, best first."""
+    """The cascades worth refining, from all sources, best first; the best of every order before the rest."""
     segments = _delayed(records, template.delay)
     totals = _totals(layout, segments, orders)
     pairs: list[Filters] = []
@@ -303,7 +329,10 @@ def _starts(
     found = scanned(pairs, segments, options.static.trial, template, options.workers)
     level = float(np.std(np.concatenate([y for _, y in segments])))
     if (found and found[0].error < LINEAR_SUFFICES * level) or template.oversampling > 1:
-        return [candidate.cascade for candidate in found[:REFINED]]
+        best_of_order = {_order(candidate.cascade): candidate for candidate in reversed(found)}
+        ahead = [candidate for candidate in found if candidate in best_of_order.values()]
+        behind_them = [candidate for candidate in found if candidate not in ahead]
+        return [candidate.cascade for candidate in (ahead + behind_them)[:REFINED]]
     rng = np.random.default_rng(0) if options.rng is None else options.rng
     draws: list[Filters] = []
     for first, second in _shares(layout, orders, totals[-1]):
@@ -313,6 +342,10 @@ def _starts(
     return [candidate.cascade for candidate in found[:REFINED_RANDOM]]
 
 
+def _order(cascade: Cascade) -> int:
+    return sum(len(block.denominator) for block in cascade.blocks if isinstance(block, Rational))
+
+
 def _refined(
     starts: Sequence[tuple[Cascade, int]], part: Sequence[Record], judge: Sequence[Record], workers: int
 ) -> list[Choice]:
@@ -320,15 +353,30 @@ def _refined(
 
     def refine(start: tuple[Cascade, int]) -> Choice | None:
         try:
-            model = fit_cascade(start[0], part, max_iterations=CHOICE_STEPS, tolerance=CHOICE_TOLERANCE).model
-            error = _free_run_error(model, judge)
+            model = _fitted(start[0], part, max_iterations=CHOICE_STEPS, tolerance=CHOICE_TOLERANCE).model
+            error, known = _free_run_error(model, judge), _free_run_error(model, part)
         except (ModelError, np.linalg.LinAlgError):
             return None
-        return Choice(model, error, start[1]) if np.isfinite(error) else None
+        return Choice(model, error, known, start[1]) if np.isfinite(error) else None
 
     with ThreadPoolExecutor(workers) as pool:
         found = [choice for choice in pool.map(refine, starts) if choice is not None]
     return sorted(found, key=lambda choice: choice.error)
+
+
+def _fitted(start: Cascade, records: Sequence[Record], *, skip: int | None = None, **budget: Any) -> Fit[Cascade]:
+    """`fit_cascade`, but the free run on the records gets no worse than that of the start.
+
+    States that are estimated along with a very slow pole describe a drift, which a free run, whose states are found
+    from a few samples, cannot repeat. Where that has happened, the states are found as a free run finds them and held.
+    """
+    fit = fit_cascade(start, records, skip=skip, **budget)
+    before = _free_run_error(start, records)
+    if skip is not None or fit.ending is Ending.INTERRUPTED or _free_run_error(fit.model, records) <= before:
+        return fit
+    best = fit_cascade(start, records, skip=start.memory, **budget)
+    again = fit_cascade(best.model, records, skip=start.memory, **budget)  # with the states that it has now
+    return min((best, again), key=lambda held: _free_run_error(held.model, records))
 
 
 def _with_map(model: Cascade, layout: Layout, family: Family, size: int, part: Sequence[Record]) -> Cascade:
@@ -363,20 +411,37 @@ def _free_run_error(model: Cascade, records: Sequence[Record]) -> float:
 def _totals(
     layout: Layout, segments: Sequence[tuple[Array, Array]], orders: tuple[int | None, int | None]
 ) -> list[int]:
-    """Orders of the best linear approximation to try: what is given, or what describes the response most briefly."""
+    """Orders of the best linear approximation to try: what is given; or what describes the response most briefly.
+
+    To a response, a nonlinearity can look like poles and zeros. Where there is one filter only, all lower orders cost
+    little and are tried too.
+    """
+    most = _total(layout, segments, orders)
+    given = any(order is not None for order in orders)
+    return [most] if given or (layout.first and layout.second) else list(range(1, most + 1))
+
+
+def _total(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: tuple[int | None, int | None]) -> int:
+    """The order that is given, or that describes the frequency response most briefly."""
     given_orders = [order for order in orders if order is not None]
     if given_orders:
-        return [sum(given_orders)]
+        return sum(given_orders)
     least = 2 if layout.first and layout.second else 1
     try:
         response = frequency_response(segments)
     except ModelError:
-        return [least]
+        return least
     points = 2 * len(response.frequency)
     largest = min(LARGEST_ORDER, (points - 2) // 6)
     costs = {n: fit_rational(response, n + 1, n)[2] for n in range(least, max(largest, least) + 1)}
     scale = max(min(costs.values()) / points, 1e-12)
-    return [min(costs, key=lambda n: costs[n] / scale + (2 * n + 1) * np.log(points))]
+    return min(costs, key=lambda n: costs[n] / scale + (2 * n + 1) * np.log(points))
+
+
+def _rates(records: Sequence[Record]) -> tuple[int, ...]:
+    """Multiples of the sampling rate to try: one where the input is a command that is held, like a drive's."""
+    held = np.mean(np.concatenate([np.diff(u) == 0 for u, _ in _pairs(records)]))
+    return (1,) if held > HELD else (1, 2)
 
 
 def _shares(layout: Layout, orders: tuple[int | None, int | None], total: int) -> list[tuple[int | None, int | None]]:
@@ -392,7 +457,7 @@ def _shares(layout: Layout, orders: tuple[int | None, int | None], total: int) -
 
 def _delay(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: tuple[int | None, int | None]) -> int:
     """The least delay with which the orders describe the measured frequency response about as well as with the best."""
-    (total,) = _totals(layout, segments, orders)
+    total = _total(layout, segments, orders)
     try:
         response = frequency_response(segments)
     except ModelError:
@@ -476,7 +541,7 @@ def advice(fit: Fit[Cascade], records: Record | Sequence[Record]) -> list[str]:
     several = [records] if isinstance(records, Record) else list(records)
     model = fit.model
     pairs = _pairs(several)
-    sentences = [f"The search ended {fit.ending.value}: {fit.message}."] if fit.message else []
+    sentences = []
     for k, block in enumerate(model.blocks):
         if isinstance(block, Rational):
             sentences += _about_filter(block, k)

@@ -21,14 +21,12 @@ from emsid.estimation.recursive import recursive_least_squares
 from emsid.estimation.selection import coordinate_search
 from emsid.models.cascade import Cascade
 from emsid.models.families import SPLINE, Family
-from emsid.models.grey_box_choice import REFINEMENTS, Mechanical, Refinement, choose
+from emsid.models.grey_box_choice import REFINEMENTS, STARTS, Mechanical, Refinement, choose
 from emsid.models.grey_box_datasheet import Given
-from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
 from emsid.models.wiener_hammerstein import HAMMERSTEIN, HAMMERSTEIN_WIENER, WIENER, WIENER_HAMMERSTEIN, Layout, advice
 from emsid.models.wiener_hammerstein import Options as CascadeOptions
 from emsid.models.wiener_hammerstein import estimate as estimate_cascade
-from emsid.plant import Motor
 from emsid.record import Record, concatenate
 from emsid.validation.comparison import Comparison, assess, compare
 
@@ -236,10 +234,10 @@ CANDIDATES: dict[str, Candidate] = {
     "hammerstein-wiener": Blocks("static map, filter, static map", HAMMERSTEIN_WIENER),
     "rigid-motor": Physical(
         "a motor with its load as one mass: ohms, kg·m² and N·m with intervals",
-        DrivenMotor(replace(Motor(), inductance=0.0).rigid()),
+        STARTS["rigid-motor"],
     ),
-    "motor": Physical("a motor that turns its load through an elastic shaft", DrivenMotor(Motor()), ()),
-    "linear-axis": Physical("a mass on a rail: force to position, kg and N with intervals", LinearAxis()),
+    "motor": Physical("a motor that turns its load through an elastic shaft", STARTS["motor"], ()),
+    "linear-axis": Physical("a mass on a rail: force to position, kg and N with intervals", STARTS["linear-axis"]),
 }
 
 

@@ -20,9 +20,17 @@ from hypothesis.extra.numpy import arrays
 import emsid
 from emsid.errors import DataError
 from emsid.estimation.fit import Ending, Fit
+from emsid.models.cascade import Cascade, fit_cascade, static_band
+from emsid.models.filters import Rational
+from emsid.models.grey_box_datasheet import Given
+from emsid.models.grey_box_estimation import simulation_error
+from emsid.models.plants import DrivenMotor, LinearAxis, OwnPlant, Sensor, Signal
+from emsid.models.static_maps import Abs, CoulombLinear, CubicSpline, PiecewiseLinear, Polynomial, Saturation
+from emsid.models.static_maps import DeadZone as DeadZoneMap
 from emsid.plant import DeadZone, Friction, Motor
+from emsid.plant.motor import Parameter
 from emsid.record import Record, concatenate
-from emsid.report import content, views
+from emsid.report import cascade_views, content, grey_box_views, views
 from emsid.report.content import (
     Axis,
     Band,
@@ -37,6 +45,7 @@ from emsid.report.content import (
     Points,
     Report,
     Section,
+    Spans,
     Stroke,
     Table,
     thin,
@@ -92,6 +101,92 @@ MOTORS = {
 }
 
 
+FIRST, SECOND = Rational([0.1, 0.2], [-0.7]), Rational([0.25, 0.25], [-0.5])
+KNOTS = np.linspace(-5, 5, 9)
+CASCADES = {
+    "spline": Cascade((FIRST, CubicSpline(KNOTS, 4 * np.tanh(KNOTS / 3)), SECOND), name="wiener-hammerstein"),
+    "dead zone": Cascade((DeadZoneMap(-1.5, 1.0, 0.5, 1.0), SECOND), input_offset=0.2, delay=2, name="hammerstein"),
+    "saturation": Cascade((FIRST, Saturation(0.8, -2.0, 1.5)), oversampling=2, name="wiener"),
+    "piecewise": Cascade(
+        (
+            PiecewiseLinear([-4.0, 0.0, 4.0], [-3.0, 0.5, 5.0]),
+            SECOND,
+            Polynomial.from_powers([0.0, 1.0, 0.02], -5.0, 5.0),
+        ),
+        name="hammerstein-wiener",
+    ),
+    "Coulomb": Cascade((CoulombLinear(0.5, 0.5, 1.0), FIRST), name="hammerstein"),
+    "sign lost": Cascade((FIRST, Abs(), SECOND), name="wiener-hammerstein"),
+    "no map": Cascade((FIRST,), name="filter"),
+    "no filter": Cascade((DeadZoneMap(-1.0, 1.0, 1.0, 1.0),), name="map"),
+}
+
+
+def of_cascade(cascade, record=None):
+    """A cascade fitted to its own output with a little noise, from where it is."""
+    record = drive() if record is None else record
+    rng = np.random.default_rng(5)
+    y = np.concatenate([cascade.output(s.input[:, 0], cascade.resting(0.0)) for s in record.segments])
+    noisy = replace(record, output=(y + 0.02 * rng.standard_normal(len(y)))[:, None])
+    return fit_cascade(cascade, noisy, max_iterations=0), noisy
+
+
+def driven(plant, dt=0.005, seconds=6.0, signal=Signal.SPEED, name="motor log"):
+    """A record of a plant that is driven back and forth and stands still in between."""
+    rng = np.random.default_rng(2)
+    t = dt * np.arange(round(seconds / dt))
+    u = np.where(np.sin(2.1 * t) > 0.6, 10.0, np.where(np.sin(2.1 * t) < -0.6, -8.0, 0.0)) + 2 * np.sin(0.7 * t)
+    y = plant.simulate(u[:, None], dt, np.zeros(2), (signal,))[:, 0]
+    noise = 1e-3 * np.max(np.abs(y)) * rng.standard_normal(len(y))
+    shown, unit = ("position", "m") if isinstance(plant, LinearAxis) else ("speed", "rad/s")
+    force = ("force", "N") if isinstance(plant, LinearAxis) else ("voltage", "V")
+    return Record(u, y + noise, dt, (force[0],), (shown,), (force[1],), (unit,), name=name)
+
+
+RIGID = DrivenMotor(
+    replace(Motor(), inductance=0.0, rotor_friction=Friction(0.02), voltage_dead_zone=DeadZone(-0.5, 0.5)).rigid()
+)
+AXIS = LinearAxis(2.0, 3.0, Friction(2.0))
+DECAY = OwnPlant(
+    lambda x, u, p: [p[0] * (u[0] - x[0])],
+    lambda x, u, p: [x[0]],
+    (Parameter("rate", "r", "1/s", "rate of decay"),),
+    (2.0,),
+    1,
+    name="decay",
+)
+
+
+def of_plants():
+    rng = np.random.default_rng(1)
+    log = driven(RIGID)
+    yield "rigid motor", simulation_error(RIGID, log, fixed={"resistance": RIGID.motor.resistance})
+    yield (
+        "nothing known, with a lag",
+        simulation_error(
+            replace(RIGID, sensor=Sensor(lag=0.02)), [log[:500], replace(log[600:], times=(0.0,))], max_iterations=3
+        ),
+    )
+    yield (
+        "datasheet",
+        simulation_error(
+            RIGID,
+            log,
+            free=("motor_constant", "rotor_inertia"),
+            datasheet={"motor_constant": Given(1.05 * RIGID.motor.motor_constant, 0.3)},
+        ),
+    )
+    yield "no units", simulation_error(RIGID, replace(log, input_units=("",), output_units=("",)), max_iterations=2)
+    yield "axis", simulation_error(AXIS, driven(AXIS, signal=Signal.POSITION), max_iterations=3)
+    u = rng.standard_normal(300)
+    decay = DECAY.simulate(u[:, None], 0.1, np.zeros(1), (Signal.SPEED,))
+    yield "own plant", simulation_error(DECAY, Record(u, decay + 0.01 * rng.standard_normal((300, 1)), 0.1))
+
+
+CASCADE_FITS = {kind: of_cascade(cascade) for kind, cascade in CASCADES.items()}
+PLANT_FITS = dict(of_plants())
+
+
 def every_figure():
     """Every view of every kind of result."""
     for kind, motor in MOTORS.items():
@@ -111,6 +206,16 @@ def every_figure():
             views.convergence(fit, emsid.least_squares(fit.model.structure, drive())),
         )
     yield "convergence without batch", views.convergence(RECURSIVE[0])
+    for kind, (fit, record) in CASCADE_FITS.items():
+        for view in (cascade_views.static_maps(fit, record), cascade_views.frequency_responses(fit, record.dt)):
+            if view is not None:
+                yield f"{view.name}, {kind}", view
+    for kind, fit in PLANT_FITS.items():
+        if kind == "no units":
+            continue
+        for view in (grey_box_views.friction(fit), grey_box_views.dead_zone(fit), grey_box_views.sticking(fit)):
+            if view is not None and kind != "own plant":
+                yield f"{view.name}, {kind}", view
     yield "every mark", every_mark()
 
 
@@ -123,6 +228,7 @@ def every_mark():
         Line(x, x**0.5, "held", held=True),
         Points(x[::10], x[::10], "points", Ink.GREEN),
         Level(5.0, "level"),
+        Spans(np.array([[1.0, 2.0], [4.0, 4.5]]), "spans"),
         Histogram(np.linspace(0, 10, 11), np.ones(10), "outline"),
     )
     gain = Plot((Line(x, -20 * np.log10(x), "first filter"),), Axis("Frequency", "Hz", log=True), Axis("Gain", "dB"))
@@ -140,6 +246,13 @@ TABLES = {
     "parameters not told apart": views.parameter_table(RUNAWAY),
     "motor": views.motor_table(MOTORS["uneven"]),
     "rigid motor": views.motor_table(Motor().rigid()),
+    "blocks": views.parameter_table(
+        CASCADE_FITS["spline"][0], columns=cascade_views.block_column(CASCADE_FITS["spline"][0])
+    ),
+} | {
+    f"physical, {kind}, {k}": table
+    for kind, fit in PLANT_FITS.items()
+    for k, table in enumerate(grey_box_views.physical_table(fit))
 }
 
 each_figure = pytest.mark.parametrize("figure", FIGURES.values(), ids=FIGURES.keys())
@@ -167,6 +280,12 @@ def test_arrays_of_a_mark_belong_together(figure):
                 assert isinstance(mark, Points) or np.all(np.diff(x) > 0)
             case Histogram(edges, heights):
                 assert edges.shape == (len(heights) + 1,)
+            case Band(x, lower, upper):
+                assert x.shape == lower.shape == upper.shape
+                assert np.all(lower <= upper)
+            case Spans(edges):
+                assert edges.shape == (len(edges), 2)
+                assert np.all(np.diff(edges.ravel()) > 0)
             case Bars(values, remarks):
                 assert len(values) == len(remarks)
 
@@ -505,6 +624,212 @@ def test_what_cannot_be_told_apart_is_said():
     table = TABLES["parameters not told apart"]
     assert "not told apart" in table.rows[1][2]
     assert table.note == "b1 cannot be told"
+
+
+# --- models of blocks -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [kind for kind in CASCADES if kind not in ("no map",)])
+def test_a_static_map_is_drawn_where_its_signal_was_and_little_further(kind):
+    fit, record = CASCADE_FITS[kind]
+    model = fit.model
+    figure = cascade_views.static_maps(fit, record)
+    maps = [k for k, block in enumerate(model.blocks) if not isinstance(block, Rational)]
+    assert len(figure.plots) == len(maps)
+    for k, plot in zip(maps, figure.plots, strict=True):
+        u, start = record.input[:, 0], slice(model.memory)
+        signal = model.signals(u, model.starting(u[start], record.output[start, 0]))[k]
+        signal = signal[model.memory * model.oversampling :]
+        backdrop, band, line = plot.marks[:3]
+        assert backdrop.backdrop
+        assert backdrop.heights.sum() == len(signal)
+        low, high = plot.x.range
+        assert low < signal.min() <= signal.max() < high
+        assert high - low == pytest.approx(np.ptp(signal), rel=0.1)
+        assert (line.x[0], line.x[-1]) == pytest.approx((low, high))
+        value, error = static_band(fit, k, line.x).T
+        assert line.y == pytest.approx(value)
+        assert band.upper - band.lower == pytest.approx(2 * 1.959964 * error, abs=1e-12)
+        for marked in plot.marks[3:]:  # where the map has one, and inside
+            assert marked.y == pytest.approx(model.blocks[k].value(marked.x))
+            assert np.all((marked.x >= low) & (marked.x <= high))
+
+
+def test_break_points_and_limits_are_marked():
+    def marked(kind):
+        return cascade_views.static_maps(*CASCADE_FITS[kind]).plots[0].marks[3]
+
+    zone, limits = CASCADE_FITS["dead zone"][0].model.blocks[0], CASCADE_FITS["saturation"][0].model.blocks[1]
+    assert marked("dead zone").x == pytest.approx([zone.b_l, zone.b_r])
+    assert marked("saturation").y == pytest.approx([limits.low, limits.high])
+
+
+def test_maps_are_in_the_units_of_the_record_as_far_as_gains_allow():
+    def units(kind):
+        return [(plot.x.unit, plot.y.unit) for plot in cascade_views.static_maps(*CASCADE_FITS[kind]).plots]
+
+    assert units("spline") == [("V", "rad/s")]
+    assert units("sign lost")[0][0] == units("sign lost")[0][1]
+    assert units("piecewise") == [("V", cascade_views.CONVENTIONAL), (cascade_views.CONVENTIONAL, "rad/s")]
+
+
+@pytest.mark.parametrize("kind", [kind for kind in CASCADES if kind != "no filter"])
+def test_responses_of_filters_reach_half_the_sampling_rate_of_the_record(kind):
+    fit, record = CASCADE_FITS[kind]
+    figure = cascade_views.frequency_responses(fit, record.dt)
+    filters = [block for block in fit.model.blocks if isinstance(block, Rational)]
+    magnitude, phase = ([mark for mark in plot.marks if isinstance(mark, Line)] for plot in figure.plots)
+    assert len(magnitude) == len(phase) == len(filters)
+    for block, gain, turn in zip(filters, magnitude, phase, strict=True):
+        assert gain.x[-1] == pytest.approx(0.5 / record.dt)
+        response = block.response(gain.x, record.dt / fit.model.oversampling)
+        assert 10 ** (gain.y / 20) * np.exp(1j * np.radians(turn.y)) == pytest.approx(response, abs=1e-9)
+
+
+def test_the_band_of_a_response_is_the_spread_over_draws_of_the_parameters():
+    fit, record = CASCADE_FITS["spline"]
+    band, line = cascade_views.frequency_responses(fit, record.dt).plots[0].marks[:2]
+    names = fit.model.names[fit.model.spans[0]]
+    at = [fit.names.index(name) for name in names]
+    draws = np.random.default_rng(0).multivariate_normal(fit.estimate[at], fit.covariance[np.ix_(at, at)], 4000)
+    response = [fit.model.blocks[0].with_parameters(theta).response(line.x, record.dt) for theta in draws]
+    spread = np.std(20 * np.log10(np.abs(response)), axis=0)
+    half = (band.upper - band.lower) / 2
+    sure = half < 1  # dB: to first order only where the response is well known
+    assert sure.sum() > 100
+    assert half[sure] == pytest.approx(1.96 * spread[sure], rel=0.1, abs=0.01)
+
+
+def test_what_a_cascade_has_not_is_left_out():
+    assert cascade_views.static_maps(*CASCADE_FITS["no map"]) is None
+    assert cascade_views.frequency_responses(CASCADE_FITS["no filter"][0], 0.01) is None
+
+
+def test_long_maps_are_counted_in_the_equation_and_listed_in_the_table():
+    model = CASCADES["spline"]
+    lines = cascade_views.cascade_equations(model).split("\n")
+    assert lines[1] == "x2(t) = spline(x1(t); 9 knots from -5 to 5, see the table)"
+    assert lines[::2] == model.equation().split("\n")[::2]
+    last = replace(model, blocks=model.blocks[:2], output_offset=2.0)
+    assert cascade_views.cascade_equations(last).endswith("see the table) + (2) + e(t)")
+    short = CASCADES["piecewise"]
+    assert cascade_views.cascade_equations(short) == short.equation()
+    assert "value at -2.5 (block 2)" in [row[1] for row in TABLES["blocks"].rows]
+
+
+# --- physical models ------------------------------------------------------------------------------------------------
+
+
+def test_every_physical_parameter_has_its_row_and_status():
+    for kind, fit in PLANT_FITS.items():
+        parameters, *rest = grey_box_views.physical_table(fit)
+        assert [row[0] for row in parameters.rows] == [row.name for row in fit.table]
+        assert [row[4] for row in parameters.rows] == [row.status for row in fit.table]
+        assert bool(rest) == bool(fit.combinations)
+        assert ("Datasheet" in parameters.header) == (kind == "datasheet")
+        for cells, row in zip(parameters.rows, fit.table, strict=True):
+            assert (" ± " in cells[5]) == (row.status in ("estimated", "conditional"))
+            if " ± " in cells[5]:
+                value, half = (float(part) for part in cells[5].split(" ± "))
+                assert value == pytest.approx(row.value, abs=0.1 * half)
+                assert half == pytest.approx(1.96 * row.standard_error, rel=0.05)
+
+
+def test_friction_is_the_law_of_the_plant_and_jumps_at_rest():
+    fit = PLANT_FITS["rigid motor"]
+    (plot,) = grey_box_views.friction(fit).plots
+    (line,) = [mark for mark in plot.marks if isinstance(mark, Line) and mark.label == "friction torque"]
+    factor = 1000 if plot.y.unit == "mN*m" else 1
+    law = factor * fit.model.plant.friction_torque(line.x)
+    shown = np.isfinite(line.y)
+    assert shown.sum() > 0.5 * len(shown)
+    assert line.y[shown] == pytest.approx(law[shown])
+    broken = plot.marks[-1]
+    motor = fit.model.plant.motor
+    assert broken.y[1] == pytest.approx(factor * (motor.rotor_friction.breakaway[0] + motor.load_friction.breakaway[0]))
+
+
+def test_the_dead_zone_is_shown_again_where_it_is_small():
+    fit = PLANT_FITS["rigid motor"]
+    whole, close = grey_box_views.dead_zone(fit).plots
+    assert close.x.range[1] == pytest.approx(3 * fit.model.plant.motor.voltage_dead_zone.b_r)
+    assert whole.x.range[1] > 10
+
+
+@pytest.mark.parametrize("kind", ["rigid motor", "nothing known, with a lag"])
+def test_the_motor_sticks_where_it_stands_still_whatever_the_sensor_shows(kind):
+    fit = PLANT_FITS[kind]
+    figure = grey_box_views.sticking(fit)
+    spans, measured, _ = figure.plots[0].marks
+    inside = np.zeros(len(measured.x), dtype=bool)
+    for a, b in spans.edges:
+        inside |= (measured.x >= a - 1e-9) & (measured.x < b - 1e-9)
+    plant = fit.model.plant
+    ideal = replace(plant, sensor=Sensor())
+    speeds = np.concatenate(
+        [
+            ideal.simulate(segment.input, segment.dt, state, (Signal.SPEED,))[:, 0]
+            for segment, state in zip(fit.segments, fit.states, strict=True)
+        ]
+    )
+    at_rest = inside[np.isfinite(measured.y)]
+    assert np.count_nonzero(speeds == 0) > 100
+    assert np.mean(at_rest == (speeds == 0)) > 0.99
+    residual = figure.plots[1].marks[-1].y
+    assert residual[np.isfinite(residual)] == pytest.approx(
+        np.concatenate([s.output[:, 0] for s in fit.segments]) - np.concatenate(fit.simulated())[:, 0]
+    )
+
+
+def test_a_plant_of_the_users_own_has_no_friction_to_show():
+    fit = PLANT_FITS["own plant"]
+    assert grey_box_views.friction(fit) is None
+    assert grey_box_views.dead_zone(fit) is None
+    assert "never sticks" in grey_box_views.sticking(fit).caption
+
+
+def test_a_section_shows_what_a_model_of_its_kind_has():
+    def shown(fit, record, **options):
+        section = views.model_section(fit, record, **options)
+        assert section.equations
+        assert section.tables
+        return [figure.name for figure in section.figures]
+
+    assert shown(*CASCADE_FITS["spline"]) == ["wiener-hammerstein-static-maps", "wiener-hammerstein-filters"]
+    assert shown(*CASCADE_FITS["no map"], name="The 2nd") == ["the-2nd-filters"]
+    log = PLANT_FITS["rigid motor"].segments[0]
+    assert shown(PLANT_FITS["rigid motor"], log) == [
+        "rigid-motor-sticking",
+        "rigid-motor-friction",
+        "rigid-motor-dead-zone",
+    ]
+    assert shown(RECURSIVE[0], drive()) == []
+
+
+def test_what_cannot_be_drawn_is_left_out_of_a_section():
+    fit, record = CASCADE_FITS["spline"]
+    two = replace(record, input=np.repeat(record.input, 2, axis=1), input_names=("a", "b"), input_units=("V", "V"))
+    assert [figure.name for figure in views.model_section(fit, two).figures] == ["wiener-hammerstein-filters"]
+
+
+def test_units_that_nobody_said_are_pointed_out():
+    fit = PLANT_FITS["no units"]
+    assert any("unit of voltage and speed" in text for text in views.model_section(fit, fit.segments[0]).paragraphs)
+    assert not grey_box_views.units_taken(PLANT_FITS["rigid motor"])
+
+
+def test_sections_of_all_models_make_one_page():
+    fits = [*CASCADE_FITS.values(), *((fit, fit.segments[0]) for fit in PLANT_FITS.values()), (RECURSIVE[1], drive())]
+    sections = [views.model_section(fit, record, name=f"Model {k}") for k, (fit, record) in enumerate(fits)]
+    assert without_plotly(page(Report("All", (), tuple(sections)))).count("<figure id=") > 20
+
+
+def test_only_long_tables_scroll():
+    def table(rows):
+        return Table(("a", "b"), (("x", "1"),) * rows, "A table")
+
+    text = page(Report("Tables", (), (Section("One", tables=(table(40), table(41))),)))
+    assert text.count('class="scroll long"') == 1
 
 
 # --- the page -------------------------------------------------------------------------------------------------------

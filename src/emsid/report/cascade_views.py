@@ -168,7 +168,10 @@ def block_name(model: Cascade, k: int) -> str:
 def _meaning(block: Block, j: int) -> str:
     if isinstance(block, Rational):
         numerator = len(block.numerator)
-        return f"× input(t-{j + block.delay})" if j < numerator else f"× −output(t-{j - numerator + 1})"
+        if j >= numerator:
+            return f"× −output(t-{j - numerator + 1})"
+        lag = j + block.delay
+        return f"× input(t-{lag})" if lag else "× input(t)"
     if isinstance(block, (CubicSpline, PiecewiseLinear)):
         return f"value at {block.knots[j]:.4g}"
     return block.kind if isinstance(block, StaticMap) else "own block"

@@ -434,7 +434,7 @@ def _trace(mark: Mark) -> list[Trace]:
 @_trace.register(Line)
 def _(mark: Line) -> list[Trace]:
     x, y = thin(mark.x, mark.y, PAGE_POINTS)
-    line = _page_stroke(mark.stroke) | {"shape": "hv" if mark.held else "linear"}
+    line = _page_stroke(mark.stroke) | {"shape": "hv" if mark.held else "linear", "simplify": False}
     trace = {"type": "scatter", "mode": "lines", "x": _packed(x), "y": _packed_single(y), "line": line}
     return [trace | _named(mark.label) | {"connectgaps": False, "hovertemplate": "%{y:.5g}"}]
 

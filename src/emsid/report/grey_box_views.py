@@ -29,7 +29,7 @@ from emsid.report.content import (
     readable_unit,
 )
 from emsid.report.timeline import TIME, timeline, with_gaps
-from emsid.report.wording import capital, listed, number, prefixed, share_of, slug, within
+from emsid.report.wording import capital, listed, number, prefixed, sentence, share_of, slug, within
 
 if TYPE_CHECKING:
     from emsid.models.grey_box_fit import Estimate, GreyBoxFit
@@ -82,7 +82,7 @@ def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]
         ),
         tuple(cells),
         f"Physical parameters of {fit.model.name} with {100 * level:g} % intervals.",
-        "; ".join(_MEANINGS[status] for status in statuses if status in _MEANINGS),
+        sentence("; ".join(_MEANINGS[status] for status in statuses if status in _MEANINGS)),
         text_columns=5,
     )
     if not fit.combinations:

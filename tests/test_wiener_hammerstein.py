@@ -108,7 +108,7 @@ def test_dead_zone_of_a_motor_within_two_percent_and_inside_its_interval() -> No
     assert advice(fit, record_of(truth, 6000)) == []
 
 
-def test_a_lost_sign_is_found_by_chance() -> None:
+def test_a_lost_sign_is_given_back() -> None:
     truth = Cascade((Rational([0.0, 0.1], [-0.9]), Abs(), Rational([0.6], [-0.4])))
     fit = wiener_hammerstein(record_of(truth, 1500), (1, 1), replace(AT_RATE, static=ABS))
     assert unexplained(fit, record_of(truth, 1500, noise=0.0, seed=1)) < 0.03
@@ -227,6 +227,14 @@ def test_a_drive_with_friction_runs_as_well_as_a_linear_model(recordings: Path) 
     linear = least_squares(arx(3, 3), first).model.simulate(second)
     missed = np.sqrt(np.mean((linear.output - second.output)[linear.counted] ** 2)) / np.std(second.output)
     assert unexplained(fit, second) < min(missed, 0.15)
+
+
+@pytest.mark.recordings
+def test_drives_whose_sensor_loses_the_sign(recordings: Path) -> None:
+    values = np.loadtxt(recordings / "coupled_drives" / "uniform_first400.csv", delimiter=",", skiprows=1)
+    first, second = Record(values[:, 0], values[:, 2], 0.02).split(0.7)
+    fit = wiener_hammerstein(first, None, Options(static=ABS))
+    assert unexplained(fit, second) < 0.6
 
 
 @pytest.mark.recordings

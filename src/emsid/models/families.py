@@ -8,7 +8,7 @@ command line offers; a new family is one entry, and a user's own map needs none:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,12 +42,14 @@ class Family:
         name: as the command line has it.
         start: the map of a size that is closest to points x (m,), z (m,), a constant level left free.
         sizes: numbers of knots (or the degrees) to choose from; empty where the family has one size.
+        folds: whether its maps lose the sign, so that signs must be given back before there is a linear start.
         trial: for the signal that enters the map, maps linear in their parameters that show whether filters suit it.
     """
 
     name: str
     start: Callable[[Array, Array, int], StaticMap]
     sizes: tuple[int, ...] = ()
+    folds: bool = False
     trial: Callable[[Array], tuple[StaticMap, ...]] = spline_trial
 
     @property
@@ -118,7 +120,7 @@ POLYNOMIAL = Family("polynomial", start_polynomial, (2, 3, 5, 7))
 DEAD_ZONE = Family("dead-zone", start_dead_zone)
 SATURATION = Family("saturation", start_saturation)
 COULOMB = Family("coulomb", start_coulomb)
-ABS = given(Abs(), "abs")
+ABS = replace(given(Abs(), "abs"), folds=True)
 
 FAMILIES: dict[str, Family] = {
     family.name: family for family in (SPLINE, PIECEWISE_LINEAR, POLYNOMIAL, DEAD_ZONE, SATURATION, COULOMB, ABS)

@@ -13,6 +13,9 @@ all the ways that give the orders asked for.
 of rank one, delays down and powers across. The leading singular vectors of what least squares gives for it are the
 second filter's numerator d and the map's (λ₁b₁, λ₂b₁², …).
 
+**Signs given back.** Where the map is |x|, `unfolding` finds the signs that the output lost, and the first filter is
+fitted to the signed signal as if there were no sensor.
+
 **Chance.** A map that is even about the operating point, such as |x|, makes the best linear approximation vanish. Then
 filters are drawn with poles spread evenly in logarithmic time constant and in frequency.
 
@@ -41,10 +44,11 @@ from emsid.estimation.frequency_response import fit_rational, frequency_response
 from emsid.estimation.gauss_newton import least_squares_step
 from emsid.estimation.information import Information
 from emsid.estimation.least_squares import gather
-from emsid.models.cascade import Cascade, unit_gain
+from emsid.models.cascade import Cascade, fit_cascade, unit_gain
 from emsid.models.filters import Rational
 from emsid.models.regressors import wiener_hammerstein_regression
 from emsid.models.static_maps import CubicSpline, Polynomial, StaticMap
+from emsid.models.unfolding import unfolded
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -126,6 +130,31 @@ def regression_candidate(records: Sequence[Record], order: int, degree: int, del
     high = max(float(record.input.max()) for record in records)
     curve = Polynomial.from_powers(np.concatenate([[0.0], left[:, 0] * singular[0]]), low, high)
     return curve, _stable(Rational(right[0], theta[:order]))
+
+
+def unfolded_candidates(
+    segments: Segments, orders: tuple[int | None, int | None], rng: np.random.Generator
+) -> Iterator[Filters]:
+    """The filter before a sensor that loses the sign, with a quick one behind it.
+
+    Args:
+        segments: (u, y) of each; the longest is used.
+        orders: of the first and the second filter; None where the structure has no such filter.
+        rng: source of chance.
+    """
+    first, second = orders
+    if first is None:
+        return
+    u, y = max(segments, key=lambda pair: len(pair[0]))
+    u, y = u[:TRIAL_SAMPLES], y[:TRIAL_SAMPLES]
+    found = unfolded(u, y, first, rng)
+    start = Cascade((_stable(Rational(found.numerator, found.denominator)),))
+    fitted = fit_cascade(start, Record(u, found.signal, 1.0), max_iterations=30, tolerance=0.2).model
+    quick = None if second is None else _from_roots([], [complex(0.3 / (k + 1)) for k in range(second)], second)
+    for model in (start, fitted):
+        (block,) = model.blocks
+        assert isinstance(block, Rational)
+        yield block, quick
 
 
 def random_candidates(

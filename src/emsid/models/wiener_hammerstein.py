@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,7 @@ from emsid.models.starts import (
     regression_candidate,
     scanned,
     started,
+    unfolded_candidates,
 )
 from emsid.models.static_maps import CubicSpline, DeadZone, PiecewiseLinear, Saturation, StaticMap
 from emsid.record import Record
@@ -62,6 +64,8 @@ LINEAR_SUFFICES = 0.5
 # A more complex alternative must be this much better on held-back data.
 WORTH = 0.98
 LARGEST_ORDER = 8
+# Orders tried before and behind a map that loses the sign.
+FOLDED_FIRST, FOLDED_SECOND = (1, 2, 3, 4), (0, 1)
 # The longest delay looked for; one is as good as another within this part of the squared error and the noise of it.
 LONGEST_DELAY, DELAY_SLACK = 20, 0.1
 # An input that keeps its value this often from one sample to the next is held between them.
@@ -205,9 +209,10 @@ def estimate(
     _check_excitation(layout, several)
     _check_size(layout, several, orders, options)
     identify, judge = _held_back(several, options)
-    template = replace(
-        template, delay=_delay(layout, _pairs(identify), orders) if options.delay is None else options.delay
-    )
+    delay = options.delay
+    if delay is None:
+        delay = 0 if options.static.folds else _delay(layout, _pairs(identify), orders)
+    template = replace(template, delay=delay)
     best: Choice | None = None
     try:
         for choice in _improving(layout, identify, judge, orders, options, template):
@@ -316,6 +321,15 @@ def _starts(
 ) -> list[Cascade]:
     """The cascades worth refining, from all sources, best first; the best of every order before the rest."""
     segments = _delayed(records, template.delay)
+    rng = np.random.default_rng(0) if options.rng is None else options.rng
+    if options.static.folds and layout.first:
+        unfolding: list[Filters] = []
+        for share in _folded_shares(layout, orders):
+            with suppress(ModelError):
+                unfolding += unfolded_candidates(segments, share, rng)
+        found = scanned(unfolding, segments, options.static.trial, template, options.workers)
+        if found:
+            return [candidate.cascade for candidate in found[:REFINED_RANDOM]]
     totals = _totals(layout, segments, orders)
     pairs: list[Filters] = []
     for total in totals:
@@ -333,7 +347,6 @@ def _starts(
         ahead = [candidate for candidate in found if candidate in best_of_order.values()]
         behind_them = [candidate for candidate in found if candidate not in ahead]
         return [candidate.cascade for candidate in (ahead + behind_them)[:REFINED]]
-    rng = np.random.default_rng(0) if options.rng is None else options.rng
     draws: list[Filters] = []
     for first, second in _shares(layout, orders, totals[-1]):
         draws += random_candidates((first, second), len(segments[0][0]), rng)
@@ -453,6 +466,15 @@ def _shares(layout: Layout, orders: tuple[int | None, int | None], total: int) -
     if orders[0] is not None and orders[1] is not None:
         return [(orders[0], orders[1])]
     return [(first, total - first) for first in range(1, total)]
+
+
+def _folded_shares(layout: Layout, orders: tuple[int | None, int | None]) -> list[tuple[int, int | None]]:
+    """Orders to try where the frequency response tells none, because the sign was lost."""
+    first = FOLDED_FIRST if orders[0] is None else (orders[0],)
+    second: tuple[int | None, ...] = (None,)
+    if layout.second:
+        second = FOLDED_SECOND if orders[1] is None else (orders[1],)
+    return list(product(first, second))
 
 
 def _delay(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: tuple[int | None, int | None]) -> int:

@@ -57,9 +57,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.coloured import coloured_covariance
 from emsid.estimation.fit import Fit
 from emsid.estimation.gauss_newton import Infeasible, Iteration, Minimum, gauss_newton
-from emsid.estimation.losses import SQUARES, Loss
+from emsid.estimation.losses import SQUARES, Loss, Squares
 from emsid.models.blocks import Block, block_from_data
 from emsid.models.filters import INTERPOLATION_REACH, Rational, interpolated
 from emsid.models.model import RUNAWAY, Run
@@ -708,7 +709,7 @@ def fit_cascade(
         tolerance=tolerance,
         progress=progress,
     )
-    return conclude(minimum, problem)
+    return conclude(minimum, problem, loss)
 
 
 def search(
@@ -749,11 +750,12 @@ def search(
     return minimum, problem
 
 
-def conclude(minimum: Minimum, problem: FreeRun) -> Fit[Cascade]:
+def conclude(minimum: Minimum, problem: FreeRun, loss: Loss = SQUARES) -> Fit[Cascade]:
     """The fit at a minimum: every parameter that moved, those that are tied included."""
     cascade = problem.model(minimum.estimate)
     count = len(problem.freedom.free)
-    covariance = _propagated(problem.freedom.spread, minimum.covariance[:count, :count])
+    own = minimum.covariance if not isinstance(loss, Squares) else _coloured(minimum, problem)
+    covariance = _propagated(problem.freedom.spread, own[:count, :count])
     kept = np.flatnonzero(np.diag(covariance) > 0)
     fit = minimum.fit(cascade, [cascade.names[k] for k in problem.freedom.free])
     return replace(
@@ -762,6 +764,19 @@ def conclude(minimum: Minimum, problem: FreeRun) -> Fit[Cascade]:
         estimate=cascade.parameters[kept],
         covariance=covariance[np.ix_(kept, kept)],
     )
+
+
+def _coloured(minimum: Minimum, problem: FreeRun) -> Array:
+    """The covariance of the minimum with the residual's own colour, which all samples tell, not only those at a kink.
+
+    What the data cannot tell keeps its infinite variance.
+    """
+    covariance = minimum.covariance.copy()
+    told = np.flatnonzero(minimum.free & np.isfinite(np.diag(covariance)))
+    if len(told) and minimum.samples > len(told):
+        blocks = problem.linearised(minimum.estimate)
+        covariance[np.ix_(told, told)] = coloured_covariance([(r, jacobian[:, told]) for r, jacobian in blocks])
+    return covariance
 
 
 def gather(cascade: Cascade, records: Record | Sequence[Record], skip: int | None) -> tuple[tuple[Array, Array], ...]:

@@ -789,7 +789,7 @@ def test_a_plant_of_the_users_own_has_no_friction_to_show():
     fit = PLANT_FITS["own plant"]
     assert grey_box_views.friction(fit) is None
     assert grey_box_views.dead_zone(fit) is None
-    assert "never sticks" in grey_box_views.sticking(fit).caption
+    assert "never holds" in grey_box_views.sticking(fit).caption
 
 
 def test_a_section_shows_what_a_model_of_its_kind_has():

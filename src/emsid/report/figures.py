@@ -332,7 +332,12 @@ def _(mark: Level, axes: Axes) -> Artist | BarContainer:
 def _(mark: Spans, axes: Axes) -> Artist | BarContainer:
     stretches = [(float(a), float(b - a)) for a, b in mark.edges]
     over_all = axes.get_xaxis_transform()  # x of the data, y as a part of the height of the plot
-    return axes.broken_barh(stretches, (0, 1), color=mark.ink.value, alpha=0.22, linewidth=0, transform=over_all)
+    shade: dict[str, Any] = {
+        "color": mark.ink.value,
+        "alpha": 0.22,
+        "linewidth": 0.5,
+    }  # with an edge, so that short ones are seen
+    return axes.broken_barh(stretches, (0, 1), transform=over_all, **shade)
 
 
 # --- Plotly ---------------------------------------------------------------------------------------------------------
@@ -499,7 +504,7 @@ def _shapes(mark: Mark) -> list[Trace]:
         ends = {"xref": "paper", "x0": 0, "x1": 1, "y0": mark.value, "y1": mark.value}
         return [{"type": "line", "layer": "below"} | ends | {"line": _page_stroke(mark.stroke)} | _named(mark.label)]
     if isinstance(mark, Spans):
-        fill = {"fillcolor": _faint(mark.ink.value, 0.22), "line": {"width": 0}}
+        fill = {"fillcolor": _faint(mark.ink.value, 0.22), "line": {"width": 1, "color": _faint(mark.ink.value, 0.22)}}
         area = {"type": "rect", "layer": "below", "yref": "paper", "y0": 0, "y1": 1} | fill
         return [
             area | {"x0": float(a), "x1": float(b)} | _named("" if k else mark.label)

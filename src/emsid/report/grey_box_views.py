@@ -191,7 +191,8 @@ def sticking(fit: GreyBoxFit, *, name: str = "") -> Figure:
     t, samples = timeline(record)
     simulated = np.concatenate(fit.simulated())
     held = _standstills(fit, record, t, samples)
-    shaded = [Spans(held, "the motor sticks")] if len(held) else []
+    subject = {DrivenMotor: "motor", LinearAxis: "axis"}.get(type(fit.model.plant), "plant")
+    shaded = [Spans(held, f"the {subject} sticks")] if len(held) else []
     plots = []
     for k, quantity in enumerate(record.output_names):
         measured, run = (with_gaps(values[:, k], samples) for values in (record.output, simulated))
@@ -207,9 +208,9 @@ def sticking(fit: GreyBoxFit, *, name: str = "") -> Figure:
         ]
     part = float(np.sum(held[:, 1] - held[:, 0])) if len(held) else 0.0
     sticks = (
-        f"shaded: friction holds the simulated motor, {part:.3g} s in all."
+        f"shaded: friction holds the simulated {subject}, {part:.3g} s in all."
         if len(held)
-        else "the simulated motor never sticks."
+        else f"friction never holds the simulated {subject}."
     )
     return Figure(
         name or f"{slug(fit.model.name)}-sticking",

@@ -409,13 +409,7 @@ def report(result: Identification) -> Report:
                 ),
             ),
             Section("What it was identified from", figures=(views.inputs((result.record, result.unseen)),)),
-            Section(
-                "The models",
-                equations=tuple(fit.model.equation() for fit in result.verification.fits),
-                tables=tuple(
-                    views.parameter_table(fit, columns=views.regressor_column(fit)) for fit in result.verification.fits
-                ),
-            ),
+            *(views.model_section(fit, result.record) for fit in result.verification.fits),
         ),
         imprint=f"emsid, from {result.record}",
     )

@@ -362,7 +362,8 @@ def remarks(result: Identification) -> list[str]:
         if row.diverged_at is not None
     ]
     for fit in result.verification.fits:
-        words = advice(fit, result.record) if isinstance(fit.model, Cascade) else [fit.message] * bool(fit.message)
+        words = [fit.message] * bool(fit.message)
+        words += advice(fit, result.record) if isinstance(fit.model, Cascade) else []
         sentences += [f"{fit.model.name}: {each.rstrip('.')}." for each in words]
     sentences += [f"{name} could not be fitted: {why}." for name, why in result.failed.items()]
     return sentences

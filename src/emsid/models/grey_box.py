@@ -94,11 +94,13 @@ class GreyBox:
             return guess
 
     def equation(self) -> str:
-        """Every parameter that is not at rest, with its unit."""
+        """Every parameter that is neither nothing nor a factor of one, with its unit."""
         shown = []
         for name, handle in self.plant.handles.items():
-            if len(handle.paths) == 1 and self.plant.value(name) != 0:
-                shown.append(f"{name} = {self.plant.value(name):.6g} {handle.parameter.unit}")
+            value = self.plant.value(name)
+            if len(handle.paths) == 1 and np.isfinite(value) and value not in (0.0, 1.0):
+                unit = "" if handle.parameter.unit == "1" else f" {handle.parameter.unit}"
+                shown.append(f"{name} = {value:.6g}{unit}")
         return f"{self.name}: " + ", ".join(shown)
 
     def to_data(self) -> dict[str, Any]:

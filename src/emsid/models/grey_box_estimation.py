@@ -22,6 +22,7 @@ from emsid.estimation.coloured import coloured_covariance
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.gauss_newton import Infeasible, Iteration, Minimum, gauss_newton
 from emsid.estimation.identifiability import Identifiability, identifiability
+from emsid.estimation.threads import one_blas_thread
 from emsid.models.grey_box import GreyBox, check_channels, signals_of
 from emsid.models.grey_box_datasheet import Given
 from emsid.models.grey_box_fit import GreyBoxFit, combinations, in_words, table
@@ -34,6 +35,7 @@ from emsid.record import Record, check_same_channels
 Array = NDArray[np.float64]
 
 
+@one_blas_thread()
 def simulation_error(
     plant: Plant | Motor,
     records: Record | Iterable[Record],

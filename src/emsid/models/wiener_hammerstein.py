@@ -31,6 +31,7 @@ from emsid.estimation.frequency_response import fit_rational, frequency_response
 from emsid.estimation.gauss_newton import Iteration
 from emsid.estimation.least_squares import check_excitation
 from emsid.estimation.losses import SQUARES, Loss
+from emsid.estimation.threads import one_blas_thread
 from emsid.models.cascade import Cascade, check_channels, fit_cascade
 from emsid.models.families import SPLINE, Family
 from emsid.models.filters import Rational
@@ -192,6 +193,7 @@ def hammerstein_wiener(
     return estimate(HAMMERSTEIN_WIENER, records, (None, order), options)
 
 
+@one_blas_thread()
 def estimate(
     layout: Layout,
     records: Record | Sequence[Record],

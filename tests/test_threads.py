@@ -1,0 +1,42 @@
+"""Libraries start no threads of their own while ours run, and get them back afterwards."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+import scipy.linalg  # noqa: F401
+from threadpoolctl import threadpool_info
+
+from emsid.estimation.threads import one_blas_thread
+
+
+def blas_threads() -> list[int]:
+    return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+
+
+def test_one_thread_within_and_the_old_number_after() -> None:
+    before = blas_threads()
+    with one_blas_thread():
+        assert set(blas_threads()) == {1}
+        with one_blas_thread():
+            assert set(blas_threads()) == {1}
+        assert set(blas_threads()) == {1}
+    assert blas_threads() == before
+
+
+def test_overlapping_in_several_threads() -> None:
+    before = blas_threads()
+
+    @one_blas_thread()
+    def inside(_: int) -> set[int]:
+        return set(blas_threads())
+
+    with ThreadPoolExecutor(4) as pool:
+        assert set.union(*pool.map(inside, range(40))) == {1}
+    assert blas_threads() == before
+
+
+def test_an_error_restores_it() -> None:
+    before = blas_threads()
+    with pytest.raises(ZeroDivisionError), one_blas_thread():
+        _ = 1 / 0
+    assert blas_threads() == before

@@ -23,15 +23,22 @@ def test_one_thread_within_and_the_old_number_after() -> None:
     assert blas_threads() == before
 
 
-def test_overlapping_in_several_threads() -> None:
+def test_it_holds_in_the_threads_that_are_started_within() -> None:
+    before = blas_threads()
+    with one_blas_thread(), ThreadPoolExecutor(4) as pool:
+        assert {number for seen in pool.map(lambda _: blas_threads(), range(40)) for number in seen} == {1}
+    assert blas_threads() == before
+
+
+def test_overlapping_in_several_threads_ends_where_it_began() -> None:
     before = blas_threads()
 
     @one_blas_thread()
-    def inside(_: int) -> set[int]:
-        return set(blas_threads())
+    def inside(number: int) -> int:
+        return number
 
     with ThreadPoolExecutor(4) as pool:
-        assert set.union(*pool.map(inside, range(40))) == {1}
+        assert list(pool.map(inside, range(40))) == list(range(40))
     assert blas_threads() == before
 
 

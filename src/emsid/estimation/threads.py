@@ -19,7 +19,7 @@ _limiter: Any = None
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """While it lasts, however nested, BLAS and LAPACK use the thread that calls them; to be entered in the main thread."""
+    """While it lasts, however nested, BLAS and LAPACK use the thread that calls them; for the main thread to enter."""
     global _inside, _limiter
     with _lock:
         if _inside == 0:

@@ -130,6 +130,10 @@ BAD = {
     "negative duration": (("simulate", "--duration", "-1", "--out", "x.csv"), ("-1",)),
     "study of one record": (("study", "--record", "LOG"), ("--verify",)),
     "study without duration": (("study", "--duration", "0"), ("duration",)),
+    "more coefficients than anybody means": (
+        ("identify", "LOG", *IDENTIFY, "--models", "arx", "--na", "99999999999999"),
+        ("na", "1000"),
+    ),
     "orders in words": (("identify", "LOG", *IDENTIFY, "--orders", "two"), ("--orders",)),
     "orders for another structure": (
         ("identify", "LOG", *IDENTIFY, "--models", "wiener", "--orders", "2,2"),

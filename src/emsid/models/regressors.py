@@ -487,6 +487,7 @@ def input_knots(record: Record, count: int) -> tuple[float, ...]:
     They reach to the largest input and are closer together near zero, where dead zones and break-away are:
     ``max|u|·(i/(count + 1))²``.
     """
+    _check_counts("input_knots", count=count)
     reach = float(np.max(np.abs(record.input[:, 0])))
     positive = [float(f"{reach * (k / (count + 1)) ** 2:.3g}") for k in range(1, count + 1)]  # to be read by people
     return (*(-knot for knot in reversed(positive)), *positive)
@@ -500,10 +501,18 @@ def _autoregressive(na: int) -> tuple[Regressor, ...]:
     return tuple(Regressor((Factor(0, i + 1),), negative=True) for i in range(na))
 
 
+# More coefficients of a kind than this are a slip of the finger, not a model.
+MOST = 1000
+
+
 def _check_counts(name: str, **counts: int) -> None:
+    """Refuse counts, given less what they must at least be, that are no whole numbers within reason."""
     for what, value in counts.items():
-        if value < 0 or int(value) != value:
-            raise ModelError(f"{name}: {what} is too small; it counts coefficients (or samples), see its help")
+        fault = (
+            "no whole number" if not isinstance(value, (int, np.integer)) else "too small" if value < 0 else "too large"
+        )
+        if not isinstance(value, (int, np.integer)) or not 0 <= value <= MOST:
+            raise ModelError(f"{name}: {what} is {fault}; it counts coefficients (or samples), at most {MOST}")
 
 
 def regression_reference(structure: Structure, y: Iterable[float], u: Array) -> Array:

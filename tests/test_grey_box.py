@@ -448,6 +448,28 @@ def test_what_a_fit_says_beyond_numbers():
         likelihood_profile(fit, "inductance")
 
 
+def test_standstills_are_those_of_the_motor_and_not_of_the_sensor_and_say_in_which_segment():
+    sensor = Sensor(ratio=-3.0, lag=0.03, offset=0.2, average=True)
+    plant = replace(MOTOR, sensor=sensor)
+    commands = (VOLTAGE[:400], np.repeat([0.0, 4.0, 0.0], 100))
+    pieces = [replace(record_of(plant, u), name=name) for u, name in zip(commands, ("sines", "pulse"), strict=True)]
+    pieces[1] = replace(pieces[1], times=(7.0,))
+    fit = simulation_error(plant, pieces, free=("motor_constant",), look_around=False)
+    found = stops(fit)
+    assert [fit.segments[stop.segment].name for stop in found][-2:] == ["pulse", "pulse"]
+    for k, u in enumerate(commands):
+        exact = simulate(MOTOR.motor, u, DT).load_held
+        shown = np.zeros(len(u), dtype=bool)
+        for stop in found:
+            if stop.segment == k:
+                first, last = np.rint((np.array([stop.start, stop.end]) - fit.segments[k].time[0]) / DT).astype(int)
+                shown[first : last + 1] = True
+        assert np.array_equal(shown, exact)
+        assert exact.any()
+    speeds = np.abs(simulate(MOTOR.motor, commands[0], DT).load_speed)
+    assert friction_curve(fit, 11).x[-1] == pytest.approx(np.max(speeds), rel=1e-4)  # of the motor, not of the log
+
+
 def test_refinements_are_kept_only_where_they_help():
     plain = choose(MOTOR, record_of(MOTOR, noise=0.1)[:1200], refinements=(coasting_bridge, stribeck))
     assert not any("freewheel" in name for name in plain.names)

@@ -366,7 +366,8 @@ def _with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
         pieces += [(residual[part], jacobian[np.ix_(part, columns)]) for part in parts]
     covariance = coloured_covariance(pieces)
     within = np.ix_(columns, columns)
-    ratio = np.diag(minimum.covariance)[columns] / np.diag(covariance)
+    sandwich, found = np.diag(minimum.covariance)[columns], np.diag(covariance)
+    ratio = np.divide(sandwich, found, out=np.ones(len(columns)), where=found > 0)  # nothing is left of exact data
     wider = np.sqrt(np.maximum(ratio, 1.0))
     whole = minimum.covariance.copy()
     whole[within] = covariance * np.outer(wider, wider)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from emsid.errors import ModelError
 from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_fit import GreyBoxFit
-from emsid.models.plants import DrivenMotor, LinearAxis, Plant, Signal
+from emsid.models.plants import DrivenMotor, LinearAxis, Plant, Sensor, Signal
 from emsid.plant import DeadZone
 from emsid.record import concatenate
 
@@ -39,8 +39,14 @@ class Curve:
 
 
 class Stop(NamedTuple):
-    """A time in which friction holds the simulated motor: from, to (s), both in the time of the record."""
+    """A time in which friction holds the simulated motor.
 
+    Attributes:
+        segment: where in the ``segments`` of the fit; its ``name`` is that of the record.
+        start, end: first and last sample held, in s, in the time of that segment.
+    """
+
+    segment: int
     start: float
     end: float
 
@@ -96,13 +102,13 @@ def dead_zone_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> 
 
 
 def stops(fit: GreyBoxFit) -> tuple[Stop, ...]:
-    """Where the simulated motor sticks."""
+    """Where the simulated motor or axis sticks, whatever the sensor makes of it, segment by segment."""
     found = []
     for k, segment in enumerate(fit.segments):
         held = np.concatenate([[False], _speeds(fit, k) == 0.0, [False]])
         starts, ends = np.flatnonzero(~held[:-1] & held[1:]), np.flatnonzero(held[:-1] & ~held[1:])
         times = segment.time
-        found += [Stop(float(times[a]), float(times[b - 1])) for a, b in zip(starts, ends, strict=True)]
+        found += [Stop(k, float(times[a]), float(times[b - 1])) for a, b in zip(starts, ends, strict=True)]
     return tuple(found)
 
 
@@ -172,7 +178,8 @@ def _dead_zone(plant: DrivenMotor | LinearAxis) -> DeadZone | None:
 
 
 def _speeds(fit: GreyBoxFit, segment: int) -> Array:
-    plant, record = fit.model.plant, fit.segments[segment]
+    """(N,) how fast the plant itself moves, rad/s or m/s: a sensor that lags or is off never shows a standstill."""
+    plant, record = replace(_mechanical(fit), sensor=Sensor()), fit.segments[segment]
     return plant.simulate(record.input, record.dt, fit.states[segment], (Signal.SPEED,))[:, 0]
 
 

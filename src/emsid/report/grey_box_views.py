@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from emsid.models.grey_box_findings import Curve, dead_zone_curve, friction_curve, stops
-from emsid.models.plants import DrivenMotor, LinearAxis, Sensor
+from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.record import concatenate
 from emsid.report.content import (
     Axis,
@@ -118,7 +118,7 @@ def friction(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure 
     plant = fit.model.plant
     if not isinstance(plant, (DrivenMotor, LinearAxis)):
         return None
-    curve = friction_curve(_without_sensor(fit), POINTS, level)
+    curve = friction_curve(fit, POINTS, level)
     laws = (
         (plant.motor.rotor_friction, plant.motor.load_friction) if isinstance(plant, DrivenMotor) else (plant.friction,)
     )
@@ -153,7 +153,7 @@ def dead_zone(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure
     plant = fit.model.plant
     if not isinstance(plant, (DrivenMotor, LinearAxis)):
         return None
-    curve = dead_zone_curve(_without_sensor(fit), POINTS, level)
+    curve = dead_zone_curve(fit, POINTS, level)
     if curve is None:
         return None
     unit, what = ("V", "voltage") if isinstance(plant, DrivenMotor) else ("N", "force")
@@ -287,14 +287,6 @@ def _first_up(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _without_sensor(fit: GreyBoxFit) -> GreyBoxFit:
-    """The same with a sensor that shows the motion as it is: what turns and sticks is the motor, not what is shown."""
-    plant = fit.model.plant
-    if not isinstance(plant, (DrivenMotor, LinearAxis)):
-        return fit
-    return replace(fit, model=replace(fit.model, plant=replace(plant, sensor=Sensor())))
-
-
 def _characteristic(curve: Curve, factor: float, label: str, backdrop: str, level: float) -> list[Mark]:
     """A curve with its band over its support; dotted where there is none anywhere near."""
     near = np.convolve(curve.support > 0, np.ones(2 * NEIGHBOURS + 1), "same") > 0
@@ -322,15 +314,10 @@ def _standstills(fit: GreyBoxFit, record: Record, t: Array, samples: NDArray[np.
     """(n, 2) where on the time axis of a figure the motor sticks; what lies close together is one stretch."""
     if not isinstance(fit.model.plant, (DrivenMotor, LinearAxis)):
         return np.zeros((0, 2))
-    bare = _without_sensor(fit)
     place = t[np.flatnonzero(samples >= 0)]  # where on the axis every sample stands
-    found: list[list[float]] = []
-    offset = 0
-    for segment, state in zip(fit.segments, fit.states, strict=True):
-        moved = place[offset] - float(segment.time[0])
-        here = stops(replace(bare, segments=(segment,), states=(state,)))
-        found += [[stop.start + moved, stop.end + moved + record.dt] for stop in here]
-        offset += len(segment)
+    first = np.cumsum([0, *map(len, fit.segments[:-1])])
+    moved = place[first] - [segment.time[0] for segment in fit.segments]
+    found = [[here.start + moved[here.segment], here.end + moved[here.segment] + record.dt] for here in stops(fit)]
     close = CLOSE * float(t[-1] - t[0])
     merged: list[list[float]] = []
     for stretch in found:

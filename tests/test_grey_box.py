@@ -21,7 +21,7 @@ from emsid.models.grey_box_findings import dead_zone_curve, friction_curve, like
 from emsid.models.grey_box_problem import Recent
 from emsid.models.model import Model
 from emsid.models.one_mass import Sliding, move
-from emsid.models.plants import Bridge, Drive, DrivenMotor, LinearAxis, OwnPlant, Sensor, Signal
+from emsid.models.plants import Bridge, Drive, DrivenMotor, LinearAxis, OwnPlant, Sensor, Signal, parts, without_overlap
 from emsid.plant import DeadZone, Friction, Motor, State, simulate
 from emsid.plant.motor import Parameter
 from emsid.record import Record, concatenate
@@ -354,6 +354,57 @@ def test_refinements_keep_to_a_datasheet():
 
 
 @pytest.mark.parametrize(
+    ("fixed", "offset", "left"),
+    [
+        ({"friction.coulomb": 25.0}, -8.0, {"offset": -8.0}),
+        ({"friction.coulomb.forward": 25.0}, -8.0, {"offset": -8.0, "friction.coulomb.backward": 25.0}),
+        ({"offset": -8.0}, -8.0, {"friction.coulomb.forward": 25.0, "friction.coulomb.backward": 25.0}),
+        ({"viscous_friction.backward": 220.0}, 0.0, {"friction.coulomb": 25.0}),
+        ({}, -8.0, {"friction.coulomb.forward": 17.0, "friction.coulomb.backward": 33.0}),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, dict) else None,
+)
+def test_what_is_fixed_stays_so_where_a_parameter_is_split_by_direction(fixed, offset, left):
+    truth = LinearAxis(80.0, (150.0, 220.0), Friction(25.0), offset)
+    record = record_of(truth, 30 * VOLTAGE[:1200], noise=1e-5, unit="m", signals=(Signal.POSITION,))
+    fit = choose(LinearAxis(), record, fixed=fixed, refinements=(by_direction,))
+    plant = fit.model.plant
+    assert {row.name: row.value for row in fit.table if row.status == "fixed"} == fixed
+    assert all(plant.value(name) == value for name, value in fixed.items())
+    assert set(left) <= set(fit.names)
+    assert not set(fixed) & set(fit.names)
+    found = left | {"mass": 80.0, "viscous_friction.forward": 150.0, "viscous_friction.backward": 220.0}
+    assert {name: plant.value(name) for name in found} == pytest.approx(found, rel=1e-3)
+
+
+def test_a_parameter_that_is_known_in_one_direction_is_estimated_in_the_other():
+    motor = MOTOR.put({"rotor_friction.coulomb.backward": 9e-3})
+    sheet = {"voltage_dead_zone.b_l": Given(-0.4), "rotor_friction.coulomb.backward": Given(None)}
+    known = {"resistance": MOTOR.value("resistance"), "rotor_viscous": MOTOR.value("rotor_viscous")}
+    fit = simulation_error(
+        motor, record_of(motor, noise=0.05), fixed=known | {"rotor_friction.coulomb.forward": 6e-3}, datasheet=sheet
+    )
+    assert "rotor_friction.coulomb.backward" in fit.names
+    assert "rotor_friction.coulomb" not in fit.names
+    assert fit.model.plant.value("rotor_friction.coulomb.forward") == 6e-3
+    assert fit.model.plant.value("rotor_friction.coulomb.backward") == pytest.approx(9e-3, rel=0.02)
+
+
+def test_names_that_share_a_value_give_way_to_each_other():
+    level, forward, backward = (f"rotor_friction.coulomb{side}" for side in ("", ".forward", ".backward"))
+    zone = "voltage_dead_zone"
+    assert parts(MOTOR, level) == (forward, backward)
+    assert set(parts(MOTOR, f"{zone}.half_width")) == {f"{zone}.b_l", f"{zone}.b_r"}
+    assert parts(MOTOR, "resistance") == ()
+    assert without_overlap(MOTOR, (level, "resistance"), ()) == (level, "resistance")
+    assert without_overlap(MOTOR, (level, "resistance"), ("resistance", forward)) == (backward,)
+    assert without_overlap(MOTOR, (level, forward), ()) == (backward, forward)
+    assert without_overlap(MOTOR, (level, forward), (level,)) == ()
+    with pytest.raises(ModelError, match="has no parameter 'mass'"):
+        without_overlap(MOTOR, (level,), ("mass",))
+
+
+@pytest.mark.parametrize(
     ("table", "message"),
     [
         ({"resistence": 2.0}, "motor has no parameter 'resistence'; it has resistance, "),
@@ -543,6 +594,10 @@ GOOD = record_of(MOTOR)
             r"resistance is fixed at 9 and the datasheet has it within \[1.8, 2.2\]",
         ),
         ({"free": ["rotor_friction.coulomb", "rotor_friction.coulomb.forward"]}, "are the same thing in part"),
+        (
+            {"free": ["rotor_friction.coulomb"], "fixed": {"rotor_friction.coulomb.forward": 1e-3}},
+            "rotor_friction.coulomb and rotor_friction.coulomb.forward are the same thing in part",
+        ),
         ({"free": []}, "no parameter of rigid-motor is free"),
         ({"fixed": {"resistance": -1.0}}, "motor resistance is -1 ohm; it must be positive"),
     ],

@@ -24,7 +24,7 @@ from emsid.models.grey_box_datasheet import Given, applicable
 from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_fit import GreyBoxFit
 from emsid.models.grey_box_problem import Weighting, all_alike
-from emsid.models.plants import DrivenMotor, LinearAxis
+from emsid.models.plants import DrivenMotor, LinearAxis, parts, without_overlap
 from emsid.plant import Friction, Motor
 from emsid.record import Record
 
@@ -85,32 +85,30 @@ def stribeck(plant: Mechanical, free: tuple[str, ...], record: Record) -> tuple[
 def by_direction(plant: Mechanical, free: tuple[str, ...], record: Record) -> tuple[Mechanical, tuple[str, ...]]:
     """Coulomb levels, viscous friction of an axis and break points differ by direction.
 
-    A constant load is the same thing as a difference of Coulomb levels, at rest as in motion: the levels take it over.
+    A constant load is the same thing as a difference of Coulomb levels, at rest as in motion: the levels take it over
+    where both are free.
     """
     split: list[str] = []
-    load = _load(plant)
     for name in free:
-        if name.endswith((".coulomb", "viscous_friction")):
-            split += [f"{name}.forward", f"{name}.backward"]
-        elif name.endswith(".half_width"):
-            split += [name.replace("half_width", "b_l"), name.replace("half_width", "b_r")]
-        elif name != load:
-            split.append(name)
-    if load in free:
-        pull, level = plant.value(load), f"{_friction(plant)}.coulomb"
+        apart = name.endswith((".coulomb", "viscous_friction", ".half_width"))
+        split += (parts(plant, name) if apart else ()) or (name,)
+    load, levels = _load(plant), parts(plant, f"{_friction(plant)}.coulomb")
+    if load in free and set(levels) <= set(split):  # a level that is known leaves the load what it is
+        pull, (forward, backward) = plant.value(load), levels
         plant = plant.put(
             {
-                f"{level}.forward": max(plant.value(level) + pull, 0.0),
-                f"{level}.backward": max(plant.value(f"{level}.backward") - pull, 0.0),
+                forward: max(plant.value(forward) + pull, 0.0),
+                backward: max(plant.value(backward) - pull, 0.0),
                 load: 0.0,
             }
         )
+        split.remove(load)
     return plant, tuple(split)
 
 
 def constant_load(plant: Mechanical, free: tuple[str, ...], record: Record) -> tuple[Mechanical, tuple[str, ...]]:
     """Something pulls all the time."""
-    if f"{_friction(plant)}.coulomb.forward" in free:
+    if set(parts(plant, f"{_friction(plant)}.coulomb")) <= set(free):
         return plant, free  # a difference of levels already says it
     return plant, tuple(dict.fromkeys((*free, _load(plant))))
 
@@ -152,14 +150,14 @@ def choose(
 
     def refined(by: Refinement, base: _Trial, threads: int | None = None) -> _Trial | None:
         plant, free = by(base.plant, base.free, train)
-        free = tuple(name for name in free if name not in known["fixed"])
+        free = without_overlap(plant, free, known["fixed"])
         try:
             return None if free == base.free else tried(plant, free, look_around=False, threads=threads)
         except EmsidError:
             return None  # a refinement that cannot be fitted is none
 
     unknown = (name for name, given in sheet.items() if given.value is None)
-    plain = tried(plant, tuple(n for n in dict.fromkeys((*plant.usual, *unknown)) if n not in known["fixed"]))
+    plain = tried(plant, without_overlap(plant, (*plant.usual, *unknown), known["fixed"]))
     progress(0.2)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         alone = pool.map(lambda refine: (refined(refine, plain, threads=1), refine), refinements)

@@ -28,7 +28,17 @@ from emsid.models.grey_box_datasheet import Given
 from emsid.models.grey_box_fit import GreyBoxFit, combinations, in_words, table
 from emsid.models.grey_box_problem import FreeRunError, Weighting, all_alike, free_states, guess_state
 from emsid.models.grey_box_start import motions
-from emsid.models.plants import DrivenMotor, Handle, LinearAxis, OwnPlant, Plant, Signal, find_handle, refuse_overlap
+from emsid.models.plants import (
+    DrivenMotor,
+    Handle,
+    LinearAxis,
+    OwnPlant,
+    Plant,
+    Signal,
+    find_handle,
+    refuse_overlap,
+    without_overlap,
+)
 from emsid.plant import Motor
 from emsid.record import Record, check_same_channels
 
@@ -179,9 +189,8 @@ def _asked(
                 f"{given.limits[1]:g}]; correct one of them"
             )
     unknown = [name for name, given in sheet.items() if given.value is None]
-    names = tuple(free) if free is not None else tuple(dict.fromkeys((*plant.usual, *unknown)))
-    names = tuple(name for name in names if name not in fixed)
-    refuse_overlap(plant, names)
+    names = tuple(free) if free is not None else without_overlap(plant, (*plant.usual, *unknown), fixed)
+    refuse_overlap(plant, (*names, *fixed))
     if not names:
         raise ModelError(f"no parameter of {plant.name} is free; it has {', '.join(plant.handles)}")
     return names

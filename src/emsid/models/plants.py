@@ -226,6 +226,32 @@ def refuse_overlap(plant: Plant, names: Iterable[str]) -> None:
             places[path] = name
 
 
+def parts(plant: Plant, name: str) -> tuple[str, ...]:
+    """The names of the values that a parameter moves together, such as its two directions; none for a single value."""
+    paths = [path for path, _ in find_handle(plant, name).paths]
+    if len(paths) == 1:
+        return ()
+    return tuple(one for one, handle in plant.handles.items() if len(handle.paths) == 1 and handle.paths[0][0] in paths)
+
+
+def without_overlap(plant: Plant, names: Iterable[str], taken: Iterable[str]) -> tuple[str, ...]:
+    """The names, less what is taken; where one value of a name is taken or named itself, its other values are left.
+
+    Raises:
+        ModelError: for a name that the plant does not have.
+    """
+    wanted, spoken_for = tuple(dict.fromkeys(names)), set(taken)
+    gone = spoken_for.union(*(parts(plant, name) for name in spoken_for))
+    left: list[str] = []
+    for name in wanted:
+        sides = parts(plant, name)
+        if any(side in gone or side in wanted for side in sides):
+            left += [side for side in sides if side not in gone and side not in wanted]
+        elif name not in gone:
+            left.append(name)
+    return tuple(left)
+
+
 _POSITIVE = {"resistance", "motor_constant", "rotor_inertia", "load_inertia", "shaft_stiffness", "mass"}
 _TINY = 1e-12  # a positive parameter may get as small as this
 

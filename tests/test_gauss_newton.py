@@ -178,7 +178,7 @@ def test_honest_endings() -> None:
 
 def test_a_bound_that_holds_is_named() -> None:
     found = gauss_newton(decay(), [1, 1, 0.7], lower=[0, 0, 0.6], upper=9, names=("gain", "rate", "rest"))
-    assert found.message == "held at a bound: rest"
+    assert found.message == "rest is held at its lower bound 0.6"
     assert found.covariance[2, 2] == 0
     assert found.covariance[0, 0] > 0
 

@@ -249,6 +249,18 @@ def test_steps_from_rest_do_not_tell_a_dead_zone_from_coulomb_friction():
     assert told["break-away voltage forward"] == pytest.approx(true["break-away voltage forward"], rel=0.02)
 
 
+def test_a_record_that_tells_nothing_ends_in_one_sentence_and_no_numbers():
+    rng = np.random.default_rng(0)
+    noise = Record(1e-3 * rng.standard_normal(800), rng.standard_normal(800), DT, output_units=("rad/s",))
+    fit = simulation_error(STARTS["rigid-motor"], noise)
+    assert fit.names == ()
+    assert {row.status for row in fit.table} == {"held"}
+    assert len(fit.words) == 1
+    assert "no parameter of rigid-motor can be told" in fit.message
+    curve = friction_curve(fit, 11)
+    assert np.array_equal(curve.low, curve.y)
+
+
 def test_identifiability_of_a_product():
     x = np.random.default_rng(0).standard_normal((50, 2))
     jacobian = np.column_stack([3.0 * x[:, 0], 2.0 * x[:, 0], x[:, 1]])  # a·b and c at a = 2, b = 3, c = 1
@@ -636,11 +648,58 @@ def test_values_that_are_not_physical_are_refused(build):
         build()
 
 
-def test_a_fit_that_ends_at_a_bound_says_so():
-    start = MOTOR.put({"motor_constant": 0.055})
-    fit = simulation_error(start, GOOD, free=FREE, bounds={"motor_constant": (0.0501, 0.06)})
-    assert "held at a bound: motor_constant" in fit.message
-    assert next(row for row in fit.table if row.name == "motor_constant").status == "at a bound"
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (
+            {"bounds": {"motor_constant": (0.0501, 0.06)}},
+            "motor_constant is held at its lower bound 0.0501; the records ask for a smaller motor_constant than its "
+            "bounds allow: widen them, or check units and what is fixed",
+        ),
+        (
+            {"bounds": {"motor_constant": (0.04, 0.0499)}},
+            "motor_constant is held at its upper bound 0.0499; the records ask for a larger motor_constant than its "
+            "bounds allow: widen them, or check units and what is fixed",
+        ),
+        (
+            {"datasheet": {"motor_constant": Given(0.055, 0.05)}},
+            "motor_constant is held at its lower bound 0.05225; the records ask for a smaller motor_constant than the "
+            "datasheet allows: widen its tolerance, or check units and what is fixed",
+        ),
+        (
+            {"fixed": {"voltage_dead_zone.half_width": 1.2}},
+            "rotor_friction.coulomb is held at its lower bound 0; the records ask for a smaller rotor_friction.coulomb "
+            "than is physical: fix it there, or check units, signs and what else is fixed",
+        ),
+    ],
+    ids=["lower", "upper", "datasheet", "physical"],
+)
+def test_a_fit_that_ends_at_a_bound_says_which_and_what_to_do(arguments, said):
+    free = [name for name in FREE if name not in arguments.get("fixed", {})]
+    start = MOTOR.put({"motor_constant": arguments.get("bounds", {}).get("motor_constant", (0.055,))[0]})
+    fit = simulation_error(start, GOOD, free=free, **arguments)
+    assert said in fit.message
+    (row,) = [row for row in fit.table if row.status == "at a bound"]
+    assert said.startswith(f"{row.name} is held")
+    assert f"bound {row.value:.4g};" in said
+
+
+def test_a_fit_that_stalls_at_a_bound_says_both():
+    def no_filter(error, dt):  # not linear, so its derivative leads astray
+        return np.sign(error) * np.sqrt(np.abs(error))
+
+    bounds = {"motor_constant": (0.0501, 0.06)}
+    fit = simulation_error(
+        MOTOR.put({"motor_constant": 0.0501}), GOOD, free=FREE, bounds=bounds, weighting=no_filter, look_around=False
+    )
+    assert fit.ending is Ending.STALLED
+    assert "no step lowers the cost, " in fit.message
+    assert "motor_constant is held at its lower bound 0.0501; the records ask for a smaller" in fit.message
+
+
+def test_a_parameter_without_room_is_not_said_to_be_held():
+    fit = simulation_error(MOTOR, GOOD, free=FREE, datasheet={"motor_constant": Given(0.051, 0.0)})
+    assert "bound" not in fit.message
 
 
 # --- real recordings ------------------------------------------------------------------------------------------------

@@ -441,13 +441,15 @@ def _conclude(
     square = float(sum(np.sum(r**2) for r in residuals))
     freedom = samples - solution.rank
     white, robust = _covariances(point.blocks, columns, information, solution, loss)
-    reached = [labels[k] for k in np.flatnonzero(held & (low < high))]
+    reached = [
+        f"{labels[k]} is held at its {'lower' if theta[k] <= low[k] else 'upper'} bound {theta[k]:.4g}"
+        for k in np.flatnonzero(held & (low < high))
+    ]
     if ending is Ending.CONVERGED and solution.rank < len(columns):
         ending = Ending.RANK_DEFICIENT
         groups = "; ".join(", ".join(labels[columns[k]] for k in group) for group in solution.aliases)
         message = f"the data cannot tell these parameters apart: {groups}"
-    if reached:
-        message = "; ".join(filter(None, [message, f"held at a bound: {', '.join(reached)}"]))
+    message = "; ".join(filter(None, [message, *reached]))
     full_white, full_robust = np.zeros((len(theta),) * 2), np.zeros((len(theta),) * 2)
     full_white[np.ix_(columns, columns)] = white
     full_robust[np.ix_(columns, columns)] = robust

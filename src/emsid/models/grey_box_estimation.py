@@ -25,7 +25,7 @@ from emsid.estimation.identifiability import Identifiability, identifiability
 from emsid.estimation.threads import one_blas_thread
 from emsid.models.grey_box import GreyBox, check_channels, signals_of
 from emsid.models.grey_box_datasheet import Given
-from emsid.models.grey_box_fit import GreyBoxFit, combinations, in_words, table
+from emsid.models.grey_box_fit import GreyBoxFit, at_bounds, combinations, in_words, table
 from emsid.models.grey_box_problem import FreeRunError, Weighting, all_alike, free_states, guess_state
 from emsid.models.grey_box_start import motions
 from emsid.models.plants import (
@@ -129,7 +129,7 @@ def simulation_error(
         names = [name for name in names if name not in lost]
         found = found.put({name: known[name] for name in lost if name in known})
     told = _told(problem_for(found, asked, states), minimum)
-    words = in_words(told, names, found, shown)
+    words = at_bounds(minimum, names, found, limits, sheet) + in_words(told, names, found, shown)
     fit = minimum.fit(GreyBox(found, shown), tuple(names), "gn")
     return GreyBoxFit(
         **{f: getattr(fit, f) for f in Fit.__dataclass_fields__ if f not in ("message", "iterations")},

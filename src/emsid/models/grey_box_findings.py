@@ -187,13 +187,13 @@ def _with_band(
     fit: GreyBoxFit, x: Array, law: Callable[[Plant], Array], seen: Array, level: float, plant: Plant
 ) -> Curve:
     y = law(plant)
-    slopes = []
-    for name in fit.names:
+    slopes = np.zeros((len(fit.names), len(x)))
+    for k, name in enumerate(fit.names):
         value = plant.value(name)
         low, high = fit.limits[name]
         step = 1e-6 * max(abs(value), 1e-9)
         below, above = max(value - step, low), min(value + step, high)
-        slopes.append((law(plant.put({name: above})) - law(plant.put({name: below}))) / (above - below))
+        slopes[k] = (law(plant.put({name: above})) - law(plant.put({name: below}))) / (above - below)
     variance = np.einsum("in,ij,jn->n", slopes, fit.covariance, slopes)
     half = float(ndtri(0.5 + level / 2)) * np.sqrt(np.maximum(variance, 0.0))
     edges = np.concatenate([[-np.inf], 0.5 * (x[1:] + x[:-1]), [np.inf]])

@@ -68,7 +68,8 @@ class GreyBoxFit(Fit[GreyBox]):
         table: every parameter that was asked for or fixed.
         combinations: what the record tells although some parameters had to be held; all the quantities of the plant
             that it tells.
-        words: what cannot be told apart and what was done about it, one sentence each; empty where all is told.
+        words: what cannot be told apart, what was done about it, and what to do where a bound holds, one sentence each;
+            empty where all is told.
         identifiability: of the parameters that were asked for, at the estimate.
         segments: the records it was fitted to, without gaps.
         states: their initial states.
@@ -101,12 +102,19 @@ class GreyBoxFit(Fit[GreyBox]):
 def in_words(told: Identifiability, names: Sequence[str], plant: Plant, signals: Sequence[Signal]) -> list[str]:
     held = [name for name in told.names if name not in names]
     channels = "the input and " + " and ".join(signal.value for signal in signals)
+    if not names:
+        return [
+            f"from {channels} alone, no parameter of {plant.name} can be told: the output hardly "
+            "answers the input; check the columns, or fix what you know"
+        ]
     words = []
     for group in told.groups:
         mine = [name for name in group if name in held]
         kept = ", ".join(f"{n} = {plant.value(n):.4g} {plant.handles[n].parameter.unit}" for n in mine)
         if len(group) == 1 and not mine:
             words.append(f"from {channels} alone, {group[0]} is not known to better than 100 %")
+        elif len(group) == 1:
+            words.append(f"from {channels} alone, {group[0]} is not told at all; held: {kept}; fix what you know")
         elif mine:
             words.append(
                 f"from {channels} alone, {', '.join(group)} cannot be told apart, only combinations of them; held: "
@@ -117,6 +125,30 @@ def in_words(told: Identifiability, names: Sequence[str], plant: Plant, signals:
                 f"from {channels} alone, {', '.join(group)} can hardly be told apart; see their intervals, fix one of "
                 "them or add a channel"
             )
+    return words
+
+
+def at_bounds(
+    minimum: Minimum,
+    names: Sequence[str],
+    plant: Plant,
+    limits: Mapping[str, tuple[float, float]],
+    sheet: Mapping[str, Given],
+) -> list[str]:
+    """What to do about every parameter that is held by a bound: that depends on where the bound is from."""
+    words = []
+    for name, value, free in zip(names, minimum.estimate, minimum.free, strict=False):
+        low, high = limits[name]
+        if free or low == high:
+            continue
+        given, handle = sheet.get(name), plant.handles[name]
+        wanted = f"the records ask for {'a smaller' if value <= low else 'a larger'} {name} than"
+        if given is not None and given.limits is not None and value in given.limits:
+            words.append(f"{wanted} the datasheet allows: widen its tolerance, or check units and what is fixed")
+        elif value in (handle.lower, handle.upper):
+            words.append(f"{wanted} is physical: fix it there, or check units, signs and what else is fixed")
+        else:
+            words.append(f"{wanted} its bounds allow: widen them, or check units and what is fixed")
     return words
 
 
@@ -166,7 +198,7 @@ def combinations(
             step = 1e-6 * max(abs(value), 1e-12) * (1 if value < plant.handles[name].upper else -1)
             above = plant.put({name: value + step}).quantities()
             columns.append([(a.value - q.value) / step for a, q in zip(above, plant.quantities(), strict=True)])
-        return np.array(columns).T.reshape(-1, len(which))
+        return np.array(columns).T.reshape(len(plant.quantities()), len(which))
 
     quantities = plant.quantities()
     if not quantities:

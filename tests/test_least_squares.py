@@ -55,7 +55,7 @@ def response(structure: Structure, theta: Array, samples: int = 600, seed: int =
 def some_parameters(structure: Structure, seed: int = 0) -> Array:
     """Parameters of a stable model: of the lagged outputs together below one."""
     theta = np.random.default_rng(seed).uniform(0.3, 1.0, len(structure)) * (-1.0) ** np.arange(len(structure))
-    fed_back = np.array([regressor.uses_output for regressor in structure.regressors])
+    fed_back = np.array([any(f.channel == 0 for f in regressor.factors) for regressor in structure.regressors])
     theta[fed_back] *= 0.6 / max(1.0, np.abs(theta[fed_back]).sum())
     return theta
 

@@ -50,7 +50,7 @@ def structure(request: pytest.FixtureRequest) -> Structure:
 def model_of(structure: Structure, seed: int = 0) -> Narx:
     """Stable: what is fed back adds up to less than one."""
     theta = np.random.default_rng(seed).uniform(-1, 1, len(structure))
-    fed_back = np.array([regressor.uses_output for regressor in structure.regressors])
+    fed_back = np.array([any(f.channel == 0 for f in regressor.factors) for regressor in structure.regressors])
     if fed_back.any():
         theta[fed_back] *= 0.7 / np.abs(theta[fed_back]).sum()
     return Narx(structure, theta, 0.01)
@@ -167,7 +167,7 @@ def test_prediction_uses_no_output_nearer_than_its_horizon(structure: Structure,
     before = model.predict(record, horizon).output
     after = model.predict(replace(record, output=other), horizon).output
     np.testing.assert_array_equal(after[: 50 + horizon][structure.memory :], before[: 50 + horizon][structure.memory :])
-    if structure.memory and any(regressor.uses_output for regressor in structure.regressors):
+    if structure.memory and any(any(f.channel == 0 for f in regressor.factors) for regressor in structure.regressors):
         assert np.any(after[50 + horizon :] != before[50 + horizon :])
 
 

@@ -117,7 +117,7 @@ def test_the_stored_data_give_the_certified_values(name: str) -> None:
 @every_problem
 def test_refined_solution_is_exact_for_the_matrix_it_was_given(name: str) -> None:
     case = problem(name)
-    assert digits(solve_rows(case.regression, case.target).estimate, case.of_doubles) >= 14.0
+    assert digits(solve_rows(case.regression, case.target).estimate, case.of_doubles) >= 14.9
 
 
 @every_problem

@@ -23,7 +23,7 @@ from emsid import (
     recursive_least_squares,
     wiener_hammerstein_regression,
 )
-from emsid.estimation.recursive import WINDUP, RecursiveState, paper_recursion, update
+from emsid.estimation.recursive import WINDUP, RecursiveState, paper_recursion, update_by_tiles
 
 Array = NDArray[np.float64]
 
@@ -132,6 +132,26 @@ def test_samples_in_pieces_of_any_size_give_the_same_numbers(structure: Structur
     np.testing.assert_array_equal(np.concatenate(history), np.concatenate(whole_history))
 
 
+@pytest.mark.parametrize("forgetting", [1.0, 0.999, 0.97, 0.5])
+@pytest.mark.parametrize("sizes", [[1] * 700, [700], [3, 400, 2, 295]], ids=["one", "all", "mix"])
+def test_tiles_give_what_the_samples_give(structure: Structure, sizes: list[int], forgetting: float) -> None:
+    """Without a history, many samples are folded at a time, unless D could reach its ceiling."""
+    record = measured(structure, sum(sizes))
+    recursion = RecursiveLeastSquares(structure, forgetting, 1e4)
+    by_samples = recursion.update(recursion.start(), record, [])
+    state, first = recursion.start(), 0
+    for size in sizes:
+        state = recursion.update(state, record[first : first + size])
+        first += size
+    np.testing.assert_allclose(state.estimate, by_samples.estimate, rtol=1e-9, atol=1e-11)
+    p = by_samples.normalised_covariance
+    np.testing.assert_allclose(state.normalised_covariance, p, rtol=1e-9, atol=1e-9 * np.abs(p).max())
+    assert state.residual_sum_of_squares == pytest.approx(by_samples.residual_sum_of_squares, rel=1e-9)
+    assert state.samples == pytest.approx(by_samples.samples, rel=1e-12)
+    if len(sizes) == sum(sizes):
+        assert_same(state, by_samples)
+
+
 def test_state_given_is_left_as_it_was(structure: Structure) -> None:
     record = measured(structure)
     recursion = RecursiveLeastSquares(structure, 0.98)
@@ -221,7 +241,7 @@ def test_forgetting_without_excitation_neither_explodes_nor_loses_positiveness()
         phi = np.zeros((n, block)) if k % 10 else rng.standard_normal((n, block))
         if k % 20 == 10:
             phi[2:] = phi[:2]  # half of what does excite excites two directions only
-        update(estimate, factor, diagonal, totals, np.vstack([phi, theta @ phi]), 0.98, ceiling, np.empty((0, n)))
+        update_by_tiles(estimate, factor, diagonal, totals, np.vstack([phi, theta @ phi]), 0.98, ceiling)
         lowest, highest = min(lowest, diagonal.min()), max(highest, diagonal.max())
         covariance = factor.T @ (diagonal[:, None] * factor)
         largest = max(largest, float(np.abs(covariance).max()))
@@ -231,7 +251,7 @@ def test_forgetting_without_excitation_neither_explodes_nor_loses_positiveness()
     assert highest == 1e8  # reached, and not passed
     assert largest < 1e9
     phi = rng.standard_normal((n, 2000))
-    update(estimate, factor, diagonal, totals, np.vstack([phi, theta @ phi]), 0.98, ceiling, np.empty((0, n)))
+    update_by_tiles(estimate, factor, diagonal, totals, np.vstack([phi, theta @ phi]), 0.98, ceiling)
     np.testing.assert_allclose(estimate, theta, rtol=1e-12)
 
 

@@ -50,7 +50,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending, Fit
-from emsid.estimation.information import Information, Solution
+from emsid.estimation.information import Information, Solution, inverse_triangle
 from emsid.estimation.losses import SQUARES, Loss
 from emsid.estimation.sandwich import long_run_variance
 
@@ -480,8 +480,6 @@ def _covariances(
     With a loss other than squares the bread of the sandwich is mean(ℓ″)·JᵀJ and the score Jₜℓ′(rₜ) (Huber
     1981, ch. 7).
     """
-    from scipy.linalg import solve_triangular
-
     told = np.isfinite(np.diag(solution.covariance))
     residual = np.concatenate([r for r, _ in blocks])
     samples = len(residual)
@@ -497,7 +495,7 @@ def _covariances(
     for r, jacobian in blocks:
         bread = bread.add_columns(np.vstack([jacobian.T[kept], r]))
     triangle = bread.factor[:-1, :-1]
-    inverse = solve_triangular(triangle, np.eye(len(kept)))
+    inverse = inverse_triangle(triangle)
     pull = loss.weight(residual) * residual
     correction = samples / (samples - len(kept)) / mean_curvature**2
     within = np.ix_(np.flatnonzero(told), np.flatnonzero(told))

@@ -153,13 +153,13 @@ class Information:
         freedom = self.samples - rank
         variance = residual / freedom if freedom > 0 else np.nan
 
-        inverse = solve_triangular(leading, np.eye(rank))
+        inverse = inverse_triangle(leading)
         spread = inverse @ inverse.T / np.outer(length[kept], length[kept])
         covariance = np.zeros((n, n))
         covariance[np.ix_(kept, kept)] = variance * spread
         covariance[left, left] = np.inf
 
-        weights = np.abs(solve_triangular(leading, rest)) if rank else np.zeros((0, n - rank))
+        weights = np.abs(inverse @ rest)
         aliases = tuple(
             (int(column), *(int(k) for k in np.sort(kept[weights[:, j] > 1e-6]))) for j, column in enumerate(left)
         )
@@ -173,6 +173,16 @@ class Information:
             condition=float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf,
             aliases=aliases,
         )
+
+
+def inverse_triangle(triangle: Array) -> Array:
+    """R⁻¹ of an upper triangular R with no zero on its diagonal.
+
+    Not by solving for the identity: for that BLAS starts threads, which for a small triangle takes milliseconds.
+    """
+    from scipy.linalg.lapack import dtrtri
+
+    return np.asarray(dtrtri(triangle)[0]) if len(triangle) else triangle
 
 
 def fold_reference(factor: Array, columns: Array) -> Array:
@@ -206,42 +216,88 @@ def workspace(factor: Array) -> tuple[Array, Array]:
     return top, np.zeros((width + 2, TILE))
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+# The inner loops are functions of their own because they are vectorised one function at a time, and only where few
+# enough arrays have to be told apart.
+_compiled = numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+
+
+@_compiled
 def reflect(top: Array, tile: Array, height: int) -> None:
     """Reflect the first ``height`` rows of a tile, held by columns, against the factor; both as `workspace` made them.
 
-    Three columns are reflected at a time, so that the reflector is loaded once for the three; the columns of zeros make
-    their number even out.
+    Columns v and w make two reflections H = I − τ (1, v/p)(1, v/p)ᵀ, which meet the columns after them together, two
+    at a time, so that what is loaded is used twice: with g the product of the two reflectors, the second one sees
+    what the first has left, ``s₂ = τ₂ (d₂ − g s₁)``. The columns of zeros make the numbers even.
     """
     width = len(top)
-    for k in range(width):
-        v = tile[k, :height]
-        square = 0.0
-        for i in range(height):
-            square += v[i] * v[i]
-        if square == 0.0:
-            continue
-        head = top[k, k]
-        norm = -np.copysign(np.sqrt(head * head + square), head)
-        top[k, k] = norm
-        # H = I − τ w wᵀ with w = (1, v/pivot) maps (head, v) to (norm, 0).
-        pivot = head - norm
-        tau = -pivot / norm
-        for j in range(k + 1, width, 3):
-            a, b, c = tile[j, :height], tile[j + 1, :height], tile[j + 2, :height]
-            va, vb, vc = 0.0, 0.0, 0.0
-            for i in range(height):
-                va += v[i] * a[i]
-                vb += v[i] * b[i]
-                vc += v[i] * c[i]
-            sa = tau * (top[k, j] + va / pivot)
-            sb = tau * (top[k, j + 1] + vb / pivot)
-            sc = tau * (top[k, j + 2] + vc / pivot)
-            top[k, j] -= sa
-            top[k, j + 1] -= sb
-            top[k, j + 2] -= sc
-            sa, sb, sc = sa / pivot, sb / pivot, sc / pivot
-            for i in range(height):
-                a[i] -= sa * v[i]
-                b[i] -= sb * v[i]
-                c[i] -= sc * v[i]
+    for k in range(0, width, 2):
+        v, w = tile[k], tile[k + 1]
+        square, product = _square_and_product(v, w, height)
+        top[k, k], p, tau_v = _reflector(top[k, k], square)
+        step = tau_v * (top[k, k + 1] + product / p)
+        top[k, k + 1] -= step
+        if k + 1 == width:
+            break
+        add_multiple(w, -step / p, v, height)
+        square, product = _square_and_product(w, v, height)
+        top[k + 1, k + 1], q, tau_w = _reflector(top[k + 1, k + 1], square)
+        g = product / (p * q)
+        for j in range(k + 2, width, 2):
+            a, b = tile[j], tile[j + 1]
+            va, vb, wa, wb = _products(v, w, a, b, height)
+            va = tau_v * (top[k, j] + va / p)
+            vb = tau_v * (top[k, j + 1] + vb / p)
+            wa = tau_w * (top[k + 1, j] + wa / q - g * va)
+            wb = tau_w * (top[k + 1, j + 1] + wb / q - g * vb)
+            top[k, j] -= va
+            top[k, j + 1] -= vb
+            top[k + 1, j] -= wa
+            top[k + 1, j + 1] -= wb
+            _add_multiples(a, -va / p, v, -wa / q, w, height)
+            _add_multiples(b, -vb / p, v, -wb / q, w, height)
+
+
+@_compiled
+def _reflector(head: float, square: float) -> tuple[float, float, float]:
+    """What (head, v) with ‖v‖² = square is reflected to, and p, τ of that reflection; none where v is zero."""
+    if square == 0.0:
+        return head, 1.0, 0.0
+    norm = -np.copysign(np.sqrt(head * head + square), head)
+    p = head - norm
+    return norm, p, -p / norm
+
+
+@_compiled
+def _square_and_product(v: Array, w: Array, height: int) -> tuple[float, float]:
+    """vᵀv and vᵀw."""
+    square, product = 0.0, 0.0
+    for i in range(height):
+        square += v[i] * v[i]
+        product += v[i] * w[i]
+    return square, product
+
+
+@_compiled
+def _products(v: Array, w: Array, a: Array, b: Array, height: int) -> tuple[float, float, float, float]:
+    """vᵀa, vᵀb, wᵀa, wᵀb."""
+    va, vb, wa, wb = 0.0, 0.0, 0.0, 0.0
+    for i in range(height):
+        va += v[i] * a[i]
+        vb += v[i] * b[i]
+        wa += w[i] * a[i]
+        wb += w[i] * b[i]
+    return va, vb, wa, wb
+
+
+@_compiled
+def add_multiple(a: Array, by_v: float, v: Array, height: int) -> None:
+    """a + by_v·v in the first rows, in place."""
+    for i in range(height):
+        a[i] += by_v * v[i]
+
+
+@_compiled
+def _add_multiples(a: Array, by_v: float, v: Array, by_w: float, w: Array, height: int) -> None:
+    """a + by_v·v + by_w·w in the first rows, in place."""
+    for i in range(height):
+        a[i] += by_v * v[i] + by_w * w[i]

@@ -217,7 +217,9 @@ def _refined(
 ) -> Array:
     """θ after at most this many corrections δ with RᵀR δ = Φᵀ(y − Φθ) − ρθ, the columns of R scaled to unit length.
 
-    Corrections that no longer shrink are rounding; the last of them is not made.
+    Between the passes θ is the sum of two doubles: the rounding of one would come back as a gradient that is large
+    where the data say much, and solving for it would disturb what they say little of. Corrections that no longer shrink
+    are rounding; the last of them is not made.
     """
     from scipy.linalg import solve_triangular
 
@@ -225,23 +227,25 @@ def _refined(
     triangle = information.factor[:n, :n]
     length = np.linalg.norm(triangle, axis=0)
     unit = triangle / length
-    smallest = np.inf
+    smallest, rest = np.inf, np.zeros(n)
     for _ in range(passes):
         gradient = np.zeros((2, n))
         for block in blocks():
-            accumulate_gradient(gradient, block, estimate)
+            accumulate_gradient(gradient, block, estimate, rest)
         half = solve_triangular(unit, (gradient[0] - ridge * estimate) / length, trans="T")
         correction = solve_triangular(unit, half)
         size = float(np.linalg.norm(correction))
         if not size < smallest / 2:
             break
-        estimate, smallest = estimate + correction / length, size
+        rest = rest + correction / length
+        estimate, before = estimate + rest, estimate
+        rest, smallest = rest - (estimate - before), size
     return estimate
 
 
 @numba.njit(cache=True, nogil=True)
-def accumulate_gradient(gradient: Array, block: Array, estimate: Array) -> None:
-    """Add Φᵀ(y − Φθ) of a block of columns [Φ y] to a gradient held as a sum of two doubles (2, n).
+def accumulate_gradient(gradient: Array, block: Array, estimate: Array, rest: Array) -> None:
+    """Add Φᵀ(y − Φθ) of a block of columns [Φ y] to a gradient (2, n); it and θ are sums of two doubles.
 
     Products and sums are exact to twice the working precision (Dekker's and Knuth's error-free transformations).
     """
@@ -251,7 +255,7 @@ def accumulate_gradient(gradient: Array, block: Array, estimate: Array) -> None:
         for j in range(parameters):
             product, error = _two_product(-block[j, i], estimate[j])
             high, carry = _two_sum(high, product)
-            low += carry + error
+            low += carry + error - block[j, i] * rest[j]
         high, low = _two_sum(high, low)
         for j in range(parameters):
             product, error = _two_product(block[j, i], high)

@@ -10,6 +10,10 @@ Estimation*, 1977, ch. V; with forgetting, Ljung, *System Identification*, 2nd e
 construction, at n²·3/2 multiplications a sample. Where nothing excites a direction, forgetting lets D grow without
 bound; it is not let far beyond its initial value, which already says as much as knowing nothing.
 
+Where only the last of many estimates is asked for, the samples between need not be gone through one by one: P⁻¹ = RᵀR
+with ``R = D^(−1/2) U⁻¹`` is a triangular factor like that of `information`, so a tile of samples, weighted by how much
+of each is remembered at its end, is reflected into it at a fraction of the cost, and U, D and θ are read off again.
+
 The state goes in and comes out, so samples one by one, in blocks, or all at once give the same numbers.
 """
 
@@ -25,6 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
+from emsid.estimation.information import TILE, add_multiple, reflect, workspace
 from emsid.estimation.least_squares import LinearStructure, M_co, check_excitation
 from emsid.record import Record, check_same_channels, concatenate
 
@@ -137,10 +142,11 @@ class RecursiveLeastSquares(Generic[M_co]):
             totals = np.array([state.samples, state.residual_sum_of_squares])
             for _, start, stop in self.structure.chunks(joined, len(joined)):
                 for block in self.structure.blocks(joined, start, stop):
-                    trace = np.empty((block.shape[1] if history is not None else 0, len(estimate)))
-                    update(estimate, factor, diagonal, totals, block, self.forgetting, ceiling, trace)
-                    if history is not None:
-                        history.append(trace)
+                    if history is None:
+                        update_by_tiles(estimate, factor, diagonal, totals, block, self.forgetting, ceiling)
+                    else:
+                        history.append(np.empty((block.shape[1], len(estimate))))
+                        update(estimate, factor, diagonal, totals, block, self.forgetting, ceiling, history[-1])
             if not np.isfinite(estimate).all():
                 raise DataError(f"{record.name}: the recursion overflowed; scale the channels or raise the forgetting")
             memory = self.structure.memory
@@ -241,7 +247,7 @@ def update(
 
     Args:
         estimate, factor, diagonal: θ (n,), Uᵀ (n, n), D (n,).
-        totals: effective samples and residual sum of squares.
+        totals: (2,) effective samples and residual sum of squares.
         block: (n + 1, m).
         forgetting: λ.
         ceiling: (n,) what D is not let beyond.
@@ -278,3 +284,85 @@ def update(
         totals[1] = forgetting * (totals[1] + error * weight)
         if len(trace):
             trace[t] = estimate
+
+
+@numba.njit(cache=True, nogil=True)
+def update_by_tiles(
+    estimate: Array, factor: Array, diagonal: Array, totals: Array, block: Array, forgetting: float, ceiling: Array
+) -> None:
+    """As `update` without a trace, but for rounding; by tiles where they are worth it and D stays below its ceiling.
+
+    A sample lets D grow by 1/λ at most, so whether it can reach the ceiling within a tile is known beforehand.
+    """
+    n, rows = len(estimate), block.shape[1]
+    top, tile = workspace(np.empty((n + 1, n + 1)))
+    weight = np.sqrt(forgetting) ** np.arange(TILE - 1, -1, -1)
+    none = np.empty((0, n))
+    for first in range(0, rows, TILE):
+        height = min(TILE, rows - first)
+        for j in range(n + 1):
+            tile[j, :height] = block[j, first : first + height]
+        if height > n and np.all(diagonal <= ceiling * forgetting**height):
+            _fold_tile(estimate, factor, diagonal, totals, tile, height, weight[TILE - height :], forgetting, top)
+        else:
+            update(estimate, factor, diagonal, totals, tile[: n + 1, :height].copy(), forgetting, ceiling, none)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _fold_tile(
+    estimate: Array,
+    factor: Array,
+    diagonal: Array,
+    totals: Array,
+    tile: Array,
+    height: int,
+    weight: Array,
+    forgetting: float,
+    top: Array,
+) -> None:
+    """The state after the first ``height`` rows of a tile of [Φ y], by reflections of ``[R 0; 0 ρ]``.
+
+    What is solved for is the change of θ, so y is replaced by its prediction error, and Rθ by zero; ρ² is the sum of
+    squares so far, ``weight`` the square root of what is remembered of each row at the end.
+    """
+    n = len(estimate)
+    remembered = np.sqrt(forgetting) * weight[0]
+    inverse = _inverse(factor)
+    for i in range(n):
+        scale = remembered / np.sqrt(diagonal[i])
+        for j in range(i, n):
+            top[i, j] = scale * inverse[j, i]
+        top[i, n] = 0.0
+        add_multiple(tile[n], -estimate[i], tile[i], height)
+    top[n, n] = remembered * np.sqrt(totals[1])
+    for j in range(n + 1):
+        row = tile[j]
+        for i in range(height):
+            row[i] *= weight[i]
+    for _ in range(height):
+        totals[0] = forgetting * totals[0] + 1.0
+    reflect(top, tile, height)
+
+    change = top[:n, n].copy()
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            change[i] -= top[i, j] * change[j]
+        change[i] /= top[i, i]
+        diagonal[i] = 1.0 / top[i, i] ** 2
+        for j in range(i, n):
+            inverse[j, i] = top[i, j] / top[i, i]
+    estimate += change
+    factor[:] = _inverse(inverse)
+    totals[1] = top[n, n] ** 2
+
+
+@numba.njit(cache=True, nogil=True)
+def _inverse(lower: Array) -> Array:
+    """The inverse of a unit lower triangular matrix."""
+    n = len(lower)
+    inverse = np.eye(n)
+    for i in range(n):
+        for k in range(i):
+            for j in range(k + 1):
+                inverse[i, j] -= lower[i, k] * inverse[k, j]
+    return inverse

@@ -1,7 +1,11 @@
 """`Narx`: a structure with its parameters, run one step, several steps or freely.
 
-The free run puts the model's own past outputs where the regressors ask for measured ones. What depends on inputs only
-is computed beforehand, block by block; only regressors that contain y need the loop from sample to sample.
+The free run puts the model's own past outputs where the regressors ask for measured ones. Every regressor is a product
+of lagged inputs times one of lagged outputs, so with the regressors gathered by the latter::
+
+    y(t) = c₀(t) + Σₖ cₖ(t) ψₖ(y(t − 1), y(t − 2), …)        cₖ(t) = Σ of θᵢ · (products of inputs)
+
+the coefficients cₖ are computed for many samples at once, and only the sum is left to the loop from sample to sample.
 """
 
 from __future__ import annotations
@@ -17,13 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.information import TILE, add_multiple
 from emsid.models.model import RUNAWAY, Run
 from emsid.models.regressors import (
     Factor,
     Integers,
+    Regressor,
     Structure,
-    Transform,
+    Tables,
     fill,
+    multiply,
     parse_regressor,
     tables,
     transformed,
@@ -33,14 +40,14 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 
 
-class Feedback(NamedTuple):
-    """The regressors that contain y, as the kernels read them."""
+class Recursion(NamedTuple):
+    """A model as the kernels read it."""
 
-    linear: Array  # (memory,) weights of y(t−1), y(t−2), …
-    weights: Array  # of all others, with `regressors.Tables` for what they are
-    offsets: Integers
-    factors: Integers
-    parameters: Array
+    weights: Array  # (n,) θ with the signs of the regressors
+    coefficients: Integers  # (n,) k of the cₖ that each belongs to
+    inputs: Tables  # the input part of each regressor
+    lags: Integers  # (p,) ψ₁ … ψₚ are y(t − lag), the newest last: only it has to be waited for
+    outputs: Tables  # ψₚ₊₁ …, products of outputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +95,7 @@ class Narx:
         bound = RUNAWAY * float(np.max(np.abs(record.output))) or np.finfo(float).max
 
         def advance(run: Array, segment: Record, start: int) -> int:
-            return int(free_run(run, segment.input, self._exogenous(segment, start), self._feedback, start, bound))
+            return int(free_run(run, _channels(segment), self._recursion, start, bound))
 
         return self._run(record, transient, advance)
 
@@ -99,11 +106,12 @@ class Narx:
 
         def advance(run: Array, segment: Record, start: int) -> int:
             if horizon == 1:
-                self._weigh(self.structure, self.parameters, segment, start, run[start:])
+                for block in self.structure.blocks(segment, start, len(segment)):
+                    np.dot(self.parameters, block[:-1], out=run[start : start + block.shape[1]])
+                    start += block.shape[1]
             else:
-                exogenous = self._exogenous(segment, self.memory)
                 measured = segment.output[:, 0]
-                predict_ahead(run, measured, segment.input, exogenous, self._feedback, self.memory, start, horizon)
+                predict_ahead(run, measured, _channels(segment), self._recursion, self.memory, start, horizon)
             return len(segment)
 
         return self._run(record, transient, advance)
@@ -162,43 +170,24 @@ class Narx:
             )
 
     @cached_property
-    def _feedback(self) -> Feedback:
-        """The regressors that contain y."""
-        linear, others, weights = np.zeros(self.memory), [], []
-        for regressor, parameter in zip(self.structure.regressors, self.parameters, strict=True):
-            weight = -parameter if regressor.negative else parameter
-            match regressor.factors:
-                case (Factor(0, lag, 1, Transform.VALUE),):
-                    linear[lag - 1] += weight
-                case _ if regressor.uses_output:
-                    others.append(regressor)
-                    weights.append(weight)
-        _, offsets, factors, parameters = tables(others)
-        return Feedback(linear, np.array(weights, dtype=float), offsets, factors, parameters)
+    def _recursion(self) -> Recursion:
+        regressors = self.structure.regressors
+        parts = [tuple(f for f in regressor.factors if f.channel == 0) for regressor in regressors]
+        plain = sorted({p for p in parts if p and p == (Factor(0, p[0].lag),)}, key=lambda p: -p[0].lag)
+        others = sorted({p for p in parts if p}.difference(plain))
+        place = {part: k for k, part in enumerate([(), *plain, *others])}
+        return Recursion(
+            np.where([regressor.negative for regressor in regressors], -self.parameters, self.parameters),
+            np.array([place[part] for part in parts]),
+            tables([Regressor(tuple(f for f in regressor.factors if f.channel)) for regressor in regressors]),
+            np.array([part[0].lag for part in plain], dtype=np.int64),
+            tables([Regressor(part) for part in others]),
+        )
 
-    @cached_property
-    def _outside(self) -> tuple[Structure, Array] | None:
-        """The regressors that contain inputs only, with their parameters."""
-        chosen = [k for k, regressor in enumerate(self.structure.regressors) if not regressor.uses_output]
-        if not chosen:
-            return None
-        regressors = tuple(self.structure.regressors[k] for k in chosen)
-        return Structure(regressors, inputs=self.structure.inputs), self.parameters[chosen]
 
-    def _exogenous(self, segment: Record, start: int) -> Array:
-        """The part of φᵀ(t)θ that contains inputs only, for every sample from ``start`` on."""
-        total = np.zeros(len(segment) - start)
-        if self._outside is not None:
-            self._weigh(*self._outside, segment, start, total)
-        return total
-
-    @staticmethod
-    def _weigh(structure: Structure, parameters: Array, segment: Record, start: int, result: Array) -> None:
-        """Write φᵀ(t)θ with measured outputs, for every sample from ``start`` on, into ``result``."""
-        done = 0
-        for block in structure.blocks(segment, start, len(segment)):
-            np.dot(parameters, block[:-1], out=result[done : done + block.shape[1]])
-            done += block.shape[1]
+def _channels(segment: Record) -> Array:
+    """u (nu, N), each channel in one piece."""
+    return np.ascontiguousarray(segment.input.T)
 
 
 class _Stored(msgspec.Struct, forbid_unknown_fields=True):
@@ -215,54 +204,88 @@ def free_run_reference(model: Narx, record: Record, start: int) -> Array:
     y = record.output[:, 0].copy()
     for t in range(start, len(record)):
         row = np.empty((len(model.structure) + 1, 1))
-        fill(row, *model.structure.tables, y, record.input, t)
+        fill(row, *model.structure.tables, y, record.input.T, t, 1)
         y[t] = row[:-1, 0] @ model.parameters
     return y
 
 
 @numba.njit(cache=True, nogil=True)
-def free_run(y: Array, u: Array, exogenous: Array, feedback: Feedback, start: int, bound: float) -> int:
-    """Overwrite y from ``start`` on by the model's own output; ``exogenous[t − start]`` is the rest of φᵀ(t)θ.
+def free_run(y: Array, u: Array, recursion: Recursion, start: int, bound: float) -> int:
+    """Overwrite y (N,) from ``start`` on by the model's own output, driven by u (nu, N).
 
     Returns the first sample that is not within ±``bound``, where the run ends, or the number of samples.
     """
-    linear, weights, offsets, factors, parameters = feedback
-    for t in range(start, len(y)):
-        total = exogenous[t - start]
-        for j in range(len(weights)):
-            product = weights[j]
-            for f in range(offsets[j], offsets[j + 1]):
-                channel, lag = factors[f, 0], factors[f, 1]
-                power, code = factors[f, 2], factors[f, 3]
-                x = y[t - lag] if channel == 0 else u[t - lag, channel - 1]
-                value = x if code == 0 else transformed(code, x, parameters[f])
-                for _ in range(power):
-                    product *= value
-            total += product
-        for k in range(len(linear), 0, -1):  # the newest last: only it has to be waited for
-            total += linear[k - 1] * y[t - k]
-        y[t] = total
-        if not abs(total) <= bound:
-            return t
+    coefficient = _room(recursion, TILE)
+    for first in range(start, len(y), TILE):
+        count = min(TILE, len(y) - first)
+        _weigh(coefficient, u, recursion, first, count)
+        reached = _advance(y, coefficient, recursion, first, 0, count, bound)
+        if reached < first + count:
+            return reached
     return len(y)
 
 
 @numba.njit(cache=True, nogil=True)
 def predict_ahead(
-    result: Array,
-    y: Array,
-    u: Array,
-    exogenous: Array,
-    feedback: Feedback,
-    memory: int,
-    start: int,
-    horizon: int,
+    result: Array, y: Array, u: Array, recursion: Recursion, memory: int, start: int, horizon: int
 ) -> None:
     """ŷ(t | t − horizon) for every t from ``start`` on: a free run of ``horizon`` steps begun anew for each."""
     window = np.empty(memory + horizon)
-    for t in range(start, len(y)):
-        first = max(t - horizon + 1, memory)
-        length = memory + t - first + 1
-        window[:memory] = y[first - memory : first]
-        free_run(window[:length], u[first - memory : t + 1], exogenous[first - memory :], feedback, memory, np.inf)
-        result[t] = window[length - 1]
+    coefficient = _room(recursion, TILE + horizon)
+    for first in range(start, len(y), TILE):
+        begin, end = max(first - horizon + 1, memory), min(first + TILE, len(y))
+        _weigh(coefficient, u, recursion, begin, end - begin)
+        for t in range(first, end):
+            origin = max(t - horizon + 1, memory)
+            window[:memory] = y[origin - memory : origin]
+            _advance(window, coefficient, recursion, memory, origin - begin, t - origin + 1, np.inf)
+            result[t] = window[memory + t - origin]
+
+
+@numba.njit(cache=True, nogil=True)
+def _room(recursion: Recursion, samples: int) -> Array:
+    """For c₀, c₁, … at so many samples, and one row to work in."""
+    return np.empty((1 + len(recursion.lags) + len(recursion.outputs.signs) + 1, samples))
+
+
+@numba.njit(cache=True, nogil=True)
+def _weigh(coefficient: Array, u: Array, recursion: Recursion, start: int, count: int) -> None:
+    """Write the cₖ of samples ``start`` … into the first columns of ``coefficient``."""
+    _, offsets, factors, parameters = recursion.inputs
+    coefficient[:, :count] = 0.0
+    product = coefficient[-1, :count]
+    for j in range(len(recursion.weights)):
+        product[:] = recursion.weights[j]
+        for f in range(offsets[j], offsets[j + 1]):
+            channel, lag, power, code = factors[f]
+            multiply(product, u[channel - 1, start - lag : start - lag + count], code, parameters[f], power)
+        add_multiple(coefficient[recursion.coefficients[j]], 1.0, product, count)
+
+
+@numba.njit(cache=True, nogil=True)
+def _advance(
+    y: Array, coefficient: Array, recursion: Recursion, start: int, column: int, count: int, bound: float
+) -> int:
+    """Overwrite ``count`` samples of y from ``start`` on; their cₖ begin at ``column``.
+
+    Returns the sample after the last, or the first that is not within ±``bound``.
+    """
+    lags = recursion.lags
+    _, offsets, factors, parameters = recursion.outputs
+    for i in range(count):
+        t = start + i
+        total = coefficient[0, column + i]
+        for k in range(len(offsets) - 1):
+            product = coefficient[1 + len(lags) + k, column + i]
+            for f in range(offsets[k], offsets[k + 1]):
+                _, lag, power, code = factors[f]
+                value = transformed(code, y[t - lag], parameters[f])
+                for _ in range(power):
+                    product *= value
+            total += product
+        for k in range(len(lags)):
+            total += coefficient[1 + k, column + i] * y[t - lags[k]]
+        y[t] = total
+        if not abs(total) <= bound:
+            return t
+    return start + count

@@ -112,11 +112,6 @@ class Regressor:
         product = "*".join(str(factor) for factor in self.factors) or "1"
         return f"-{product}" if self.negative else product
 
-    @property
-    def uses_output(self) -> bool:
-        """Whether a measured or simulated output enters."""
-        return any(factor.channel == 0 for factor in self.factors)
-
 
 class Tables(NamedTuple):
     """A structure as the kernels read it: factor ``offsets[j]`` to ``offsets[j + 1]`` belong to regressor j."""
@@ -256,13 +251,19 @@ class Structure:
     def blocks(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
         """[Φ y] of samples ``start`` to ``stop`` of a segment in blocks of columns (n + 1, ≤ `BLOCK`)."""
         for first in range(start, stop, BLOCK):
-            block = np.empty((len(self) + 1, min(BLOCK, stop - first)))
-            fill(block, *self.tables, segment.output[:, 0], segment.input, first)
+            count = min(BLOCK, stop - first)
+            block = np.empty((len(self) + 1, count))
+            fill(block, *self.tables, *self._window(segment, first, first + count), self.memory, count)
             yield block
 
     def fold(self, factor: Array, segment: Record, start: int, stop: int) -> None:
         """Fold [Φ y] of samples ``start`` to ``stop`` of a segment into a factor (n + 1, n + 1), in place."""
-        fold_regression(factor, *self.tables, segment.output[:, 0], segment.input, start, stop)
+        fold_regression(factor, *self.tables, *self._window(segment, start, stop), self.memory)
+
+    def _window(self, segment: Record, start: int, stop: int) -> tuple[Array, Array]:
+        """y (m,) and u (nu, m) of these samples and of those that they look back to, as the kernels read them."""
+        seen = slice(start - self.memory, stop)
+        return segment.output[seen, 0], np.ascontiguousarray(segment.input[seen].T)
 
     def model(self, parameters: Array, record: Record) -> Narx:
         """The model with these parameters, at the sample time of this record."""
@@ -567,29 +568,37 @@ def fill(
     y: Array,
     u: Array,
     start: int,
+    count: int,
 ) -> None:
-    """Write the regressors of samples ``start`` … into the rows of ``block``, and y itself into the last."""
-    count = block.shape[1]
+    """Write samples ``start`` to ``start + count`` of [Φ y] into a block, whose rows are the columns of it.
+
+    Args:
+        block: (≥ n + 1, ≥ count).
+        signs, offsets, factors, parameters: `Tables`.
+        y, u: (N,) and (nu, N).
+        start, count: which samples.
+    """
     for j in range(len(signs)):
-        row = block[j]
+        row = block[j, :count]
         row[:] = signs[j]
         for f in range(offsets[j], offsets[j + 1]):
             channel, lag, power, code = factors[f]
-            p = parameters[f]
-            signal = y if channel == 0 else u[:, channel - 1]
-            first = start - lag
-            if code == 0 and power == 1:
-                for i in range(count):
-                    row[i] *= signal[first + i]
-            else:
-                for i in range(count):
-                    value = transformed(code, signal[first + i], p)
-                    product = value
-                    for _ in range(power - 1):
-                        product *= value
-                    row[i] *= product
-    for i in range(count):
-        block[-1, i] = y[start + i]
+            signal = y if channel == 0 else u[channel - 1]
+            multiply(row, signal[start - lag : start - lag + count], code, parameters[f], power)
+    block[len(signs), :count] = y[start : start + count]
+
+
+@numba.njit(cache=True, nogil=True)
+def multiply(row: Array, x: Array, code: int, parameter: float, power: int) -> None:
+    """Multiply a row by a power of a transform of x, in place."""
+    if code == 0 and power == 1:
+        for i in range(len(row)):
+            row[i] *= x[i]
+        return
+    for i in range(len(row)):
+        value = transformed(code, x[i], parameter)
+        for _ in range(power):
+            row[i] *= value
 
 
 @numba.njit(cache=True, nogil=True)
@@ -602,13 +611,11 @@ def fold_regression(
     y: Array,
     u: Array,
     start: int,
-    stop: int,
 ) -> None:
-    """Fold samples ``start`` to ``stop`` into a factor, tile by tile: the regression never leaves the cache."""
-    width = len(factor)
+    """Fold samples ``start`` … into a factor, tile by tile: the regression never leaves the cache."""
     top, tile = workspace(factor)
-    for first in range(start, stop, TILE):
-        height = min(TILE, stop - first)
-        fill(tile[:width, :height], signs, offsets, factors, parameters, y, u, first)
+    for first in range(start, len(y), TILE):
+        height = min(TILE, len(y) - first)
+        fill(tile, signs, offsets, factors, parameters, y, u, first, height)
         reflect(top, tile, height)
-    factor[:, :] = top[:, :width]
+    factor[:, :] = top[:, : len(factor)]

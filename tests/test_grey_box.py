@@ -505,10 +505,90 @@ def test_what_a_fit_says_beyond_numbers():
     assert zone.support.sum() > 0
     held = np.concatenate([run[:, 0] == 0 for run in fit.simulated()])
     assert len(stops(fit)) == np.count_nonzero(np.diff(np.concatenate([[0], held, [0]])) == 1)
-    profile = likelihood_profile(fit, "motor_constant", 7)
+    profile = likelihood_profile(fit, "motor_constant")
     assert profile.interval == pytest.approx(tuple(fit.interval()[0]), rel=2e-3)
     with pytest.raises(ModelError, match="was not estimated; profiles can be had of motor_constant"):
         likelihood_profile(fit, "inductance")
+
+
+# --- likelihood profiles --------------------------------------------------------------------------------------------
+
+
+def lag_of(gain, start):
+    """dx/dt = 5(u − x), y = gain(p)·x: only the gain is a parameter."""
+    table = (Parameter("p", "p", "1", "what the gain depends on"),)
+    return OwnPlant(lambda x, u, p: [5 * (u[0] - x[0])], lambda x, u, p: [gain(p[0]) * x[0]], table, (start,), 1)
+
+
+def noisy_lag(noise, samples=120):
+    rng = np.random.default_rng(4)
+    u = np.repeat(rng.standard_normal(samples // 10), 10)[:, None]
+    y = lag_of(lambda p: p, 1.0).simulate(u, 0.1, np.zeros(1), SPEED)
+    return Record(u, y + noise * rng.standard_normal(y.shape), 0.1)
+
+
+def test_the_profile_of_what_the_output_is_linear_in_is_its_quadratic_approximation():
+    profile = likelihood_profile(simulation_error(lag_of(lambda p: p, 0.8), noisy_lag(1.0)), "p")
+    steps = (profile.values - profile.estimate) / profile.standard_error
+    end = np.sqrt(profile.limit)
+    assert steps == pytest.approx([-3, -2.25, -end, -1.5, -0.75, 0, 0.75, 1.5, end, 2.25, 3], abs=0.01)
+    colour = profile.deviance[-1] / 9
+    assert profile.deviance == pytest.approx(colour * steps**2, rel=1e-4, abs=1e-9)
+    assert colour == pytest.approx(1.0, rel=0.01)
+    assert profile.between(np.array(profile.interval)) == pytest.approx([profile.limit] * 2)
+    assert profile.limit == pytest.approx(3.841459)
+
+
+def test_a_profile_interval_does_not_depend_on_how_a_parameter_is_written():
+    record = noisy_lag(3.0)
+    plain = likelihood_profile(simulation_error(lag_of(lambda p: p, 0.8), record), "p")
+    bent_fit = simulation_error(lag_of(lambda p: p**3, 0.8), record)
+    bent = likelihood_profile(bent_fit, "p")
+    low, high = bent.interval
+    assert (low**3, high**3) == pytest.approx(plain.interval, rel=1e-3)
+    (approximate,) = bent_fit.interval()
+    assert np.max(np.abs(approximate - bent.interval)) > 0.1 * np.ptp(approximate)  # which does depend on it
+
+
+def test_a_profile_ends_at_a_bound_and_is_open_where_the_record_sets_none():
+    record = noisy_lag(0.4)
+    saturating = simulation_error(lag_of(lambda p: 1.05 * np.tanh(p), 1.5), record)
+    profile = likelihood_profile(saturating, "p")
+    assert profile.interval[1] == np.inf
+    assert 0 < profile.interval[0] < profile.estimate
+    assert profile.in_words.startswith("from ")
+    assert profile.in_words.endswith(" up, without an end")
+    bounds = {"p": (0.0, profile.estimate + 1.0)}
+    bounded = likelihood_profile(simulation_error(lag_of(lambda p: 1.05 * np.tanh(p), 1.5), record, bounds=bounds), "p")
+    assert bounded.interval[1] == bounds["p"][1]
+    assert bounded.interval[0] == pytest.approx(profile.interval[0], rel=0.01)
+
+
+def test_a_profile_fits_every_other_parameter_and_the_initial_states():
+    fit = simulation_error(MOTOR, [simulated_record(np.random.default_rng(k), samples=500) for k in (1, 2)], free=FREE)
+    profile = likelihood_profile(fit, "rotor_inertia")
+    value = float(profile.values[-1])
+    again = simulation_error(
+        fit.model.plant.put({"rotor_inertia": value}),
+        fit.segments,
+        free=[name for name in FREE if name != "rotor_inertia"],
+        look_around=False,
+    )
+    deviance = 2 * (again.cost - fit.cost) / fit.noise_variance / fit.colour[FREE.index("rotor_inertia")]
+    assert profile.deviance[-1] == pytest.approx(deviance, rel=1e-3)
+
+
+def test_an_interrupted_profile_is_none():
+    fit = simulation_error(MOTOR, simulated_record(np.random.default_rng(3), samples=300), free=FREE[:2])
+    calls = iter(range(1000))
+
+    def interrupting(error, dt):
+        if next(calls) == 12:
+            raise KeyboardInterrupt
+        return error
+
+    with pytest.raises(KeyboardInterrupt):
+        likelihood_profile(replace(fit, weighting=interrupting), "motor_constant")
 
 
 def test_standstills_are_those_of_the_motor_and_not_of_the_sensor_and_say_in_which_segment():

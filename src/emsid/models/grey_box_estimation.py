@@ -345,9 +345,7 @@ def _search(
     max_seconds: float,
     progress: Callable[[Iteration], None] | None,
 ) -> Minimum:
-    lower, upper = problem.lower, problem.upper
-    for k, name in enumerate(problem.free):
-        lower[k], upper[k] = limits[name]
+    lower, upper = problem.within(limits)
     return _with_colour(
         problem,
         gauss_newton(

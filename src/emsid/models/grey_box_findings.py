@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,13 @@ from scipy.special import ndtri
 from scipy.stats import chi2
 
 from emsid.errors import ModelError
-from emsid.models.grey_box_estimation import simulation_error
+from emsid.estimation.fit import Ending
+from emsid.estimation.gauss_newton import gauss_newton
+from emsid.estimation.threads import one_blas_thread
 from emsid.models.grey_box_fit import GreyBoxFit
+from emsid.models.grey_box_problem import FreeRunError, free_states
 from emsid.models.plants import DrivenMotor, LinearAxis, Plant, Sensor, Signal
 from emsid.plant import DeadZone
-from emsid.record import concatenate
 
 Array = NDArray[np.float64]
 
@@ -56,18 +59,51 @@ class Profile:
     """The likelihood of a parameter, all others at their best for each of its values.
 
     Attributes:
-        name: the parameter.
-        values: (n,) its values.
+        name, unit: of the parameter.
+        estimate, standard_error: of the fit; near the estimate the deviance is ((value − estimate)/standard error)².
+        values: (n,) the values tried, the estimate among them, ascending.
         deviance: (n,) 2·(log L_max − log L), corrected for colour of the residual; χ² with one degree of freedom.
-        interval: where the deviance stays below the quantile of the level, infinite where it does within the grid.
+        interval: where the deviance stays below the limit, up to a bound of the parameter; infinite where it still does
+            at the last value tried.
         level: of that interval.
     """
 
     name: str
+    unit: str
+    estimate: float
+    standard_error: float
     values: Array
     deviance: Array
     interval: tuple[float, float]
     level: float
+
+    @property
+    def limit(self) -> float:
+        """The quantile of χ² with one degree of freedom at the level."""
+        return float(chi2.ppf(self.level, 1))
+
+    @property
+    def in_words(self) -> str:
+        """The interval with its unit; an end that was not found is open."""
+        low, high = self.interval
+        unit = "" if self.unit in ("", "1") else f" {self.unit}"
+        if np.isfinite(low) and np.isfinite(high):
+            return f"from {low:.6g} to {high:.6g}{unit}"
+        if np.isfinite(low):
+            return f"from {low:.6g}{unit} up, without an end"
+        return f"up to {high:.6g}{unit}, without a beginning" if np.isfinite(high) else "without ends"
+
+    def between(self, x: Array) -> Array:
+        """The deviance at (m,) values, its signed root taken to be straight between those tried."""
+        best = np.argmin(self.deviance)
+        root = np.sign(self.values - self.values[best]) * np.sqrt(self.deviance)
+        return np.asarray(np.interp(x, self.values, root)) ** 2
+
+    def to_data(self) -> dict[str, Any]:
+        """What a file holds."""
+        arrays = {"values": self.values.tolist(), "deviance": self.deviance.tolist(), "interval": list(self.interval)}
+        named = {name: getattr(self, name) for name in ("name", "unit", "estimate", "standard_error", "level")}
+        return named | arrays
 
 
 def friction_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> Curve:
@@ -112,54 +148,93 @@ def stops(fit: GreyBoxFit) -> tuple[Stop, ...]:
     return tuple(found)
 
 
-def likelihood_profile(fit: GreyBoxFit, name: str, points: int = 9, level: float = 0.95) -> Profile:
-    """The profile of one estimated parameter, over three standard errors either way.
+STEPS = (0.75, 1.5, 2.25, 3.0, 6.0, 12.0, 24.0)
+"""How far from the estimate a profile is taken, in standard errors; beyond `REACH` only until the limit is passed."""
+REACH = 3.0
 
-    Every point is a fit of all other parameters. The deviance is divided by how much colour inflates the variance, the
-    ratio of the sandwich to the white variance.
+
+@one_blas_thread()
+def likelihood_profile(
+    fit: GreyBoxFit, name: str, level: float = 0.95, progress: Callable[[float], None] = lambda fraction: None
+) -> Profile:
+    """The profile of one estimated parameter, step by step away from its estimate.
+
+    Every point is a fit of all other parameters and the initial states, begun where the one before it ended. The
+    deviance 2·(V − V_min)/σ² is divided by how much colour inflates the variance, the ratio of the sandwich to the
+    white variance. Venzon, Moolgavkar, *A method for computing profile-likelihood-based confidence intervals*, Applied
+    Statistics 37 (1988).
+
+    Args:
+        fit: of any plant.
+        name: of the parameter.
+        level: of the interval.
+        progress: called with the fraction done.
 
     Raises:
-        ModelError: for a parameter that was not estimated.
+        ModelError: for a parameter that was not estimated or is held by a bound.
     """
     if name not in fit.names:
-        raise ModelError(f"{name} was not estimated; profiles can be had of {', '.join(fit.names)}")
+        raise ModelError(f"{name} was not estimated; profiles can be had of {', '.join(fit.names) or 'none'}")
     k = fit.names.index(name)
-    error = float(fit.standard_error[k])
+    best, error = float(fit.estimate[k]), float(fit.standard_error[k])
     if not 0 < error < np.inf:
         raise ModelError(f"{name} has no finite standard error, so there is no range to take a profile over")
     low, high = fit.limits[name]
-    values = np.clip(fit.estimate[k] + error * np.linspace(-3, 3, points), low, high)
-    values = np.unique(values)
-    record = concatenate(fit.segments)
-
-    def cost(value: float) -> float:
-        moved = fit.model.plant.put({name: value})
-        bounds = {other: fit.limits[other] for other in fit.names} | {name: (value, value)}
-        refit = simulation_error(
-            moved, record, free=fit.names, bounds=bounds, signals=fit.model.signals, weighting=fit.weighting
-        )
-        return refit.cost
-
-    costs = np.array([cost(float(v)) for v in values])
-    lowest = min(float(costs.min()), fit.cost)
-    deviance = 2 * (costs - lowest) / fit.noise_variance / fit.colour[k]
-    limit = float(chi2.ppf(level, 1))
-    return Profile(name, values, deviance, _below(values, deviance, float(fit.estimate[k]), limit), level)
-
-
-def _below(x: Array, deviance: Array, best: float, limit: float) -> tuple[float, float]:
-    """Where the deviance, straight in its root between points, crosses the limit left and right of the best value."""
-    root, ends = np.sqrt(np.maximum(deviance, 0.0)), []
-    for side in (-1, 1):
-        here = np.flatnonzero(side * (x - best) > 0)[::side]
-        before_x, before = best, 0.0
-        end = side * np.inf
-        for k in here:
-            if root[k] >= np.sqrt(limit):
-                end = before_x + (x[k] - before_x) * (np.sqrt(limit) - before) / (root[k] - before)
+    limit, unit = float(chi2.ppf(level, 1)), fit.noise_variance * float(fit.colour[k]) / 2
+    costs = {best: fit.cost}
+    for side, bound in ((-1, low), (1, high)):
+        plant, value = fit.model.plant, best
+        states: Sequence[Array] = fit.states
+        for done, step in enumerate(STEPS):
+            passed = costs[value] - min(costs.values()) > limit * unit
+            if value == bound or (passed and step > REACH):
                 break
-            before_x, before = x[k], root[k]
-        ends.append(float(end))
+            progress((done / len(STEPS) + (side > 0)) / 2)
+            value = float(np.clip(best + side * step * error, low, high))
+            costs[value], plant, states = _others_at_their_best(fit, plant.put({name: value}), name, states)
+    for end in _below(*_profile(costs, unit), limit, (low, high)):  # between points far apart it is but a first guess
+        if np.isfinite(end) and end not in costs:
+            costs[end] = _others_at_their_best(fit, fit.model.plant.put({name: end}), name, fit.states)[0]
+    values, deviance = _profile(costs, unit)
+    interval = _below(values, deviance, limit, (low, high))
+    return Profile(name, fit.model.plant.handles[name].parameter.unit, best, error, values, deviance, interval, level)
+
+
+def _profile(costs: Mapping[float, float], unit: float) -> tuple[Array, Array]:
+    """Values, ascending, and their deviance, from V at each of them."""
+    values = np.array(sorted(costs))
+    cost = np.array([costs[value] for value in values])
+    return values, (cost - cost.min()) / unit
+
+
+def _others_at_their_best(
+    fit: GreyBoxFit, plant: Plant, name: str, states: Sequence[Array]
+) -> tuple[float, Plant, Sequence[Array]]:
+    """V, plant and initial states where all that was estimated is estimated again, but for one parameter."""
+    signals, segments = fit.model.signals, fit.segments
+    others = [other for other in fit.names if other != name]
+    unknown = [free_states(plant, signals, segment) for segment in segments]
+    problem = FreeRunError(plant, signals, segments, others, states, unknown, fit.weighting, os.cpu_count() or 1)
+    lower, upper = problem.within(fit.limits)
+    found = gauss_newton(problem, problem.start, lower=lower, upper=upper, names=problem.names)
+    if found.ending is Ending.INTERRUPTED:  # half a profile is none
+        raise KeyboardInterrupt
+    return found.cost, problem.plant_at(found.estimate), problem.states(found.estimate)
+
+
+def _below(x: Array, deviance: Array, limit: float, bounds: tuple[float, float]) -> tuple[float, float]:
+    """Where the deviance, straight in its root between points, crosses the limit left and right of its minimum."""
+    root, best = np.sqrt(deviance / limit), int(np.argmin(deviance))
+    ends = []
+    for side, bound in ((-1, bounds[0]), (1, bounds[1])):
+        outwards = slice(best, None, side)
+        xs, roots = x[outwards], root[outwards]
+        beyond = np.flatnonzero(roots >= 1)
+        if len(beyond):
+            a, b = beyond[0] - 1, beyond[0]
+            ends.append(float(xs[a] + (xs[b] - xs[a]) * (1 - roots[a]) / (roots[b] - roots[a])))
+        else:
+            ends.append(bound if xs[-1] == bound else side * np.inf)
     return ends[0], ends[1]
 
 

@@ -19,7 +19,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from math import inf, isfinite
@@ -153,6 +153,12 @@ class FreeRunError:
     def upper(self) -> Array:
         """The largest physical values."""
         return np.array([self.plant.handles[n].upper for n in self.free] + [inf] * len(self._places))
+
+    def within(self, limits: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
+        """The smallest and the largest θ, given those of its parameters; initial states have no bounds."""
+        unbounded = [(-inf, inf)] * len(self._places)
+        both = np.array([limits[name] for name in self.free] + unbounded).reshape(-1, 2)
+        return both[:, 0], both[:, 1]
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -144,6 +145,22 @@ BAD = {
         ("identify", "LOG", *IDENTIFY, "--models", "rigid-motor", "--fix", "resistanse=1"),
         ("resistanse", "resistance"),
     ),
+    "profile of an unknown parameter": (
+        ("identify", "LOG", *IDENTIFY, "--models", "arx,rigid-motor", "--profile", "resistance,inertia"),
+        ("rigid-motor has no parameter 'inertia'", "rotor_inertia"),
+    ),
+    "profile of a fixed parameter": (
+        ("identify", "LOG", *IDENTIFY, "--models", "rigid-motor", "--fix", "resistance=1", "--profile", "resistance"),
+        ("resistance is fixed, so it has no profile", "rotor_inertia"),
+    ),
+    "profile without a physical model": (
+        ("identify", "LOG", *IDENTIFY, "--models", "arx", "--profile", "resistance"),
+        ("resistance cannot be profiled", "rigid-motor, motor, linear-axis"),
+    ),
+    "fixed without a physical model": (
+        ("identify", "LOG", *IDENTIFY, "--fix", "resistance=1"),
+        ("resistance cannot be fixed", "rigid-motor, motor, linear-axis"),
+    ),
     "missing datasheet": (("identify", "LOG", *IDENTIFY, "--datasheet", "sheet.toml"), ("sheet.toml",)),
     "missing motor": (("study", "--motor", "motor.toml"), ("motor.toml",)),
     "forgetting of zero": (("study", "--forgetting", "0", "--duration", "2"), ("forgetting",)),
@@ -175,6 +192,99 @@ def test_columns_that_cannot_be_identified_from(name, values, said, run, tmp_pat
     assert said in err
     assert err.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["bad.csv"]
+
+
+@pytest.fixture(scope="module")
+def motor_log(tmp_path_factory):
+    """A CSV of a simulated motor."""
+    path = tmp_path_factory.mktemp("motor") / "motor.csv"
+    command = [sys.executable, "-c", "from emsid.cli import main; main()", "simulate", "--duration", "4", "--out", path]
+    subprocess.run([str(word) for word in command], check=True, capture_output=True)
+    return path
+
+
+MOTOR = ("--input", "voltage", "--output", "speed", "--time", "t")
+SHEETS = {"motor": "[motor]\nresistance = '2 ohm'\n", "axis": "[linear-axis]\nmass = '1 kg'\n"}
+
+
+@pytest.fixture
+def bare(monkeypatch):
+    """Physical candidates without the search for refinements, which takes its time."""
+    from emsid import identification
+
+    for name in ("rigid-motor", "linear-axis"):
+        plain = replace(identification.CANDIDATES[name], refinements=())
+        monkeypatch.setitem(identification.CANDIDATES, name, plain)
+
+
+def test_a_profile_is_printed_drawn_and_written(run, motor_log, tmp_path, bare):
+    wanted = "motor_constant,drive.delay"
+    words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", "--fix", "resistance=2", "--profile", wanted)
+    status, out, _ = run(*words, "--out", tmp_path / "out")
+    assert status == 0
+    data = json.loads((tmp_path / "out" / "result.json").read_text())
+    (profile,) = data["profiles"]
+    assert (profile["model"], profile["name"], profile["unit"]) == ("rigid-motor", "motor_constant", "N*m/A")
+    low, high = profile["interval"]
+    assert low < profile["estimate"] < high
+    assert high - low == pytest.approx(2 * 1.96 * profile["standard_error"], rel=0.2)
+    assert len(profile["values"]) == len(profile["deviance"]) >= 9
+    said = f"the profile of motor_constant has its 95 % interval from {low:.6g} to {high:.6g} N*m/A."
+    missing = "rigid-motor: no profile of drive.delay: drive.delay was not estimated; profiles can be had of "
+    assert said in out
+    assert missing in out
+    assert (tmp_path / "out" / "figures" / "rigid-motor-profile-motor-constant.svg").exists()
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Likelihood profile of motor_constant" in page
+    assert said in page
+
+
+def test_a_datasheet_of_another_plant_is_said_to_be_set_aside(run, motor_log, tmp_path, bare):
+    sheet = tmp_path / "sheet.toml"
+    sheet.write_text(SHEETS["motor"])
+    words = ("identify", motor_log, *MOTOR, "--models", "arx,linear-axis,rigid-motor", "--datasheet", sheet)
+    status, out, _ = run(*words, "--out", tmp_path / "out")
+    assert status == 0
+    said = "linear-axis: the datasheet says nothing of this model and was set aside for it."
+    assert out.splitlines().count(said) == 1
+    assert "set aside" not in out.replace(said, "")
+    assert said in (tmp_path / "out" / "report.html").read_text()
+    assert said in json.loads((tmp_path / "out" / "result.json").read_text())["remarks"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "models", "usable"),
+    [
+        ("axis", "rigid-motor,motor", "linear-axis"),
+        ("motor", "linear-axis", "rigid-motor, motor"),
+        ("motor", "arx", "rigid-motor, motor"),
+    ],
+)
+def test_a_datasheet_that_no_model_can_use_is_refused_before_anything_is_fitted(
+    kind, models, usable, run, motor_log, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("emsid.identification.choose", None)
+    sheet = tmp_path / "sheet.toml"
+    sheet.write_text(SHEETS[kind])
+    out = tmp_path / "out"
+    status, _, err = run("identify", motor_log, *MOTOR, "--models", models, "--datasheet", sheet, "--out", out)
+    assert status == 2
+    assert err.count("\n") == 1
+    assert err.endswith(f"choose a model that it is for: {usable}\n")
+    assert not out.exists()
+
+
+def test_interrupting_a_profile_keeps_the_fit(run, motor_log, tmp_path, bare, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("emsid.identification.likelihood_profile", interrupted)
+    words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", "--profile", "motor_constant")
+    status, out, err = run(*words, "--out", tmp_path / "out")
+    assert status == 130
+    assert "interrupted" in err
+    assert "chosen: rigid-motor" in out
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["profiles"] == []
 
 
 def test_interrupting_keeps_what_was_found(run, log, tmp_path, monkeypatch):

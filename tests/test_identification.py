@@ -7,6 +7,7 @@ import emsid
 from emsid.errors import DataError, ModelError
 from emsid.estimation.selection import coordinate_search
 from emsid.identification import CANDIDATES, Options, Regression, identify
+from emsid.models.grey_box_datasheet import Given
 
 
 def system(samples, seed, noise=0.01):
@@ -125,6 +126,48 @@ def test_a_motor_is_recognised_from_its_record_alone(tmp_path):
     save(result.chosen.model, tmp_path / "motor.json")
     again = load(tmp_path / "motor.json")
     np.testing.assert_array_equal(again.simulate(record).output, result.chosen.model.simulate(record).output)
+
+
+def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkeypatch):
+    from dataclasses import replace
+
+    from emsid.models.grey_box_choice import by_direction
+    from emsid.models.plants import LinearAxis, Signal
+    from emsid.plant import Friction
+
+    rng = np.random.default_rng(0)
+    force = np.repeat(rng.uniform(-100, 100, 60), 20)[:, None]
+    truth = LinearAxis(80.0, (150.0, 220.0), Friction((25.0, 15.0)))
+    position = truth.simulate(force, 0.005, np.zeros(2), (Signal.POSITION,))
+    noisy = position + 1e-5 * rng.standard_normal(position.shape)
+    record = emsid.Record(force, noisy, 0.005, input_units=("N",), output_units=("m",))
+    monkeypatch.setitem(CANDIDATES, "linear-axis", replace(CANDIDATES["linear-axis"], refinements=(by_direction,)))
+    seen = []
+    result = identify(
+        record,
+        models=["linear-axis"],
+        options=Options(profile=("friction.coulomb", "mass", "friction.coulomb.forward")),
+        progress=lambda what, fraction: seen.append(what),
+    )
+    levels = {each.name: each for each in result.profiles["linear-axis"]}
+    assert list(levels) == ["friction.coulomb.forward", "friction.coulomb.backward", "mass"]
+    for name, value in (("friction.coulomb.forward", 25.0), ("friction.coulomb.backward", 15.0), ("mass", 80.0)):
+        error = levels[name].standard_error
+        assert levels[name].interval == pytest.approx((value, value), abs=5 * error)
+    assert "linear-axis: mass" in seen
+
+
+def test_wishes_are_refused_before_anything_is_fitted(monkeypatch):
+    monkeypatch.setattr("emsid.identification.choose", None)
+    record = system(400, 14)
+    with pytest.raises(ModelError, match=r"motor has no parameter 'mass'; it has resistance, "):
+        identify(record, models=["arx", "rigid-motor"], options=Options(profile=("mass",)))
+    fixed = {"rotor_friction.coulomb.forward": 1e-3, "rotor_friction.coulomb.backward": 1e-3, "shaft_stiffness": 9.0}
+    with pytest.raises(ModelError, match=r"coulomb is fixed, so it has no profile; rigid-motor also has ") as refused:
+        identify(record, models=["rigid-motor"], options=Options(fix=fixed, profile=("rotor_friction.coulomb",)))
+    assert "rotor_friction.coulomb" not in str(refused.value).partition("also has")[2].split(", ")
+    with pytest.raises(ModelError, match="the datasheet says nothing of arx; choose a model that it is for: linear-"):
+        identify(record, models=["arx"], options=Options(datasheet={"mass": Given(1.0)}))
 
 
 def test_coordinate_search_prefers_the_simpler_of_equals():

@@ -24,6 +24,7 @@ from emsid.models.cascade import Cascade, fit_cascade, static_band
 from emsid.models.filters import Rational
 from emsid.models.grey_box_datasheet import Given
 from emsid.models.grey_box_estimation import simulation_error
+from emsid.models.grey_box_findings import likelihood_profile
 from emsid.models.plants import DrivenMotor, LinearAxis, OwnPlant, Sensor, Signal
 from emsid.models.static_maps import Abs, CoulombLinear, CubicSpline, PiecewiseLinear, Polynomial, Saturation
 from emsid.models.static_maps import DeadZone as DeadZoneMap
@@ -185,6 +186,13 @@ def of_plants():
 
 CASCADE_FITS = {kind: of_cascade(cascade) for kind, cascade in CASCADES.items()}
 PLANT_FITS = dict(of_plants())
+PROFILES = {"taken": likelihood_profile(PLANT_FITS["rigid motor"], "rotor_inertia")}
+PROFILES |= {
+    "open": replace(
+        PROFILES["taken"], name="rotor_friction.coulomb", interval=(0.0, np.inf), estimate=1.0, standard_error=0.5,
+        values=np.array([0.0, 1.0, 13.0]), deviance=np.array([3.0, 0.0, 0.9]),
+    )
+}  # fmt: skip
 
 
 def every_figure():
@@ -216,6 +224,8 @@ def every_figure():
         for view in (grey_box_views.friction(fit), grey_box_views.dead_zone(fit), grey_box_views.sticking(fit)):
             if view is not None and kind != "own plant":
                 yield f"{view.name}, {kind}", view
+    for kind, profile in PROFILES.items():
+        yield f"likelihood profile, {kind}", grey_box_views.likelihood(PLANT_FITS["rigid motor"], profile)
     yield "every mark", every_mark()
 
 
@@ -785,6 +795,28 @@ def test_the_motor_sticks_where_it_stands_still_whatever_the_sensor_shows(kind):
     )
 
 
+def test_a_profile_stands_beside_its_quadratic_approximation():
+    fit, profile = PLANT_FITS["rigid motor"], PROFILES["taken"]
+    figure = grey_box_views.likelihood(fit, profile)
+    assert figure.name == "rigid-motor-profile-rotor-inertia"
+    (plot,) = figure.plots
+    spans, curve, quadratic, points, threshold = plot.marks
+    assert plot.x.title == "Rotor moment of inertia [kg·m²]"
+    assert tuple(spans.edges[0]) == profile.interval
+    assert threshold.value == pytest.approx(3.841459)
+    assert np.interp(spans.edges[0], curve.x, curve.y) == pytest.approx([threshold.value] * 2, rel=1e-3)
+    (approximate,) = fit.interval()[[fit.names.index("rotor_inertia")]]
+    assert np.interp(approximate, quadratic.x, quadratic.y) == pytest.approx([threshold.value] * 2, rel=1e-3)
+    assert np.interp(points.x, curve.x, curve.y) == pytest.approx(points.y, abs=0.01)
+    assert all(f"{end:.6g}" in figure.caption for end in (*profile.interval, *approximate))
+
+
+def test_an_open_profile_is_shaded_to_the_edge():
+    figure = grey_box_views.likelihood(PLANT_FITS["rigid motor"], PROFILES["open"])
+    assert figure.plots[0].marks[0].edges[0] == pytest.approx([0.0, figure.plots[0].x.range[1]])
+    assert "interval is from 0 kg·m² up, without an end" in figure.caption
+
+
 def test_a_plant_of_the_users_own_has_no_friction_to_show():
     fit = PLANT_FITS["own plant"]
     assert grey_box_views.friction(fit) is None
@@ -806,6 +838,10 @@ def test_a_section_shows_what_a_model_of_its_kind_has():
         "rigid-motor-sticking",
         "rigid-motor-friction",
         "rigid-motor-dead-zone",
+    ]
+    assert shown(PLANT_FITS["rigid motor"], log, profiles=PROFILES.values())[3:] == [
+        "rigid-motor-profile-rotor-inertia",
+        "rigid-motor-profile-rotor-friction-coulomb",
     ]
     assert shown(RECURSIVE[0], drive()) == []
 

@@ -271,6 +271,10 @@ def identify(
     datasheet: Annotated[
         Path | None, typer.Option(metavar="TOML", help="What a datasheet says of the physical parameters.")
     ] = None,
+    profile: Annotated[
+        str | None,
+        typer.Option(metavar="NAME,...", help="Physical parameters to take a likelihood profile of."),
+    ] = None,
     out: Out = Path("emsid-result"),
 ) -> None:
     """Fit candidate models to a record and rank them by their free run on unseen data.
@@ -284,6 +288,7 @@ def identify(
       emsid identify log.dat -u PWM -y mVel --dt 0.010048 --mask "abs(PWM) > 255" --validate other.dat
       emsid identify drives.csv -u u11 -y z11 --dt 0.02 --models wiener-hammerstein --static abs
       emsid identify log.csv -u voltage -y speed --time t --models rigid-motor --fix resistance=1.2
+      emsid identify log.csv -u voltage -y speed --time t --models rigid-motor --profile voltage_dead_zone.half_width
       emsid identify arm.mat -u vir -y "d(qm)" --time t --scale vir=35.15065 --models friction-narx --knots 8
     """
     from emsid import identification
@@ -296,7 +301,10 @@ def identify(
         na, nb, nk, degree, taps, knots, _counts(orders, "--orders"), FAMILIES[static], ridge, forgetting
     )
     options = replace(
-        options, fix=_numbers(fix, "--fix"), datasheet={} if datasheet is None else read_datasheet(datasheet)
+        options,
+        fix=_numbers(fix, "--fix"),
+        datasheet={} if datasheet is None else read_datasheet(datasheet),
+        profile=tuple(profile.split(",")) if profile else (),
     )
     records, tests = [reader(path) for path in files], [reader(path) for path in validate]
     with _progress() as report_progress:

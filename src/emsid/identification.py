@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -22,7 +23,10 @@ from emsid.estimation.selection import coordinate_search
 from emsid.models.cascade import Cascade
 from emsid.models.families import SPLINE, Family
 from emsid.models.grey_box_choice import REFINEMENTS, STARTS, Mechanical, Refinement, choose
-from emsid.models.grey_box_datasheet import Given
+from emsid.models.grey_box_datasheet import Given, applicable
+from emsid.models.grey_box_findings import Profile, likelihood_profile
+from emsid.models.grey_box_fit import GreyBoxFit
+from emsid.models.plants import find_handle, parts, without_overlap
 from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
 from emsid.models.wiener_hammerstein import HAMMERSTEIN, HAMMERSTEIN_WIENER, WIENER, WIENER_HAMMERSTEIN, Layout, advice
 from emsid.models.wiener_hammerstein import Options as CascadeOptions
@@ -53,6 +57,7 @@ class Options:
         forgetting: forgetting factor; recursive least squares is used where it is given.
         fix: physical parameters that are known, by name, in SI units.
         datasheet: what is said of others: where to start, and how far off they may be.
+        profile: physical parameters to take a likelihood profile of.
         held_back: fraction of the record, at its end, on which choices are made.
     """
 
@@ -68,6 +73,7 @@ class Options:
     forgetting: float | None = None
     fix: Mapping[str, float] = field(default_factory=dict)
     datasheet: Mapping[str, Given] = field(default_factory=dict)
+    profile: tuple[str, ...] = ()
     held_back: float = 0.25
 
     def estimate(self, structure: Structure, record: Record, history: bool = False) -> Fit[Any]:
@@ -255,6 +261,8 @@ class Identification:
         identification: the models on `record`.
         verification: the models on `unseen`, the best free run first.
         failed: for every candidate that could not be fitted, why.
+        profiles: likelihood profiles of physical parameters, by model.
+        asides: what else is to be said of a wish that could not be met, in sentences.
         interrupted: whether the user stopped it before all candidates were done.
     """
 
@@ -263,6 +271,8 @@ class Identification:
     identification: Comparison
     verification: Comparison
     failed: Mapping[str, str]
+    profiles: Mapping[str, tuple[Profile, ...]] = field(default_factory=dict)
+    asides: tuple[str, ...] = ()
     interrupted: bool = False
 
     @property
@@ -277,6 +287,7 @@ class Identification:
             "schema": 1,
             "rows": [row.to_data() for row in rows],
             "chosen": self.chosen.model.name,
+            "profiles": [{"model": name} | each.to_data() for name, some in self.profiles.items() for each in some],
             "remarks": remarks(self),
         }
 
@@ -303,13 +314,15 @@ def identify(
         progress: called with the candidate at work and the fraction done of it.
 
     Raises:
-        ModelError: for an unknown name, or where no candidate can be fitted.
+        ModelError: for an unknown name, wishes that no candidate can meet, or where no candidate can be fitted.
         DataError: for records that do not belong together.
     """
     options = options or Options()
     unknown = [name for name in models if name not in CANDIDATES]
     if unknown or not models:
         raise ModelError(f"no model {', '.join(unknown) or 'is named'}; there are {', '.join(CANDIDATES)}")
+    plants = {name: each.plant for name in models if isinstance(each := CANDIDATES[name], Physical)}
+    asides = _check_physics(plants, models, options)
     record = _one(records)
     if validation is None:
         train, rest = record.split(1 - unseen)
@@ -332,14 +345,81 @@ def identify(
         if failed:
             raise next(iter(failed.values()))
         raise KeyboardInterrupt
+    profiles, missing, stopped = _profiles(fits, () if interrupted else options.profile, progress)
     return Identification(
         train,
         test,
         compare(fits, train, transient, data="identification"),
         compare(fits, test, transient),
         {name: str(problem) for name, problem in failed.items()},
-        interrupted,
+        profiles,
+        (*asides, *missing),
+        interrupted or stopped,
     )
+
+
+def _check_physics(plants: Mapping[str, Mechanical], models: Sequence[str], options: Options) -> list[str]:
+    """Which models a datasheet is set aside for, in sentences.
+
+    Raises:
+        ModelError: for what is said or asked of physical parameters that none of the models has.
+    """
+    sheet = options.datasheet
+    with_sheet = [name for name, plant in plants.items() if applicable(sheet, plant)]
+    if sheet and not with_sheet:
+        usable = [n for n, each in CANDIDATES.items() if isinstance(each, Physical) and applicable(sheet, each.plant)]
+        raise ModelError(
+            f"the datasheet says nothing of {', '.join(models)}; choose a model that it is for: {', '.join(usable)}"
+        )
+    if (options.fix or options.profile) and not plants:
+        what, names = ("fixed", options.fix) if options.fix else ("profiled", options.profile)
+        usable = [name for name, each in CANDIDATES.items() if isinstance(each, Physical)]
+        raise ModelError(
+            f"{', '.join(names)} cannot be {what}, because {', '.join(models)} has no physical parameters; models that "
+            f"have are {', '.join(usable)}"
+        )
+
+    def open_names(plant: Mechanical, names: Iterable[str]) -> tuple[str, ...]:
+        return without_overlap(plant, names, [name for name in options.fix if name in plant.handles])
+
+    for name in options.profile:
+        owners = [plant for plant in plants.values() if name in plant.handles]
+        plant = next(iter(owners or plants.values()))
+        find_handle(plant, name)
+        if not any(open_names(owner, [name]) for owner in owners):
+            others = [other for other in plant.handles if open_names(plant, [other])]
+            raise ModelError(f"{name} is fixed, so it has no profile; {plant.name} also has {', '.join(others)}")
+    return [
+        f"{name}: the datasheet says nothing of this model and was set aside for it."
+        for name in plants
+        if sheet and name not in with_sheet
+    ]
+
+
+def _profiles(
+    fits: Sequence[Fit[Any]], names: Sequence[str], progress: Progress
+) -> tuple[dict[str, tuple[Profile, ...]], list[str], bool]:
+    """The profiles that can be taken, by model; in sentences why others cannot; whether the user stopped it.
+
+    Where a parameter was split by direction, both of its parts are meant.
+    """
+    taken: dict[str, tuple[Profile, ...]] = {}
+    missing: list[str] = []
+    for fit in fits:
+        if not isinstance(fit, GreyBoxFit):
+            continue
+        model, plant = fit.model.name, fit.model.plant
+        asked = [name for name in names if name in plant.handles]
+        split = {name: [part for part in parts(plant, name) if part in fit.names] for name in asked}
+        for name in dict.fromkeys(one for whole in asked for one in split[whole] or [whole]):
+            try:
+                profile = likelihood_profile(fit, name, progress=partial(progress, f"{model}: {name}"))
+                taken[model] = (*taken.get(model, ()), profile)
+            except KeyboardInterrupt:
+                return taken, missing, True
+            except EmsidError as problem:
+                missing.append(f"{model}: no profile of {name}: {problem}.")
+    return taken, missing, False
 
 
 def remarks(result: Identification) -> list[str]:
@@ -365,8 +445,13 @@ def remarks(result: Identification) -> list[str]:
         words = [fit.message] * bool(fit.message)
         words += advice(fit, result.record) if isinstance(fit.model, Cascade) else []
         sentences += [f"{fit.model.name}: {each.rstrip('.')}." for each in words]
+    sentences += [
+        f"{name}: the profile of {each.name} has its {100 * each.level:g} % interval {each.in_words}."
+        for name, profiles in result.profiles.items()
+        for each in profiles
+    ]
     sentences += [f"{name} could not be fitted: {why}." for name, why in result.failed.items()]
-    return sentences
+    return [*sentences, *result.asides]
 
 
 def _one(records: Record | Iterable[Record]) -> Record:
@@ -410,7 +495,10 @@ def report(result: Identification) -> Report:
                 ),
             ),
             Section("What it was identified from", figures=(views.inputs((result.record, result.unseen)),)),
-            *(views.model_section(fit, result.record) for fit in result.verification.fits),
+            *(
+                views.model_section(fit, result.record, profiles=result.profiles.get(fit.model.name, ()))
+                for fit in result.verification.fits
+            ),
         ),
         imprint=f"emsid, from {result.record}",
     )

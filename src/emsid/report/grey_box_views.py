@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from emsid.models.grey_box_findings import Curve, dead_zone_curve, friction_curve, stops
+from emsid.models.grey_box_findings import Curve, Profile, dead_zone_curve, friction_curve, stops
 from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.record import concatenate
 from emsid.report.content import (
@@ -19,6 +19,7 @@ from emsid.report.content import (
     Figure,
     Histogram,
     Ink,
+    Level,
     Line,
     Mark,
     Plot,
@@ -29,7 +30,7 @@ from emsid.report.content import (
     readable_unit,
 )
 from emsid.report.timeline import TIME, timeline, with_gaps
-from emsid.report.wording import capital, listed, number, prefixed, sentence, share_of, slug, within
+from emsid.report.wording import capital, listed, number, plain_unit, prefixed, sentence, share_of, slug, within
 
 if TYPE_CHECKING:
     from emsid.models.grey_box_fit import Estimate, GreyBoxFit
@@ -43,6 +44,8 @@ POINTS, NEIGHBOURS = 1001, 20
 BARS = POINTS // 11
 # A dead zone is shown a second time, enlarged, where it is less than this part of what is applied; and how far then.
 SMALL, ENLARGED = 0.2, 3.0
+# A likelihood profile is shown up to so many times the limit of its interval.
+HIGHEST = 3.0
 # Standstills closer to each other than this part of the time axis are shaded as one.
 CLOSE = 5e-4
 
@@ -217,6 +220,50 @@ def sticking(fit: GreyBoxFit, *, name: str = "") -> Figure:
         f"{fit.model.name} on {record.name}, which it was fitted to; {sticks}",
         tuple(plots),
         shared_x=True,
+    )
+
+
+def likelihood(fit: GreyBoxFit, profile: Profile, *, name: str = "") -> Figure:
+    """The likelihood profile of a parameter beside its quadratic approximation, with the interval that each gives.
+
+    Args:
+        fit: of a physical model.
+        profile: of one of its parameters.
+        name: of the figure, by default after model and parameter.
+    """
+    x = np.linspace(profile.values[0], profile.values[-1], POINTS)
+    curve = profile.between(x)
+    quadratic = ((x - profile.estimate) / profile.standard_error) ** 2
+    top = HIGHEST * profile.limit
+    low, high = x[(curve <= top) | (quadratic <= top)][[0, -1]]
+    margin = 0.02 * (high - low)
+    reach = (float(low - margin), float(high + margin))
+    shown = profile.deviance <= top
+    parameter = fit.model.plant.handles[profile.name].parameter
+    percent = f"{100 * profile.level:g} %"
+    marks = (
+        Spans(np.clip(profile.interval, *reach).reshape(1, 2), f"{percent} interval"),
+        Line(x, curve, "profile", Stroke(Ink.BLUE, width=1.4)),
+        Line(x, quadratic, "quadratic approximation", Stroke(Ink.RED, Dash.DASHED)),
+        Points(profile.values[shown], profile.deviance[shown], "fits of all other parameters"),
+        Level(profile.limit, f"{percent} threshold"),
+    )
+    half = float(np.sqrt(profile.limit)) * profile.standard_error
+    found = replace(profile, unit=plain_unit(profile.unit))
+    approximate = replace(found, interval=(profile.estimate - half, profile.estimate + half))
+    return Figure(
+        name or f"{slug(fit.model.name)}-profile-{slug(profile.name)}",
+        f"Likelihood profile of {profile.name} of {fit.model.name}, all other parameters at their best for each of its "
+        f"values: its {percent} interval is {found.in_words}; the standard error alone gives one "
+        f"{approximate.in_words}.",
+        (
+            Plot(
+                marks,
+                Axis(_first_up(parameter.description), parameter.unit, range=reach),
+                Axis("Deviance", "1", range=(-0.03 * top, top)),
+                height=1.6,
+            ),
+        ),
     )
 
 

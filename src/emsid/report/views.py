@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import cycle, groupby
 from math import ceil, floor, inf, isfinite, log10, sqrt
 from typing import TYPE_CHECKING, Any
@@ -50,6 +51,7 @@ from emsid.report.wording import (
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
+    from emsid.models.grey_box_findings import Profile
     from emsid.plant import DeadZone, Friction, Motor
     from emsid.record import Record
     from emsid.validation.comparison import Assessment, Comparison, Row
@@ -605,7 +607,7 @@ def _bar_range(values: Array, log: bool) -> tuple[float, float]:
     return (10.0 ** floor(log10(low) - 0.05), 1.5 * high) if log else (0.0, 1.05 * high)
 
 
-def model_section(fit: Fit[Any], record: Record, *, name: str = "") -> Section:
+def model_section(fit: Fit[Any], record: Record, *, name: str = "", profiles: Sequence[Profile] = ()) -> Section:
     """All there is to show of one model: its equation, its parameters, and what only a model of its kind has.
 
     A cascade shows its static maps and filters, a physical model its friction, its dead zone and where it sticks. What
@@ -616,6 +618,7 @@ def model_section(fit: Fit[Any], record: Record, *, name: str = "") -> Section:
         record: in which the signals between the blocks of a cascade are shown.
         name: what its figures' names begin with, by default the model's name; to be given where a report shows two
             models of one name.
+        profiles: likelihood profiles of its parameters, where it is a physical model.
     """
     from emsid.models.cascade import Cascade
     from emsid.models.grey_box_fit import GreyBoxFit
@@ -623,6 +626,7 @@ def model_section(fit: Fit[Any], record: Record, *, name: str = "") -> Section:
     from emsid.report.grey_box_views import (
         dead_zone,
         friction,
+        likelihood,
         physical_table,
         plant_equations,
         sticking,
@@ -638,6 +642,7 @@ def model_section(fit: Fit[Any], record: Record, *, name: str = "") -> Section:
             lambda: sticking(fit, name=f"{prefix}-sticking"),
             lambda: friction(fit, name=f"{prefix}-friction"),
             lambda: dead_zone(fit, name=f"{prefix}-dead-zone"),
+            *(partial(likelihood, fit, each, name=f"{prefix}-profile-{slug(each.name)}") for each in profiles),
         ]
     elif isinstance(model, Cascade):
         equations = (cascade_equations(model),)

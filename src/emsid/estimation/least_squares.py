@@ -3,7 +3,8 @@
 A structure gives its regression [Φ y] in blocks; the blocks are folded into one `Information` (constant memory, any
 number of records, both cores), which is solved once at the end. Where the last digits matter, the estimate is refined
 (Björck, *Numerical Methods for Least Squares Problems*, sec. 2.9): the gradient Φᵀ(y − Φθ) is accumulated in doubled
-precision and the correction solved with the factor already there, ``RᵀR δ = Φᵀ(y − Φθ)``.
+precision, with what the products in Φ have lost by rounding, and the correction solved with the factor already there,
+``RᵀR δ = Φᵀ(y − Φθ)``.
 """
 
 from __future__ import annotations
@@ -59,6 +60,10 @@ class LinearStructure(Protocol[M_co]):
 
     def blocks(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
         """[Φ y] of these rows as blocks of columns (n + 1, m)."""
+        ...
+
+    def rounding(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
+        """What Φ in these blocks has lost by rounding, (n, m) each."""
         ...
 
     def fold(self, factor: Array, segment: Record, start: int, stop: int) -> None:
@@ -133,7 +138,8 @@ def solve_rows(regression: ArrayLike, target: ArrayLike, refinements: int = 4) -
     if solution.rank < information.parameters:
         return solution
     columns = np.vstack([np.asarray(regression, dtype=float).T, np.asarray(target, dtype=float)])
-    return replace(solution, estimate=_refined(information, solution.estimate, lambda: [columns], refinements))
+    blocks = [(columns, np.zeros_like(columns))]  # what the rows were made from is not known
+    return replace(solution, estimate=_refined(information, solution.estimate, lambda: blocks, refinements))
 
 
 def gather(
@@ -202,16 +208,18 @@ def _fold_chunk(structure: LinearStructure[object], chunk: tuple[Record, int, in
     return Information(factor, stop - start)
 
 
-def _all_blocks(structure: LinearStructure[object], records: Record | Iterable[Record]) -> Iterator[Array]:
+def _all_blocks(
+    structure: LinearStructure[object], records: Record | Iterable[Record]
+) -> Iterator[tuple[Array, Array]]:
     for record in (records,) if isinstance(records, Record) else records:
-        for segment, start, stop in structure.chunks(record, CHUNK):
-            yield from structure.blocks(segment, start, stop)
+        for chunk in structure.chunks(record, CHUNK):
+            yield from zip(structure.blocks(*chunk), structure.rounding(*chunk), strict=True)
 
 
 def _refined(
     information: Information,
     estimate: Array,
-    blocks: Callable[[], Iterable[Array]],
+    blocks: Callable[[], Iterable[tuple[Array, Array]]],
     passes: int,
     ridge: float = 0.0,
 ) -> Array:
@@ -230,8 +238,8 @@ def _refined(
     smallest, rest = np.inf, np.zeros(n)
     for _ in range(passes):
         gradient = np.zeros((2, n))
-        for block in blocks():
-            accumulate_gradient(gradient, block, estimate, rest)
+        for block, lost in blocks():
+            accumulate_gradient(gradient, block, lost, estimate, rest)
         half = solve_triangular(unit, (gradient[0] - ridge * estimate) / length, trans="T")
         correction = solve_triangular(unit, half)
         size = float(np.linalg.norm(correction))
@@ -244,8 +252,8 @@ def _refined(
 
 
 @numba.njit(cache=True, nogil=True)
-def accumulate_gradient(gradient: Array, block: Array, estimate: Array, rest: Array) -> None:
-    """Add Φᵀ(y − Φθ) of a block of columns [Φ y] to a gradient (2, n); it and θ are sums of two doubles.
+def accumulate_gradient(gradient: Array, block: Array, lost: Array, estimate: Array, rest: Array) -> None:
+    """Add Φᵀ(y − Φθ) of a block of columns [Φ y] to a gradient (2, n); it, Φ and θ are sums of two doubles.
 
     Products and sums are exact to twice the working precision (Dekker's and Knuth's error-free transformations).
     """
@@ -253,13 +261,13 @@ def accumulate_gradient(gradient: Array, block: Array, estimate: Array, rest: Ar
     for i in range(rows):
         high, low = block[parameters, i], 0.0
         for j in range(parameters):
-            product, error = _two_product(-block[j, i], estimate[j])
+            product, error = two_product(-block[j, i], estimate[j])
             high, carry = _two_sum(high, product)
-            low += carry + error - block[j, i] * rest[j]
+            low += carry + error - block[j, i] * rest[j] - lost[j, i] * estimate[j]
         high, low = _two_sum(high, low)
         for j in range(parameters):
-            product, error = _two_product(block[j, i], high)
-            error += block[j, i] * low
+            product, error = two_product(block[j, i], high)
+            error += block[j, i] * low + lost[j, i] * high
             gradient[0, j], carry = _two_sum(gradient[0, j], product)
             gradient[1, j] += carry + error
     for j in range(parameters):
@@ -275,7 +283,7 @@ def _two_sum(a: float, b: float) -> tuple[float, float]:
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def _two_product(a: float, b: float) -> tuple[float, float]:
+def two_product(a: float, b: float) -> tuple[float, float]:
     """a·b as its rounding and the error of that, the factors split into halves of 26 bits."""
     product = a * b
     wide = 134217729.0 * a

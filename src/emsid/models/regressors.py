@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.information import TILE, reflect, workspace
+from emsid.estimation.least_squares import two_product
 from emsid.record import Record
 
 if TYPE_CHECKING:
@@ -255,6 +256,14 @@ class Structure:
             block = np.empty((len(self) + 1, count))
             fill(block, *self.tables, *self._window(segment, first, first + count), self.memory, count)
             yield block
+
+    def rounding(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
+        """What the products in `blocks` have lost by rounding, (n, ≤ `BLOCK`) each; transforms count as exact."""
+        for first in range(start, stop, BLOCK):
+            count = min(BLOCK, stop - first)
+            lost = np.empty((len(self), count))
+            fill_rounding(lost, *self.tables, *self._window(segment, first, first + count), self.memory)
+            yield lost
 
     def fold(self, factor: Array, segment: Record, start: int, stop: int) -> None:
         """Fold [Φ y] of samples ``start`` to ``stop`` of a segment into a factor (n + 1, n + 1), in place."""
@@ -599,6 +608,31 @@ def multiply(row: Array, x: Array, code: int, parameter: float, power: int) -> N
         value = transformed(code, x[i], parameter)
         for _ in range(power):
             row[i] *= value
+
+
+@numba.njit(cache=True, nogil=True)
+def fill_rounding(
+    lost: Array,
+    signs: Array,
+    offsets: Integers,
+    factors: Integers,
+    parameters: Array,
+    y: Array,
+    u: Array,
+    start: int,
+) -> None:
+    """Write what `fill` has lost by rounding its products into ``lost`` (n, count)."""
+    for j in range(len(signs)):
+        for i in range(lost.shape[1]):
+            high, low = signs[j], 0.0
+            for f in range(offsets[j], offsets[j + 1]):
+                channel, lag, power, code = factors[f]
+                signal = y if channel == 0 else u[channel - 1]
+                value = transformed(code, signal[start + i - lag], parameters[f])
+                for _ in range(power):
+                    high, error = two_product(high, value)
+                    low = low * value + error
+            lost[j, i] = low
 
 
 @numba.njit(cache=True, nogil=True)

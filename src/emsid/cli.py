@@ -219,10 +219,9 @@ def study(
     if motor is not None:
         settings = replace(settings, motor=read_motor(motor))
     records = None if record is None or verify is None else (reader(record), reader(verify))
-    with _progress() as report_progress:
+    with _progress() as report_progress, _drawing_process() as beside:
         result = paper.study(settings, records, report_progress)
-        report_progress("drawing the report", 1.0)
-        _write(out, paper.report(result), {"study.json": result.to_data()})
+        _write(out, paper.report(result), {"study.json": result.to_data()}, report_progress, beside)
     for part in result.parts:
         _print(_table(part.rows, f"{part.name} study"))
     print("\n".join(paper.findings(result)))
@@ -307,7 +306,7 @@ def identify(
         profile=tuple(profile.split(",")) if profile else (),
     )
     records, tests = [reader(path) for path in files], [reader(path) for path in validate]
-    with _progress() as report_progress:
+    with _progress() as report_progress, _drawing_process() as beside:
         result = identification.identify(
             records,
             tests or None,
@@ -317,8 +316,8 @@ def identify(
             unseen=unseen,
             progress=report_progress,
         )
-        report_progress("drawing the report", 1.0)
-        _write(out, identification.report(result), {"result.json": result.to_data()}, result.verification.fits)
+        documents, fits = {"result.json": result.to_data()}, result.verification.fits
+        _write(out, identification.report(result), documents, report_progress, beside, fits)
     _print(_table(result.verification.rows, f"on unseen data ({result.unseen.name})", result.unseen.output_units[0]))
     print(f"chosen: {result.chosen.model.name}")
     print(result.chosen.model.equation())
@@ -501,14 +500,27 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
         yield lambda what, fraction: bar.update(task, description=what, completed=fraction)
 
 
-def _write(folder: Path, report: Any, documents: dict[str, Any], fits: Any = ()) -> None:
+def _drawing_process() -> Any:
+    from emsid.report.drawing import drawing_process
+
+    return drawing_process()
+
+
+def _write(
+    folder: Path,
+    report: Any,
+    documents: dict[str, Any],
+    progress: Callable[[str, float], None],
+    beside: Any,
+    fits: Any = (),
+) -> None:
     """Write report, JSON documents and model files into a folder."""
     import msgspec
 
     from emsid.io import atomic_write, save
     from emsid.report.page import write_report
 
-    write_report(report, folder)
+    write_report(report, folder, progress, beside)
     for fit in fits:
         save(fit.model, folder / f"{fit.model.name}.json")
     for name, content in documents.items():

@@ -377,6 +377,11 @@ def report(result: Study) -> Report:
                 figures=(views.nonlinearities(result.settings.motor),),
             ),
             *(_section(result, part) for part in result.parts),
+            *(
+                views.model_section(simulation.verified(model).fit, simulation.identification)
+                for model in (BLOCKS, PHYSICAL)
+                if model in simulation.models
+            ),
         ),
         imprint=f"emsid study, seed {result.settings.seed}, after Kara and Abokoos",
     )

@@ -98,6 +98,13 @@ class Drawing(NamedTuple):
     pdf: bytes
 
 
+def load() -> None:
+    """Import what `draw` needs, ahead of the first figure."""
+    import matplotlib.backends.backend_pdf
+    import matplotlib.backends.backend_svg
+    import matplotlib.figure  # noqa: F401
+
+
 def draw(figure: Figure) -> Drawing:
     """Draw a figure once and write it as SVG and as PDF."""
     from matplotlib import rc_context

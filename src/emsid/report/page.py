@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import os
 from base64 import b64encode
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from concurrent.futures import Executor
 from pathlib import Path
 
 from emsid.io.files import atomic_write
 from emsid.report.content import Report
-from emsid.report.figures import Drawing, draw, interactive, plotly_source
+from emsid.report.drawing import Progress, draw_all
+from emsid.report.figures import Drawing, interactive, plotly_source
 
 
 def page(report: Report, drawings: Mapping[str, Drawing] | None = None) -> str:
@@ -27,7 +29,7 @@ def page(report: Report, drawings: Mapping[str, Drawing] | None = None) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     if drawings is None:
-        drawings = {figure.name: draw(figure) for figure in report.figures}
+        drawings = draw_all(report.figures, None, lambda what, fraction: None)
     environment = Environment(
         loader=PackageLoader("emsid.report", "."),
         autoescape=True,
@@ -46,7 +48,8 @@ def page(report: Report, drawings: Mapping[str, Drawing] | None = None) -> str:
 def write_report(
     report: Report,
     folder: str | os.PathLike[str],
-    progress: Callable[[str, float], None] = lambda what, fraction: None,
+    progress: Progress = lambda what, fraction: None,
+    beside: Executor | None = None,
 ) -> Path:
     """Write ``report.html``, and every figure as ``figures/<name>.svg`` and ``.pdf``, into a folder.
 
@@ -56,6 +59,7 @@ def write_report(
         report: what to write.
         folder: where to; it is made where it is missing.
         progress: called with what is being done and the fraction done.
+        beside: a `drawing_process` that draws half of the figures.
 
     Returns:
         The path of the page.
@@ -63,12 +67,8 @@ def write_report(
     Raises:
         FormatError: where the folder cannot be written to.
     """
-    figures = tuple(report.figures)
-    drawings = {}
-    for k, figure in enumerate(figures):
-        progress(f"drawing {figure.name}", k / (len(figures) + 1))
-        drawings[figure.name] = draw(figure)
-    progress("writing the report", len(figures) / (len(figures) + 1))
+    drawings = draw_all(report.figures, beside, lambda what, fraction: progress(what, 0.9 * fraction))
+    progress("writing the report", 0.9)
     contents = page(report, drawings)
     folder = Path(folder)
     for name, drawing in drawings.items():

@@ -58,7 +58,7 @@ class Options:
         fix: physical parameters that are known, by name, in SI units.
         datasheet: what is said of others: where to start, and how far off they may be.
         profile: physical parameters to take a likelihood profile of.
-        held_back: fraction of the record, at its end, on which choices are made.
+        held_back: fraction of the record on which choices are made; see `Record.hold_back`.
     """
 
     na: int | None = None
@@ -103,7 +103,7 @@ class Regression:
         choices = {name: values if given[name] is None else (given[name],) for name, values in self.choices.items()}
         chosen = {name: values[0] for name, values in choices.items()}
         if any(len(values) > 1 for values in choices.values()):
-            train, rest = record.split(1 - options.held_back)
+            train, rest = record.hold_back(options.held_back)
             start = self.build(record, {name: values[-1] for name, values in choices.items()}).memory
             exact = 1e-20 * float(np.var(rest.output))  # below, differences are rounding
 

@@ -2,10 +2,9 @@
 
 A motor begins with what every motor has. Real drives add to that: a bridge that coasts, a delay, a lag of the sensor, a
 Stribeck excess, friction that differs by direction, a constant torque. Every refinement is first tried alone, fitted to
-the first part of the record and judged by its free run over the rest. In the order of what they gain there they are
-then put together, and each is kept if the free run improves by more than a little: taken in any fixed order, a
-refinement could stand in for another one that would have explained more. The plant that is left is fitted to the whole
-record.
+a part of the record and judged by its free run over the rest. In the order of what they gain there they are then put
+together, and each is kept if the free run improves by more than a little: taken in any fixed order, a refinement could
+stand in for another one that would have explained more. The plant that is left is fitted to the whole record.
 """
 
 from __future__ import annotations
@@ -136,11 +135,11 @@ def choose(
         record: what to identify from.
         fixed, weighting: as in `simulation_error`; they hold for every trial.
         datasheet: likewise, as far as it is `applicable` to the plant.
-        held_back: fraction of the record, at its end, that decides.
+        held_back: fraction of the record that decides; see `Record.hold_back`.
         refinements: what is tried.
         progress: called with the fraction done.
     """
-    train, rest = record.split(1 - held_back)
+    train, rest = record.hold_back(held_back)
     sheet = applicable(datasheet or {}, plant)
     known: dict[str, Any] = {"fixed": fixed or {}, "datasheet": sheet, "weighting": weighting}
 

@@ -336,3 +336,15 @@ def test_a_free_run_is_not_carried_away_by_a_pole_that_its_start_tells_nothing_a
     record = Record(u, clean + 0.1 * np.std(clean) * rng.standard_normal(6000), 1.0)[2000:]
     error = (model.simulate(record).output[:, 0] - clean[2000:])[model.memory :]
     assert np.sqrt(np.mean(error**2)) < 0.15 * np.std(clean)
+
+
+def test_a_start_behind_a_lost_sign_is_found_on_the_right_side() -> None:
+    """From rest alone, ten of these eighty starts end on the wrong side of zero."""
+    model = Cascade((Rational([0.1], [-0.9]), Abs()))
+    u = np.repeat(np.random.default_rng(2).uniform(-1, 1, 40), 25)
+    y = model.output(u, model.resting(float(u[0])))
+    wrong = 0
+    for first in range(5, 800, 10):
+        states = model.starting(u[first:], y[first : first + model.memory])
+        wrong += np.max(np.abs(model.output(u[first:], states) - y[first:])) > 1e-3
+    assert wrong <= 2

@@ -9,7 +9,7 @@ import pytest
 
 from emsid.errors import ModelError
 from emsid.models.filters import Rational
-from emsid.models.unfolding import best_signs, lobe_of_sample, unfolded
+from emsid.models.unfolding import best_signs, lobe_of_sample, unfoldings
 
 
 def test_the_cheapest_of_all_sequences_is_found() -> None:
@@ -37,7 +37,7 @@ def test_signs_and_system_come_back(order: int) -> None:
     system = Rational([0.0, 0.05, 0.03], np.poly([0.9 + 0.2j, 0.9 - 0.2j, 0.5][:order])[1:].real)
     u = np.repeat(rng.uniform(-1, 1, 60), 10)
     w = system.output(u, np.zeros(system.states))
-    found = unfolded(u, np.abs(w) + 1e-4 * rng.standard_normal(len(w)), order, rng)
+    found = unfoldings(u, np.abs(w) + 1e-4 * rng.standard_normal(len(w)), order, rng)[0]
     sure = np.abs(w) > 0.05 * np.std(w)
     agreement = np.mean(np.sign(found.signal[sure]) == np.sign(w[sure]))
     assert max(agreement, 1 - agreement) > 0.98
@@ -46,4 +46,18 @@ def test_signs_and_system_come_back(order: int) -> None:
 
 def test_too_few_samples_are_refused() -> None:
     with pytest.raises(ModelError, match="too few to give back the signs"):
-        unfolded(np.ones(10), np.ones(10), 3, np.random.default_rng(0))
+        unfoldings(np.ones(10), np.ones(10), 3, np.random.default_rng(0))
+
+
+def test_the_constant_says_where_zero_is_and_other_ways_to_unfold_are_unlike() -> None:
+    rng = np.random.default_rng(2)
+    system = Rational([0.0, 0.05, 0.03], np.poly([0.9 + 0.2j, 0.9 - 0.2j])[1:].real)
+    u = np.repeat(rng.uniform(-1, 1, 60), 10)
+    w = system.output(u - 0.2, system.resting(float(u[0] - 0.2))[0])
+    found = unfoldings(u, np.abs(w), 2, rng)
+    assert -found[0].constant / found[0].numerator.sum() == pytest.approx(0.2, abs=0.02)
+    assert [each.cost for each in found] == sorted(each.cost for each in found)
+    for k, one in enumerate(found):
+        for other in found[:k]:
+            turned = np.mean(np.sign(one.signal) != np.sign(other.signal))
+            assert 0.1 < turned < 0.9

@@ -76,6 +76,10 @@ Array = NDArray[np.float64]
 SAMPLES_PER_STATE = 8
 # How firmly the first look at a starting state holds it at rest, relative to what the samples of the start say.
 REST = 1e-2
+# What finding a starting state may cost; a twentieth of its standard error is near enough.
+START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05}
+# A search for it may begin at so many of the states that the input leads to.
+TRIAL_STATES = 64
 # The states that the input leads to are looked at over so many samples; no direction among them is flatter than this.
 CLOUD, FLAT = 10_000, 1e-12
 
@@ -225,7 +229,8 @@ class Cascade:
 
         A few samples tell nothing about a slow pole, whose part of the state would be noise carried on for long. So
         states are found twice: freely, for the variance of the residual, and then with that variance against a prior,
-        the mean and covariance of the states that the input leads the blocks through.
+        the mean and covariance of the states that the input leads the blocks through. Behind a map that loses the sign
+        there are several minima; the search begins at rest or at one of those states, whichever comes closest.
 
         Args:
             u: (N,) input of the segment.
@@ -235,27 +240,30 @@ class Cascade:
         if not (self.states and len(y)):
             return rest
         start = u[: len(y)]
-        rows = self.gradient(self.signals(start, rest))[len(self.parameters) :, self.edge :]
+        cloud = self._cloud(u[:CLOUD])
+        trials = [rest, *cloud[:, :: -(-cloud.shape[1] // TRIAL_STATES)].T]
+        missed = [float(np.sum((self.output(start, states) - y)[self.edge :] ** 2)) for states in trials]
+        begin = trials[int(np.argmin(missed))]
+        rows = self.gradient(self.signals(start, begin))[len(self.parameters) :, self.edge :]
         weak = np.diag(REST * np.linalg.norm(rows, axis=1))
-        free = gauss_newton(_Start(self, start, y, rest, weak), rest, max_iterations=20)
-        centre, spread = self._cloud(u[:CLOUD])
+        free = gauss_newton(_Start(self, start, y, rest, weak), begin, **START_BUDGET)
         freedom = len(y) - self.edge - self.states
         variance = np.sum(free.residuals[0] ** 2) / freedom if freedom > 0 else 0.0
+        centre, spread = cloud.mean(axis=1), np.atleast_2d(np.cov(cloud))
         if not (variance > 0 and np.trace(spread) > 0):
             return free.estimate
         size, axes = np.linalg.eigh(spread)
         firmness = np.sqrt(variance / np.maximum(size, FLAT * size[-1]))[:, None] * axes.T
-        return gauss_newton(_Start(self, start, y, centre, firmness), free.estimate, max_iterations=20).estimate
+        return gauss_newton(_Start(self, start, y, centre, firmness), free.estimate, **START_BUDGET).estimate
 
-    def _cloud(self, u: Array) -> tuple[Array, Array]:
-        """Mean (s,) and covariance (s, s) of the states that an input (N,) leads to from zero and from rest."""
+    def _cloud(self, u: Array) -> Array:
+        """(s, 2N) the states that an input (N,) leads to from zero and from rest."""
         clouds = []
         for states in (np.zeros(self.states), self.resting(float(u[0]))):
             signals = self.signals(u, states)
             visited = [block.visited(x, y) for block, x, y in zip(self.blocks, signals[:-1], signals[1:], strict=True)]
             clouds.append(np.concatenate(visited))
-        cloud = np.concatenate(clouds, axis=1)
-        return cloud.mean(axis=1), np.atleast_2d(np.cov(cloud))
+        return np.concatenate(clouds, axis=1)
 
     def simulate(self, record: Record, transient: int | None = None) -> Run:
         """Free run over every segment; the measured outputs of its start serve only to find the starting states.

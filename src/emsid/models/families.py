@@ -8,7 +8,7 @@ command line offers; a new family is one entry, and a user's own map needs none:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,8 @@ class Family:
     Attributes:
         name: as the command line has it.
         start: the map of a size that is closest to points x (m,), z (m,), a constant level left free.
-        sizes: numbers of knots (or the degrees) to choose from; empty where the family has one size.
+        sizes: numbers of knots (or the degrees) to choose from; empty where the family has one size. Where the trial
+            is of this family, its size is the first.
         folds: whether its maps lose the sign, so that signs must be given back before there is a linear start.
         trial: for the signal that enters the map, maps linear in their parameters that show whether filters suit it.
     """
@@ -109,6 +110,11 @@ def start_coulomb(x: Array, z: Array, size: int) -> CoulombLinear:
     return blank.with_parameters(_least_squares(rows, z)[:2])
 
 
+def start_abs(x: Array, z: Array, size: int) -> Abs | CubicSpline:
+    """|x|, or a spline with ``size`` knots through the curve: real sensors round the kink, and bend."""
+    return start_spline(x, z, size) if size else Abs()
+
+
 def given(map_: StaticMap, name: str = "given") -> Family:
     """The family of one map, a user's own for instance, which starts with the parameters that it has."""
     return Family(name, lambda x, z, size: map_, trial=lambda x: (map_,))
@@ -120,7 +126,7 @@ POLYNOMIAL = Family("polynomial", start_polynomial, (2, 3, 5, 7))
 DEAD_ZONE = Family("dead-zone", start_dead_zone)
 SATURATION = Family("saturation", start_saturation)
 COULOMB = Family("coulomb", start_coulomb)
-ABS = replace(given(Abs(), "abs"), folds=True)
+ABS = Family("abs", start_abs, (0, 6, 9, 13), folds=True, trial=lambda x: (Abs(),))
 
 FAMILIES: dict[str, Family] = {
     family.name: family for family in (SPLINE, PIECEWISE_LINEAR, POLYNOMIAL, DEAD_ZONE, SATURATION, COULOMB, ABS)

@@ -13,8 +13,9 @@ all the ways that give the orders asked for.
 of rank one, delays down and powers across. The leading singular vectors of what least squares gives for it are the
 second filter's numerator d and the map's (λ₁b₁, λ₂b₁², …).
 
-**Signs given back.** Where the map is |x|, `unfolding` finds the signs that the output lost, and the first filter is
-fitted to the signed signal as if there were no sensor.
+**Signs given back.** Where the map is |x|, `unfolding` finds signs that the output may have lost, and the first filter
+is fitted to the signed signal as if there were no sensor. Its constant says at which input the signal is zero: at the
+kink, so that it is part of the start.
 
 **Chance.** A map that is even about the operating point, such as |x|, makes the best linear approximation vanish. Then
 filters are drawn with poles spread evenly in logarithmic time constant and in frequency.
@@ -48,7 +49,7 @@ from emsid.models.cascade import Cascade, fit_cascade, unit_gain
 from emsid.models.filters import Rational
 from emsid.models.regressors import wiener_hammerstein_regression
 from emsid.models.static_maps import CubicSpline, Polynomial, StaticMap
-from emsid.models.unfolding import unfolded
+from emsid.models.unfolding import unfoldings
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -62,6 +63,8 @@ TRIAL_SAMPLES = 12_000
 # More ways of sharing out poles and zeros than this are not tried; they come in order of chance.
 MOST_SPLITS = 2_000
 RANDOM_DRAWS = 300
+# Of the ways to give signs back, so many are followed.
+UNFOLDINGS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +137,10 @@ def regression_candidate(records: Sequence[Record], order: int, degree: int, del
 
 def unfolded_candidates(
     segments: Segments, orders: tuple[int | None, int | None], rng: np.random.Generator
-) -> Iterator[Filters]:
-    """The filter before a sensor that loses the sign, with a quick one behind it.
+) -> Iterator[tuple[Filters, float]]:
+    """The filter before a sensor that loses the sign with a quick one behind it, and the input that makes no output.
+
+    That input is the u₀ of a cascade; in front of a kink it is no matter of taste, as it is in front of a spline.
 
     Args:
         segments: (u, y) of each; the longest is used.
@@ -147,14 +152,18 @@ def unfolded_candidates(
         return
     u, y = max(segments, key=lambda pair: len(pair[0]))
     u, y = u[:TRIAL_SAMPLES], y[:TRIAL_SAMPLES]
-    found = unfolded(u, y, first, rng)
-    start = Cascade((_stable(Rational(found.numerator, found.denominator)),))
-    fitted = fit_cascade(start, Record(u, found.signal, 1.0), max_iterations=30, tolerance=0.2).model
     quick = None if second is None else _from_roots([], [complex(0.3 / (k + 1)) for k in range(second)], second)
-    for model in (start, fitted):
-        (block,) = model.blocks
-        assert isinstance(block, Rational)
-        yield block, quick
+    for found in unfoldings(u, y, first, rng)[:UNFOLDINGS]:
+        level = found.constant / (1 + found.denominator.sum())
+        start = Cascade((_stable(Rational(found.numerator, found.denominator)),), output_offset=level)
+        fitted = fit_cascade(start, Record(u, found.signal, 1.0), max_iterations=30, tolerance=0.2).model
+        for model in (start, fitted):
+            (block,) = model.blocks
+            assert isinstance(block, Rational)
+            gain = block.resting(1.0)[1]
+            yield (block, quick), 0.0
+            if gain:
+                yield (block, quick), -model.output_offset / gain
 
 
 def random_candidates(

@@ -31,7 +31,9 @@ Signs = NDArray[np.intp]
 
 # A minimum is the least of so many samples on either side, and below the median.
 REACH = 2
-DRAWS, MOST_TURNS = 20, 50
+DRAWS, MOST_TURNS = 30, 50
+# Two ways to give the signs back differ where they disagree on more than this part of the samples.
+UNLIKE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,17 +44,22 @@ class Unfolded:
         signal: (N,) w.
         numerator: (n + 1,) B, the first coefficient zero.
         denominator: (n,) A without its leading one.
+        constant: c.
         cost: sum of squares of the regression.
     """
 
     signal: Array
     numerator: Array
     denominator: Array
+    constant: float
     cost: float
 
 
-def unfolded(u: Array, y: Array, order: int, rng: np.random.Generator, draws: int = DRAWS) -> Unfolded:
-    """The signs of y, and the linear regression of this order, that suit each other best.
+def unfoldings(u: Array, y: Array, order: int, rng: np.random.Generator, draws: int = DRAWS) -> list[Unfolded]:
+    """Signs of y, and the linear regressions of this order that suit them, where the turns end; the cheapest first.
+
+    Of those that are much alike only the cheapest is given. The truth need not come first, as the regression knows no
+    filter behind the sensor.
 
     Args:
         u: (N,) input.
@@ -68,7 +75,17 @@ def unfolded(u: Array, y: Array, order: int, rng: np.random.Generator, draws: in
         raise ModelError(f"{len(y)} samples are too few to give back the signs with a model of order {order}")
     lobes = lobe_of_sample(y)
     found = [_settled(u, y, order, lobes, rng.choice([-1, 1], lobes[-1] + 1)) for _ in range(draws)]
-    return min(found, key=lambda each: each.cost)
+    unlike: list[Unfolded] = []
+    for each in sorted(found, key=lambda each: each.cost):
+        if all(_disagreement(each.signal, other.signal) > UNLIKE for other in unlike):
+            unlike.append(each)
+    return unlike
+
+
+def _disagreement(one: Array, other: Array) -> float:
+    """The part of the samples on which the signs differ; all of them turned are the same system turned."""
+    part = float(np.mean(one * other < 0))
+    return min(part, 1 - part)
 
 
 def lobe_of_sample(y: Array) -> Signs:
@@ -123,4 +140,4 @@ def _settled(u: Array, y: Array, order: int, lobes: Signs, signs: Signs) -> Unfo
         if np.array_equal(settled, signs):
             break
     cost = float(np.sum((w[now] + w[past] @ a - forced) ** 2))
-    return Unfolded(w, np.concatenate([[0.0], theta[order : 2 * order]]), a, cost)
+    return Unfolded(w, np.concatenate([[0.0], theta[order : 2 * order]]), a, float(theta[-1]), cost)

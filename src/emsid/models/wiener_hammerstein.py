@@ -1,7 +1,8 @@
 r"""Wiener–Hammerstein models and their relatives from records alone.
 
 `wiener_hammerstein`, `hammerstein`, `wiener` and `hammerstein_wiener` need no more than a record. What is not given is
-chosen on held-back data, the last quarter of every record, or the records given as ``validation``:
+chosen on held-back data, the last quarter of every record, or the records given as ``validation``. A quarter of a short
+record says little; there each quarter is held back in turn:
 
 1. the order, by the description length of a rational fit to the measured frequency response;
 2. the input delay, the least with which that order fits the response;
@@ -20,7 +21,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,9 +50,14 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, Iteration | None], None]
+T = TypeVar("T")
+# What identifies and what judges.
+Round = tuple[Sequence[Record], Sequence[Record]]
 
 # How much of each record serves to identify while choices are made; the rest judges them.
 IDENTIFY = 0.75
+# Records of fewer samples together are short: each of so many parts judges once.
+SHORT, FOLDS = 1_500, 4
 # Refinements for a choice see no more samples than this, and take no more steps.
 CHOICE_SAMPLES, CHOICE_STEPS = 8_000, 25
 # Candidates refined per oversampling, and where chance had to help.
@@ -210,14 +216,14 @@ def estimate(
         check_channels(template, record)
     _check_excitation(layout, several)
     _check_size(layout, several, orders, options)
-    identify, judge = _held_back(several, options)
+    shown, rounds = _held_back(several, options)
     delay = options.delay
     if delay is None:
-        delay = 0 if options.static.folds else _delay(layout, _pairs(identify), orders)
+        delay = 0 if options.static.folds else _delay(layout, _pairs(shown), orders)
     template = replace(template, delay=delay)
     best: Choice | None = None
     try:
-        for choice in _improving(layout, identify, judge, orders, options, template):
+        for choice in _improving(layout, shown, rounds, orders, options, template):
             best = choice
         assert best is not None
         options.tell(f"fitting {layout.name} to all data")
@@ -259,31 +265,32 @@ class Choice:
 
 def _improving(
     layout: Layout,
-    identify: Sequence[Record],
-    judge: Sequence[Record],
+    shown: Sequence[Record],
+    rounds: Sequence[Round],
     orders: tuple[int | None, int | None],
     options: Options,
     template: Cascade,
 ) -> Iterator[Choice]:
     """Better and better choices, the last one final: first the filters, with a trial map, then the map."""
-    part, family = _shortened(identify), options.static
+    part, family = _shortened(shown), options.static
     sizes = (options.size,) if options.size is not None else (family.sizes or (0,))
     typical = sizes[len(sizes) // 2]
     best: Choice | None = None
-    for rate in _rates(identify) if options.oversampling is None else (options.oversampling,):
+    for rate in _rates(shown) if options.oversampling is None else (options.oversampling,):
         options.tell(f"start values at {rate} times the sampling rate")
-        starts = _starts(layout, identify, orders, options, replace(template, oversampling=rate))
+        starts = _starts(layout, shown, orders, options, replace(template, oversampling=rate))
         options.tell(f"refining {len(starts)} of them")
-        refined = _refined([(start, 0) for start in starts], part, judge, options.workers)
+        direct = family.direct and not layout.outer
+        refined = _refined([(start, sizes[0] if direct else 0) for start in starts], part, rounds, options.workers)
         if refined:
             first = _simplest(refined, _complexity)
             refined = [first, *(choice for choice in refined if choice is not first)]
-        if refined and not (family.direct and not layout.outer):
+        if refined and not direct:
             options.tell(f"static map: {family.name}")
             placed = [
                 (_with_map(choice.model, layout, family, typical, part), typical) for choice in refined[:REFINED_MAPS]
             ]
-            refined = _refined(placed, part, judge, options.workers)
+            refined = _refined(placed, part, rounds, options.workers)
         if refined:
             choice = _simplest(refined, _complexity)
             if best is None or choice.error < WORTH * best.error:
@@ -294,8 +301,8 @@ def _improving(
     if len(sizes) == 1:
         return
     options.tell(f"size of the {family.name}")
-    others = [(_with_map(best.model, layout, family, size, part), size) for size in sizes if size != typical]
-    yield _simplest([best, *_refined(others, part, judge, options.workers)], lambda choice: choice.size)
+    others = [(_with_map(best.model, layout, family, size, part), size) for size in sizes if size != best.size]
+    yield _simplest([best, *_refined(others, part, rounds, options.workers)], lambda choice: choice.size)
 
 
 def _simplest(choices: Sequence[Choice], complexity: Callable[[Choice], int]) -> Choice:
@@ -325,13 +332,14 @@ def _starts(
     segments = _delayed(records, template.delay)
     rng = np.random.default_rng(0) if options.rng is None else options.rng
     if options.static.folds and layout.first:
-        unfolding: list[Filters] = []
+        unfolding = []
         for share in _folded_shares(layout, orders):
             with suppress(ModelError):
-                unfolding += unfolded_candidates(segments, share, rng)
-        found = scanned(unfolding, segments, options.static.trial, template, options.workers)
-        if found:
-            return [candidate.cascade for candidate in found[:REFINED_RANDOM]]
+                for pair, level in unfolded_candidates(segments, share, rng):
+                    around = replace(template, input_offset=level)
+                    unfolding += scanned([pair], segments, options.static.trial, around, options.workers)
+        if unfolding:
+            return [candidate.cascade for candidate in unfolding]
     totals = _totals(layout, segments, orders)
     pairs: list[Filters] = []
     for total in totals:
@@ -357,26 +365,50 @@ def _starts(
     return [candidate.cascade for candidate in found[:REFINED_RANDOM]]
 
 
+def _kind(cascade: Cascade) -> tuple[int, ...]:
+    """How many parameters every block has."""
+    return tuple(len(block.parameters) for block in cascade.blocks)
+
+
 def _order(cascade: Cascade) -> int:
     return sum(len(block.denominator) for block in cascade.blocks if isinstance(block, Rational))
 
 
 def _refined(
-    starts: Sequence[tuple[Cascade, int]], part: Sequence[Record], judge: Sequence[Record], workers: int
+    starts: Sequence[tuple[Cascade, int]], part: Sequence[Record], rounds: Sequence[Round], workers: int
 ) -> list[Choice]:
-    """The starts refined on a part of the data and judged on another, best first; failures are left out."""
+    """The starts refined on a part of the data and judged round by round, best first; failures are left out."""
+    budget: dict[str, Any] = {"max_iterations": CHOICE_STEPS, "tolerance": CHOICE_TOLERANCE}
 
-    def refine(start: tuple[Cascade, int]) -> Choice | None:
-        try:
-            model = _fitted(start[0], part, max_iterations=CHOICE_STEPS, tolerance=CHOICE_TOLERANCE).model
-            error, known = _free_run_error(model, judge), _free_run_error(model, part)
-        except (ModelError, np.linalg.LinAlgError):
-            return None
-        return Choice(model, error, known, start[1]) if np.isfinite(error) else None
+    def refine(start: tuple[Cascade, int]) -> Choice:
+        model = _fitted(start[0], part, **budget).model
+        return Choice(model, np.inf, _free_run_error(model, part), start[1])
+
+    def judge(choice: Choice) -> Choice:
+        models = [
+            choice.model if len(rounds) == 1 else _fitted(choice.model, rest, **budget).model for rest, _ in rounds
+        ]
+        held = [_free_run_error(model, unseen) for model, (_, unseen) in zip(models, rounds, strict=True)]
+        return replace(choice, error=float(np.sqrt(np.mean(np.square(held)))))
+
+    refined = _successes(refine, starts, workers)
+    if len(rounds) > 1:  # every round costs a fit, which only the best of its kind is worth
+        kinds = {(_kind(each.model), each.size): each for each in sorted(refined, key=lambda each: -each.known)}
+        refined = list(kinds.values())
+    return sorted(_successes(judge, refined, workers), key=lambda choice: choice.error)
+
+
+def _successes(step: Callable[[T], Choice], items: Sequence[T], workers: int) -> list[Choice]:
+    """What a step gives for each item, where it does not fail or run away."""
+
+    def attempt(item: T) -> Choice | None:
+        with suppress(ModelError, np.linalg.LinAlgError):
+            choice = step(item)
+            return None if np.isnan([choice.known, choice.error]).any() else choice
+        return None
 
     with ThreadPoolExecutor(workers) as pool:
-        found = [choice for choice in pool.map(refine, starts) if choice is not None]
-    return sorted(found, key=lambda choice: choice.error)
+        return [choice for choice in pool.map(attempt, items) if choice is not None]
 
 
 def _fitted(start: Cascade, records: Sequence[Record], *, skip: int | None = None, **budget: Any) -> Fit[Cascade]:
@@ -496,13 +528,28 @@ def _delay(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: tupl
     return next(k for k, cost in enumerate(costs) if cost <= (1 + DELAY_SLACK) * min(costs) + noise)
 
 
-def _held_back(records: Sequence[Record], options: Options) -> tuple[list[Record], list[Record]]:
-    """What identifies and what judges while choices are made."""
+def _held_back(records: Sequence[Record], options: Options) -> tuple[list[Record], list[Round]]:
+    """What choices may be made from, and the rounds in which they are judged, each on data that it does not fit."""
     if options.validation is not None:
         judge = [options.validation] if isinstance(options.validation, Record) else list(options.validation)
-        return list(records), [record[:CHOICE_SAMPLES] for record in judge]
+        return list(records), [(records, [record[:CHOICE_SAMPLES] for record in judge])]
+    if sum(len(record) for record in records) < SHORT:
+        return list(records), [_without_fold(records, k) for k in range(FOLDS)]
     halves = [record.split(IDENTIFY) for record in records]
-    return [first for first, _ in halves], [second[:CHOICE_SAMPLES] for _, second in halves]
+    identify = [first for first, _ in halves]
+    return identify, [(identify, [second[:CHOICE_SAMPLES] for _, second in halves])]
+
+
+def _without_fold(records: Sequence[Record], k: int) -> Round:
+    """Every record without its k-th part, and those parts."""
+    rest, parts = [], []
+    for record in records:
+        first, last = (int(len(record) * edge / FOLDS) for edge in (k, k + 1))
+        gone = np.zeros(len(record), dtype=bool)
+        gone[first:last] = True
+        rest.append(record.mask(gone))
+        parts.append(record[first:last])
+    return rest, parts
 
 
 def _shortened(records: Sequence[Record]) -> list[Record]:

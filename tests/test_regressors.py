@@ -92,7 +92,7 @@ def test_fill_leaves_the_signals_alone_and_starts_where_it_is_told() -> None:
     structure = Structure.parse("y(t-1)", "-u(t)^2")
     y, u = np.arange(10.0), -np.arange(10.0)[:, None]
     block = np.empty((3, 4))
-    fill(block, *structure.tables, y, np.ascontiguousarray(u.T), 5, 4)
+    fill(block, structure.tables, y, np.ascontiguousarray(u.T), 5, 4)
     np.testing.assert_array_equal(block, [[4, 5, 6, 7], [-25, -36, -49, -64], [5, 6, 7, 8]])
     np.testing.assert_array_equal(y, np.arange(10.0))
 

@@ -204,7 +204,7 @@ def free_run_reference(model: Narx, record: Record, start: int) -> Array:
     y = record.output[:, 0].copy()
     for t in range(start, len(record)):
         row = np.empty((len(model.structure) + 1, 1))
-        fill(row, *model.structure.tables, y, record.input.T, t, 1)
+        fill(row, model.structure.tables, y, record.input.T, t, 1)
         y[t] = row[:-1, 0] @ model.parameters
     return y
 

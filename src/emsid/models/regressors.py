@@ -254,7 +254,7 @@ class Structure:
         for first in range(start, stop, BLOCK):
             count = min(BLOCK, stop - first)
             block = np.empty((len(self) + 1, count))
-            fill(block, *self.tables, *self._window(segment, first, first + count), self.memory, count)
+            fill(block, self.tables, *self._window(segment, first, first + count), self.memory, count)
             yield block
 
     def rounding(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
@@ -262,12 +262,12 @@ class Structure:
         for first in range(start, stop, BLOCK):
             count = min(BLOCK, stop - first)
             lost = np.empty((len(self), count))
-            fill_rounding(lost, *self.tables, *self._window(segment, first, first + count), self.memory)
+            fill_rounding(lost, self.tables, *self._window(segment, first, first + count), self.memory)
             yield lost
 
     def fold(self, factor: Array, segment: Record, start: int, stop: int) -> None:
         """Fold [Φ y] of samples ``start`` to ``stop`` of a segment into a factor (n + 1, n + 1), in place."""
-        fold_regression(factor, *self.tables, *self._window(segment, start, stop), self.memory)
+        fold_regression(factor, self.tables, *self._window(segment, start, stop), self.memory)
 
     def _window(self, segment: Record, start: int, stop: int) -> tuple[Array, Array]:
         """y (m,) and u (nu, m) of these samples and of those that they look back to, as the kernels read them."""
@@ -568,25 +568,16 @@ def transformed(code: int, x: float, p: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True)
-def fill(
-    block: Array,
-    signs: Array,
-    offsets: Integers,
-    factors: Integers,
-    parameters: Array,
-    y: Array,
-    u: Array,
-    start: int,
-    count: int,
-) -> None:
+def fill(block: Array, tables: Tables, y: Array, u: Array, start: int, count: int) -> None:
     """Write samples ``start`` to ``start + count`` of [Φ y] into a block, whose rows are the columns of it.
 
     Args:
         block: (≥ n + 1, ≥ count).
-        signs, offsets, factors, parameters: `Tables`.
+        tables: the regressors.
         y, u: (N,) and (nu, N).
         start, count: which samples.
     """
+    signs, offsets, factors, parameters = tables
     for j in range(len(signs)):
         row = block[j, :count]
         row[:] = signs[j]
@@ -611,17 +602,9 @@ def multiply(row: Array, x: Array, code: int, parameter: float, power: int) -> N
 
 
 @numba.njit(cache=True, nogil=True)
-def fill_rounding(
-    lost: Array,
-    signs: Array,
-    offsets: Integers,
-    factors: Integers,
-    parameters: Array,
-    y: Array,
-    u: Array,
-    start: int,
-) -> None:
+def fill_rounding(lost: Array, tables: Tables, y: Array, u: Array, start: int) -> None:
     """Write what `fill` has lost by rounding its products into ``lost`` (n, count)."""
+    signs, offsets, factors, parameters = tables
     for j in range(len(signs)):
         for i in range(lost.shape[1]):
             high, low = signs[j], 0.0
@@ -636,20 +619,11 @@ def fill_rounding(
 
 
 @numba.njit(cache=True, nogil=True)
-def fold_regression(
-    factor: Array,
-    signs: Array,
-    offsets: Integers,
-    factors: Integers,
-    parameters: Array,
-    y: Array,
-    u: Array,
-    start: int,
-) -> None:
+def fold_regression(factor: Array, tables: Tables, y: Array, u: Array, start: int) -> None:
     """Fold samples ``start`` … into a factor, tile by tile: the regression never leaves the cache."""
     top, tile = workspace(factor)
     for first in range(start, len(y), TILE):
         height = min(TILE, len(y) - first)
-        fill(tile, signs, offsets, factors, parameters, y, u, first, height)
+        fill(tile, tables, y, u, first, height)
         reflect(top, tile, height)
     factor[:, :] = top[:, : len(factor)]

@@ -16,12 +16,10 @@ from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.frequency_response import fit_rational, frequency_response
 from emsid.estimation.gauss_newton import Iteration
-from emsid.estimation.least_squares import least_squares
 from emsid.io import read
 from emsid.models.cascade import Cascade, unit_gain
 from emsid.models.families import ABS, COULOMB, DEAD_ZONE, FAMILIES, POLYNOMIAL, SPLINE, Family, given
 from emsid.models.filters import Rational, fir
-from emsid.models.regressors import arx
 from emsid.models.starts import regression_candidate
 from emsid.models.static_maps import Abs, CubicSpline, DeadZone, Polynomial, UserMap
 from emsid.models.wiener_hammerstein import (
@@ -127,7 +125,7 @@ def test_a_sensor_with_offsets_loses_the_sign_of_a_resonance() -> None:
     drive = Rational([0.0, 0.03, 0.02], np.real(np.poly([0.93 + 0.2j, 0.93 - 0.2j]))[1:])
     truth = Cascade((drive, Abs(), Rational([0.5], [-0.5])), input_offset=0.3, output_offset=0.05)
     record, other = (held_levels(truth, 600, seed) for seed in (0, 1))
-    fit = wiener_hammerstein(record, None, replace(AT_RATE, static=ABS))
+    fit = wiener_hammerstein(record, (2, 1), replace(AT_RATE, static=ABS))
     assert isinstance(fit.model.blocks[1], Abs)
     assert fit.model.input_offset == pytest.approx(0.3, abs=0.02)
     assert unexplained(fit, other) < 0.02
@@ -145,7 +143,7 @@ def test_a_sensor_that_bends_is_given_knots_and_one_that_does_not_is_not() -> No
 
 
 def test_every_sample_of_a_short_record_judges_once_and_a_long_one_keeps_its_end() -> None:
-    short, long = (record_of(Cascade((SLOW,)), samples) for samples in (403, 2000))
+    short, long = (record_of(Cascade((SLOW,)), samples) for samples in (403, 6000))
     _, rounds = module._held_back([short], Options())
     judged = np.concatenate([unseen.output[:, 0] for _, parts in rounds for unseen in parts])
     np.testing.assert_array_equal(judged, short.output[:, 0])
@@ -154,8 +152,8 @@ def test_every_sample_of_a_short_record_judges_once_and_a_long_one_keeps_its_end
         assert not np.isin(unseen.output, np.concatenate([p.output for r in rest for p in r.segments])).any()
     shown, [(rest, (unseen,))] = module._held_back([long], Options())
     assert rest is shown
-    assert len(shown[0]) == 1500
-    np.testing.assert_array_equal(unseen.output, long[1500:].output)
+    assert len(shown[0]) == 4500
+    np.testing.assert_array_equal(unseen.output, long[4500:].output)
 
 
 def test_a_delay_is_found() -> None:
@@ -257,8 +255,14 @@ def test_a_map_of_two_levels_cannot_be_told_from_a_gain() -> None:
 
 
 @pytest.mark.recordings
-def test_a_drive_with_friction_runs_as_well_as_a_linear_model(recordings: Path) -> None:
-    """States estimated along with a slow pole once fitted the drift of this record, and no free run."""
+@pytest.mark.parametrize(("estimator", "most"), [(hammerstein, 0.12), (wiener, 0.06), (hammerstein_wiener, 0.08)])
+def test_a_drive_with_friction_is_not_given_a_slow_pole_for_its_drift(
+    recordings: Path, estimator: Callable[..., Fit[Cascade]], most: float
+) -> None:
+    """A slow pole runs through what it was fitted to and past what it was not; one quarter alone does not tell.
+
+    The best linear model leaves 0.18.
+    """
     record = read(
         recordings / "dc_motor_bidirectional" / "testBench_testAll_10ms.dat",
         input="PWM",
@@ -267,10 +271,9 @@ def test_a_drive_with_friction_runs_as_well_as_a_linear_model(recordings: Path) 
         mask="abs(PWM) > 255",
     )
     first, second = record.split(0.5)
-    fit = hammerstein(first)
-    linear = least_squares(arx(3, 3), first).model.simulate(second)
-    missed = np.sqrt(np.mean((linear.output - second.output)[linear.counted] ** 2)) / np.std(second.output)
-    assert unexplained(fit, second) < min(missed, 0.15)
+    fit = estimator(first)
+    assert fit.ending is Ending.CONVERGED, fit.message
+    assert unexplained(fit, second) < most
 
 
 @pytest.mark.recordings

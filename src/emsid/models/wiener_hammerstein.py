@@ -57,7 +57,7 @@ Round = tuple[Sequence[Record], Sequence[Record]]
 # How much of each record serves to identify while choices are made; the rest judges them.
 IDENTIFY = 0.75
 # Records of fewer samples together are short: each of so many parts judges once.
-SHORT, FOLDS = 1_500, 4
+SHORT, FOLDS = 4_000, 4
 # Refinements for a choice see no more samples than this, and take no more steps.
 CHOICE_SAMPLES, CHOICE_STEPS = 8_000, 25
 # Candidates refined per oversampling, and where chance had to help.
@@ -135,7 +135,7 @@ class Options:
     skip: int | None = None
     loss: Loss = SQUARES
     workers: int = 2
-    max_iterations: int = 50
+    max_iterations: int = 150
     max_seconds: float = np.inf
     rng: np.random.Generator | None = None
     progress: Progress | None = None

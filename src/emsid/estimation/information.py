@@ -204,7 +204,7 @@ def fold(factor: Array, columns: Array) -> None:
             for i in range(height):
                 tile[j, i] = columns[j, first + i]
         reflect(top, tile, height)
-    factor[:, :] = top[:, :width]
+    copy_square(top, factor, width)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -212,8 +212,16 @@ def workspace(factor: Array) -> tuple[Array, Array]:
     """The factor and a tile for `reflect`, both with two columns of zeros more than there are."""
     width = len(factor)
     top = np.zeros((width, width + 2))
-    top[:, :width] = factor
+    copy_square(factor, top, width)
     return top, np.zeros((width + 2, TILE))
+
+
+@numba.njit(cache=True, nogil=True)
+def copy_square(source: Array, target: Array, width: int) -> None:
+    """Copy the first rows and columns; a slice assignment takes seconds to compile, for the sake of its error."""
+    for i in range(width):
+        for j in range(width):
+            target[i, j] = source[i, j]
 
 
 # The inner loops are functions of their own because they are vectorised one function at a time, and only where few

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
-from emsid.estimation.information import TILE, add_multiple, reflect, workspace
+from emsid.estimation.information import TILE, add_multiple, copy_square, reflect, workspace
 from emsid.estimation.least_squares import LinearStructure, M_co, check_excitation
 from emsid.record import Record, check_same_channels, concatenate
 
@@ -283,7 +283,8 @@ def update(
         totals[0] = forgetting * totals[0] + 1.0
         totals[1] = forgetting * (totals[1] + error * weight)
         if len(trace):
-            trace[t] = estimate
+            for i in range(n):
+                trace[t, i] = estimate[i]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -301,7 +302,8 @@ def update_by_tiles(
     for first in range(0, rows, TILE):
         height = min(TILE, rows - first)
         for j in range(n + 1):
-            tile[j, :height] = block[j, first : first + height]
+            for i in range(height):
+                tile[j, i] = block[j, first + i]
         if height > n and np.all(diagonal <= ceiling * forgetting**height):
             _fold_tile(estimate, factor, diagonal, totals, tile, height, weight[TILE - height :], forgetting, top)
         else:
@@ -351,8 +353,8 @@ def _fold_tile(
         diagonal[i] = 1.0 / top[i, i] ** 2
         for j in range(i, n):
             inverse[j, i] = top[i, j] / top[i, i]
-    estimate += change
-    factor[:] = _inverse(inverse)
+        estimate[i] += change[i]
+    copy_square(_inverse(inverse), factor, n)
     totals[1] = top[n, n] ** 2
 
 

@@ -271,8 +271,10 @@ def filter_rows(b: Array, a: Array, rows: Array, out: Array) -> None:
     count, samples = rows.shape
     order = max(len(a), len(b)) - 1
     above, below = np.zeros(order + 1), np.zeros(order + 1)
-    above[: len(b)] = b
-    below[: len(a)] = a
+    for i in range(len(b)):
+        above[i] = b[i]
+    for i in range(len(a)):
+        below[i] = a[i]
     state = np.empty((order + 1, 4))
     x, y = np.zeros(4), np.zeros(4)
     for first in range(0, count, 4):

@@ -237,7 +237,8 @@ def predict_ahead(
         _weigh(coefficient, u, recursion, begin, end - begin)
         for t in range(first, end):
             origin = max(t - horizon + 1, memory)
-            window[:memory] = y[origin - memory : origin]
+            for i in range(memory):
+                window[i] = y[origin - memory + i]
             _advance(window, coefficient, recursion, memory, origin - begin, t - origin + 1, np.inf)
             result[t] = window[memory + t - origin]
 

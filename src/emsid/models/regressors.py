@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.information import TILE, reflect, workspace
+from emsid.estimation.information import TILE, copy_square, reflect, workspace
 from emsid.estimation.least_squares import two_product
 from emsid.record import Record
 
@@ -585,7 +585,8 @@ def fill(block: Array, tables: Tables, y: Array, u: Array, start: int, count: in
             channel, lag, power, code = factors[f]
             signal = y if channel == 0 else u[channel - 1]
             multiply(row, signal[start - lag : start - lag + count], code, parameters[f], power)
-    block[len(signs), :count] = y[start : start + count]
+    for i in range(count):
+        block[len(signs), i] = y[start + i]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -626,4 +627,4 @@ def fold_regression(factor: Array, tables: Tables, y: Array, u: Array, start: in
         height = min(TILE, len(y) - first)
         fill(tile, tables, y, u, first, height)
         reflect(top, tile, height)
-    factor[:, :] = top[:, : len(factor)]
+    copy_square(top, factor, len(factor))

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from coverage_cascade import NOISES, coverage
+from coverage_cascade import CASES as COVERED
+from coverage_cascade import MODEL as COVERING
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.gauss_newton import Infeasible, Iteration
@@ -207,12 +208,13 @@ def test_dead_zone_edges_come_back_with_honest_intervals() -> None:
         assert interval[name][0] < value < interval[name][1]
 
 
-@pytest.mark.parametrize("noise", NOISES)
-def test_intervals_cover_the_truth(noise: str) -> None:
-    """The short form of ``tests/coverage_cascade.py``, 30 data sets."""
-    shares = coverage(30, NOISES[noise])
+@pytest.mark.parametrize("name", COVERED)
+def test_intervals_cover_the_truth(name: str) -> None:
+    """The short form of ``tests/coverage_cascade.py``: 30 data sets, and half as many where it takes more samples."""
+    case = COVERED[name]
+    shares = case.coverage(30 if case.system is COVERING else 15)
     assert 0.89 <= np.mean(list(shares.values())) <= 0.995
-    assert min(shares.values()) >= 0.75
+    assert min(shares.values()) >= 0.7
 
 
 def test_covariance_follows_the_normalisation() -> None:

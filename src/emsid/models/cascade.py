@@ -57,10 +57,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.coloured import coloured_covariance
 from emsid.estimation.fit import Fit
 from emsid.estimation.gauss_newton import Infeasible, Iteration, Minimum, gauss_newton
 from emsid.estimation.losses import SQUARES, Loss, Squares
+from emsid.estimation.model_error import model_error_covariance
 from emsid.models.blocks import Block, block_from_data
 from emsid.models.filters import INTERPOLATION_REACH, Rational, interpolated
 from emsid.models.model import RUNAWAY, Run
@@ -76,6 +76,8 @@ Array = NDArray[np.float64]
 SAMPLES_PER_STATE = 8
 # How firmly the first look at a starting state holds it at rest, relative to what the samples of the start say.
 REST = 1e-2
+# So many samples say how the model error bends the cost.
+CURVATURE_SAMPLES = 5_000
 # What finding a starting state may cost; a twentieth of its standard error is near enough.
 START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05}
 # A search for it may begin at so many of the states that the input leads to.
@@ -627,6 +629,11 @@ class FreeRun:
         """The cascade at these parameters."""
         return self.cascade.with_parameters(self.freedom.parameters(theta[: len(self.freedom.free)]))
 
+    def shortened(self, samples: int) -> FreeRun:
+        """The same on the first part of every segment, so many samples in all, or a few more."""
+        share = max(samples // len(self.segments), self.skip + 1)
+        return replace(self, segments=tuple((u[:share], y[:share]) for u, y in self.segments))
+
     def residuals(self, theta: Array) -> list[Array]:
         """Model less measurement, per segment."""
         model = self.model(theta)
@@ -701,7 +708,7 @@ def fit_cascade(
         max_iterations, max_seconds, tolerance, progress: as `gauss_newton` has them.
 
     Returns:
-        The fit, in the normalisation `unit_gain`; its covariance allows for coloured residuals.
+        The fit, in the normalisation `unit_gain`; its covariance allows for coloured residuals and for model error.
 
     Raises:
         ModelError: for records of other channels or too short, a start that is unstable.
@@ -762,7 +769,7 @@ def conclude(minimum: Minimum, problem: FreeRun, loss: Loss = SQUARES) -> Fit[Ca
     """The fit at a minimum: every parameter that moved, those that are tied included."""
     cascade = problem.model(minimum.estimate)
     count = len(problem.freedom.free)
-    own = minimum.covariance if not isinstance(loss, Squares) else _coloured(minimum, problem)
+    own = minimum.covariance if not isinstance(loss, Squares) else _honest(minimum, problem)
     covariance = _propagated(problem.freedom.spread, own[:count, :count])
     kept = np.flatnonzero(np.diag(covariance) > 0)
     fit = minimum.fit(cascade, [cascade.names[k] for k in problem.freedom.free])
@@ -774,16 +781,17 @@ def conclude(minimum: Minimum, problem: FreeRun, loss: Loss = SQUARES) -> Fit[Ca
     )
 
 
-def _coloured(minimum: Minimum, problem: FreeRun) -> Array:
-    """The covariance of the minimum with the residual's own colour, which all samples tell, not only those at a kink.
+def _honest(minimum: Minimum, problem: FreeRun) -> Array:
+    """The covariance of the minimum, allowing for a residual that is coloured, or is model error.
 
     What the data cannot tell keeps its infinite variance.
     """
     covariance = minimum.covariance.copy()
     told = np.flatnonzero(minimum.free & np.isfinite(np.diag(covariance)))
-    if len(told) and minimum.samples > len(told):
-        blocks = problem.linearised(minimum.estimate)
-        covariance[np.ix_(told, told)] = coloured_covariance([(r, jacobian[:, told]) for r, jacobian in blocks])
+    own, states = told[told < len(problem.freedom.free)], told[told >= len(problem.freedom.free)]
+    if len(own) and minimum.samples > len(told):
+        part = problem.shortened(CURVATURE_SAMPLES)
+        covariance[np.ix_(own, own)] = model_error_covariance(problem, minimum.estimate, own, states, part)
     return covariance
 
 

@@ -45,7 +45,7 @@ from emsid.estimation.frequency_response import fit_rational, frequency_response
 from emsid.estimation.gauss_newton import least_squares_step
 from emsid.estimation.information import Information
 from emsid.estimation.least_squares import gather
-from emsid.models.cascade import Cascade, fit_cascade, unit_gain
+from emsid.models.cascade import Cascade, search, unit_gain
 from emsid.models.filters import Rational
 from emsid.models.regressors import wiener_hammerstein_regression
 from emsid.models.static_maps import CubicSpline, Polynomial, StaticMap
@@ -156,8 +156,8 @@ def unfolded_candidates(
     for found in unfoldings(u, y, first, rng)[:UNFOLDINGS]:
         level = found.constant / (1 + found.denominator.sum())
         start = Cascade((_stable(Rational(found.numerator, found.denominator)),), output_offset=level)
-        fitted = fit_cascade(start, Record(u, found.signal, 1.0), max_iterations=30, tolerance=0.2).model
-        for model in (start, fitted):
+        minimum, problem = search(start, Record(u, found.signal, 1.0), max_iterations=30, tolerance=0.2)
+        for model in (start, problem.model(minimum.estimate)):
             (block,) = model.blocks
             assert isinstance(block, Rational)
             gain = block.resting(1.0)[1]

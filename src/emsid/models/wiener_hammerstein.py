@@ -29,11 +29,11 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.frequency_response import fit_rational, frequency_response
-from emsid.estimation.gauss_newton import Iteration
+from emsid.estimation.gauss_newton import Iteration, Minimum
 from emsid.estimation.least_squares import check_excitation
 from emsid.estimation.losses import SQUARES, Loss
 from emsid.estimation.threads import one_blas_thread
-from emsid.models.cascade import Cascade, check_channels, fit_cascade
+from emsid.models.cascade import Cascade, FreeRun, check_channels, conclude, fit_cascade, search
 from emsid.models.families import SPLINE, Family
 from emsid.models.filters import Rational
 from emsid.models.starts import (
@@ -227,7 +227,7 @@ def estimate(
             best = choice
         assert best is not None
         options.tell(f"fitting {layout.name} to all data")
-        return _fitted(
+        minimum, problem = _searched(
             _placed(best, several, options),
             several,
             skip=options.skip,
@@ -236,6 +236,7 @@ def estimate(
             max_seconds=options.max_seconds,
             progress=lambda iteration: options.tell(f"fitting {layout.name}", iteration),
         )
+        return conclude(minimum, problem, options.loss)
     except KeyboardInterrupt:
         if best is None:
             raise
@@ -381,13 +382,11 @@ def _refined(
     budget: dict[str, Any] = {"max_iterations": CHOICE_STEPS, "tolerance": CHOICE_TOLERANCE}
 
     def refine(start: tuple[Cascade, int]) -> Choice:
-        model = _fitted(start[0], part, **budget).model
+        model = _fitted(start[0], part, **budget)
         return Choice(model, np.inf, _free_run_error(model, part), start[1])
 
     def judge(choice: Choice) -> Choice:
-        models = [
-            choice.model if len(rounds) == 1 else _fitted(choice.model, rest, **budget).model for rest, _ in rounds
-        ]
+        models = [choice.model if len(rounds) == 1 else _fitted(choice.model, rest, **budget) for rest, _ in rounds]
         held = [_free_run_error(model, unseen) for model, (_, unseen) in zip(models, rounds, strict=True)]
         return replace(choice, error=float(np.sqrt(np.mean(np.square(held)))))
 
@@ -411,19 +410,31 @@ def _successes(step: Callable[[T], Choice], items: Sequence[T], workers: int) ->
         return [choice for choice in pool.map(attempt, items) if choice is not None]
 
 
-def _fitted(start: Cascade, records: Sequence[Record], *, skip: int | None = None, **budget: Any) -> Fit[Cascade]:
-    """`fit_cascade`, but the free run on the records gets no worse than that of the start.
+def _fitted(start: Cascade, records: Sequence[Record], **budget: Any) -> Cascade:
+    minimum, problem = _searched(start, records, **budget)
+    return problem.model(minimum.estimate)
+
+
+def _searched(
+    start: Cascade, records: Sequence[Record], *, skip: int | None = None, **budget: Any
+) -> tuple[Minimum, FreeRun]:
+    """`search`, but the free run on the records gets no worse than that of the start.
 
     States that are estimated along with a very slow pole describe a drift, which a free run, whose states are found
     from a few samples, cannot repeat. Where that has happened, the states are found as a free run finds them and held.
     """
-    fit = fit_cascade(start, records, skip=skip, **budget)
+
+    def missed(minimum: Minimum, problem: FreeRun) -> float:
+        return _free_run_error(problem.model(minimum.estimate), records)
+
+    free = search(start, records, skip=skip, **budget)
     before = _free_run_error(start, records)
-    if skip is not None or fit.ending is Ending.INTERRUPTED or _free_run_error(fit.model, records) <= before:
-        return fit
-    best = fit_cascade(start, records, skip=start.memory, **budget)
-    again = fit_cascade(best.model, records, skip=start.memory, **budget)  # with the states that it has now
-    return min((best, again), key=lambda held: _free_run_error(held.model, records))
+    if skip is not None or free[0].ending is Ending.INTERRUPTED or missed(*free) <= before:
+        return free
+    minimum, problem = search(start, records, skip=start.memory, **budget)
+    # Once more with the states that it has now.
+    again = search(problem.model(minimum.estimate), records, skip=start.memory, **budget)
+    return min((minimum, problem), again, key=lambda found: missed(*found))
 
 
 def _with_map(model: Cascade, layout: Layout, family: Family, size: int, part: Sequence[Record]) -> Cascade:

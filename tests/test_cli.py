@@ -1,6 +1,8 @@
 """The command line as a user meets it: what it prints, what it writes, and how it refuses."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 
 from emsid.cli import main
+from emsid.identification import CANDIDATES
 
 IDENTIFY = ("--input", "u", "--output", "y", "--dt", "0.01")
 
@@ -321,3 +324,48 @@ def test_a_candidate_that_cannot_be_fitted_is_named_and_the_others_go_on(run, tm
     status, out, _ = run(*words, "--out", tmp_path / "out")
     assert status == 0
     assert "friction-narx could not be fitted" in out
+
+
+def test_interrupting_the_drawing_keeps_all_numbers(run, log, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("emsid.report.drawing.draw", interrupted)
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)
+    out = tmp_path / "out"
+    status, printed, err = run("identify", log, "-u", "u", "-y", "y", "--dt", 0.01, "--models", "arx", "--out", out)
+    assert status == 130
+    assert "interrupted" in err
+    assert "chosen: arx" in printed
+    assert "report.html" not in printed
+    assert sorted(path.name for path in out.iterdir()) == ["arx.json", "result.json"]
+
+
+def test_what_follows_from_an_interrupt_is_one(run, log, tmp_path, monkeypatch):
+    """An import that was cut short fails later, as anything at all."""
+
+    def half_imported(*_, **__):
+        os.kill(os.getpid(), signal.SIGINT)
+
+    def broken(*_, **__):
+        try:
+            half_imported()
+        except KeyboardInterrupt:
+            raise NameError("name '_half' is not defined") from None
+
+    monkeypatch.setattr("emsid.identification.identify", broken)
+    status, _, err = run("identify", log, "-u", "u", "-y", "y", "--dt", 0.01, "--out", tmp_path / "out")
+    assert status == 130
+    assert err == "emsid: interrupted; nothing was written\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_candidate_that_the_numbers_defeat_is_left_out(run, log, tmp_path, monkeypatch):
+    def defeated(*_):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setitem(CANDIDATES, "friction-narx", defeated)
+    words = ("-u", "u", "-y", "y", "--dt", 0.01, "--models", "arx,friction-narx", "--out", tmp_path / "out")
+    status, printed, _ = run("identify", log, *words)
+    assert status == 0
+    assert "friction-narx could not be fitted: the numbers are out of range (SVD did not converge)" in printed

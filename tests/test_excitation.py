@@ -478,3 +478,8 @@ def test_random_signals_differ_between_seeds_and_excite_a_motor_model(name):
     first, other = (SIGNALS[name](10_000, 1e-3, 12.0, seeded(seed)) for seed in (1, 2))
     assert not np.array_equal(first, other)
     assert persistent_excitation_order(first, max_order=8, tolerance=1e-12) == 8
+
+
+def test_more_samples_than_fit_are_refused() -> None:
+    with pytest.raises(DataError, match="from 1 to 100,000,000"):
+        prbs(10**13, 3)

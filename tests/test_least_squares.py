@@ -332,3 +332,17 @@ def test_memory_beyond_the_data_does_not_grow_with_the_number_of_samples() -> No
     short, long = peak(400_000), peak(1_600_000)
     assert long - short < 0.005 * 1_200_000 * 16  # of what the data themselves have grown: a list of chunks
     assert long < 0.02 * 1_600_000 * 8  # of one column of the regression
+
+
+@pytest.mark.parametrize("ridge", [-1.0, np.nan, np.inf])
+def test_a_ridge_that_is_no_weight_is_refused(ridge: float) -> None:
+    record = Record(np.sin(np.arange(50.0)), np.cos(np.arange(50.0)), 0.1)
+    with pytest.raises(ModelError, match="ridge"):
+        least_squares(arx(1, 1), record, ridge=ridge)
+
+
+@pytest.mark.parametrize("size", [1e300, 1e-300])
+def test_channels_that_cannot_be_computed_with_are_refused(size: float) -> None:
+    record = Record(size * np.sin(np.arange(50.0)), np.cos(np.arange(50.0)), 0.1)
+    with pytest.raises(DataError, match="ordinary size"):
+        least_squares(arx(1, 1), record)

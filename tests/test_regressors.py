@@ -363,3 +363,12 @@ def test_records_it_cannot_be_built_from_are_refused(record: Record, message: st
     for use in (structure.check, structure.regression):
         with pytest.raises(ModelError, match=message):
             use(record)
+
+
+def test_more_regressors_than_anybody_means_are_refused_before_they_are_made() -> None:
+    for size in ({"degree": 5, "taps": 20}, {"degree": 20, "taps": 20}, {"degree": 1000, "taps": 1000}):
+        with pytest.raises(ModelError, match="lower degree or taps"):
+            wiener_hammerstein_regression(4, 3, **size)
+    with pytest.raises(ModelError, match="make 1001 regressors"):
+        wiener_hammerstein_regression(1, 1, 1000)
+    assert len(wiener_hammerstein_regression(0, 1, 3, taps=333, cross_terms=False).regressors) == 999

@@ -94,3 +94,9 @@ def test_what_is_no_unit(unit: str, target: str | None, meanings: dict[str, floa
     with pytest.raises(DataError, match=message) as caught:
         conversion(unit, target, **meanings)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["9**9**9**9", "m**9**9**9", "((9**9)**9)**9", "m^99", "m^1e5", "V" * 100])
+def test_powers_without_end_are_refused_at_once(text: str) -> None:
+    with pytest.raises(DataError, match="is not understood"):
+        conversion(text)

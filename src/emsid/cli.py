@@ -4,13 +4,15 @@ Nothing heavy is imported before a command runs, so that ``emsid --help`` answer
 """
 
 import inspect
+import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar
 
 import typer
 
@@ -36,13 +38,43 @@ Command = TypeVar("Command", bound=Callable[..., None])
 USER_ERROR, INTERRUPTED = 2, 130
 
 
+class _Interruption:
+    """Whether Ctrl-C was pressed, and whether that has been answered.
+
+    An interrupt within an import or in the middle of a library's work may come out as any other exception.
+    """
+
+    pressed = answered = False
+
+    def __call__(self, *_: object) -> None:
+        self.pressed = True
+        raise KeyboardInterrupt
+
+    def answer(self, words: str) -> NoReturn:
+        self.answered = True
+        print(f"emsid: {words}", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+
+
+_interruption = _Interruption()
+
+
 def main() -> None:
     """Run the command line; what a user can mend is one line on standard error and exit status 2."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # they speak to programmers
+    _interruption.pressed = _interruption.answered = False
+    signal.signal(signal.SIGINT, _interruption)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # with all that is cleaned up on leaving
     try:
         app()
     except EmsidError as problem:
         print(f"emsid: {problem}", file=sys.stderr)
         sys.exit(USER_ERROR)
+    except BaseException:
+        if _interruption.pressed and not _interruption.answered:
+            _interruption.answer("interrupted; nothing was written")
+        raise
 
 
 # --- options that every command which reads a record has -------------------------------------------------------------
@@ -221,13 +253,14 @@ def study(
     records = None if record is None or verify is None else (reader(record), reader(verify))
     with _progress() as report_progress, _drawing_process() as beside:
         result = paper.study(settings, records, report_progress)
-        _write(out, paper.report(result), {"study.json": result.to_data()}, report_progress, beside)
+        _write(out, {"study.json": result.to_data()})
+        drawn = _draw(out, lambda: paper.report(result), report_progress, beside)
     for part in result.parts:
         _print(_table(part.rows, f"{part.name} study"))
     print("\n".join(paper.findings(result)))
-    _say_where(out, "report.html", "study.json")
-    if result.interrupted:
-        _interrupted("the study")
+    _say_where(out, drawn, "study.json")
+    if result.interrupted or not drawn:
+        _interruption.answer("the study was interrupted; what had been found by then is above and written")
 
 
 @app.command()
@@ -316,16 +349,16 @@ def identify(
             unseen=unseen,
             progress=report_progress,
         )
-        documents, fits = {"result.json": result.to_data()}, result.verification.fits
-        _write(out, identification.report(result), documents, report_progress, beside, fits)
+        _write(out, {"result.json": result.to_data()}, result.verification.fits)
+        drawn = _draw(out, lambda: identification.report(result), report_progress, beside)
     _print(_table(result.verification.rows, f"on unseen data ({result.unseen.name})", result.unseen.output_units[0]))
     print(f"chosen: {result.chosen.model.name}")
     print(result.chosen.model.equation())
     for line in identification.remarks(result):
         print(line)
-    _say_where(out, "report.html", "result.json", *(f"{fit.model.name}.json" for fit in result.verification.fits))
-    if result.interrupted:
-        _interrupted("identification")
+    _say_where(out, drawn, "result.json", *(f"{fit.model.name}.json" for fit in result.verification.fits))
+    if result.interrupted or not drawn:
+        _interruption.answer("identification was interrupted; what had been found by then is above and written")
 
 
 @app.command()
@@ -440,8 +473,8 @@ def list_() -> None:
         print(f"  {name:<32}{candidate.summary}")
     print(f"static maps for --static: {', '.join(FAMILIES)}")
     print("signals for --excitation:")
-    for name, signal in SIGNALS.items():
-        print(f"  {name:<32}{signal.__doc__}")
+    for name, test_signal in SIGNALS.items():
+        print(f"  {name:<32}{test_signal.__doc__}")
     print(f"files read: {', '.join(READERS)}")
     print(f"files written: {', '.join(WRITERS)}")
 
@@ -506,31 +539,31 @@ def _drawing_process() -> Any:
     return drawing_process()
 
 
-def _write(
-    folder: Path,
-    report: Any,
-    documents: dict[str, Any],
-    progress: Callable[[str, float], None],
-    beside: Any,
-    fits: Any = (),
-) -> None:
-    """Write report, JSON documents and model files into a folder."""
+def _write(folder: Path, documents: dict[str, Any], fits: Any = ()) -> None:
+    """Write JSON documents and model files into a folder."""
     import msgspec
 
     from emsid.io import atomic_write, save
-    from emsid.report.page import write_report
 
-    write_report(report, folder, progress, beside)
     for fit in fits:
         save(fit.model, folder / f"{fit.model.name}.json")
     for name, content in documents.items():
         atomic_write(folder / name, msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
 
 
-def _say_where(folder: Path, *names: str) -> None:
-    print(f"written to {folder}/: {', '.join(names)}, figures/")
+def _draw(folder: Path, report: Callable[[], Any], progress: Callable[[str, float], None], beside: Any) -> bool:
+    """Write the report with its figures; false where Ctrl-C was pressed meanwhile."""
+    from emsid.report.page import write_report
+
+    try:
+        write_report(report(), folder, progress, beside)
+    except BaseException as problem:
+        if not (_interruption.pressed or isinstance(problem, KeyboardInterrupt)):
+            raise
+        return False
+    return True
 
 
-def _interrupted(what: str) -> None:
-    print(f"emsid: {what} was interrupted; what had been found by then is above and written", file=sys.stderr)
-    sys.exit(INTERRUPTED)
+def _say_where(folder: Path, drawn: bool, *names: str) -> None:
+    report = ("report.html", "figures/") if drawn else ()
+    print(f"written to {folder}/: {', '.join((*report[:1], *names, *report[1:]))}")

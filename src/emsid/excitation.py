@@ -657,13 +657,17 @@ SIGNALS: dict[str, Signal] = {
 # --- at the door --------------------------------------------------------------------------------------------
 
 
+MOST_SAMPLES = 10**8
+"""Of a signal: more than a day at a kilohertz, and less than would fill the memory of a laptop."""
+
+
 def _whole(value: SupportsIndex, what: str) -> int:
     try:
         number = operator.index(value)
     except TypeError:
         number = 0
-    if number < 1:
-        raise DataError(f"{what} {value}; give a whole number of at least 1")
+    if not 1 <= number <= MOST_SAMPLES:
+        raise DataError(f"{what} {value}; give a whole number from 1 to {MOST_SAMPLES:,}")
     return number
 
 

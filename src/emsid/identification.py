@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from emsid.errors import EmsidError, ModelError
-from emsid.estimation.fit import Fit
+from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.gauss_newton import Iteration
 from emsid.estimation.least_squares import least_squares
 from emsid.estimation.recursive import recursive_least_squares
@@ -332,15 +332,19 @@ def identify(
     fits: list[Fit[Any]] = []
     failed: dict[str, EmsidError] = {}
     interrupted = False
-    for name in models:
+    for name in dict.fromkeys(models):
         try:
             fits.append(CANDIDATES[name](train, options, lambda fraction, name=name: progress(name, fraction)))  # type: ignore[misc]
             progress(name, 1.0)
         except KeyboardInterrupt:
             interrupted = True
-            break
         except EmsidError as problem:
             failed[name] = problem
+        except (ValueError, ArithmeticError) as problem:  # also what linear algebra does not converge on
+            failed[name] = ModelError(f"the numbers are out of range ({problem}); scale the channels, check --dt")
+        if interrupted or (fits and fits[-1].ending is Ending.INTERRUPTED):
+            interrupted = True
+            break
     if not fits:
         if failed:
             raise next(iter(failed.values()))

@@ -21,6 +21,11 @@ _SI = ("rad", "rad/s", "rad/s^2", "rad/s^3", "V", "A", "ohm", "H", "s", "m", "m/
        "kg*m^2", "N*s/m", "N*m*s", "V*s", "N/V", "W", "1")  # fmt: skip
 
 
+# Powers are worked out to the last digit where a unit is read: those of one digit are enough for any, and end.
+_ENDLESS = re.compile(r"(?:\^|\*\*)(?!\s*[-+]?\d(?![\d.eE]))|\)\s*(?:\^|\*\*)|(?:\^|\*\*)[^*^/]*(?:\^|\*\*)")
+MOST_LETTERS = 80
+
+
 class Conversion(NamedTuple):
     """``converted = gain * value + offset``, in ``unit``."""
 
@@ -72,6 +77,9 @@ def conversion(
     if "pwm" in meanings and not 0 < pwm_full_scale < inf:
         raise DataError(f"a full scale of {pwm_full_scale:g} for 'pwm'; give --pwm-full-scale a positive number")
 
+    for text in (unit, target or ""):
+        if len(text) > MOST_LETTERS or _ENDLESS.search(text):
+            raise DataError(f"unit {text[:MOST_LETTERS]!r} is not understood; write it as V, rpm, deg/s, N*m/s^2, …")
     import pint
 
     registry = _registry(

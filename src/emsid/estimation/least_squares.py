@@ -15,13 +15,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from itertools import repeat
+from math import isfinite
 from typing import Protocol, TypeVar
 
 import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emsid.errors import DataError
+from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.information import Information, Solution
 from emsid.record import Record, check_same_channels
@@ -31,6 +32,8 @@ M_co = TypeVar("M_co", covariant=True)
 
 # Samples that one thread folds at a time. The chunks do not depend on the number of threads, so neither does a result.
 CHUNK = 1 << 17
+# A channel of larger values, or of none larger than the inverse, is no measurement; its powers would overflow.
+LARGEST = 1e60
 
 
 class LinearStructure(Protocol[M_co]):
@@ -102,6 +105,8 @@ def least_squares(
     Raises:
         ModelError, DataError: for records that the structure cannot be fitted to.
     """
+    if not (isfinite(ridge) and ridge >= 0):
+        raise ModelError(f"a ridge of {ridge}; give a finite weight that is not negative")
     if refinements and not isinstance(records, Record):
         records = list(records)
     information, first = gather(structure, records, threads)
@@ -187,7 +192,7 @@ def describe_aliases(solution: Solution, labels: Sequence[str]) -> str:
 
 
 def check_excitation(record: Record) -> None:
-    """Refuse what cannot be identified from: a record in which a channel never changes."""
+    """Refuse what cannot be identified from: a channel that never changes, or whose powers are no numbers any more."""
     for names, values, kind in (
         (record.input_names, record.input, "input"),
         (record.output_names, record.output, "output"),
@@ -197,6 +202,12 @@ def check_excitation(record: Record) -> None:
             if np.ptp(x[:1000]) == 0 and np.ptp(x) == 0:
                 raise DataError(
                     f"{record.name}: {kind} {name!r} is {x[0]:g} throughout; nothing can be identified from it"
+                )
+            largest = float(max(x.max(), -x.min()))
+            if not 1 / LARGEST < largest < LARGEST:
+                raise DataError(
+                    f"{record.name}: {kind} {name!r} reaches {largest:.3g}, which cannot be computed with; bring it to "
+                    f"an ordinary size (--scale {name}=…)"
                 )
 
 

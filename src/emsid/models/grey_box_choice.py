@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from emsid.errors import EmsidError
+from emsid.estimation.fit import Ending
 from emsid.models.grey_box_datasheet import Given, applicable
 from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_fit import GreyBoxFit
@@ -145,6 +146,8 @@ def choose(
 
     def tried(start: Mechanical, free: tuple[str, ...], **how: Any) -> _Trial:
         fit = simulation_error(start, train, free=free, max_iterations=TRIAL_ITERATIONS, **how, **known)
+        if fit.ending is Ending.INTERRUPTED:  # a trial cut short decides nothing
+            raise KeyboardInterrupt
         return _Trial(_mechanical(fit), free, _held_back_error(fit, rest))
 
     def refined(by: Refinement, base: _Trial, threads: int | None = None) -> _Trial | None:

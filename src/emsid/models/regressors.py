@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 from itertools import combinations_with_replacement
-from math import isfinite
+from math import comb, isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
 import numba
@@ -421,6 +421,16 @@ def wiener_hammerstein_regression(
         cross_terms: whether products of differently lagged inputs are kept (in full, eq. 3.6) or only powers.
     """
     _check_counts("wiener_hammerstein_regression", na=na, nb=nb - 1, degree=degree - 1, taps=taps - 1, nk=nk)
+    # Every shift after the first adds the products that its newest lag is part of.
+    terms = na + sum(
+        comb(taps + p - 1, p) + (nb - 1) * comb(taps + p - 2, p - 1) if cross_terms else taps + nb - 1
+        for p in range(1, degree + 1)
+    )
+    if terms > MOST:
+        raise ModelError(
+            f"wiener_hammerstein_regression: na = {na}, nb = {nb}, degree = {degree}, taps = {taps} make "
+            f"{terms if terms < 1e9 else 'more than 10^9'} regressors, and {MOST} are the most; lower degree or taps"
+        )
     regressors = list(_autoregressive(na))
     for power in range(1, degree + 1):
         seen: dict[tuple[int, ...], None] = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -280,15 +281,32 @@ def test_linear_parts_as_scipy_systems() -> None:
     assert second.dt == 1e-3
 
 
-def test_linear_parts_as_python_control_systems() -> None:
-    try:
-        import control  # noqa: F401
-    except ImportError:
-        with pytest.raises(ModelError, match="pip install"):
-            CASCADES["linear"].control_systems(1e-3)
-    else:
-        (system,) = CASCADES["linear"].control_systems(1e-3)
-        assert system.dcgain() == pytest.approx(SLOW.gain)
+@pytest.mark.parametrize("oversampling", [1, 3])
+def test_linear_parts_as_python_control_systems(oversampling: int) -> None:
+    control = pytest.importorskip("control")
+    dt = 1e-3
+    model = replace(CASCADES["wiener-hammerstein"], delay=2, oversampling=oversampling)
+    systems = model.control_systems(dt)
+    u = excitation(60)
+    frequency = np.geomspace(1.0, 0.4 / dt, 20)
+    for system, block, late in zip(systems, (FAST, SLOW), (2 * oversampling, 0), strict=True):
+        assert isinstance(system, control.TransferFunction)
+        assert system.dt == pytest.approx(dt / oversampling)
+        assert system.dcgain() == pytest.approx(block.gain)
+        np.testing.assert_allclose(np.sort(np.abs(system.poles()))[-2:], np.sort(np.abs(block.poles)))
+        wait = np.exp(-2j * np.pi * frequency * late * system.dt)
+        np.testing.assert_allclose(
+            system(np.exp(2j * np.pi * frequency * system.dt)), wait * block.response(frequency, system.dt), rtol=1e-9
+        )
+        delayed = np.concatenate([np.zeros(late), u])[: len(u)]
+        there = control.forced_response(system, inputs=u).outputs
+        np.testing.assert_allclose(there, block.output(delayed, np.zeros(block.states)), atol=1e-9)
+
+
+def test_without_python_control_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "control", None)
+    with pytest.raises(ModelError, match=r"pip install emsid\[control\]"):
+        CASCADES["linear"].control_systems(1e-3)
 
 
 def test_interruption_keeps_the_best_so_far() -> None:

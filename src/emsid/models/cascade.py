@@ -78,6 +78,8 @@ SAMPLES_PER_STATE = 8
 REST = 1e-2
 # So many samples say how the model error bends the cost.
 CURVATURE_SAMPLES = 5_000
+# An offset this small, relative to the largest parameter, is rounding.
+ROUNDING = 1e-12
 # What finding a starting state may cost; a twentieth of its standard error is near enough.
 START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05}
 # A search for it may begin at so many of the states that the input leads to.
@@ -304,14 +306,17 @@ class Cascade:
         return self.simulate(record, transient)
 
     def equation(self) -> str:
-        """One line per block."""
-        signals = ["u", *(f"x{k}" for k in range(1, len(self.blocks))), "y"]
-        if self.delay or self.input_offset:
-            signals[0] = "v"
-        lines = [f"v(t) = u(t-{self.delay}) - ({self.input_offset:.6g})"] if signals[0] == "v" else []
-        lines += [block.equation(x, y) for block, (x, y) in zip(self.blocks, pairwise(signals), strict=True)]
-        tail = f" + ({self.output_offset:.6g})" if self.output_offset else ""
-        return "\n".join([*lines[:-1], f"{lines[-1]}{tail} + e(t)"])
+        """One line per block; an offset that is rounding beside the other parameters is left out."""
+        rounding = ROUNDING * float(np.max(np.abs(self.parameters)))
+        before, behind = (
+            f"{sign} ({offset:.6g})" if abs(offset) > rounding else ""
+            for sign, offset in ((" -", self.input_offset), (" +", self.output_offset))
+        )
+        late = f"-{self.delay}" if self.delay else ""
+        enters = [f"v(t) = u(t{late}){before}"] if late or before else []
+        signals = ["v" if enters else "u", *(f"x{k}" for k in range(1, len(self.blocks))), "y"]
+        lines = [block.equation(x, y) for block, (x, y) in zip(self.blocks, pairwise(signals), strict=True)]
+        return "\n".join([*enters, *lines[:-1], f"{lines[-1]}{behind} + e(t)"])
 
     def to_data(self) -> dict[str, Any]:
         """Blocks, offsets and delay."""

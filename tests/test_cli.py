@@ -369,3 +369,27 @@ def test_a_candidate_that_the_numbers_defeat_is_left_out(run, log, tmp_path, mon
     status, printed, _ = run("identify", log, *words)
     assert status == 0
     assert "friction-narx could not be fitted: the numbers are out of range (SVD did not converge)" in printed
+
+
+def test_judging_by_what_was_identified_from_is_said(run, log, tmp_path):
+    words = ("-u", "u", "-y", "y", "--dt", 0.01, "--models", "arx, arx", "--out", tmp_path / "out")
+    status, printed, _ = run("identify", log, "--validate", log, *words)
+    assert status == 0
+    assert "is among what was identified from: these errors say nothing of unseen data" in printed
+    assert "say nothing of unseen data" not in run("identify", log, *words)[1]
+
+
+@pytest.mark.parametrize("fraction", [0, 1, 2, -0.5, "nan"])
+def test_fractions_kept_unseen_lie_between_none_and_all(run, log, tmp_path, fraction):
+    words = ("-u", "u", "-y", "y", "--dt", 0.01, "--out", tmp_path / "out", "--unseen", fraction)
+    status, _, err = run("identify", log, *words)
+    assert (status, err.count("\n")) == (2, 1)
+    assert "give a fraction between 0 and 1" in err
+
+
+@pytest.mark.parametrize("command", ["study", "identify"])
+def test_a_folder_that_cannot_be_written_to_is_noticed_before_anything_is_done(run, log, command):
+    words = ("identify", log, "-u", "u", "-y", "y", "--dt", 0.01) if command == "identify" else ("study",)
+    status, _, err = run(*words, "--out", log / "below")
+    assert status == 2
+    assert "is not a folder that can be written to" in err

@@ -21,20 +21,22 @@ def test_there_is_something_to_run():
     assert {language for language, _ in BLOCKS} == {"bash", "python"}
 
 
+def execute(folder, *words):
+    done = subprocess.run([sys.executable, *words], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, f"{words[2:]}: {done.stderr}"
+
+
 def test_commands_and_python_run(folder):
     python = ""
     for language, text in BLOCKS:
         if language == "python":  # later blocks go on where earlier ones ended
             python += text
-            commands = [[sys.executable, "-W", "error", "-c", python]]
-        else:
-            lines = [shlex.split(line, comments=True) for line in text.splitlines()]
-            start = [sys.executable, "-c", "from emsid.cli import main; main()"]
-            assert all(words[0] == "emsid" for words in lines if words)
-            commands = [[*start, *words[1:]] for words in lines if words]
-        for command in commands:
-            done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
-            assert done.returncode == 0, f"{command[3:]}: {done.stderr}"
+            continue
+        lines = [shlex.split(line, comments=True) for line in text.splitlines()]
+        assert all(words[0] == "emsid" for words in lines if words)
+        for words in filter(None, lines):
+            execute(folder, "-c", "from emsid.cli import main; main()", *words[1:])
+    execute(folder, "-W", "error", "-c", python)
     assert (folder / "result" / "report.html").exists()
 
 

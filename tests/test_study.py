@@ -142,3 +142,21 @@ def test_interrupted_study_keeps_its_finished_part():
 def test_too_short_a_study_is_refused():
     with pytest.raises(DataError, match="duration"):
         Settings(duration=0.1)
+
+
+def test_verifying_on_the_same_input_is_refused(result):
+    record = result.parts[0].identification
+    with pytest.raises(DataError, match="have the same input"):
+        study(records=(record, record))
+
+
+def test_a_model_that_cannot_be_fitted_is_named(result, monkeypatch):
+    def defeated(*_):
+        raise np.linalg.LinAlgError("no convergence")
+
+    monkeypatch.setattr("emsid.study.wiener_hammerstein", defeated)
+    part = study(replace(result.settings, duration=4.0)).parts[0]
+    assert BLOCKS not in part.models
+    assert part.failed == {BLOCKS: "no convergence"}
+    shorter = replace(result, parts=(part,))
+    assert f"{BLOCKS} could not be fitted: no convergence." in findings(shorter)

@@ -4,6 +4,7 @@ Nothing heavy is imported before a command runs, so that ``emsid --help`` answer
 """
 
 import inspect
+import os
 import signal
 import sys
 import warnings
@@ -21,7 +22,9 @@ from emsid.errors import DataError, EmsidError
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from emsid.identification import Identification
     from emsid.record import Record
+    from emsid.study import Study
     from emsid.validation.comparison import Row
 
 app = typer.Typer(
@@ -34,26 +37,40 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
 Command = TypeVar("Command", bound=Callable[..., None])
+Result = TypeVar("Result", "Study", "Identification")
 
 USER_ERROR, INTERRUPTED = 2, 130
 
 
 class _Interruption:
-    """Whether Ctrl-C was pressed, and whether that has been answered.
+    """Whether Ctrl-C was pressed since the work at hand began.
 
-    An interrupt within an import or in the middle of a library's work may come out as any other exception.
+    An interrupt within an import or in the middle of a library's work may come out as any other exception, or be lost
+    in a callback; this remembers it.
     """
 
-    pressed = answered = False
+    def __init__(self) -> None:
+        self.pressed = self.deferred = False
+        self.words = "interrupted before anything was found"
 
     def __call__(self, *_: object) -> None:
         self.pressed = True
-        raise KeyboardInterrupt
+        if not self.deferred:
+            raise KeyboardInterrupt
 
-    def answer(self, words: str) -> NoReturn:
-        self.answered = True
-        print(f"emsid: {words}", file=sys.stderr)
-        sys.exit(INTERRUPTED)
+    def raise_again(self) -> None:
+        """Whatever swallowed Ctrl-C, it ends the work at hand."""
+        if self.pressed:
+            raise KeyboardInterrupt
+
+    @contextmanager
+    def put_off(self) -> Iterator[None]:
+        """What is short and belongs together is done to its end."""
+        self.deferred = True
+        try:
+            yield
+        finally:
+            self.deferred = False
 
 
 _interruption = _Interruption()
@@ -61,20 +78,26 @@ _interruption = _Interruption()
 
 def main() -> None:
     """Run the command line; what a user can mend is one line on standard error and exit status 2."""
+    global _interruption
+    _interruption = _Interruption()
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # they speak to programmers
-    _interruption.pressed = _interruption.answered = False
-    signal.signal(signal.SIGINT, _interruption)
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as a shell does for what runs in the background
+        signal.signal(signal.SIGINT, _interruption)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # with all that is cleaned up on leaving
     try:
         app()
     except EmsidError as problem:
-        print(f"emsid: {problem}", file=sys.stderr)
-        sys.exit(USER_ERROR)
-    except BaseException:
-        if _interruption.pressed and not _interruption.answered:
-            _interruption.answer("interrupted; nothing was written")
+        _end(str(problem), USER_ERROR)
+    except BaseException as problem:
+        if _interruption.pressed and not isinstance(problem, SystemExit):
+            _end(_interruption.words, INTERRUPTED)
         raise
+
+
+def _end(words: str, status: int) -> NoReturn:
+    print(f"emsid: {words}", file=sys.stderr)
+    sys.exit(status)
 
 
 # --- options that every command which reads a record has -------------------------------------------------------------
@@ -85,7 +108,7 @@ def _pairs(texts: list[str], option: str) -> dict[str, str]:
     for text in texts:
         name, equals, value = text.rpartition("=")
         if not equals or not name or not value:
-            raise DataError(f"{option} {text!r}: write it as COLUMN=VALUE")
+            raise DataError(f"{option} {text!r}: write it as {'NAME' if option == '--fix' else 'COLUMN'}=VALUE")
         pairs[name] = value
     return pairs
 
@@ -98,6 +121,10 @@ def _numbers(texts: list[str], option: str) -> dict[str, float]:
         except ValueError:
             raise DataError(f"{option} {name}={value}: {value!r} is not a number") from None
     return numbers
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name.strip() for name in text.split(",")))
 
 
 def _counts(text: str | None, option: str) -> tuple[int, ...]:
@@ -245,22 +272,25 @@ def study(
 
     if (record is None) != (verify is None):
         raise DataError("--record and --verify belong together: one record to identify, another to verify")
+    _check_folder(out)
     settings = paper.Settings(
         dt=step, duration=duration, seed=seed, forgetting=forgetting, knots=knots, transient=transient
     )
     if motor is not None:
         settings = replace(settings, motor=read_motor(motor))
     records = None if record is None or verify is None else (reader(record), reader(verify))
-    with _progress() as report_progress, _drawing_process() as beside:
-        result = paper.study(settings, records, report_progress)
-        _write(out, {"study.json": result.to_data()})
-        drawn = _draw(out, lambda: paper.report(result), report_progress, beside)
-    for part in result.parts:
-        _print(_table(part.rows, f"{part.name} study"))
-    print("\n".join(paper.findings(result)))
+    with _drawing_process() as beside:
+        with _progress() as report_progress:
+            result = paper.study(settings, records, report_progress)
+        with _kept(result, "the study") as result:
+            _write(out, {"study.json": result.to_data()})
+            for part in result.parts:
+                _print(_table(part.rows, f"{part.name} study"))
+            print("\n".join(paper.findings(result)), flush=True)
+        drawn = _draw(out, lambda: paper.report(result), beside)
     _say_where(out, drawn, "study.json")
     if result.interrupted or not drawn:
-        _interruption.answer("the study was interrupted; what had been found by then is above and written")
+        _end(_interruption.words, INTERRUPTED)
 
 
 @app.command()
@@ -336,29 +366,34 @@ def identify(
         options,
         fix=_numbers(fix, "--fix"),
         datasheet={} if datasheet is None else read_datasheet(datasheet),
-        profile=tuple(profile.split(",")) if profile else (),
+        profile=_names(profile) if profile else (),
     )
+    if not 0 < unseen < 1:
+        raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
+    _check_folder(out)
     records, tests = [reader(path) for path in files], [reader(path) for path in validate]
-    with _progress() as report_progress, _drawing_process() as beside:
-        result = identification.identify(
-            records,
-            tests or None,
-            models=models.split(",") if models else identification.USUAL,
-            options=options,
-            transient=transient,
-            unseen=unseen,
-            progress=report_progress,
-        )
-        _write(out, {"result.json": result.to_data()}, result.verification.fits)
-        drawn = _draw(out, lambda: identification.report(result), report_progress, beside)
-    _print(_table(result.verification.rows, f"on unseen data ({result.unseen.name})", result.unseen.output_units[0]))
-    print(f"chosen: {result.chosen.model.name}")
-    print(result.chosen.model.equation())
-    for line in identification.remarks(result):
-        print(line)
+    with _drawing_process() as beside:
+        with _progress() as report_progress:
+            result = identification.identify(
+                records,
+                tests or None,
+                models=models.split(",") if models else identification.USUAL,
+                options=options,
+                transient=transient,
+                unseen=unseen,
+                progress=report_progress,
+            )
+        with _kept(result, "identification") as result:
+            _write(out, {"result.json": result.to_data()}, result.verification.fits)
+            title = f"on unseen data ({result.unseen.name})"
+            _print(_table(result.verification.rows, title, result.unseen.output_units[0]))
+            print(f"chosen: {result.chosen.model.name}")
+            print(result.chosen.model.equation())
+            print("\n".join(identification.remarks(result)), flush=True)
+        drawn = _draw(out, lambda: identification.report(result), beside)
     _say_where(out, drawn, "result.json", *(f"{fit.model.name}.json" for fit in result.verification.fits))
     if result.interrupted or not drawn:
-        _interruption.answer("identification was interrupted; what had been found by then is above and written")
+        _end(_interruption.words, INTERRUPTED)
 
 
 @app.command()
@@ -528,15 +563,32 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
 
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("starting", total=1.0)
-        yield lambda what, fraction: bar.update(task, description=what, completed=fraction)
+    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    task = bar.add_task("starting", total=1.0)
+
+    def advance(what: str, fraction: float) -> None:
+        _interruption.raise_again()
+        bar.update(task, description=what, completed=fraction)
+
+    bar.start()
+    try:
+        yield advance
+    finally:
+        with _interruption.put_off():  # the work is done or has been left, and nothing of it may be lost
+            bar.stop()
 
 
 def _drawing_process() -> Any:
     from emsid.report.drawing import drawing_process
 
     return drawing_process()
+
+
+def _check_folder(folder: Path) -> None:
+    """Refuse a folder that cannot be written to before hours are spent on what goes there."""
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
+        raise DataError(f"--out {folder}: {there} is not a folder that can be written to; choose another")
 
 
 def _write(folder: Path, documents: dict[str, Any], fits: Any = ()) -> None:
@@ -551,14 +603,29 @@ def _write(folder: Path, documents: dict[str, Any], fits: Any = ()) -> None:
         atomic_write(folder / name, msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
 
 
-def _draw(folder: Path, report: Callable[[], Any], progress: Callable[[str, float], None], beside: Any) -> bool:
-    """Write the report with its figures; false where Ctrl-C was pressed meanwhile."""
-    from emsid.report.page import write_report
+@contextmanager
+def _kept(result: "Result", what: str) -> Iterator["Result"]:
+    """The result, with whether it was interrupted, to be written and printed even if that is interrupted.
 
+    Then Ctrl-C means what comes next: the drawing.
+    """
+    stopped = result.interrupted or _interruption.pressed
+    _interruption.pressed = False
+    with _interruption.put_off():
+        yield replace(result, interrupted=stopped)
+    _interruption.words = f"{what} was interrupted; what had been found by then is above and written"
+
+
+def _draw(folder: Path, report: Callable[[], Any], beside: Any) -> bool:
+    """Write the report with its figures; false where Ctrl-C was pressed meanwhile."""
     try:
-        write_report(report(), folder, progress, beside)
-    except BaseException as problem:
-        if not (_interruption.pressed or isinstance(problem, KeyboardInterrupt)):
+        _interruption.raise_again()
+        from emsid.report.page import write_report
+
+        with _progress() as report_progress:
+            write_report(report(), folder, report_progress, beside)
+    except BaseException:
+        if not _interruption.pressed:
             raise
         return False
     return True

@@ -276,6 +276,18 @@ class Identification:
     interrupted: bool = False
 
     @property
+    def seen(self) -> bool:
+        """Whether a record to judge by is one of those identified from."""
+        known = self.record.segments
+        return any(
+            len(one) == len(other)
+            and np.array_equal(one.input, other.input)
+            and np.array_equal(one.output, other.output)
+            for one in self.unseen.segments
+            for other in known
+        )
+
+    @property
     def chosen(self) -> Fit[Any]:
         """The model with the best free run on unseen data."""
         return self.verification.best.fit
@@ -430,9 +442,15 @@ def remarks(result: Identification) -> list[str]:
     """What a user should know about the result, in sentences that follow from it."""
     best, unit = result.verification.best.row, result.unseen.output_units[0]
     sentences = []
-    if np.isfinite(best.simulation_mse):
+    if result.seen:
         sentences.append(
-            f"{best.model}: the free run has a fit of {best.fit_percent:.1f} % on the unseen data, an RMSE of "
+            f"{result.unseen.name} is among what was identified from: these errors say nothing of unseen data."
+        )
+    if np.isfinite(best.simulation_mse):
+        constant = np.ptp(result.unseen.output) == 0
+        fit = "no fit, as the output is constant there," if constant else f"a fit of {best.fit_percent:.1f} %"
+        sentences.append(
+            f"{best.model}: the free run has {fit} on the unseen data, an RMSE of "
             f"{best.simulation_rmse:.4g}{' ' * bool(unit)}{unit}."
         )
     if 0 < 2 * best.one_step_mse < best.simulation_mse < np.inf:

@@ -10,15 +10,14 @@ free run.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from emsid.errors import DataError, EmsidError
-from emsid.estimation.fit import Fit
+from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.least_squares import least_squares
 from emsid.estimation.recursive import recursive_least_squares
 from emsid.excitation import sines
@@ -105,6 +104,7 @@ class Part:
         identification, verification: the two records.
         fits: every model by every method.
         assessed: every fit on the identification and on the verification record, in the order of the fits.
+        failed: for every model that could not be fitted, why.
     """
 
     name: str
@@ -112,6 +112,7 @@ class Part:
     verification: Record
     fits: tuple[Fit[Any], ...]
     assessed: tuple[tuple[Assessment, Assessment], ...]
+    failed: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def rows(self) -> list[Row]:
@@ -232,6 +233,10 @@ def study(
     simulated = tuple(measure(settings, Bench(), kind, rng) for kind in INPUTS)
     measured = records or tuple(measure(settings, settings.bench, kind, rng) for kind in INPUTS)
     check_same_channels(*measured)
+    if np.array_equal(measured[0].input, measured[1].input):
+        raise DataError(
+            f"{measured[0].name} and {measured[1].name} have the same input; the study verifies on another one"
+        )
     parts: list[Part] = []
     try:
         for name, (first, second) in ((SIMULATION, simulated), (EXPERIMENT, measured)):
@@ -251,6 +256,7 @@ def _part(name: str, first: Record, second: Record, settings: Settings, progress
     candidates = structures(first, settings.knots)
     start = max(settings.transient or 0, *(structure.memory for structure in candidates))
     fits: list[Fit[Any]] = []
+    failed: dict[str, str] = {}
     for k, structure in enumerate(candidates):
         progress(f"{name}: {structure.name}", 0.4 * k / len(candidates))
         fits.append(least_squares(structure, first))
@@ -262,8 +268,10 @@ def _part(name: str, first: Record, second: Record, settings: Settings, progress
     }
     for k, (model, search) in enumerate(searches.items()):
         progress(f"{name}: {model}", 0.4 + 0.3 * k)
-        with suppress(EmsidError):  # records of a user's own need not be of voltage and speed
+        try:
             fits.append(search())
+        except (EmsidError, ValueError, ArithmeticError) as problem:  # a user's records may be of anything
+            failed[model] = str(problem)
     assessed = tuple(
         (
             assess(fit, first, start, experiment=name, data="identification"),
@@ -271,7 +279,7 @@ def _part(name: str, first: Record, second: Record, settings: Settings, progress
         )
         for fit in fits
     )
-    return Part(name, first, second, tuple(fits), assessed)
+    return Part(name, first, second, tuple(fits), assessed, failed)
 
 
 def findings(result: Study) -> list[str]:
@@ -315,8 +323,14 @@ def findings(result: Study) -> list[str]:
             difference, model = max(apart)
             sentences.append(
                 f"Recursive and batch estimates (forgetting factor {result.settings.forgetting:g}) differ most in "
-                f"{model}, by {100 * difference:.2g} % of the free-run MSE."
+                f"{model}, by {format(100 * difference, '.2g' if difference < 1 else ',.0f')} % of the free-run MSE."
             )
+        sentences += [
+            f"{fit.model.name} ({fit.method}): {fit.message}."
+            for fit in part.fits
+            if fit.ending is Ending.RANK_DEFICIENT
+        ]
+        sentences += [f"{model} could not be fitted: {why}." for model, why in part.failed.items()]
     return sentences
 
 
@@ -337,7 +351,7 @@ def _ratio(linear: Row, other: Row) -> str:
     ratio = linear.simulation_mse / other.simulation_mse
     if ratio > 1.05:
         return f"1/{ratio:,.0f} of" if ratio >= 10 else f"1/{ratio:.1f} of"
-    return f"{1 / ratio:.2f} times"
+    return f"{1 / ratio:.2f} times" if ratio > 0.01 else f"{1 / ratio:,.0f} times"
 
 
 def _why(linear: Row, paper: Row, motor: Motor) -> str:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import Enum
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -268,7 +268,46 @@ class Polynomial(StaticMap):
 
 
 @dataclass(frozen=True, eq=False)
-class DeadZone(StaticMap):
+class _OfNumbers(StaticMap):
+    """A map described by a few numbers, its fields, the first of which are its parameters."""
+
+    letters: ClassVar[tuple[str, ...]]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """One for each of the first fields, as formulas and files have it."""
+        return self.letters
+
+    @property
+    def parameters(self) -> Array:
+        """(p,) the first fields."""
+        return np.array([getattr(self, name) for name in self._first_fields()])
+
+    def with_parameters(self, theta: Array) -> Self:
+        """With other numbers in the first fields."""
+        return replace(self, **dict(zip(self._first_fields(), theta.tolist(), strict=True)))
+
+    def to_data(self) -> dict[str, Any]:
+        """All fields, the parameters under their names."""
+        values = (getattr(self, field.name) for field in fields(self))
+        return {"kind": self.kind, **dict(zip(self._keys(), values, strict=True))}
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> Self:
+        """The map that `to_data` described."""
+        return cls(*(float(data[key]) for key in cls._keys()))
+
+    @classmethod
+    def _first_fields(cls) -> list[str]:
+        return [field.name for field in fields(cls)[: len(cls.letters)]]
+
+    @classmethod
+    def _keys(cls) -> tuple[str, ...]:
+        return (*cls.letters, *(field.name for field in fields(cls)[len(cls.letters) :]))
+
+
+@dataclass(frozen=True, eq=False)
+class DeadZone(_OfNumbers):
     """The dead zone (4.9): m_r(x − b_r) above b_r, m_l(x − b_l) below b_l, nothing between.
 
     >>> DeadZone(-0.2, 0.3, 1.0, 2.0).value(np.array([-1.2, 0.0, 1.3]))
@@ -285,16 +324,7 @@ class DeadZone(StaticMap):
     m_r: float = 1.0
 
     kind: ClassVar[str] = "dead-zone"
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """b_l, b_r, m_l, m_r."""
-        return "b_l", "b_r", "m_l", "m_r"
-
-    @property
-    def parameters(self) -> Array:
-        """(4,) b_l, b_r, m_l, m_r."""
-        return np.array([self.b_l, self.b_r, self.m_l, self.m_r])
+    letters: ClassVar[tuple[str, ...]] = ("b_l", "b_r", "m_l", "m_r")
 
     @property
     def anchors(self) -> tuple[int, ...]:
@@ -305,10 +335,6 @@ class DeadZone(StaticMap):
     def steepness(self) -> float:
         """m_r."""
         return self.m_r
-
-    def with_parameters(self, theta: Array) -> DeadZone:
-        """With other edges and slopes."""
-        return DeadZone(*(float(value) for value in theta))
 
     def value(self, x: Array) -> Array:
         """(4.9)."""
@@ -348,18 +374,9 @@ class DeadZone(StaticMap):
         if not self.b_l <= self.b_r:
             raise Infeasible(f"dead zone from b_l = {self.b_l:.6g} to b_r = {self.b_r:.6g}; b_l must not exceed b_r")
 
-    def to_data(self) -> dict[str, Any]:
-        """Edges and slopes."""
-        return {"kind": self.kind, "b_l": self.b_l, "b_r": self.b_r, "m_l": self.m_l, "m_r": self.m_r}
-
-    @classmethod
-    def from_data(cls, data: dict[str, Any]) -> DeadZone:
-        """The dead zone that `to_data` described."""
-        return cls(*(float(data[name]) for name in ("b_l", "b_r", "m_l", "m_r")))
-
 
 @dataclass(frozen=True, eq=False)
-class Saturation(StaticMap):
+class Saturation(_OfNumbers):
     """f(x) = min(max(m·x, low), high).
 
     Args:
@@ -372,16 +389,7 @@ class Saturation(StaticMap):
     high: float
 
     kind: ClassVar[str] = "saturation"
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """m, low, high."""
-        return "m", "low", "high"
-
-    @property
-    def parameters(self) -> Array:
-        """(3,) m, low, high."""
-        return np.array([self.slope_between, self.low, self.high])
+    letters: ClassVar[tuple[str, ...]] = ("m", "low", "high")
 
     @property
     def anchors(self) -> tuple[int, ...]:
@@ -392,10 +400,6 @@ class Saturation(StaticMap):
     def steepness(self) -> float:
         """m."""
         return self.slope_between
-
-    def with_parameters(self, theta: Array) -> Saturation:
-        """With other slope and limits."""
-        return Saturation(*(float(value) for value in theta))
 
     def value(self, x: Array) -> Array:
         """m·x, limited."""
@@ -432,22 +436,13 @@ class Saturation(StaticMap):
         if not self.low < self.high:
             raise Infeasible(f"saturation from {self.low:.6g} to {self.high:.6g}; the limits must ascend")
 
-    def to_data(self) -> dict[str, Any]:
-        """Slope and limits."""
-        return {"kind": self.kind, "m": self.slope_between, "low": self.low, "high": self.high}
-
-    @classmethod
-    def from_data(cls, data: dict[str, Any]) -> Saturation:
-        """The saturation that `to_data` described."""
-        return cls(*(float(data[name]) for name in ("m", "low", "high")))
-
     def _between(self, x: Array) -> Array:
         linear = self.slope_between * x
         return ((linear > self.low) & (linear < self.high)).astype(float)
 
 
 @dataclass(frozen=True, eq=False)
-class CoulombLinear(StaticMap):
+class CoulombLinear(_OfNumbers):
     """f(x) = c·sgn(x) + m·x, dry friction beside viscous friction (4.7, 4.8).
 
     Args:
@@ -461,21 +456,12 @@ class CoulombLinear(StaticMap):
     width: float = 0.0
 
     kind: ClassVar[str] = "coulomb"
+    letters: ClassVar[tuple[str, ...]] = ("c", "m")
     absorbs_shift: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if not self.width >= 0:
             raise ModelError(f"Coulomb map of width {self.width}; give zero or a positive number")
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """c, m."""
-        return "c", "m"
-
-    @property
-    def parameters(self) -> Array:
-        """(2,) c, m."""
-        return np.array([self.coulomb, self.linear])
 
     @property
     def anchors(self) -> tuple[int, ...]:
@@ -486,10 +472,6 @@ class CoulombLinear(StaticMap):
     def steepness(self) -> float:
         """m."""
         return self.linear
-
-    def with_parameters(self, theta: Array) -> CoulombLinear:
-        """With other c and m."""
-        return replace(self, coulomb=float(theta[0]), linear=float(theta[1]))
 
     def value(self, x: Array) -> Array:
         """c·sgn(x) + m·x."""
@@ -529,37 +511,41 @@ class CoulombLinear(StaticMap):
     def check(self) -> None:
         """Nothing to refuse."""
 
-    def to_data(self) -> dict[str, Any]:
-        """c, m and width."""
-        return {"kind": self.kind, "c": self.coulomb, "m": self.linear, "width": self.width}
-
-    @classmethod
-    def from_data(cls, data: dict[str, Any]) -> CoulombLinear:
-        """The map that `to_data` described."""
-        return cls(*(float(data[name]) for name in ("c", "m", "width")))
-
     def _sign(self, x: Array) -> Array:
         sign: Array = np.tanh(x / self.width) if self.width else np.sign(x)
         return sign
 
 
 @dataclass(frozen=True, eq=False)
-class PiecewiseLinear(StaticMap):
-    """Straight lines between the points (knotₖ, valueₖ), and on in the direction of the last ones.
+class _ThroughPoints(StaticMap):
+    """A map through points (knotₖ, valueₖ), linear in the values, which are its parameters.
+
+    So they, and their confidence, can be read off a plot.
 
     Args:
-        knots: (K,) ascending, in the input's unit.
+        knots: (K,) ascending, in the input's unit, at least two.
         values: (K,) f at the knots.
+
+    Raises:
+        ModelError: for knots that do not ascend or are not as many as the values.
     """
 
     knots: Array
     values: Array
 
-    kind: ClassVar[str] = "piecewise-linear"
     owns_level: ClassVar[bool] = True
+    word: ClassVar[str]
+    of_knots: ClassVar[tuple[str, ...]] = ()  # what is worked out from the knots alone
 
     def __post_init__(self) -> None:
-        _check_points(self)
+        for field in ("knots", "values"):
+            object.__setattr__(self, field, vector(getattr(self, field), f"{self.kind} {field}"))
+        if len(self.knots) != len(self.values) or len(self.knots) < 2:
+            raise ModelError(
+                f"{self.kind}: {len(self.knots)} knots and {len(self.values)} values; give as many, at least two"
+            )
+        if np.any(np.diff(self.knots) <= 0):
+            raise ModelError(f"{self.kind}: the knots must ascend")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -574,16 +560,48 @@ class PiecewiseLinear(StaticMap):
     @property
     def anchors(self) -> tuple[int, ...]:
         """The smallest and the largest value."""
-        return _extremes(self.values)
+        return tuple(sorted((int(np.argmin(self.values)), int(np.argmax(self.values)))))
 
     @property
     def steepness(self) -> float:
         """The mean slope between the outer knots."""
-        return _mean_slope(self.knots, self.values)
+        return float((self.values[-1] - self.values[0]) / (self.knots[-1] - self.knots[0]))
 
-    def with_parameters(self, theta: Array) -> PiecewiseLinear:
-        """With other values."""
-        return replace(self, values=theta)
+    def with_parameters(self, theta: Array) -> Self:
+        """With other values; what depends on the knots alone is kept."""
+        new = replace(self, values=theta)
+        for kept in self.of_knots:
+            new.__dict__[kept] = getattr(self, kept)
+        return new
+
+    def scaled(self, input: float, output: float) -> Self:
+        """Knots times ``input``, values times ``output``."""
+        turned = slice(None) if input > 0 else slice(None, None, -1)
+        return replace(self, knots=(self.knots * input)[turned], values=(self.values * output)[turned])
+
+    def expression(self, x: str) -> str:
+        """The points."""
+        pairs = ", ".join(f"({k:.4g}, {v:.6g})" for k, v in zip(self.knots, self.values, strict=True))
+        return f"{self.word}({x}; {pairs})"
+
+    def check(self) -> None:
+        """Nothing to refuse."""
+
+    def to_data(self) -> dict[str, Any]:
+        """Knots and values."""
+        return {"kind": self.kind, "knots": self.knots.tolist(), "values": self.values.tolist()}
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> Self:
+        """The map that `to_data` described."""
+        return cls(data["knots"], data["values"])
+
+
+class PiecewiseLinear(_ThroughPoints):
+    """Straight lines between the points (knotₖ, valueₖ), and on in the direction of the last ones."""
+
+    kind: ClassVar[str] = "piecewise-linear"
+    word: ClassVar[str] = "linear"
 
     def value(self, x: Array) -> Array:
         """Interpolated."""
@@ -612,69 +630,22 @@ class PiecewiseLinear(StaticMap):
         turned = slice(None) if steps[0] > 0 else slice(None, None, -1)
         return PiecewiseLinear(self.values[turned], self.knots[turned]).value(np.asarray(z, dtype=float))
 
-    def scaled(self, input: float, output: float) -> PiecewiseLinear:
-        """Knots times ``input``, values times ``output``."""
-        turned = slice(None) if input > 0 else slice(None, None, -1)
-        return PiecewiseLinear((self.knots * input)[turned], (self.values * output)[turned])
-
-    def expression(self, x: str) -> str:
-        """The points."""
-        return _points("linear", x, self.knots, self.values)
-
-    def check(self) -> None:
-        """Nothing to refuse."""
-
-    def to_data(self) -> dict[str, Any]:
-        """Knots and values."""
-        return {"kind": self.kind, "knots": self.knots.tolist(), "values": self.values.tolist()}
-
-    @classmethod
-    def from_data(cls, data: dict[str, Any]) -> PiecewiseLinear:
-        """The map that `to_data` described."""
-        return cls(data["knots"], data["values"])
-
     def _locate(self, x: Array) -> tuple[NDArray[np.intp], Array]:
         piece = np.clip(np.searchsorted(self.knots, x, side="right") - 1, 0, len(self.knots) - 2)
         return piece, (x - self.knots[piece]) / np.diff(self.knots)[piece]
 
 
-@dataclass(frozen=True, eq=False)
-class CubicSpline(StaticMap):
+class CubicSpline(_ThroughPoints):
     """The natural cubic spline through (knotₖ, valueₖ), which goes on as a straight line at either end.
 
-    Its parameters are its values at the knots, so that they, and their confidence, can be read off a plot.
     Between knots f is a cubic, at them two derivatives are continuous, and the second is zero at both ends,
     where the lines begin. The second derivatives at the knots are linear in the values, M = T·values, T from
     a tridiagonal system (de Boor, ch. IV).
-
-    Args:
-        knots: (K,) ascending, in the input's unit, at least two.
-        values: (K,) f at the knots.
     """
 
-    knots: Array
-    values: Array
-
     kind: ClassVar[str] = "spline"
-    owns_level: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        _check_points(self)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """f1, f2, …, values at the knots."""
-        return tuple(f"f{k + 1}" for k in range(len(self.knots)))
-
-    @property
-    def parameters(self) -> Array:
-        """(K,) values."""
-        return self.values
-
-    @property
-    def anchors(self) -> tuple[int, ...]:
-        """The smallest and the largest value."""
-        return _extremes(self.values)
+    word: ClassVar[str] = "spline"
+    of_knots: ClassVar[tuple[str, ...]] = ("curvatures",)
 
     @cached_property
     def curvatures(self) -> Array:
@@ -687,17 +658,6 @@ class CubicSpline(StaticMap):
             left[k, k - 1 : k + 2] = h[k - 1] / 6, (h[k - 1] + h[k]) / 3, h[k] / 6
             right[k, k - 1 : k + 2] = 1 / h[k - 1], -1 / h[k - 1] - 1 / h[k], 1 / h[k]
         return np.asarray(np.linalg.solve(left, right), dtype=float)
-
-    @property
-    def steepness(self) -> float:
-        """The mean slope between the outer knots."""
-        return _mean_slope(self.knots, self.values)
-
-    def with_parameters(self, theta: Array) -> CubicSpline:
-        """With other values; what depends on the knots alone is kept."""
-        new = replace(self, values=theta)
-        new.__dict__["curvatures"] = self.curvatures
-        return new
 
     def value(self, x: Array) -> Array:
         """f(x)."""
@@ -723,27 +683,6 @@ class CubicSpline(StaticMap):
         reach = np.concatenate([ends + (t - self.value(ends)) / slopes for t in (target.min(), target.max())])
         return _monotone_inverse(self, min(ends[0], reach.min()), max(ends[1], reach.max()), target)
 
-    def scaled(self, input: float, output: float) -> CubicSpline:
-        """Knots times ``input``, values times ``output``."""
-        turned = slice(None) if input > 0 else slice(None, None, -1)
-        return CubicSpline((self.knots * input)[turned], (self.values * output)[turned])
-
-    def expression(self, x: str) -> str:
-        """The points."""
-        return _points("spline", x, self.knots, self.values)
-
-    def check(self) -> None:
-        """Nothing to refuse."""
-
-    def to_data(self) -> dict[str, Any]:
-        """Knots and values."""
-        return {"kind": self.kind, "knots": self.knots.tolist(), "values": self.values.tolist()}
-
-    @classmethod
-    def from_data(cls, data: dict[str, Any]) -> CubicSpline:
-        """The spline that `to_data` described."""
-        return cls(data["knots"], data["values"])
-
     def _evaluate(self, x: Array) -> Array:
         out = np.empty((2, x.size))
         spline_values(self.knots, self.values, self.curvatures @ self.values, x, out)
@@ -751,22 +690,13 @@ class CubicSpline(StaticMap):
 
 
 @dataclass(frozen=True, eq=False)
-class Abs(StaticMap):
+class Abs(_OfNumbers):
     """f(x) = |x|: a sensor that loses the sign."""
 
     kind: ClassVar[str] = "abs"
+    letters: ClassVar[tuple[str, ...]] = ()
     scaling: ClassVar[Scaling] = Scaling.JOINT
     absorbs_shift: ClassVar[bool] = False
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """None."""
-        return ()
-
-    @property
-    def parameters(self) -> Array:
-        """(0,)."""
-        return np.zeros(0)
 
     @property
     def anchors(self) -> tuple[int, ...]:
@@ -777,10 +707,6 @@ class Abs(StaticMap):
     def steepness(self) -> float:
         """One."""
         return 1.0
-
-    def with_parameters(self, theta: Array) -> Abs:
-        """Itself."""
-        return self
 
     def value(self, x: Array) -> Array:
         """|x|."""
@@ -816,15 +742,6 @@ class Abs(StaticMap):
 
     def check(self) -> None:
         """Nothing to refuse."""
-
-    def to_data(self) -> dict[str, Any]:
-        """The kind alone."""
-        return {"kind": self.kind}
-
-    @classmethod
-    def from_data(cls, data: dict[str, Any]) -> Abs:
-        """|x|."""
-        return cls()
 
 
 @dataclass(frozen=True, eq=False)
@@ -934,35 +851,11 @@ class UserMap(StaticMap):
         raise ModelError("a user's own map is a function and cannot be saved; save its parameters instead")
 
 
-def _check_points(points: PiecewiseLinear | CubicSpline) -> None:
-    for field in ("knots", "values"):
-        object.__setattr__(points, field, vector(getattr(points, field), f"{points.kind} {field}"))
-    if len(points.knots) != len(points.values) or len(points.knots) < 2:
-        raise ModelError(
-            f"{points.kind}: {len(points.knots)} knots and {len(points.values)} values; give as many, at least two"
-        )
-    if np.any(np.diff(points.knots) <= 0):
-        raise ModelError(f"{points.kind}: the knots must ascend")
-
-
-def _mean_slope(knots: Array, values: Array) -> float:
-    return float((values[-1] - values[0]) / (knots[-1] - knots[0]))
-
-
-def _extremes(values: Array) -> tuple[int, ...]:
-    return tuple(sorted((int(np.argmin(values)), int(np.argmax(values)))))
-
-
 def _shaped(result: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
     array = np.asarray(result, dtype=float)
     if array.shape != shape:
         raise ModelError(f"the {what} of a user's map returned shape {array.shape} where {shape} was due")
     return array
-
-
-def _points(how: str, x: str, knots: Array, values: Array) -> str:
-    pairs = ", ".join(f"({k:.4g}, {v:.6g})" for k, v in zip(knots, values, strict=True))
-    return f"{how}({x}; {pairs})"
 
 
 def _monotone_inverse(function: StaticMap, low: float, high: float, z: ArrayLike) -> Array:

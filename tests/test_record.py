@@ -107,6 +107,8 @@ def test_split_parts_add_up_to_the_record() -> None:
     assert second.times == (pytest.approx(0.7),)
     with pytest.raises(DataError, match="cannot split at 1"):
         ramp().split(1)
+    with pytest.raises(DataError, match="2 samples cannot be split"):
+        ramp(2).split(0.9)
 
 
 @given(arrays(bool, st.integers(1, 30)), st.sets(st.integers(1, 29)))

@@ -139,6 +139,8 @@ class Record:
         if not 0 < fraction < 1:
             raise DataError(f"{self.name}: cannot split at {fraction}; give a fraction between 0 and 1")
         at = round(fraction * len(self))
+        if not 0 < at < len(self):
+            raise DataError(f"{self.name}: {len(self)} samples cannot be split at {fraction:g}; record longer")
         return self[:at], self[at:]
 
     def hold_back(self, fraction: float) -> tuple[Record, Record]:

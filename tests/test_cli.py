@@ -356,7 +356,7 @@ def test_what_follows_from_an_interrupt_is_one(run, log, tmp_path, monkeypatch):
     monkeypatch.setattr("emsid.identification.identify", broken)
     status, _, err = run("identify", log, "-u", "u", "-y", "y", "--dt", 0.01, "--out", tmp_path / "out")
     assert status == 130
-    assert err == "emsid: interrupted; nothing was written\n"
+    assert err == "emsid: interrupted before anything was found\n"
     assert not (tmp_path / "out").exists()
 
 
@@ -393,3 +393,111 @@ def test_a_folder_that_cannot_be_written_to_is_noticed_before_anything_is_done(r
     status, _, err = run(*words, "--out", log / "below")
     assert status == 2
     assert "is not a folder that can be written to" in err
+
+
+# A program that signals its own group at a chosen moment, as a terminal does, so that no test depends on speed.
+SIGNALLED = """
+import os, signal, sys
+from emsid.cli import main
+
+def at(module, name, sent):
+    import importlib
+    home = importlib.import_module(module)
+    real = getattr(home, name)
+    def signalled(*given, **named):
+        setattr(home, name, real)
+        os.killpg(0, sent)
+        return real(*given, **named)
+    setattr(home, name, signalled)
+
+def in_a_callback(module, name, sent):  # where exceptions are lost
+    import importlib
+    home = importlib.import_module(module)
+    real = getattr(home, name)
+    class Lost:
+        def __del__(self):
+            os.killpg(0, sent)
+    def signalled(*given, **named):
+        setattr(home, name, real)
+        sys.unraisablehook = lambda _: None
+        Lost()
+        return real(*given, **named)
+    setattr(home, name, signalled)
+
+def importing(module, name, sent):
+    class Finder:
+        def find_spec(self, wanted, *_):
+            if wanted == f"{module}.{name}":
+                sys.meta_path.remove(self)
+                os.killpg(0, sent)
+    sys.meta_path.insert(0, Finder())
+
+how, module, name, sent, *sys.argv = sys.argv[1:]
+globals()[how](module, name, getattr(signal, sent))
+main()
+"""
+
+
+def signalled(folder, moment, *words):
+    """Run the program with a signal at a moment: (status, standard output, standard error)."""
+    command = [sys.executable, "-c", SIGNALLED, *moment, "emsid", *map(str, words)]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, start_new_session=True)
+    return done.returncode, done.stdout, done.stderr
+
+
+FOUND = "emsid: identification was interrupted; what had been found by then is above and written\n"
+MOMENTS = {
+    "reading": ("at", "emsid.io", "read"),
+    "importing": ("importing", "emsid.models", "wiener_hammerstein"),
+    "the first candidate": ("at", "emsid.identification", "least_squares"),
+    "a process being started": ("at", "emsid.report.drawing", "get_context"),
+}
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_ctrl_c_before_anything_is_found(moment, log, tmp_path):
+    words = ("identify", log, *IDENTIFY, "--models", "arx", "--out", "out")
+    status, out, err = signalled(tmp_path, (*MOMENTS[moment], "SIGINT"), *words)
+    assert (status, out, err) == (130, "", "emsid: interrupted before anything was found\n")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("moment", "drawn"),
+    {
+        ("at", "emsid.identification", "wiener_hammerstein_regression"): True,
+        ("in_a_callback", "emsid.identification", "wiener_hammerstein_regression"): True,
+        ("at", "emsid.identification", "compare"): True,
+        ("at", "emsid.io", "save"): False,
+        ("importing", "matplotlib", "figure"): False,
+        ("in_a_callback", "emsid.report.drawing", "draw"): False,
+    }.items(),
+)
+def test_ctrl_c_keeps_what_was_found(moment, drawn, log, tmp_path):
+    orders = ("--na", 1, "--nb", 1, "--nk", 1, "--degree", 2, "--taps", 1)
+    words = ("identify", log, *IDENTIFY, "--models", "arx, wiener-hammerstein-regression", *orders, "--out", "out")
+    status, out, err = signalled(tmp_path, (*moment, "SIGINT"), *words)
+    assert (status, err) == (130, FOUND)
+    assert "chosen: " in out
+    rows = json.loads((tmp_path / "out" / "result.json").read_text())["rows"]
+    assert {f"{row['model']}.json" for row in rows} == {p.name for p in (tmp_path / "out").glob("*.json")} - {
+        "result.json"
+    }
+    assert (tmp_path / "out" / "report.html").exists() == drawn
+
+
+def test_a_study_interrupted_while_it_is_drawn_is_printed_and_written(tmp_path):
+    words = ("study", "--duration", "2", "--out", "out")
+    status, out, err = signalled(tmp_path, ("at", "emsid.report.page", "draw_all", "SIGINT"), *words)
+    assert status == 130
+    assert err == FOUND.replace("identification", "the study")
+    assert "simulation study" in out
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["study.json"]
+
+
+@pytest.mark.parametrize("name", ["draw_all", "get_context"])
+def test_being_terminated_is_quiet(name, log, tmp_path):
+    words = ("identify", log, *IDENTIFY, "--models", "arx", "--out", "out")
+    home = "emsid.report.page" if name == "draw_all" else "emsid.report.drawing"
+    status, _, err = signalled(tmp_path, ("at", home, name, "SIGTERM"), *words)
+    assert (status, err) == (143, "")

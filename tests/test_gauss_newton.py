@@ -198,6 +198,14 @@ def test_interruption_keeps_the_best_so_far() -> None:
     assert found.covariance.shape == (3, 3)
 
 
+def test_an_inner_search_passes_an_interruption_on() -> None:
+    def stop(iteration: Iteration) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        gauss_newton(decay(), [1, 9, 0.7], progress=stop, inner=True)
+
+
 @pytest.mark.parametrize(
     ("start", "options", "message"),
     [

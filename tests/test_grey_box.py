@@ -345,6 +345,19 @@ def test_motors_of_any_size_are_found_from_nothing_but_a_record(resistance, cons
     assert rms((run.output - record.output[1400:])[run.counted]) == pytest.approx(noise, rel=0.1)
 
 
+@pytest.mark.parametrize("fraction", [0.2, 0.5])
+def test_interrupting_the_choice_of_refinements_keeps_the_plain_motor(fraction):
+    def stop(done):
+        if done >= fraction:
+            raise KeyboardInterrupt
+
+    record = record_of(MOTOR, noise=0.1)[:1200]
+    fit = choose(MOTOR, record, refinements=(late_command,), progress=stop)
+    assert fit.ending is Ending.INTERRUPTED
+    assert fit.message.startswith("interrupted during the choice of refinements")
+    assert fit.model.plant.value("motor_constant") == pytest.approx(MOTOR.value("motor_constant"), rel=0.05)
+
+
 def test_refinements_keep_to_a_datasheet():
     truth = LinearAxis(80.0, (150.0, 220.0), Friction(25.0), drive=Drive(delay=0.02))
     record = record_of(truth, 30 * VOLTAGE[:1200], noise=1e-4, unit="m", signals=(Signal.POSITION,))

@@ -14,6 +14,7 @@ from emsid.study import (
     LINEAR,
     PAPER,
     PHYSICAL,
+    SIMULATION,
     Settings,
     findings,
     load_friction_difference,
@@ -139,6 +140,20 @@ def test_interrupted_study_keeps_its_finished_part():
     assert any("simulation" in section.title for section in report(kept).sections)
 
 
+def test_a_study_interrupted_in_a_search_keeps_what_the_regressions_show():
+    def stop_at_motor(what, fraction):
+        if what == f"{SIMULATION}: {PHYSICAL}":
+            raise KeyboardInterrupt
+
+    kept = study(Settings(duration=2.0), progress=stop_at_motor)
+    assert kept.interrupted
+    (part,) = kept.parts
+    assert part.interrupted
+    assert PHYSICAL not in part.models
+    assert {LINEAR, FRICTION, BLOCKS} <= set(part.models)
+    assert report(kept).sections
+
+
 def test_too_short_a_study_is_refused():
     with pytest.raises(DataError, match="duration"):
         Settings(duration=0.1)
@@ -157,6 +172,7 @@ def test_a_model_that_cannot_be_fitted_is_named(result, monkeypatch):
     monkeypatch.setattr("emsid.study.wiener_hammerstein", defeated)
     part = study(replace(result.settings, duration=4.0)).parts[0]
     assert BLOCKS not in part.models
-    assert part.failed == {BLOCKS: "no convergence"}
+    assert list(part.failed) == [BLOCKS]
+    assert "out of range (no convergence)" in part.failed[BLOCKS]
     shorter = replace(result, parts=(part,))
-    assert f"{BLOCKS} could not be fitted: no convergence." in findings(shorter)
+    assert f"{BLOCKS} could not be fitted: {part.failed[BLOCKS]}." in findings(shorter)

@@ -72,6 +72,11 @@ class _Interruption:
         finally:
             self.deferred = False
 
+    def end(self) -> NoReturn:
+        """Say what became of it."""
+        self.pressed = False
+        _end(self.words, INTERRUPTED)
+
 
 _interruption = _Interruption()
 
@@ -89,9 +94,9 @@ def main() -> None:
         app()
     except EmsidError as problem:
         _end(str(problem), USER_ERROR)
-    except BaseException as problem:
-        if _interruption.pressed and not isinstance(problem, SystemExit):
-            _end(_interruption.words, INTERRUPTED)
+    except BaseException:
+        if _interruption.pressed:
+            _interruption.end()
         raise
 
 
@@ -290,7 +295,7 @@ def study(
         drawn = _draw(out, lambda: paper.report(result), beside)
     _say_where(out, drawn, "study.json")
     if result.interrupted or not drawn:
-        _end(_interruption.words, INTERRUPTED)
+        _interruption.end()
 
 
 @app.command()
@@ -377,7 +382,7 @@ def identify(
             result = identification.identify(
                 records,
                 tests or None,
-                models=models.split(",") if models else identification.USUAL,
+                models=_names(models) if models else identification.USUAL,
                 options=options,
                 transient=transient,
                 unseen=unseen,
@@ -393,7 +398,7 @@ def identify(
         drawn = _draw(out, lambda: identification.report(result), beside)
     _say_where(out, drawn, "result.json", *(f"{fit.model.name}.json" for fit in result.verification.fits))
     if result.interrupted or not drawn:
-        _end(_interruption.words, INTERRUPTED)
+        _interruption.end()
 
 
 @app.command()
@@ -624,8 +629,8 @@ def _draw(folder: Path, report: Callable[[], Any], beside: Any) -> bool:
 
         with _progress() as report_progress:
             write_report(report(), folder, report_progress, beside)
-    except BaseException:
-        if not _interruption.pressed:
+    except BaseException as problem:
+        if not (_interruption.pressed or isinstance(problem, KeyboardInterrupt)) or isinstance(problem, SystemExit):
             raise
         return False
     return True

@@ -346,32 +346,49 @@ def identify(
     interrupted = False
     for name in dict.fromkeys(models):
         try:
-            fits.append(CANDIDATES[name](train, options, lambda fraction, name=name: progress(name, fraction)))  # type: ignore[misc]
+            fits.append(fit_or_problem(partial(CANDIDATES[name], train, options, partial(progress, name))))
+            interrupted = fits[-1].ending is Ending.INTERRUPTED
             progress(name, 1.0)
         except KeyboardInterrupt:
             interrupted = True
         except EmsidError as problem:
             failed[name] = problem
-        except (ValueError, ArithmeticError) as problem:  # also what linear algebra does not converge on
-            failed[name] = ModelError(f"the numbers are out of range ({problem}); scale the channels, check --dt")
-        if interrupted or (fits and fits[-1].ending is Ending.INTERRUPTED):
-            interrupted = True
+        if interrupted:
             break
     if not fits:
         if failed:
             raise next(iter(failed.values()))
         raise KeyboardInterrupt
     profiles, missing, stopped = _profiles(fits, () if interrupted else options.profile, progress)
+    judged: list[Comparison] = []
+    for data, words in ((train, "identification"), (test, "verification")):
+        try:
+            judged.append(compare(fits, data, transient, data=words))
+        except KeyboardInterrupt:  # what has been found is judged all the same
+            stopped = True
+            judged.append(compare(fits, data, transient, data=words))
     return Identification(
         train,
         test,
-        compare(fits, train, transient, data="identification"),
-        compare(fits, test, transient),
+        judged[0],
+        judged[1],
         {name: str(problem) for name, problem in failed.items()},
         profiles,
         (*asides, *missing),
         interrupted or stopped,
     )
+
+
+def fit_or_problem(search: Callable[[], Fit[Any]]) -> Fit[Any]:
+    """What a search finds.
+
+    Raises:
+        ModelError: also where numbers beyond all reason defeat the linear algebra in it.
+    """
+    try:
+        return search()
+    except (ValueError, ArithmeticError) as problem:
+        raise ModelError(f"the numbers are out of range ({problem}); scale the channels, check --dt") from problem
 
 
 def _check_physics(plants: Mapping[str, Mechanical], models: Sequence[str], options: Options) -> list[str]:
@@ -448,9 +465,9 @@ def remarks(result: Identification) -> list[str]:
         )
     if np.isfinite(best.simulation_mse):
         constant = np.ptp(result.unseen.output) == 0
-        fit = "no fit, as the output is constant there," if constant else f"a fit of {best.fit_percent:.1f} %"
+        match = "no fit, as the output is constant there," if constant else f"a fit of {best.fit_percent:.1f} %"
         sentences.append(
-            f"{best.model}: the free run has {fit} on the unseen data, an RMSE of "
+            f"{best.model}: the free run has {match} on the unseen data, an RMSE of "
             f"{best.simulation_rmse:.4g}{' ' * bool(unit)}{unit}."
         )
     if 0 < 2 * best.one_step_mse < best.simulation_mse < np.inf:

@@ -21,7 +21,7 @@ from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.least_squares import least_squares
 from emsid.estimation.recursive import recursive_least_squares
 from emsid.excitation import sines
-from emsid.identification import Progress, stribeck_speeds
+from emsid.identification import Progress, fit_or_problem, stribeck_speeds
 from emsid.models.families import DEAD_ZONE
 from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.plants import DrivenMotor
@@ -105,6 +105,7 @@ class Part:
         fits: every model by every method.
         assessed: every fit on the identification and on the verification record, in the order of the fits.
         failed: for every model that could not be fitted, why.
+        interrupted: whether the user stopped it before all models were done.
     """
 
     name: str
@@ -113,6 +114,7 @@ class Part:
     fits: tuple[Fit[Any], ...]
     assessed: tuple[tuple[Assessment, Assessment], ...]
     failed: Mapping[str, str] = field(default_factory=dict)
+    interrupted: bool = False
 
     @property
     def rows(self) -> list[Row]:
@@ -241,10 +243,13 @@ def study(
     try:
         for name, (first, second) in ((SIMULATION, simulated), (EXPERIMENT, measured)):
             parts.append(_part(name, first, second, settings, _later(progress, 0.2 + 0.4 * len(parts), 0.4)))
+            if parts[-1].interrupted:
+                break
     except KeyboardInterrupt:
         if not parts:
             raise
-    return Study(settings, difference, variance, tuple(parts), records is not None, len(parts) < 2)
+    stopped = len(parts) < 2 or parts[-1].interrupted
+    return Study(settings, difference, variance, tuple(parts), records is not None, stopped)
 
 
 def _later(progress: Progress, begin: float, share: float) -> Progress:
@@ -266,12 +271,18 @@ def _part(name: str, first: Record, second: Record, settings: Settings, progress
         BLOCKS: lambda: wiener_hammerstein(first, (1, 2), CASCADE),
         PHYSICAL: lambda: simulation_error(plant, first, free=(*plant.usual, *STRIBECK)),
     }
+    interrupted = False
     for k, (model, search) in enumerate(searches.items()):
-        progress(f"{name}: {model}", 0.4 + 0.3 * k)
         try:
-            fits.append(search())
-        except (EmsidError, ValueError, ArithmeticError) as problem:  # a user's records may be of anything
+            progress(f"{name}: {model}", 0.4 + 0.3 * k)
+            fits.append(fit_or_problem(search))
+            interrupted = fits[-1].ending is Ending.INTERRUPTED
+        except KeyboardInterrupt:  # the regressions alone make a study
+            interrupted = True
+        except EmsidError as problem:  # a user's records may be of anything
             failed[model] = str(problem)
+        if interrupted:
+            break
     assessed = tuple(
         (
             assess(fit, first, start, experiment=name, data="identification"),
@@ -279,7 +290,7 @@ def _part(name: str, first: Record, second: Record, settings: Settings, progress
         )
         for fit in fits
     )
-    return Part(name, first, second, tuple(fits), assessed, failed)
+    return Part(name, first, second, tuple(fits), assessed, failed, interrupted)
 
 
 def findings(result: Study) -> list[str]:

@@ -218,10 +218,11 @@ def gauss_newton(
     damping: float = 1e-3,
     names: Sequence[str] = (),
     progress: Callable[[Iteration], None] | None = None,
+    inner: bool = False,
 ) -> Minimum:
     """The θ that minimises Σ ℓ(r(θ)) within bounds, from a start.
 
-    Ctrl-C ends the search with the best θ so far and `Ending.INTERRUPTED`.
+    Ctrl-C ends the search with the best θ so far and `Ending.INTERRUPTED`, unless it is an inner one.
 
     Args:
         problem: residuals and their derivative.
@@ -235,6 +236,7 @@ def gauss_newton(
         damping: λ of the first step; the columns of J are of unit length to it.
         names: (p,) names for messages, θ1, θ2, … by default.
         progress: called after every step taken.
+        inner: whether the search is a part of another one, which Ctrl-C has to end: it is passed on.
 
     Raises:
         ModelError: for a start outside its bounds or without a finite residual, bounds that cross, blocks of
@@ -285,6 +287,8 @@ def gauss_newton(
             point = _linearise(problem, trial, varied, loss)
             costs.append(point.cost)
     except KeyboardInterrupt:
+        if inner:
+            raise
         ending = Ending.INTERRUPTED
         message = f"interrupted after {len(costs) - 1} steps; the best so far is kept"
     return _conclude(point, box, loss, labels, ending, message, tuple(costs))

@@ -148,7 +148,7 @@ def choose(
         fit = simulation_error(start, train, free=free, max_iterations=TRIAL_ITERATIONS, **how, **known)
         if fit.ending is Ending.INTERRUPTED:  # a trial cut short decides nothing
             raise KeyboardInterrupt
-        return _Trial(_mechanical(fit), free, _held_back_error(fit, rest))
+        return _Trial(fit, free, _held_back_error(fit, rest))
 
     def refined(by: Refinement, base: _Trial, threads: int | None = None) -> _Trial | None:
         plant, free = by(base.plant, base.free, train)
@@ -160,38 +160,43 @@ def choose(
 
     unknown = (name for name, given in sheet.items() if given.value is None)
     plain = tried(plant, without_overlap(plant, (*plant.usual, *unknown), known["fixed"]))
-    progress(0.2)
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        alone = pool.map(lambda refine: (refined(refine, plain, threads=1), refine), refinements)
-        ranked = sorted(((trial, refine) for trial, refine in alone if trial), key=lambda one: one[0].error)
-    progress(0.5)
     best = plain
-    for k, (trial, refine) in enumerate(ranked):
-        progress(0.5 + 0.4 * k / len(ranked))
-        candidate = trial if best is plain else refined(refine, best)
-        if candidate is not None and candidate.error < (1 - LEAST_GAIN) * best.error:
-            best = candidate
+    try:
+        progress(0.2)
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            alone = pool.map(lambda refine: (refined(refine, plain, threads=1), refine), refinements)
+            ranked = sorted(((trial, refine) for trial, refine in alone if trial), key=lambda one: one[0].error)
+        progress(0.5)
+        for k, (trial, refine) in enumerate(ranked):
+            progress(0.5 + 0.4 * k / len(ranked))
+            candidate = trial if best is plain else refined(refine, best)
+            if candidate is not None and candidate.error < (1 - LEAST_GAIN) * best.error:
+                best = candidate
+    except KeyboardInterrupt:
+        words = "interrupted during the choice of refinements; the best so far is kept, fitted to a part of the record"
+        return replace(best.fit, ending=Ending.INTERRUPTED, message="; ".join(filter(None, [words, best.fit.message])))
     return simulation_error(best.plant, record, free=best.free, look_around=False, **known)
 
 
 class _Trial(NamedTuple):
     """A plant fitted to the first part of the record, and the mean square error of its free run over the rest."""
 
-    plant: Mechanical
+    fit: GreyBoxFit
     free: tuple[str, ...]
     error: float
+
+    @property
+    def plant(self) -> Mechanical:
+        """The plant as it was fitted."""
+        plant = self.fit.model.plant
+        assert isinstance(plant, (DrivenMotor, LinearAxis))
+        return plant
 
 
 def _held_back_error(fit: GreyBoxFit, rest: Record) -> float:
     run = fit.model.simulate(rest)
     error = float(np.mean((rest.output - run.output)[run.counted] ** 2)) if run.counted.any() else np.inf
     return error if isfinite(error) else np.inf
-
-
-def _mechanical(fit: GreyBoxFit) -> Mechanical:
-    plant = fit.model.plant
-    assert isinstance(plant, (DrivenMotor, LinearAxis))
-    return plant
 
 
 def _friction(plant: Mechanical) -> str:

@@ -115,6 +115,9 @@ def simulation_error(
             rough = problem_for(found, coarse, states)
             beginning = _search(rough, limits, max_iterations, max_seconds, progress)
             states = rough.states(beginning.estimate)
+            if beginning.ending is Ending.INTERRUPTED:
+                found, names, minimum = rough.plant_at(beginning.estimate), coarse, beginning
+                break
             fine = [name for name in names if name not in coarse]
             found = _scan(rough.plant_at(beginning.estimate), fine, limits, states, problem_for)
         problem = problem_for(found, names, states)

@@ -13,7 +13,6 @@ from scipy.special import ndtri
 from scipy.stats import chi2
 
 from emsid.errors import ModelError
-from emsid.estimation.fit import Ending
 from emsid.estimation.gauss_newton import gauss_newton
 from emsid.estimation.threads import one_blas_thread
 from emsid.models.grey_box_fit import GreyBoxFit
@@ -216,9 +215,7 @@ def _others_at_their_best(
     unknown = [free_states(plant, signals, segment) for segment in segments]
     problem = FreeRunError(plant, signals, segments, others, states, unknown, fit.weighting, os.cpu_count() or 1)
     lower, upper = problem.within(fit.limits)
-    found = gauss_newton(problem, problem.start, lower=lower, upper=upper, names=problem.names)
-    if found.ending is Ending.INTERRUPTED:  # half a profile is none
-        raise KeyboardInterrupt
+    found = gauss_newton(problem, problem.start, lower=lower, upper=upper, names=problem.names, inner=True)
     return found.cost, problem.plant_at(found.estimate), problem.states(found.estimate)
 
 

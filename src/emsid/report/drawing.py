@@ -32,7 +32,8 @@ def drawing_process() -> Iterator[Executor | None]:
         return
     with ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_make_ready) as pool:
         try:
-            pool.submit(os.getpid)  # the first thing asked for starts it
+            with _without_interrupts():
+                pool.submit(os.getpid)  # the first thing asked for starts it
             yield pool
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
@@ -77,6 +78,19 @@ def _draw_beside(beside: Executor, waiting: deque[Figure], drawings: dict[str, D
         except Exception:  # whatever it is, the parent meets it too, or draws the figure
             waiting.append(figure)
             return
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """A process started meanwhile leaves Ctrl-C to its parent from its first moment on."""
+    if not hasattr(signal, "pthread_sigmask"):  # as on Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _make_ready() -> None:

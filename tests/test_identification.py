@@ -177,3 +177,13 @@ def test_coordinate_search_prefers_the_simpler_of_equals():
     assert coordinate_search(error, {"a": (1, 2, 3), "b": (1, 5, 9)}) == {"a": 2, "b": 1}
     assert coordinate_search(lambda choice: 1.0, {"a": (1, 2), "b": (3, 4)}) == {"a": 1, "b": 3}
     assert coordinate_search(lambda choice: float("inf"), {"a": (1, 2)}) == {"a": 1}
+
+
+def test_models_of_one_input_leave_none_of_several_out_in_silence():
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((300, 2))
+    record = emsid.Record(u, np.cumsum(u[:, 0] - u[:, 1]), 0.1, input_names=("left", "right"))
+    result = identify(record, models=("arx", "friction-narx", "wiener-hammerstein-regression"))
+    assert [fit.model.name for fit in result.verification.fits] == ["arx"]
+    assert result.failed["friction-narx"].startswith("friction-narx has one input and")
+    assert "left, right" in result.failed["wiener-hammerstein-regression"]

@@ -119,13 +119,20 @@ def _arx(record: Record, choice: Mapping[str, int]) -> Structure:
     return arx(**choice, inputs=record.input.shape[1])
 
 
+def _check_one_input(name: str, record: Record) -> None:
+    if record.input.shape[1] > 1:
+        raise ModelError(f"{name} has one input and {record.name} has {', '.join(record.input_names)}; choose one")
+
+
 def _wiener_hammerstein_regression(record: Record, choice: Mapping[str, int]) -> Structure:
+    _check_one_input("wiener-hammerstein-regression", record)
     return wiener_hammerstein_regression(
         choice["na"], choice["nb"], choice["degree"], taps=choice["taps"], nk=choice["nk"]
     )
 
 
 def _friction_narx(record: Record, choice: Mapping[str, int]) -> Structure:
+    _check_one_input("friction-narx", record)
     return friction_narx(
         choice["na"],
         choice["nb"],

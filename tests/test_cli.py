@@ -501,3 +501,87 @@ def test_being_terminated_is_quiet(name, log, tmp_path):
     home = "emsid.report.page" if name == "draw_all" else "emsid.report.drawing"
     status, _, err = signalled(tmp_path, ("at", home, name, "SIGTERM"), *words)
     assert (status, err) == (143, "")
+
+
+EMSID = [sys.executable, "-c", "from emsid.cli import main; main()"]
+
+
+def test_the_version_is_told(run):
+    import emsid
+
+    assert run("--version") == (0, f"emsid {emsid.__version__}\n", "")
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device that is always full")
+def test_an_output_that_cannot_be_written_is_one_line():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([*EMSID, "list"], stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2
+    assert done.stderr == "emsid: the output cannot be written (no space left on device)\n"
+
+
+def test_a_terminal_with_few_characters_gets_question_marks():
+    done = subprocess.run([*EMSID, "list"], capture_output=True, env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"kg?m?" in done.stdout
+
+
+def test_options_that_no_model_uses_are_named(run, log, tmp_path):
+    words = ("identify", log, *IDENTIFY, "--models", "arx", "--degree", "3", "--static", "dead-zone", "--nk", "1")
+    status, out, _ = run(*words, "--out", tmp_path / "out")
+    assert status == 0
+    assert "degree was given and is not used by arx." in out
+    assert "static was given and is not used by arx." in out
+    assert "nk was given" not in out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("study", "-u", "zzz", "--unit", "y=rpm"), "--input, --unit: that is for reading --record and --verify"),
+        (("identify", "LOG", *IDENTIFY, "--ridge", "1", "--forgetting", "0.9"), "choose one of them"),
+        (("identify", "LOG", *IDENTIFY, "--fix", "resistance"), "write it as NAME=VALUE"),
+    ],
+)
+def test_options_that_contradict_each_other_are_refused(words, said, run, log, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, _, err = run(*(log if word == "LOG" else word for word in words))
+    assert (status, err.count("\n")) == (2, 1)
+    assert said in err
+
+
+def test_a_constant_output_to_judge_by_has_no_fit(run, log, tmp_path):
+    still = table(tmp_path / "still.csv", y=np.full(600, 3.0))
+    words = ("identify", log, *IDENTIFY, "--validate", still, "--models", "arx", "--out", tmp_path / "out")
+    status, out, _ = run(*words)
+    assert status == 0
+    assert "arx: on unseen data, the free run has no fit, as the measured output is constant; its RMSE is" in out
+    assert "inf" not in out
+    assert "nan" not in out
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "none (constant output)" in page
+    assert not any(f"{wrong}</" in page for wrong in ("inf", "nan", "inf %", "nan %"))
+
+
+def test_every_record_to_judge_by_is_named(run, log, tmp_path):
+    others = [table(tmp_path / f"{name}.csv", seed=k) for k, name in enumerate("abcdef", 1)]
+    unseen = [word for other in others[:2] for word in ("--validate", other)]
+    words = ("identify", log, *IDENTIFY, "--models", "arx", "--out", tmp_path / "out")
+    assert "on unseen data (a.csv, b.csv)" in run(*words, *unseen)[1]
+    assert "a.csv, b.csv" in (tmp_path / "out" / "report.html").read_text()
+    unseen = [word for other in others for word in ("--validate", other)]
+    assert "on unseen data (6 records)" in run(*words, *unseen)[1]
+
+
+def test_what_an_earlier_run_left_is_told_apart(run, log, tmp_path, monkeypatch):
+    from emsid.report.page import write_report  # noqa: F401  (loads the module)
+
+    out = tmp_path / "out"
+    words = ("identify", log, *IDENTIFY, "--out", out, "--na", 1, "--nb", 1, "--nk", 1, "--models")
+    assert "earlier run" not in run(*words, "arx,friction-narx")[1]
+    assert run(*words, "arx")[1].endswith("from an earlier run, not from this one: friction-narx.json\n")
+    page = sys.modules["emsid.report.page"]
+    monkeypatch.setattr(page, "draw_all", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    status, printed, _ = run(*words, "arx")
+    assert status == 130
+    assert printed.endswith("from an earlier run, not from this one: report.html, friction-narx.json\n")

@@ -171,10 +171,18 @@ def test_prediction_uses_no_output_nearer_than_its_horizon(structure: Structure,
         assert np.any(after[50 + horizon :] != before[50 + horizon :])
 
 
-def test_horizon_zero_is_refused() -> None:
+@pytest.mark.parametrize("horizon", [0, -1, 1.5, "2"])
+def test_only_whole_horizons_are_predicted(horizon: int) -> None:
     model = model_of(arx(1, 1))
-    with pytest.raises(ModelError, match="horizon of 0"):
-        model.predict(measured(arx(1, 1)), 0)
+    with pytest.raises(ModelError, match=f"horizon of {horizon}; give a whole number"):
+        model.predict(measured(arx(1, 1)), horizon)
+
+
+@pytest.mark.parametrize("transient", [-1, 2.5])
+def test_only_whole_transients_start_a_run(transient: int) -> None:
+    model = model_of(arx(1, 1))
+    with pytest.raises(ModelError, match=f"transient of {transient}; give a whole number"):
+        model.simulate(measured(arx(1, 1)), transient)
 
 
 # --- divergence ------------------------------------------------------------------------------------------------------

@@ -74,8 +74,10 @@ def test_a_run_that_is_lost_has_an_infinite_error(lost: float) -> None:
 
 
 def test_an_output_that_rests() -> None:
-    assert fit_percent(column(2, 2, 2), column(2, 2, 2)) == 100.0
-    assert fit_percent(column(2, 2, 2), column(2, 2, 2.1)) == -np.inf
+    assert np.isnan(fit_percent(column(2, 2, 2), column(2, 2, 2)))
+    assert np.isnan(fit_percent(column(2, 2, 2), column(2, 2, 2.1)))
+    moving = np.hstack([column(2, 2, 2), column(1, 2, 3)])
+    assert fit_percent(moving, moving) == 100.0
 
 
 # --- comparison ------------------------------------------------------------------------------------------------------

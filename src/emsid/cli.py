@@ -8,10 +8,12 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from io import StringIO, TextIOWrapper
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar
 
@@ -90,10 +92,21 @@ def main() -> None:
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as a shell does for what runs in the background
         signal.signal(signal.SIGINT, _interruption)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # with all that is cleaned up on leaving
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that has no ² or Ω gets a question mark
     try:
-        app()
+        try:
+            app()
+        finally:
+            sys.stdout.flush()
     except EmsidError as problem:
         _end(str(problem), USER_ERROR)
+    except OSError as problem:  # files are no matter for this place: it is where one prints to
+        sys.stdout = StringIO()  # what is left of the output must not fail once more on leaving
+        if isinstance(problem, BrokenPipeError):  # the reader has seen enough
+            sys.exit(1)
+        _end(f"the output cannot be written ({(problem.strerror or str(problem)).lower()})", USER_ERROR)
     except BaseException:
         if _interruption.pressed:
             _interruption.end()
@@ -103,6 +116,23 @@ def main() -> None:
 def _end(words: str, status: int) -> NoReturn:
     print(f"emsid: {words}", file=sys.stderr)
     sys.exit(status)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        print(f"emsid {version('emsid')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=_version)
+    ] = False,
+) -> None:
+    pass
 
 
 # --- options that every command which reads a record has -------------------------------------------------------------
@@ -207,6 +237,18 @@ def _reader(
     )
 
 
+def _given(reader: "partial[Record]", **defaults: Any) -> list[str]:
+    """The options on reading that differ from their defaults."""
+    usual = _reader(**defaults)
+    assert isinstance(usual, partial)
+    words = {"units": "unit"}  # where option and argument differ
+    return [
+        f"--{words.get(name, name).replace('_', '-')}"
+        for name, value in reader.keywords.items()
+        if value != usual.keywords[name]
+    ]
+
+
 def reads_records(**defaults: Any) -> Callable[[Command], Command]:
     """Give a command the options of `_reader`; what they make is its argument ``reader``.
 
@@ -257,7 +299,7 @@ def study(
     step: Annotated[float, typer.Option(metavar="S", help="Sample time of the simulated records.")] = 0.005,
     duration: Annotated[float, typer.Option(metavar="S", help="Length of the simulated records.")] = 20.0,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of the noise on the bench.", min=0)] = 1,
-    forgetting: Annotated[float, typer.Option(metavar="λ", help="Forgetting factor of recursive estimates.")] = 1.0,
+    forgetting: Annotated[float, typer.Option(metavar="FACTOR", help="Forgetting of recursive estimates.")] = 1.0,
     knots: Annotated[int, typer.Option(metavar="N", help="Hinges on either side of zero.", min=0)] = 12,
     transient: Transient = None,
 ) -> None:
@@ -277,6 +319,8 @@ def study(
 
     if (record is None) != (verify is None):
         raise DataError("--record and --verify belong together: one record to identify, another to verify")
+    if record is None and (given := _given(reader, input=["voltage"], output=["speed"])):
+        raise DataError(f"{', '.join(given)}: that is for reading --record and --verify, which are not given")
     _check_folder(out)
     settings = paper.Settings(
         dt=step, duration=duration, seed=seed, forgetting=forgetting, knots=knots, transient=transient
@@ -330,7 +374,7 @@ def identify(
     ] = "spline",
     ridge: Annotated[float, typer.Option(metavar="WEIGHT", help="Weight of the squared parameters.", min=0)] = 0.0,
     forgetting: Annotated[
-        float | None, typer.Option(metavar="λ", help="Estimate recursively with this forgetting factor.")
+        float | None, typer.Option(metavar="FACTOR", help="Estimate recursively with this forgetting factor.")
     ] = None,
     fix: Annotated[
         list[str], typer.Option(metavar="NAME=X", help="A physical parameter that is known, in SI units.")
@@ -390,13 +434,15 @@ def identify(
             )
         with _kept(result, "identification") as result:
             _write(out, {"result.json": result.to_data()}, result.verification.fits)
-            title = f"on unseen data ({result.unseen.name})"
+            title = f"on {result.judged_on} ({result.unseen.name})"
             _print(_table(result.verification.rows, title, result.unseen.output_units[0]))
             print(f"chosen: {result.chosen.model.name}")
             print(result.chosen.model.equation())
             print("\n".join(identification.remarks(result)), flush=True)
         drawn = _draw(out, lambda: identification.report(result), beside)
-    _say_where(out, drawn, "result.json", *(f"{fit.model.name}.json" for fit in result.verification.fits))
+    written = [f"{fit.model.name}.json" for fit in result.verification.fits]
+    possible = [f"{name}.json" for name in identification.CANDIDATES]
+    _say_where(out, drawn, "result.json", *written, possible=possible)
     if result.interrupted or not drawn:
         _interruption.end()
 
@@ -545,7 +591,7 @@ def _table(rows: "list[Row] | tuple[Row, ...]", title: str, unit: str = "") -> "
             row.data,
             f"{row.simulation_rmse:.5g}",
             f"{row.simulation_mse:.4g}",
-            f"{row.fit_percent:.2f}",
+            f"{row.fit_percent:.2f}" if isfinite(row.fit_percent) else "–",
             f"{row.one_step_mse:.4g}",
         )
     return table
@@ -604,7 +650,7 @@ def _write(folder: Path, documents: dict[str, Any], fits: Any = ()) -> None:
 
     for fit in fits:
         save(fit.model, folder / f"{fit.model.name}.json")
-    for name, content in documents.items():
+    for name, content in documents.items():  # last, as it tells of the others
         atomic_write(folder / name, msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
 
 
@@ -636,6 +682,10 @@ def _draw(folder: Path, report: Callable[[], Any], beside: Any) -> bool:
     return True
 
 
-def _say_where(folder: Path, drawn: bool, *names: str) -> None:
+def _say_where(folder: Path, drawn: bool, *names: str, possible: Iterable[str] = ()) -> None:
+    """Where to look, and what in there is of another run."""
     report = ("report.html", "figures/") if drawn else ()
     print(f"written to {folder}/: {', '.join((*report[:1], *names, *report[1:]))}")
+    old = [name for name in ("report.html", *possible) if name not in (*report, *names) and (folder / name).exists()]
+    if old:
+        print(f"from an earlier run, not from this one: {', '.join(old)}")

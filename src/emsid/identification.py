@@ -8,9 +8,9 @@ that no candidate has seen in either step.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -76,11 +76,23 @@ class Options:
     profile: tuple[str, ...] = ()
     held_back: float = 0.25
 
+    def __post_init__(self) -> None:
+        if self.ridge and self.forgetting is not None:
+            raise ModelError("ridge is for a batch estimate and forgetting for a recursive one; choose one of them")
+
+    @property
+    def given(self) -> list[str]:
+        """The names of those that differ from what they are by default."""
+        return [each.name for each in fields(self) if getattr(self, each.name) != getattr(_DEFAULTS, each.name)]
+
     def estimate(self, structure: Structure, record: Record, history: bool = False) -> Fit[Any]:
         """Fit a structure in the way that these options ask for."""
         if self.forgetting is None:
             return least_squares(structure, record, ridge=self.ridge)
         return recursive_least_squares(structure, record, forgetting=self.forgetting, history=history)
+
+
+_DEFAULTS = Options()
 
 
 @dataclass(frozen=True)
@@ -97,6 +109,11 @@ class Regression:
     build: Callable[[Record, Mapping[str, int]], Structure]
     choices: Mapping[str, Sequence[int]]
 
+    @property
+    def uses(self) -> tuple[str, ...]:
+        """The options that make a difference to it."""
+        return (*self.choices, "ridge", "forgetting", "held_back")
+
     def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
         """Choose what is not fixed on held-back data and fit to the whole record."""
         given = {name: getattr(options, name) for name in self.choices}
@@ -106,12 +123,19 @@ class Regression:
             train, rest = record.hold_back(options.held_back)
             start = self.build(record, {name: values[-1] for name, values in choices.items()}).memory
             exact = 1e-20 * float(np.var(rest.output))  # below, differences are rounding
+            problems: list[Exception] = []
 
             def error(choice: Mapping[str, int]) -> float:
-                fit = options.estimate(self.build(record, choice), train)
-                return max(assess(fit, rest, start).row.simulation_mse, exact)
+                try:
+                    fit = options.estimate(self.build(record, choice), train)
+                    return max(assess(fit, rest, start).row.simulation_mse, exact)
+                except (EmsidError, ValueError, ArithmeticError) as problem:  # a choice that cannot be fitted is none
+                    problems.append(problem)
+                    return np.inf
 
             chosen = coordinate_search(error, choices, progress=progress)
+            if problems and np.isinf(error(chosen)):
+                raise problems[0]
         return options.estimate(self.build(record, chosen), record)
 
 
@@ -156,6 +180,11 @@ class Candidate(Protocol):
         """What it is, in a few words."""
         ...
 
+    @property
+    def uses(self) -> tuple[str, ...]:
+        """The options that make a difference to it."""
+        ...
+
     def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
         """Choose what the options leave open on data held back for that, and fit to the whole record."""
         ...
@@ -172,6 +201,7 @@ class Blocks:
 
     summary: str
     layout: Layout
+    uses: ClassVar[tuple[str, ...]] = ("nk", "knots", "orders", "static")
 
     def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
         """Choose orders, knots and delay on held-back data and fit to the free run over the whole record."""
@@ -212,6 +242,7 @@ class Physical:
     summary: str
     plant: Mechanical
     refinements: tuple[Refinement, ...] = REFINEMENTS
+    uses: ClassVar[tuple[str, ...]] = ("fix", "datasheet", "profile", "held_back")
 
     def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
         """Choose the refinements on held-back data and fit to the whole record."""
@@ -254,6 +285,9 @@ CANDIDATES: dict[str, Candidate] = {
 }
 
 
+# More records than so many are counted, not named.
+NAMED = 4
+
 # What is tried when nobody names a model: what any record of one input and one output can be described by.
 USUAL = ("arx", "wiener-hammerstein-regression", "friction-narx", "wiener-hammerstein")
 
@@ -293,6 +327,11 @@ class Identification:
             for one in self.unseen.segments
             for other in known
         )
+
+    @property
+    def judged_on(self) -> str:
+        """What the models were ranked on, for titles and sentences."""
+        return "data identified from" if self.seen else "unseen data"
 
     @property
     def chosen(self) -> Fit[Any]:
@@ -341,7 +380,11 @@ def identify(
     if unknown or not models:
         raise ModelError(f"no model {', '.join(unknown) or 'is named'}; there are {', '.join(CANDIDATES)}")
     plants = {name: each.plant for name in models if isinstance(each := CANDIDATES[name], Physical)}
-    asides = _check_physics(plants, models, options)
+    asides = _check_physics(plants, models, options) + [
+        f"{option} was given and is not used by {', '.join(dict.fromkeys(models))}."
+        for option in options.given
+        if not any(option in CANDIDATES[name].uses for name in models)
+    ]
     record = _one(records)
     if validation is None:
         train, rest = record.split(1 - unseen)
@@ -471,10 +514,8 @@ def remarks(result: Identification) -> list[str]:
             f"{result.unseen.name} is among what was identified from: these errors say nothing of unseen data."
         )
     if np.isfinite(best.simulation_mse):
-        constant = np.ptp(result.unseen.output) == 0
-        match = "no fit, as the output is constant there," if constant else f"a fit of {best.fit_percent:.1f} %"
         sentences.append(
-            f"{best.model}: the free run has {match} on the unseen data, an RMSE of "
+            f"{best.model}: on {result.judged_on}, the free run has {best.fit_in_words}; its RMSE is "
             f"{best.simulation_rmse:.4g}{' ' * bool(unit)}{unit}."
         )
     if 0 < 2 * best.one_step_mse < best.simulation_mse < np.inf:
@@ -483,7 +524,7 @@ def remarks(result: Identification) -> list[str]:
             "that is what any model finds easy."
         )
     sentences += [
-        f"{row.model}: the free run diverges at sample {row.diverged_at} of the unseen data."
+        f"{row.model}: the free run diverges at sample {row.diverged_at} of the {result.judged_on}."
         for row in result.verification.rows
         if row.diverged_at is not None
     ]
@@ -501,13 +542,19 @@ def remarks(result: Identification) -> list[str]:
 
 
 def _one(records: Record | Iterable[Record]) -> Record:
-    return records if isinstance(records, Record) else concatenate(records)
+    """The records as one, which is called by all of their names."""
+    if isinstance(records, Record):
+        return records
+    several = tuple(records)
+    names = dict.fromkeys(record.name for record in several)
+    return concatenate(several, ", ".join(names) if len(names) <= NAMED else f"{len(names)} records")
 
 
 def report(result: Identification) -> Report:
     """What a page says about the result."""
     from emsid.report import views
     from emsid.report.content import Fact, Report, Section
+    from emsid.report.wording import percent
 
     best, unit = result.verification.best, result.unseen.output_units[0]
     linear_first = sorted(result.verification.assessments, key=lambda each: each.row.model != "arx")
@@ -519,21 +566,23 @@ def report(result: Identification) -> Report:
         summary=tuple(remarks(result)),
         facts=(
             Fact(best.row.model, "the best of the models in free run"),
-            Fact(f"{best.row.fit_percent:.1f} %", "fit of its free run on unseen data"),
+            Fact(percent(best.row.fit_percent), f"fit of its free run on {result.judged_on}"),
             Fact(f"{len(result.record):,}", "samples to identify from"),
-            Fact(f"{best.row.samples:,}", "unseen samples counted"),
+            Fact(f"{best.row.samples:,}", "samples to judge by"),
         ),
         sections=(
             Section(
                 "Which model",
                 tables=(
-                    views.results_table(result.verification.rows, unit=unit, caption="On unseen data."),
+                    views.results_table(
+                        result.verification.rows, unit=unit, caption=f"On {result.judged_on}, {result.unseen.name}."
+                    ),
                     views.results_table(result.identification.rows, unit=unit, caption="On the data identified from."),
                 ),
                 figures=(views.ranking(result.verification),),
             ),
             Section(
-                "Free run on unseen data",
+                f"Free run on {result.judged_on}",
                 figures=(
                     views.measured_and_simulated(best),
                     views.responses(linear_first, intervals),

@@ -304,7 +304,7 @@ def findings(result: Study) -> list[str]:
             f"In the {part.name} study, in free run on the verification record, the MSE of the paper's second-degree "
             f"model is {_ratio(linear, paper)} that of the linear model{reason}.",
             *(
-                f"That of {what} is {_ratio(linear, row)} it, at a fit of {row.fit_percent:.1f} %."
+                f"That of {what} is {_ratio(linear, row)} it, at {row.fit_in_words}."
                 for what, row in (
                     (words, part.verified(model).row)
                     for model, words in (
@@ -380,6 +380,7 @@ def report(result: Study) -> Report:
     """The figures and tables of the paper, in its order, and what they show."""
     from emsid.report import views
     from emsid.report.content import Fact, Report, Section
+    from emsid.report.wording import percent
 
     simulation = result.parts[0]
     linear, friction = (simulation.verified(model).row for model in (LINEAR, FRICTION))
@@ -387,8 +388,8 @@ def report(result: Study) -> Report:
         title="Identification of an electromechanical system",
         summary=tuple(findings(result)),
         facts=(
-            Fact(f"{linear.fit_percent:.1f} %", "free-run fit of the linear model, simulation study"),
-            Fact(f"{friction.fit_percent:.1f} %", "of the friction regression"),
+            Fact(percent(linear.fit_percent), "free-run fit of the linear model, simulation study"),
+            Fact(percent(friction.fit_percent), "of the friction regression"),
             Fact(f"1/{linear.simulation_mse / friction.simulation_mse:,.0f}", "its free-run MSE by the linear one's"),
         ),
         sections=(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from emsid.errors import DataError, EmsidError, ModelError
 from emsid.estimation.gauss_newton import gauss_newton
 from emsid.models.grey_box_problem import FreeRunError, all_alike, free_states, guess_state
-from emsid.models.model import RUNAWAY, Run
+from emsid.models.model import RUNAWAY, Run, check_samples
 from emsid.models.plants import LinearAxis, OwnPlant, Plant, Signal, plant_from_data, plant_to_data
 from emsid.record import Record
 
@@ -49,6 +49,7 @@ class GreyBox:
     def simulate(self, record: Record, transient: int | None = None) -> Run:
         """Free run over every segment, from the state that fits its first samples best."""
         check_channels(self.plant, self.signals, record)
+        check_samples(self.name, "a transient", transient, 0)
         start = max(self.memory, transient or 0)
         bound = RUNAWAY * max(float(np.max(np.abs(record.output))), np.finfo(float).tiny)
         output, counted = record.output.copy(), np.zeros(len(record), dtype=bool)
@@ -67,8 +68,7 @@ class GreyBox:
 
     def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
         """ŷ(t | t − horizon) = ŷ(t) + [y − ŷ](t − horizon): the error of the free run is taken to stay as it is."""
-        if horizon < 1:
-            raise ModelError(f"{self.name}: a horizon of {horizon}; predictions look at least one sample ahead")
+        check_samples(self.name, "a horizon", horizon, 1)
         run = self.simulate(record, transient)
         output, offset = run.output.copy(), 0
         for segment in record.segments:

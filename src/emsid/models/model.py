@@ -8,6 +8,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import ModelError
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -30,6 +31,12 @@ class Run:
     output: Array
     counted: NDArray[np.bool_]
     diverged_at: int | None = None
+
+
+def check_samples(model: str, what: str, samples: int | None, least: int) -> None:
+    """Refuse what is no whole number of samples, or too few of them."""
+    if samples is not None and not (isinstance(samples, int | np.integer) and samples >= least):
+        raise ModelError(f"{model}: {what} of {samples}; give a whole number of samples, at least {least}")
 
 
 @runtime_checkable

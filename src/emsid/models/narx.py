@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.information import TILE, add_multiple
-from emsid.models.model import RUNAWAY, Run
+from emsid.models.model import RUNAWAY, Run, check_samples
 from emsid.models.regressors import (
     Factor,
     Integers,
@@ -101,8 +101,7 @@ class Narx:
 
     def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
         """ŷ(t | t − horizon): simulated from measured outputs up to ``horizon`` samples before."""
-        if horizon < 1:
-            raise ModelError(f"{self.name}: a horizon of {horizon}; predictions look at least one sample ahead")
+        check_samples(self.name, "a horizon", horizon, 1)
 
         def advance(run: Array, segment: Record, start: int) -> int:
             if horizon == 1:
@@ -146,6 +145,7 @@ class Narx:
     def _run(self, record: Record, transient: int | None, advance: Callable[[Array, Record, int], int]) -> Run:
         """Let ``advance`` overwrite every segment from its start on, up to the sample that it returns."""
         self.check(record)
+        check_samples(self.name, "a transient", transient, 0)
         start = max(self.memory, transient or 0)
         output, counted = record.output.copy(), np.zeros(len(record), dtype=bool)
         diverged_at, offset = None, 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from math import floor, isfinite, log10
+from math import floor, isfinite, isnan, log10
 
 from emsid.report.content import readable_unit
 
@@ -28,8 +28,8 @@ def share_of(half_width: float, value: float) -> str:
 
 
 def percent(fit: float) -> str:
-    """A fit in percent."""
-    return f"{fit:.1f} %" if isfinite(fit) else "none (diverged)"
+    """A fit in percent; not a number where the measured output is constant, infinite after a run that diverged."""
+    return f"{fit:.1f} %" if isfinite(fit) else "none (constant output)" if isnan(fit) else "none (diverged)"
 
 
 def plain_unit(unit: str) -> str:

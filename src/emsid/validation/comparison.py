@@ -31,7 +31,7 @@ class Row:
         one_step_mse: MSE (5.14) of the prediction one sample ahead, in the output's unit squared.
         simulation_mse: MSE of the free run.
         simulation_rmse: its root, in the output's unit.
-        fit_percent: fit of the free run.
+        fit_percent: fit of the free run; see `emsid.validation.metrics.fit_percent` for where there is none.
         parameters: how many were estimated.
         samples: how many samples the errors are taken over.
         diverged_at: sample at which the free run left all bounds, or None.
@@ -48,6 +48,13 @@ class Row:
     parameters: int
     samples: int
     diverged_at: int | None = None
+
+    @property
+    def fit_in_words(self) -> str:
+        """The fit, or why there is none, for a sentence."""
+        if np.isfinite(self.fit_percent):
+            return f"a fit of {self.fit_percent:.1f} %"
+        return f"no fit, as {'the measured output is constant' if np.isnan(self.fit_percent) else 'it diverges'}"
 
     def to_data(self) -> dict[str, Any]:
         """In built-in types; what is infinite, as after a diverged run, becomes None."""

@@ -20,11 +20,16 @@ def root_mean_squared_error(measured: Array, modelled: Array) -> float:
 
 
 def fit_percent(measured: Array, modelled: Array) -> float:
-    """100·(1 − ‖y − ŷ‖/‖y − ȳ‖), the mean over channels; 100 is perfect, 0 as good as the mean, and below is worse."""
+    """100·(1 − ‖y − ŷ‖/‖y − ȳ‖), the mean over channels; 100 is perfect, 0 as good as the mean, and below is worse.
+
+    Minus infinity for a run that diverged. A channel that was measured to be constant has no fit: it is left out of the
+    mean, which is NaN where there is no other.
+    """
     error = np.linalg.norm(measured - modelled, axis=0)
-    spread = np.linalg.norm(measured - measured.mean(axis=0), axis=0)
     if not np.isfinite(error).all():
         return float("-inf")
-    with np.errstate(divide="ignore", invalid="ignore"):
-        fits = 100.0 * (1.0 - np.where(error == 0, 0.0, error / spread))
-    return float(np.mean(fits))
+    moves = np.ptp(measured, axis=0) > 0
+    if not moves.any():
+        return float("nan")
+    spread = np.linalg.norm(measured - measured.mean(axis=0), axis=0)
+    return float(np.mean(100.0 * (1.0 - error[moves] / spread[moves])))

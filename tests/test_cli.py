@@ -488,17 +488,17 @@ def test_ctrl_c_keeps_what_was_found(moment, drawn, log, tmp_path):
 
 def test_a_study_interrupted_while_it_is_drawn_is_printed_and_written(tmp_path):
     words = ("study", "--duration", "2", "--out", "out")
-    status, out, err = signalled(tmp_path, ("at", "emsid.report.page", "draw_all", "SIGINT"), *words)
+    status, out, err = signalled(tmp_path, ("at", "emsid.report.page", "page", "SIGINT"), *words)
     assert status == 130
     assert err == FOUND.replace("identification", "the study")
     assert "simulation study" in out
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["study.json"]
 
 
-@pytest.mark.parametrize("name", ["draw_all", "get_context"])
+@pytest.mark.parametrize("name", ["page", "get_context"])
 def test_being_terminated_is_quiet(name, log, tmp_path):
     words = ("identify", log, *IDENTIFY, "--models", "arx", "--out", "out")
-    home = "emsid.report.page" if name == "draw_all" else "emsid.report.drawing"
+    home = "emsid.report.page" if name == "page" else "emsid.report.drawing"
     status, _, err = signalled(tmp_path, ("at", home, name, "SIGTERM"), *words)
     assert (status, err) == (143, "")
 
@@ -581,7 +581,7 @@ def test_what_an_earlier_run_left_is_told_apart(run, log, tmp_path, monkeypatch)
     assert "earlier run" not in run(*words, "arx,friction-narx")[1]
     assert run(*words, "arx")[1].endswith("from an earlier run, not from this one: friction-narx.json\n")
     page = sys.modules["emsid.report.page"]
-    monkeypatch.setattr(page, "draw_all", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    monkeypatch.setattr(page, "page", lambda *_: os.kill(os.getpid(), signal.SIGINT))
     status, printed, _ = run(*words, "arx")
     assert status == 130
     assert printed.endswith("from an earlier run, not from this one: report.html, friction-narx.json\n")

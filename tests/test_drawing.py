@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
-from concurrent.futures import Executor
 
 import numpy as np
 import pytest
 
+from emsid.report import drawing
 from emsid.report.content import Axis, Figure, Line, Plot
-from emsid.report.drawing import draw_all, drawing_process
+from emsid.report.drawing import Draughtsman, draughtsman
 from emsid.report.figures import draw
 
 
@@ -27,37 +27,51 @@ def unheard(what: str, fraction: float) -> None:
 
 
 @pytest.fixture
-def beside(monkeypatch: pytest.MonkeyPatch) -> Executor:
+def two(monkeypatch: pytest.MonkeyPatch) -> Draughtsman:
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
-    with drawing_process() as pool:
-        assert pool is not None
-        yield pool
+    with draughtsman() as both:
+        assert both.beside is not None
+        yield both
 
 
-def test_two_processes_draw_what_one_draws(beside: Executor) -> None:
-    expected = {figure.name: draw(figure) for figure in figures(6)}
-    drawn = draw_all(figures(6), beside, unheard)
+def test_two_processes_draw_what_one_draws(two: Draughtsman) -> None:
+    expected = Draughtsman().finish(figures(6), unheard)
+    assert expected == {figure.name: draw(figure) for figure in figures(6)}
+    drawn = two.finish(figures(6), unheard)
     assert drawn == expected
     assert list(drawn) == list(expected)
 
 
-def test_every_figure_is_drawn_here_where_the_other_process_died(beside: Executor) -> None:
-    pid = beside.submit(os.getpid).result()
+def test_what_has_begun_is_drawn_in_the_meantime_and_once(two: Draughtsman, monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = Draughtsman().finish(figures(5), unheard)
+    two.begin(figures(2))
+    two.begin(figures(3))
+    two.wait()
+    drawn_here: list[str] = []
+    monkeypatch.setattr(two, "beside", None)
+    monkeypatch.setattr(drawing, "draw", lambda figure: drawn_here.append(figure.name) or draw(figure))
+    assert two.finish(figures(5), unheard) == expected
+    assert drawn_here == ["figure-4", "figure-3"]
+
+
+def test_every_figure_is_drawn_here_where_the_other_process_died(two: Draughtsman) -> None:
+    pid = two.beside.submit(os.getpid).result()
     assert pid != os.getpid()
     os.kill(pid, signal.SIGKILL)
-    assert list(draw_all(figures(3), beside, unheard)) == ["figure-0", "figure-1", "figure-2"]
+    two.begin(figures(1))
+    assert list(two.finish(figures(3), unheard)) == ["figure-0", "figure-1", "figure-2"]
 
 
-def test_an_interrupt_is_left_to_the_parent(beside: Executor) -> None:
-    pid = beside.submit(os.getpid).result()
+def test_an_interrupt_is_left_to_the_parent(two: Draughtsman) -> None:
+    pid = two.beside.submit(os.getpid).result()
     os.kill(pid, signal.SIGINT)
-    assert beside.submit(os.getpid).result() == pid
+    assert two.beside.submit(os.getpid).result() == pid
 
 
 def test_one_core_draws_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: 1)
-    with drawing_process() as pool:
-        assert pool is None
-    told: list[float] = []
-    assert len(draw_all(figures(2), None, lambda what, fraction: told.append(fraction))) == 2
+    with draughtsman() as alone:
+        assert alone.beside is None
+        told: list[float] = []
+        assert len(alone.finish(figures(2), lambda what, fraction: told.append(fraction))) == 2
     assert told == [0.0, 0.5]

@@ -328,15 +328,18 @@ def study(
     if motor is not None:
         settings = replace(settings, motor=read_motor(motor))
     records = None if record is None or verify is None else (reader(record), reader(verify))
-    with _drawing_process() as beside:
+    with _draughtsman() as draughtsman:
+        draughtsman.begin(paper.motor_section(settings).figures)
         with _progress() as report_progress:
-            result = paper.study(settings, records, report_progress)
+            result = paper.study(
+                settings, records, report_progress, lambda part: draughtsman.begin(paper.part_section(part).figures)
+            )
         with _kept(result, "the study") as result:
             _write(out, {"study.json": result.to_data()})
             for part in result.parts:
                 _print(_table(part.rows, f"{part.name} study"))
             print("\n".join(paper.findings(result)), flush=True)
-        drawn = _draw(out, lambda: paper.report(result), beside)
+        drawn = _draw(out, lambda: paper.report(result), draughtsman)
     _say_where(out, drawn, "study.json")
     if result.interrupted or not drawn:
         _interruption.end()
@@ -421,7 +424,7 @@ def identify(
         raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
     _check_folder(out)
     records, tests = [reader(path) for path in files], [reader(path) for path in validate]
-    with _drawing_process() as beside:
+    with _draughtsman() as draughtsman:
         with _progress() as report_progress:
             result = identification.identify(
                 records,
@@ -439,7 +442,7 @@ def identify(
             print(f"chosen: {result.chosen.model.name}")
             print(result.chosen.model.equation())
             print("\n".join(identification.remarks(result)), flush=True)
-        drawn = _draw(out, lambda: identification.report(result), beside)
+        drawn = _draw(out, lambda: identification.report(result), draughtsman)
     written = [f"{fit.model.name}.json" for fit in result.verification.fits]
     possible = [f"{name}.json" for name in identification.CANDIDATES]
     _say_where(out, drawn, "result.json", *written, possible=possible)
@@ -629,10 +632,10 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
             bar.stop()
 
 
-def _drawing_process() -> Any:
-    from emsid.report.drawing import drawing_process
+def _draughtsman() -> Any:
+    from emsid.report.drawing import draughtsman
 
-    return drawing_process()
+    return draughtsman()
 
 
 def _check_folder(folder: Path) -> None:
@@ -667,14 +670,14 @@ def _kept(result: "Result", what: str) -> Iterator["Result"]:
     _interruption.words = f"{what} was interrupted; what had been found by then is above and written"
 
 
-def _draw(folder: Path, report: Callable[[], Any], beside: Any) -> bool:
+def _draw(folder: Path, report: Callable[[], Any], draughtsman: Any) -> bool:
     """Write the report with its figures; false where Ctrl-C was pressed meanwhile."""
     try:
         _interruption.raise_again()
         from emsid.report.page import write_report
 
         with _progress() as report_progress:
-            write_report(report(), folder, report_progress, beside)
+            write_report(report(), folder, report_progress, draughtsman)
     except BaseException as problem:
         if not (_interruption.pressed or isinstance(problem, KeyboardInterrupt)) or isinstance(problem, SystemExit):
             raise

@@ -57,7 +57,7 @@ PAPER_MSE = {
 PAPER_LOAD_FRICTION_MSE = 3.341e-6
 
 # Three blocks that can be seen: a filter, the dead zone (4.9), a filter. A held input needs no oversampling.
-CASCADE = CascadeOptions(static=DEAD_ZONE, oversampling=1, max_iterations=30)
+CASCADE = CascadeOptions(static=DEAD_ZONE, oversampling=1, max_iterations=30, workers=1)
 STRIBECK = ("rotor_friction.stribeck", "rotor_friction.stribeck_rate")
 
 # Sums of two sines (section V.B) for slow operation in both directions: amplitudes in V, frequencies in Hz.
@@ -219,6 +219,7 @@ def study(
     settings: Settings | None = None,
     records: tuple[Record, Record] | None = None,
     progress: Progress = lambda what, fraction: None,
+    finished: Callable[[Part], None] = lambda part: None,
 ) -> Study:
     """Do the whole study.
 
@@ -226,6 +227,7 @@ def study(
         settings: what to change about it.
         records: an identification and a verification record of a real drive, in place of the virtual bench.
         progress: called with what is being done and the fraction done of all.
+        finished: called with either part as soon as it is done.
     """
     settings = settings or Settings()
     rng = np.random.default_rng(settings.seed)
@@ -245,6 +247,7 @@ def study(
             parts.append(_part(name, first, second, settings, _later(progress, 0.2 + 0.4 * len(parts), 0.4)))
             if parts[-1].interrupted:
                 break
+            finished(parts[-1])
     except KeyboardInterrupt:
         if not parts:
             raise
@@ -379,7 +382,7 @@ def _why(linear: Row, paper: Row, motor: Motor) -> str:
 def report(result: Study) -> Report:
     """The figures and tables of the paper, in its order, and what they show."""
     from emsid.report import views
-    from emsid.report.content import Fact, Report, Section
+    from emsid.report.content import Fact, Report
     from emsid.report.wording import percent
 
     simulation = result.parts[0]
@@ -393,16 +396,8 @@ def report(result: Study) -> Report:
             Fact(f"1/{linear.simulation_mse / friction.simulation_mse:,.0f}", "its free-run MSE by the linear one's"),
         ),
         sections=(
-            Section(
-                "The motor",
-                paragraphs=(
-                    "A two-mass permanent-magnet DC motor with Coulomb and Stribeck friction (4.7) on both sides and a "
-                    "dead zone (4.9).",
-                ),
-                tables=(views.motor_table(result.settings.motor),),
-                figures=(views.nonlinearities(result.settings.motor),),
-            ),
-            *(_section(result, part) for part in result.parts),
+            motor_section(result.settings),
+            *(part_section(part) for part in result.parts),
             *(
                 views.model_section(simulation.verified(model).fit, simulation.identification)
                 for model in (BLOCKS, PHYSICAL)
@@ -413,7 +408,24 @@ def report(result: Study) -> Report:
     )
 
 
-def _section(result: Study, part: Part) -> Section:
+def motor_section(settings: Settings) -> Section:
+    """What is simulated."""
+    from emsid.report import views
+    from emsid.report.content import Section
+
+    return Section(
+        "The motor",
+        paragraphs=(
+            "A two-mass permanent-magnet DC motor with Coulomb and Stribeck friction (4.7) on both sides and a dead "
+            "zone (4.9).",
+        ),
+        tables=(views.motor_table(settings.motor),),
+        figures=(views.nonlinearities(settings.motor),),
+    )
+
+
+def part_section(part: Part) -> Section:
+    """The results of one of the two studies and their figures."""
     from emsid.report import views
     from emsid.report.content import Section
 

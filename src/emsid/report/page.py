@@ -10,12 +10,11 @@ from __future__ import annotations
 import os
 from base64 import b64encode
 from collections.abc import Mapping
-from concurrent.futures import Executor
 from pathlib import Path
 
 from emsid.io.files import atomic_write
 from emsid.report.content import Report
-from emsid.report.drawing import Progress, draw_all
+from emsid.report.drawing import Draughtsman, Progress
 from emsid.report.figures import Drawing, interactive, plotly_source
 
 
@@ -29,7 +28,7 @@ def page(report: Report, drawings: Mapping[str, Drawing] | None = None) -> str:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     if drawings is None:
-        drawings = draw_all(report.figures, None, lambda what, fraction: None)
+        drawings = Draughtsman().finish(report.figures, lambda what, fraction: None)
     environment = Environment(
         loader=PackageLoader("emsid.report", "."),
         autoescape=True,
@@ -49,7 +48,7 @@ def write_report(
     report: Report,
     folder: str | os.PathLike[str],
     progress: Progress = lambda what, fraction: None,
-    beside: Executor | None = None,
+    draughtsman: Draughtsman | None = None,
 ) -> Path:
     """Write ``report.html``, and every figure as ``figures/<name>.svg`` and ``.pdf``, into a folder.
 
@@ -59,7 +58,7 @@ def write_report(
         report: what to write.
         folder: where to; it is made where it is missing.
         progress: called with what is being done and the fraction done.
-        beside: a `drawing_process` that draws half of the figures.
+        draughtsman: who draws, and may have begun.
 
     Returns:
         The path of the page.
@@ -67,7 +66,8 @@ def write_report(
     Raises:
         FormatError: where the folder cannot be written to.
     """
-    drawings = draw_all(report.figures, beside, lambda what, fraction: progress(what, 0.9 * fraction))
+    draughtsman = draughtsman or Draughtsman()
+    drawings = draughtsman.finish(report.figures, lambda what, fraction: progress(what, 0.9 * fraction))
     progress("writing the report", 0.9)
     contents = page(report, drawings)
     folder = Path(folder)

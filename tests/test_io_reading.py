@@ -125,6 +125,8 @@ class TestTime:
     def test_a_regular_column_gives_the_sample_time(self, log: Path) -> None:
         record = read(log, input="u", output="y", time="t")
         assert (record.dt, record.times) == (0.1, (0.0,))
+        assert str(record.time_axis) == "10 samples, dt 100 ms, jitter 0 %, no gaps, no duplicates"
+        assert read(log, input="u", output="y", dt=0.1).time_axis is None
 
     @pytest.mark.parametrize(
         ("header", "options", "dt"),
@@ -171,11 +173,14 @@ class TestTime:
     def test_gaps_and_duplicates(self, write: Write) -> None:
         path = write("t,u,y\n" + "".join(f"{t},{t},0\n" for t in [0, 1, 2, 2, 3, 6, 7]))
         message = failure(path, input="u", output="y", time="t")
-        assert "time column 't' is not regular: sample time 1 s" in message
-        assert "1 gap (first at row 7 of the file), 1 duplicate (first at row 5 of the file)" in message
+        assert "time column 't' is not regular: 7 samples, dt 1 s" in message
+        assert "1 gap (at row 7 of the file, 3 s), 1 duplicate (at row 5 of the file)" in message
         assert "--resample" in message
         assert "--dt SECONDS" in message
         assert read(path, input="u", output="y", dt=1).dt == 1
+        assert "1 gap (at row 7 of the file" in failure(path, input="u", output="y", time="t", rows=slice(3, None))
+        resampled = read(path, input="u", output="y", time="t", resample=True)
+        assert f": {resampled.time_axis}; give" in message
 
     def test_jitter(self, write: Write) -> None:
         path = write("t,u,y\n" + "".join(f"{k + 0.04 * (-1) ** k},0,{k}\n" for k in range(20)))
@@ -201,7 +206,7 @@ class TestTime:
         assert "time unit 'fortnight' is not understood; give one of" in failure(
             log, input="u", output="y", time="t", time_unit="fortnight"
         )
-        assert "at least two samples" in failure(log, input="u", output="y", time="t", rows=slice(0, 1))
+        assert "from two samples on, and this has 1" in failure(log, input="u", output="y", time="t", rows=slice(0, 1))
 
 
 class TestResampling:

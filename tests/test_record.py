@@ -236,14 +236,40 @@ def test_jitter_does_not_move_the_sample_time() -> None:
 def test_gaps_and_duplicates_are_found_and_told() -> None:
     t = np.array([0, 1, 2, 3, 7, 8, 8, 9, 10.0])
     axis = time_axis(t)
-    assert (axis.dt, axis.gaps, axis.duplicates, axis.regular) == (1.0, (4,), (6,), False)
-    assert str(axis) == "sample time 1 s, jitter 0 %, 1 gap (first at sample 4), 1 duplicate (first at sample 6)"
-    assert axis.describe(lambda k: f"row {k + 2}").endswith("1 duplicate (first at row 8)")
+    assert (axis.dt, axis.gaps, axis.lengths, axis.duplicates, axis.regular) == (1.0, (4,), (4.0,), (6,), False)
+    report = "9 samples, dt 1 s, jitter 0 %, 1 gap (at sample 4, 4 s), 1 duplicate (at sample 6)"
+    assert str(axis) == report
+    many = time_axis(np.delete(np.arange(5000.0) * 1e-3, [10, 20, 21, 30]))
+    assert str(many).endswith("jitter 0 %, 3 gaps (first at sample 10, longest 3 ms at sample 19), no duplicates")
+
+
+def test_a_regular_axis_is_told_too() -> None:
+    t = 0.005 * np.arange(12000)
+    assert str(time_axis(t)) == "12,000 samples, dt 5 ms, jitter 0 %, no gaps, no duplicates"
+    assert str(time_axis(1e4 + t)) == str(time_axis(t))  # the rounding of the times is no jitter
+    t[7000] += 3e-6
+    report = "12,000 samples, dt 5 ms, jitter 0.06 % (largest deviation of a step 3 µs), no gaps, no duplicates"
+    assert str(time_axis(t)) == report
+    assert time_axis(t).jitter == pytest.approx(6e-4)
+
+
+def test_a_record_keeps_what_its_time_column_said() -> None:
+    axis = time_axis(0.1 * np.arange(100))
+    record = ramp(100, time_axis=axis)
+    assert record[3:].time_axis is record.detrend().time_axis is axis
+    assert concatenate(record.split(0.5)).time_axis == axis
+    assert concatenate([record, ramp(100)]).time_axis is None
+    assert record.decimate(2).time_axis is None
+    assert resample(record.time, record, dt=0.2).time_axis is None
 
 
 @pytest.mark.parametrize(
     ("times", "message"),
-    [([1.0], "at least two"), ([1, np.nan, 3], "no finite value at sample 1"), ([3, 2, 1], "never advances")],
+    [
+        ([1.0], "from two samples on, and this has 1; take more rows"),
+        ([1, np.nan, 3], "no finite value at sample 1"),
+        ([3, 2, 1], "never advances, it is 3 s at first and 1 s at last; name"),
+    ],
 )
 def test_what_is_no_time_axis(times: list[float], message: str) -> None:
     with pytest.raises(DataError, match=message):

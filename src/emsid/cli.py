@@ -527,7 +527,7 @@ def describe(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records.")],
     reader: Any,
 ) -> None:
-    """What a record holds: samples, segments, ranges, crest factor, order of persistent excitation.
+    """What a record holds: samples, segments, time axis, ranges, crest factor, order of persistent excitation.
 
     \b
     Example:
@@ -538,6 +538,8 @@ def describe(
     for path in files:
         record = reader(path)
         print(record)
+        if record.time_axis is not None:
+            print(f"  time column {reader.keywords['time']}: {record.time_axis}")
         for name, unit in zip(
             record.input_names + record.output_names, record.input_units + record.output_units, strict=True
         ):

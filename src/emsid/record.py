@@ -8,7 +8,7 @@ that identifies, validates, plots or exports takes a record, or several, and goe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -35,6 +35,8 @@ class Record:
         times: the time in seconds of the first sample of every segment; by default the segments follow each
             other.
         name: where the record comes from, for messages and figures.
+        time_axis: what the time column that it was read with says about the sampling of the whole file; None where
+            the sample time was given instead.
 
     Raises:
         DataError: for arrays of other shapes, unequal lengths, no sample, values that are not finite, a bad sample
@@ -51,6 +53,7 @@ class Record:
     breaks: tuple[int, ...] = ()
     times: tuple[float, ...] = ()
     name: str = "record"
+    time_axis: TimeAxis | None = None
 
     def __post_init__(self) -> None:
         def put(field: str, value: object) -> None:
@@ -228,7 +231,7 @@ class Record:
                 decimate(values - values[:1], factor, ftype="fir", axis=0) + values[:1]
                 for values in (segment.input, segment.output)
             ]
-            pieces.append(replace(segment, input=slow[0], output=slow[1], dt=self.dt * factor, times=segment.times))
+            pieces.append(replace(segment, input=slow[0], output=slow[1], dt=self.dt * factor, time_axis=None))
         return concatenate(pieces, name=self.name)
 
     def scale(self, name: str, gain: float, offset: float = 0.0, unit: str | None = None) -> Record:
@@ -292,6 +295,7 @@ def concatenate(records: Iterable[Record], name: str | None = None) -> Record:
         breaks=tuple(starts[1:]),
         times=tuple(time for piece in pieces for time in piece.times),
         name=name or first.name,
+        time_axis=first.time_axis if all(piece.time_axis == first.time_axis for piece in pieces) else None,
     )
 
 
@@ -316,20 +320,32 @@ def segments(records: Record | Iterable[Record]) -> Iterator[Record]:
 
 
 class TimeAxis(NamedTuple):
-    """What a time column says about the sampling.
+    """What a time column says about the sampling; as text, a report of it in one line.
 
     Attributes:
+        samples: how many it has.
         dt: sample time in seconds: where the samples are regular the simplest decimal that fits all of them, so that
             a column written with few digits gives the sample time that was meant; else the median interval.
-        jitter: largest deviation of an interval from ``dt``, as a fraction of it, gaps left aside.
+        deviation: largest difference of an interval from ``dt``, in seconds, gaps and duplicates left aside; zero where
+            it is no more than the rounding of the times.
         gaps: index of every sample that comes more than 1.5·dt after the one before.
+        lengths: of these gaps, in seconds.
         duplicates: index of every sample that does not come after the one before.
+        place: how to say where an index is, ``sample {}``.
     """
 
+    samples: int
     dt: float
-    jitter: float
-    gaps: tuple[int, ...]
-    duplicates: tuple[int, ...]
+    deviation: float
+    gaps: tuple[int, ...] = ()
+    lengths: tuple[float, ...] = ()
+    duplicates: tuple[int, ...] = ()
+    place: str = "sample {}"
+
+    @property
+    def jitter(self) -> float:
+        """The largest deviation as a fraction of the sample time."""
+        return self.deviation / self.dt
 
     @property
     def regular(self) -> bool:
@@ -337,38 +353,72 @@ class TimeAxis(NamedTuple):
         return not self.gaps and not self.duplicates and self.jitter < 0.05
 
     def __str__(self) -> str:
-        return self.describe(lambda sample: f"sample {sample}")
+        step = f" (largest deviation of a step {_duration(self.deviation, 2)})" if self.deviation else ""
+        return (
+            f"{self.samples:,} samples, dt {_duration(self.dt)}, jitter {100 * self.jitter:.2g} %{step}, "
+            f"{self._told('gap', self.gaps)}, {self._told('duplicate', self.duplicates)}"
+        )
 
-    def describe(self, place: Callable[[int], str]) -> str:
-        """The axis in words, with ``place`` to say where a sample is."""
-        parts = [f"sample time {self.dt:.6g} s", f"jitter {100 * self.jitter:.2g} %"]
-        for what, where in (("gap", self.gaps), ("duplicate", self.duplicates)):
-            if where:
-                parts.append(f"{len(where)} {what}{'s' if len(where) > 1 else ''} (first at {place(where[0])})")
-        return ", ".join(parts)
+    def _told(self, what: str, where: tuple[int, ...]) -> str:
+        """How many gaps or duplicates there are, and where to look."""
+        if not where:
+            return f"no {what}s"
+        many = len(where) > 1
+        places = [f"{'first ' if many else ''}at {self.place.format(where[0])}"]
+        if what == "gap":
+            longest = max(range(len(where)), key=self.lengths.__getitem__)
+            at = f" at {self.place.format(where[longest])}" if longest else ""
+            places.append(f"{'longest ' if many else ''}{_duration(self.lengths[longest], 3)}{at}")
+        return f"{len(where):,} {what}{'s' * many} ({', '.join(places)})"
 
 
 def time_axis(time: ArrayLike) -> TimeAxis:
     """The regularity of a time column (N,) in seconds."""
     t = np.asarray(time, dtype=float)
     if t.ndim != 1 or len(t) < 2:
-        raise DataError("a time column needs at least two samples")
+        raise DataError(
+            f"a time column tells the sample time from two samples on, and this has {t.size}; take more rows, or give "
+            "dt (--dt SECONDS) in its place"
+        )
     if not np.isfinite(t).all():
-        raise DataError(f"the time column has no finite value at sample {int(np.flatnonzero(~np.isfinite(t))[0])}")
+        raise DataError(
+            f"the time column has no finite value at sample {int(np.flatnonzero(~np.isfinite(t))[0])}; repair it or "
+            "mask that sample"
+        )
     steps = np.diff(t)
     forward = steps[steps > 0]
     if not len(forward):
-        raise DataError("the time column never advances")
+        raise DataError(
+            f"the time never advances, it is {t[0]:g} s at first and {t[-1]:g} s at last; name the column that holds "
+            "the time, or give dt (--dt SECONDS) in its place"
+        )
     dt = float(np.median(forward))
     gap, back = steps > 1.5 * dt, steps <= 0
     ordinary = steps[~gap & ~back]
+    rounding = 4 * np.finfo(float).eps * float(np.max(np.abs(t)))
+
+    def deviation(dt: float) -> float:
+        largest = float(np.max(np.abs(ordinary - dt), initial=0.0))
+        return largest if largest > rounding else 0.0
+
     axis = TimeAxis(
+        samples=len(t),
         dt=dt,
-        jitter=float(np.max(np.abs(ordinary - dt)) / dt) if len(ordinary) else 0.0,
+        deviation=deviation(dt),
         gaps=tuple(int(k) + 1 for k in np.flatnonzero(gap)),
+        lengths=tuple(float(length) for length in steps[gap]),
         duplicates=tuple(int(k) + 1 for k in np.flatnonzero(back)),
     )
-    return axis._replace(dt=_simplest_step(t)) if axis.regular else axis
+    if not axis.regular:
+        return axis
+    dt = _simplest_step(t)
+    return axis._replace(dt=dt, deviation=deviation(dt))
+
+
+def _duration(seconds: float, digits: int = 6) -> str:
+    """A duration for people: ``5 ms``."""
+    size, unit = next((pair for pair in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")) if seconds >= pair[0]), (1e-9, "ns"))
+    return f"{seconds / size:.{digits}g} {unit}"
 
 
 def _simplest_step(t: Array) -> float:
@@ -423,6 +473,7 @@ def resample(time: ArrayLike, record: Record, dt: float | None = None) -> Record
         output=np.column_stack(columns) if columns else np.empty((len(grid), 0)),
         dt=step,
         times=(float(grid[0]),),
+        time_axis=None,
     )
 
 

@@ -34,10 +34,18 @@ class Columns:
     preamble: tuple[str, ...] = ()
     lines: Sequence[int] | None = None
 
+    def number(self, row: int) -> int:
+        """The number under which the user finds row ``row`` (counted from 0)."""
+        return row + 1 if self.lines is None else self.lines[row]
+
+    @property
+    def placed(self) -> str:
+        """How to say where such a number is: ``row {} of the file`` where lines are counted, else ``row {}``."""
+        return "row {}" if self.lines is None else "row {} of the file"
+
     def place(self, row: int) -> str:
-        """Where the user finds row ``row`` (counted from 0): ``line 7`` of a text file, ``row 4`` of
-        another."""
-        return f"row {row + 1}" if self.lines is None else f"row {self.lines[row]} of the file"
+        """Where the user finds row ``row`` (counted from 0)."""
+        return self.placed.format(self.number(row))
 
 
 def nearest(name: str, candidates: Iterable[str]) -> str:

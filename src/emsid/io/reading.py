@@ -208,6 +208,10 @@ class _Selection:
         follows: NDArray[np.bool_] = np.diff(self.rows) == 1
         return follows
 
+    def number(self, row: int | np.intp) -> int:
+        """The number under which the user finds a row used, counted from 0."""
+        return self.columns.number(int(self.rows[row]))
+
     def numbers(self, name: str) -> Array:
         """The values of a column in the rows used.
 
@@ -351,20 +355,26 @@ def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
         )
     except DataError as problem:
         raise DataError(f"{column}: {problem}") from None
+    axis = axis._replace(
+        samples=len(seconds),
+        gaps=tuple(selection.number(rows[k - 1]) for k in axis.gaps),
+        duplicates=tuple(selection.number(rows[k - 1]) for k in axis.duplicates),
+        place=selection.columns.placed,
+    )
 
     if clock.resample:
         gaps = 1 + np.flatnonzero(np.diff(seconds) >= BRIDGED * axis.dt)
         breaks = np.union1d(breaks, gaps)
         edges = (0, *breaks, len(seconds))
         pieces = replace(record, breaks=tuple(map(int, breaks)), times=()).segments
-        return concatenate(
+        whole = concatenate(
             resampled(seconds[a:b], piece, clock.dt or axis.dt)
             for (a, b), piece in zip(pairwise(edges), pieces, strict=True)
         )
+        return replace(whole, time_axis=axis)
     if not axis.regular:
-        report = axis.describe(lambda k: selection.columns.place(int(selection.rows[rows[k - 1]])))
         raise DataError(
-            f"{column} is not regular: {report}; give resample (--resample) to bring it to an equidistant one, or "
+            f"{column} is not regular: {axis}; give resample (--resample) to bring it to an equidistant one, or "
             "dt (--dt SECONDS) in its place to take the samples as equidistant"
         )
     if clock.dt is not None and abs(clock.dt - axis.dt) > _AGREEMENT * axis.dt:
@@ -378,6 +388,7 @@ def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
         dt=axis.dt if clock.dt is None else clock.dt,
         breaks=tuple(map(int, breaks)),
         times=tuple(map(float, starts)),
+        time_axis=axis,
     )
 
 

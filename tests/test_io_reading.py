@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -350,6 +351,11 @@ class TestMask:
             ("u != -1e0 AND u>3", [0, 1, 2, 3]),
             ("y > avg(y) + 0.5*stddev(y)", [0, 1, 2, 3, 4, 5, 6]),
             ("u = -1", list(range(10))),
+            ("u = 1 OR u = 2 AND y = 0 OR NOT u < 8", [0, 2, 3, 4, 5, 6, 7]),
+            ("(u = 1 OR u = 2) AND (y = 4)", [0, 1, 3, 4, 5, 6, 7, 8, 9]),
+            ("u BETWEEN 1 AND 3 AND y BETWEEN 2 AND 5 OR u NOT BETWEEN 1 AND 7", [1, 3, 4, 5, 6, 7]),
+            ("NOT NOT u = 1 AND NOT(u = 2)", [0, 2, 3, 4, 5, 6, 7, 8, 9]),
+            ("(u = 3) <> (y IN (9, 16))", [0, 1, 2, 3, 5, 6, 7, 8, 9]),
         ],
     )
     def test_conditions(self, log: Path, mask: str, kept: list[int]) -> None:
@@ -376,12 +382,42 @@ class TestMask:
             ("u IN (E'a\\'b')", "is not understood"),
             ("u > least()", "uses 'least', which is no column"),
             ("u > $$1$$", "is not understood"),
+            ("u > 1) OR (u > 2", "closes a bracket that none has opened"),
+            ("u > 1 t OR u > 3", "is not understood"),
+            ("u = 1 OR", "is not understood"),
+            ("AND u = 1", "is not understood"),
+            ("u = 1 OR y", "is not understood"),
+            ("u = 1 AND NOT", "is not understood"),
+            ("u BETWEEN 1 OR u = 2 AND 3", "is not understood"),
+            ("(" * 31 + "u = 1" + ")" * 31, "30 brackets in brackets; mark these samples in a column of their own"),
+            ("u = 1" + "+ 1" * 200, "has more than 100 operators between two ANDs or ORs; divide it"),
+            (" OR ".join(["u = 1"] * 10_000), "is too long: more than 20,000 names, numbers and signs"),
         ],
     )
     def test_what_is_none(self, log: Path, mask: str, message: str) -> None:
         told = failure(log, input="u", output="y", dt=1, mask=mask.replace("{log}", str(log)))
         assert told.startswith(("the mask '", 'the mask "'))
         assert message in told
+
+    @pytest.mark.parametrize(
+        ("mask", "kept"),
+        [
+            ("isnan(u)", [0, 3, 4, 5]),
+            ("NOT isfinite(u)", [0, 5]),
+            ("isnan(u) OR isnan(y)", [0, 4, 5]),
+            ("isfinite(u + y) AND u < 5", [1, 2, 3, 4, 5]),
+        ],
+    )
+    def test_values_that_are_missing_or_no_number(self, write: Write, mask: str, kept: list[int]) -> None:
+        path = write("u,y,k\n0,0,0\n,1,1\nnan,2,2\ninf,nan,3\n-inf,4,4\n5,5,5\n")
+        record = read(path, input="k", output=(), dt=1, mask=mask)
+        np.testing.assert_array_equal(record.input[:, 0], kept)
+
+    def test_long_ones_take_a_time_in_proportion(self, log: Path) -> None:
+        begin = perf_counter()
+        mask = " OR ".join(f"(u = {k} AND NOT y < {k})" for k in range(1, 1500))
+        np.testing.assert_array_equal(read(log, input="u", output="y", dt=1, mask=mask).input[:, 0], [0])
+        assert perf_counter() - begin < 5  # it took minutes when the expression was as deep as long
 
     def test_files_stay_closed(self, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         def refuse(*_: object, **__: object) -> None:

@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import emsid
 from emsid.cli import main
 from emsid.identification import CANDIDATES
+from emsid.models.plants import Signal
 
 IDENTIFY = ("--input", "u", "--output", "y", "--dt", "0.01")
 
@@ -524,6 +526,38 @@ def test_a_terminal_with_few_characters_gets_question_marks():
     done = subprocess.run([*EMSID, "list"], capture_output=True, env={**os.environ, "PYTHONIOENCODING": "ascii"})
     assert (done.returncode, done.stderr) == (0, b"")
     assert b"kg?m?" in done.stdout
+
+
+def test_parameters_are_printed_as_files_to_edit(run, tmp_path):
+    from emsid.io import datasheet_template, motor_template
+
+    assert run("parameters") == (0, motor_template() + "\n", "")
+    assert run("parameters", "linear-axis") == (0, datasheet_template("linear-axis") + "\n", "")
+    status, out, err = run("parameters", "car")
+    assert (status, out, err) == (2, "", "emsid: no datasheet of 'car'; there are motor, linear-axis\n")
+
+
+def test_named_physical_parameters_are_estimated_and_no_others(run, log, tmp_path):
+    path, out = tmp_path / "axis.csv", tmp_path / "out"
+    rng = np.random.default_rng(4)
+    force = np.repeat(rng.uniform(-60, 60, 40), 50)
+    axis = emsid.LinearAxis().put({"mass": 20.0, "viscous_friction": 30.0, "friction.coulomb": 8.0, "offset": 2.0})
+    position = axis.simulate(force[:, None], 0.01, np.zeros(2), (Signal.POSITION,))[:, 0]
+    table(path, len(force), u=force, y=position + rng.normal(0, 1e-5, len(force)))
+    words = ("identify", path, *IDENTIFY, "--models", "linear-axis", "--unit", "y=m", "--out", out)
+    free = ("--free", "mass,viscous_friction,friction.coulomb", "--fix", "offset=2")
+    for recent in ((), ("--recent", "0.05")):
+        status, _, err = run(*words, *free, *recent)
+        assert (status, err) == (0, "")
+        found = emsid.load(out / "linear-axis.json").plant
+        assert found.value("mass") == pytest.approx(20, rel=1e-2)
+        assert found.value("friction.coulomb") == pytest.approx(8, rel=2e-2)
+        assert (found.value("offset"), found.value("friction.stribeck")) == (2, 0)
+    assert "a positive time" in run(*words, *free, "--recent", "-1")[2]
+    assert "has no parameter 'masse'" in run(*words, "--free", "masse")[2]
+    assert "both free and fixed" in run(*words, "--free", "mass", "--fix", "mass=3")[2]
+    words = ("identify", path, *IDENTIFY, "--models", "arx", "--out", out)
+    assert "mass cannot be free, because arx has no physical parameters" in run(*words, "--free", "mass")[2]
 
 
 def test_options_that_no_model_uses_are_named(run, log, tmp_path):

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import emsid.models
 from emsid.errors import FormatError, ModelError
-from emsid.io import load, read_motor, save
+from emsid.io import datasheet_template, load, motor_template, read_datasheet, read_motor, save
 from emsid.models import Narx
 from emsid.models.regressors import arx
 from emsid.plant import Motor
@@ -200,3 +200,32 @@ class TestMotor:
         assert message in str(caught.value)
         assert str(caught.value).startswith(f"{path}: ")
         assert "\n" not in str(caught.value)
+
+
+def test_the_motor_that_is_printed_is_the_built_in_one_and_names_every_parameter(tmp_path):
+    path = tmp_path / "motor.toml"
+    path.write_text(motor_template())
+    assert asdict(read_motor(path)) == asdict(Motor())
+    assert all(name in motor_template() for name, *_ in Motor.parameters())
+    path.write_text(
+        motor_template()
+        .replace("# torque", "torque")
+        .replace('torque_dead_zone.b_r = "0', 'torque_dead_zone.b_r = "0.1')
+    )
+    zone = read_motor(path).torque_dead_zone
+    assert (zone.b_l, zone.b_r, zone.m_l, zone.m_r) == (0, 0.1, 1, 1)
+
+
+@pytest.mark.parametrize("kind", ["motor", "linear-axis"])
+def test_every_line_of_a_datasheet_that_is_printed_can_be_used(kind, tmp_path):
+    path = tmp_path / "datasheet.toml"
+    template = datasheet_template(kind)
+    path.write_text(template)
+    assert read_datasheet(path) == {}
+    lines = template.split(f"[{kind}]\n")[1].splitlines()
+    assert len(lines) > 15
+    for line in lines:
+        path.write_text(f"[{kind}]\n{line.removeprefix('# ')}\n")
+        name = line.split()[1]
+        assert all(given.value is None for given in read_datasheet(path).values())
+        assert set(read_datasheet(path)) == {name}

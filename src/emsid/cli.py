@@ -385,6 +385,14 @@ def identify(
     datasheet: Annotated[
         Path | None, typer.Option(metavar="TOML", help="What a datasheet says of the physical parameters.")
     ] = None,
+    free: Annotated[
+        str | None,
+        typer.Option(metavar="NAME,...", help="Physical parameters to estimate: these, without refinements."),
+    ] = None,
+    recent: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Forget what disturbed a physical model's free run after this time."),
+    ] = None,
     profile: Annotated[
         str | None,
         typer.Option(metavar="NAME,...", help="Physical parameters to take a likelihood profile of."),
@@ -404,6 +412,7 @@ def identify(
       emsid identify log.csv -u voltage -y speed --time t --models rigid-motor --fix resistance=1.2
       emsid identify log.csv -u voltage -y speed --time t --models rigid-motor --profile voltage_dead_zone.half_width
       emsid identify arm.mat -u vir -y "d(qm)" --time t --scale vir=35.15065 --models friction-narx --knots 8
+      emsid identify arm.mat -u vir -y qm --time t --scale vir=35.15065 --models linear-axis --free mass,offset
     """
     from emsid import identification
     from emsid.io import read_datasheet
@@ -418,6 +427,8 @@ def identify(
         options,
         fix=_numbers(fix, "--fix"),
         datasheet={} if datasheet is None else read_datasheet(datasheet),
+        free=_names(free) if free else (),
+        recent=recent,
         profile=_names(profile) if profile else (),
     )
     if not 0 < unseen < 1:
@@ -549,6 +560,31 @@ def describe(
         print(
             f"  persistently exciting of order {persistent_excitation_order(record, tolerance=1e-6)} (at most 50 tried)"
         )
+
+
+@app.command()
+def parameters(
+    plant: Annotated[
+        str | None, typer.Argument(metavar="[PLANT]", help="A datasheet of this kind: motor or linear-axis.")
+    ] = None,
+) -> None:
+    """Print a motor as a TOML file to edit, or a datasheet, with every parameter, its unit and its meaning.
+
+    \b
+    Examples:
+      emsid parameters > motor.toml            # for study --motor and simulate --motor
+      emsid parameters motor > datasheet.toml  # for identify --datasheet
+    """
+    from emsid.io import datasheet_template, motor_template
+
+    if plant is None:
+        print(motor_template())
+        return
+    from emsid.models.grey_box_datasheet import KINDS
+
+    if plant not in KINDS:
+        raise DataError(f"no datasheet of {plant!r}; there are {', '.join(KINDS)}")
+    print(datasheet_template(plant))
 
 
 @app.command(name="list")

@@ -22,11 +22,14 @@ from emsid.estimation.recursive import recursive_least_squares
 from emsid.estimation.selection import coordinate_search
 from emsid.models.cascade import Cascade
 from emsid.models.families import SPLINE, Family
+from emsid.models.grey_box import signals_of
 from emsid.models.grey_box_choice import REFINEMENTS, STARTS, Mechanical, Refinement, choose
 from emsid.models.grey_box_datasheet import Given, applicable
+from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_findings import Profile, likelihood_profile
 from emsid.models.grey_box_fit import GreyBoxFit
-from emsid.models.plants import find_handle, parts, without_overlap
+from emsid.models.grey_box_problem import Recent, Weighting, all_alike
+from emsid.models.plants import Signal, find_handle, parts, without_overlap
 from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
 from emsid.models.wiener_hammerstein import HAMMERSTEIN, HAMMERSTEIN_WIENER, WIENER, WIENER_HAMMERSTEIN, Layout, advice
 from emsid.models.wiener_hammerstein import Options as CascadeOptions
@@ -57,6 +60,9 @@ class Options:
         forgetting: forgetting factor; recursive least squares is used where it is given.
         fix: physical parameters that are known, by name, in SI units.
         datasheet: what is said of others: where to start, and how far off they may be.
+        free: physical parameters to estimate, these and no others; by default what the plant usually has unknown, with
+            the refinements that held-back data ask for.
+        recent: s after which errors of physical models are forgotten; see `Recent`. By default they never are.
         profile: physical parameters to take a likelihood profile of.
         held_back: fraction of the record on which choices are made; see `Record.hold_back`.
     """
@@ -73,6 +79,8 @@ class Options:
     forgetting: float | None = None
     fix: Mapping[str, float] = field(default_factory=dict)
     datasheet: Mapping[str, Given] = field(default_factory=dict)
+    free: tuple[str, ...] = ()
+    recent: float | None = None
     profile: tuple[str, ...] = ()
     held_back: float = 0.25
 
@@ -242,15 +250,29 @@ class Physical:
     summary: str
     plant: Mechanical
     refinements: tuple[Refinement, ...] = REFINEMENTS
-    uses: ClassVar[tuple[str, ...]] = ("fix", "datasheet", "profile", "held_back")
+    uses: ClassVar[tuple[str, ...]] = ("fix", "datasheet", "free", "recent", "profile", "held_back")
 
     def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
-        """Choose the refinements on held-back data and fit to the whole record."""
+        """Choose the refinements on held-back data, unless it is said what is free, and fit to the whole record."""
+        weighting: Weighting = all_alike
+        if options.recent is not None:
+            integrals = 2 if Signal.POSITION in signals_of(self.plant, record) else 1
+            weighting = Recent(options.recent, integrals)
+        if options.free:
+            return simulation_error(
+                self.plant,
+                record,
+                free=options.free,
+                fixed=options.fix,
+                datasheet=applicable(options.datasheet, self.plant),
+                weighting=weighting,
+            )
         return choose(
             self.plant,
             record,
             fixed=options.fix,
             datasheet=options.datasheet,
+            weighting=weighting,
             held_back=options.held_back,
             refinements=self.refinements,
             progress=progress,
@@ -454,8 +476,9 @@ def _check_physics(plants: Mapping[str, Mechanical], models: Sequence[str], opti
         raise ModelError(
             f"the datasheet says nothing of {', '.join(models)}; choose a model that it is for: {', '.join(usable)}"
         )
-    if (options.fix or options.profile) and not plants:
-        what, names = ("fixed", options.fix) if options.fix else ("profiled", options.profile)
+    asked = {"fixed": options.fix, "free": options.free, "profiled": options.profile}
+    if any(asked.values()) and not plants:
+        what, names = next((what, names) for what, names in asked.items() if names)
         usable = [name for name, each in CANDIDATES.items() if isinstance(each, Physical)]
         raise ModelError(
             f"{', '.join(names)} cannot be {what}, because {', '.join(models)} has no physical parameters; models that "

@@ -2,7 +2,7 @@
 
 from emsid.io.files import atomic_write
 from emsid.io.model_file import load, save
-from emsid.io.motor_file import read_datasheet, read_motor
+from emsid.io.motor_file import datasheet_template, motor_template, read_datasheet, read_motor
 from emsid.io.reading import READERS, read, read_columns
 from emsid.io.record_file import WRITERS, write_record
 
@@ -10,7 +10,9 @@ __all__ = [
     "READERS",
     "WRITERS",
     "atomic_write",
+    "datasheet_template",
     "load",
+    "motor_template",
     "read",
     "read_columns",
     "read_datasheet",

@@ -68,6 +68,54 @@ def read_datasheet(path: str | os.PathLike[str]) -> dict[str, Given]:
         raise ModelError(f"{path}: {problem}") from None
 
 
+def motor_template() -> str:
+    """The built-in motor as a TOML file that `read_motor` reads, every parameter with its unit and meaning."""
+    from emsid.plant import Motor
+
+    lines = [
+        "# A motor to simulate, for --motor. A number is in SI units, a text has a unit, a pair of a friction is",
+        "# [forward, backward]. What is left out keeps the value it has here.",
+        "[motor]",
+    ]
+    for name, symbol, unit, description in Motor.parameters():
+        value: Any = Motor()
+        for part in name.split("."):
+            value = getattr(value, part, None)
+        if value is None:  # a part that the motor does not have
+            value = 1.0 if unit == "1" else 0.0
+            name = f"# {name}"
+        number = value[0] if isinstance(value, tuple) else value
+        entry = f"{name} = {number:g}" if unit == "1" else f'{name} = "{number:g} {unit}"'
+        lines.append(f"{entry:<44} # {symbol}: {description}")
+    return "\n".join(lines)
+
+
+def datasheet_template(kind: str) -> str:
+    """A TOML file that `read_datasheet` reads with every parameter of a kind of plant, nothing yet known of it.
+
+    Args:
+        kind: a key of `emsid.models.grey_box_datasheet.KINDS`.
+    """
+    from emsid.models.grey_box_datasheet import KINDS, UNKNOWN
+
+    lines = [
+        f"# What is known of a {kind}, for --datasheet; the names are also those for --fix, --free and --profile.",
+        "# A friction has two directions, NAME.forward and NAME.backward; NAME is both.",
+        "# Take away the # before what you have something to say of, and write",
+        '#     "2.1 ohm"                                    where the search starts (a number is in SI units)',
+        '#     { value = "2.1 ohm", tolerance = "10 %" }    and how far off it may be',
+        f'#     "{UNKNOWN}"                                    that it is to be estimated',
+        f"[{kind}]",
+    ]
+    for name, handle in KINDS[kind].handles.items():
+        if name.endswith((".forward", ".backward")):
+            continue
+        entry = f'{name} = "{UNKNOWN}"'
+        unit = "no unit" if handle.parameter.unit == "1" else handle.parameter.unit
+        lines.append(f"# {entry:<44} # {unit}: {handle.parameter.description}")
+    return "\n".join(lines)
+
+
 def _one_table(path: str | os.PathLike[str], names: tuple[str, ...]) -> tuple[str, dict[str, Any]]:
     """The one table that a TOML file may have, with its name."""
     content = read_bytes(path)

@@ -18,7 +18,7 @@ from emsid.errors import DataError, EmsidError, ModelError
 from emsid.estimation.gauss_newton import gauss_newton
 from emsid.models.grey_box_problem import FreeRunError, all_alike, free_states, guess_state
 from emsid.models.model import RUNAWAY, Run, check_samples
-from emsid.models.plants import LinearAxis, OwnPlant, Plant, Signal, plant_from_data, plant_to_data
+from emsid.models.plants import LinearAxis, OwnPlant, Plant, Signal, parts, plant_from_data, plant_to_data
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -94,11 +94,19 @@ class GreyBox:
             return guess
 
     def equation(self) -> str:
-        """Every parameter that is neither nothing nor a factor of one, with its unit."""
+        """Every parameter that is neither nothing nor a factor of one, with its unit; what is alike both ways, once."""
+        values = {name: self.plant.value(name) for name in self.plant.handles}
+        alike = {
+            whole: some
+            for whole in values
+            if (some := parts(self.plant, whole)) and len({abs(values[part]) for part in some}) == 1
+        }
+        said_so = {part for some in alike.values() for part in some}
         shown = []
         for name, handle in self.plant.handles.items():
-            value = self.plant.value(name)
-            if len(handle.paths) == 1 and np.isfinite(value) and value not in (0.0, 1.0):
+            value = values[name]
+            once = name in alike or not (len(handle.paths) > 1 or name in said_so)
+            if once and np.isfinite(value) and value not in (0.0, 1.0):
                 unit = "" if handle.parameter.unit == "1" else f" {handle.parameter.unit}"
                 shown.append(f"{name} = {value:.6g}{unit}")
         return f"{self.name}: " + ", ".join(shown)

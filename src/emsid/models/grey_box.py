@@ -107,8 +107,7 @@ class GreyBox:
             value = values[name]
             once = name in alike or not (len(handle.paths) > 1 or name in said_so)
             if once and np.isfinite(value) and value not in (0.0, 1.0):
-                unit = "" if handle.parameter.unit == "1" else f" {handle.parameter.unit}"
-                shown.append(f"{name} = {value:.6g}{unit}")
+                shown.append(f"{name} = {handle.with_unit(value, 6)}")
         return f"{self.name}: " + ", ".join(shown)
 
     def to_data(self) -> dict[str, Any]:

@@ -119,7 +119,7 @@ def _given(plant: Plant, kind: str, name: str, entry: Any) -> Given:
         return Given(None)
     number = read_number(what, value, handle.parameter.unit)
     if not (isfinite(number) and handle.lower <= number <= handle.upper):
-        raise ModelError(f"{what} is {number:g} {handle.parameter.unit}; {handle.allowed}")
+        raise ModelError(f"{what} is {handle.with_unit(number, 6)}; {handle.allowed}")
     return Given(number, tolerance)
 
 

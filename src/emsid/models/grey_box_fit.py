@@ -110,7 +110,7 @@ def in_words(told: Identifiability, names: Sequence[str], plant: Plant, signals:
     words = []
     for group in told.groups:
         mine = [name for name in group if name in held]
-        kept = ", ".join(f"{n} = {plant.value(n):.4g} {plant.handles[n].parameter.unit}" for n in mine)
+        kept = ", ".join(f"{n} = {plant.handles[n].with_unit(plant.value(n))}" for n in mine)
         if len(group) == 1 and not mine:
             words.append(f"from {channels} alone, {group[0]} is not known to better than 100 %")
         elif len(group) == 1:

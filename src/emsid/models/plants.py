@@ -74,6 +74,11 @@ class Handle(NamedTuple):
     lower: float = -inf
     upper: float = inf
 
+    def with_unit(self, value: float, digits: int = 4) -> str:
+        """A value of it as text."""
+        unit = self.parameter.unit
+        return f"{value:.{digits}g}" if unit == "1" else f"{value:.{digits}g} {unit}"
+
     @property
     def allowed(self) -> str:
         """The bounds in words."""

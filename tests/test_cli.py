@@ -537,6 +537,14 @@ def test_parameters_are_printed_as_files_to_edit(run, tmp_path):
     assert (status, out, err) == (2, "", "emsid: no datasheet of 'car'; there are motor, linear-axis\n")
 
 
+def test_a_model_that_runs_over_other_channels_is_said_to(result, run):
+    words = ("validate", result / "arx.json", result.parent / "log.csv", "--dt", "0.01", "--input")
+    assert "identified with" not in run(*words, "u", "--output", "y")[1]
+    status, out, _ = run(*words, "y", "--output", "u")
+    assert status == 0
+    assert "arx.json: identified with the inputs u; log.csv has y\n" in out
+
+
 def test_named_physical_parameters_are_estimated_and_no_others(run, log, tmp_path):
     path, out = tmp_path / "axis.csv", tmp_path / "out"
     rng = np.random.default_rng(4)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 import emsid.models
 from emsid.errors import FormatError, ModelError
-from emsid.io import datasheet_template, load, motor_template, read_datasheet, read_motor, save
+from emsid.estimation.least_squares import least_squares
+from emsid.io import datasheet_template, load, motor_template, origin, read_datasheet, read_motor, save
 from emsid.models import Narx
 from emsid.models.regressors import arx
 from emsid.plant import Motor
@@ -229,3 +230,29 @@ def test_every_line_of_a_datasheet_that_is_printed_can_be_used(kind, tmp_path):
         name = line.split()[1]
         assert all(given.value is None for given in read_datasheet(path).values())
         assert set(read_datasheet(path)) == {name}
+
+
+def test_a_model_file_tells_what_the_model_was_identified_from(tmp_path):
+    rng = np.random.default_rng(5)
+    u = rng.normal(size=300)
+    record = Record(u, np.cumsum(u) * 0.1, 0.01, input_names=("voltage",), output_names=("speed",), input_units=("V",))
+    model = least_squares(arx(1, 1), record).model
+    save(model, tmp_path / "plain.json")
+    assert origin(tmp_path / "plain.json") is None
+    path = tmp_path / "model.json"
+    save(model, path, record)
+    assert load(path).equation() == model.equation()
+    assert origin(path).differences(record) == []
+    assert origin(path).differences(replace(record, dt=0.010005)) == []  # 10.005 ms, told as 10
+    other = Record(
+        record.output, record.input, 0.02, input_names=("speed",), output_names=("voltage",), output_units=("V",),
+        name="b.csv",
+    )  # fmt: skip
+    assert origin(path).differences(other) == [
+        "identified with the inputs voltage [V]; b.csv has speed",
+        "identified with the outputs speed; b.csv has voltage [V]",
+        "identified at 0.01 s a sample; b.csv has 0.02 s",
+    ]
+    path.write_text(path.read_text().replace('"voltage"', '"current"'))
+    with pytest.raises(FormatError, match="altered since it was saved"):
+        load(path)

@@ -447,7 +447,7 @@ def identify(
                 progress=report_progress,
             )
         with _kept(result, "identification") as result:
-            _write(out, {"result.json": result.to_data()}, result.verification.fits)
+            _write(out, {"result.json": result.to_data()}, result.verification.fits, result.record)
             title = f"on {result.judged_on} ({result.unseen.name})"
             _print(_table(result.verification.rows, title, result.unseen.output_units[0]))
             print(f"chosen: {result.chosen.model.name}")
@@ -476,11 +476,11 @@ def validate(
     Example:
       emsid validate emsid-result/friction-narx.json other.csv --input voltage --output speed --dt 0.001
     """
-    from emsid.io import load
+    from emsid.io import load, origin
     from emsid.validation.comparison import assess_model
     from emsid.validation.metrics import mean_squared_error
 
-    loaded = load(model)
+    loaded, source = load(model), origin(model)
     rows = []
     for path in files:
         record = reader(path)
@@ -488,6 +488,8 @@ def validate(
         rows.append((record, row))
     for record, row in rows:
         _print(_table([row], record.name, record.output_units[0]))
+        for difference in () if source is None else source.differences(record):
+            print(f"{model}: {difference}")
         if horizon > 1:
             ahead = loaded.predict(record, horizon, transient)
             error = mean_squared_error(record.output[ahead.counted], ahead.output[ahead.counted])
@@ -683,14 +685,14 @@ def _check_folder(folder: Path) -> None:
         raise DataError(f"--out {folder}: {there} is not a folder that can be written to; choose another")
 
 
-def _write(folder: Path, documents: dict[str, Any], fits: Any = ()) -> None:
+def _write(folder: Path, documents: dict[str, Any], fits: Any = (), origin: Any = None) -> None:
     """Write JSON documents and model files into a folder."""
     import msgspec
 
     from emsid.io import atomic_write, save
 
     for fit in fits:
-        save(fit.model, folder / f"{fit.model.name}.json")
+        save(fit.model, folder / f"{fit.model.name}.json", origin)
     for name, content in documents.items():  # last, as it tells of the others
         atomic_write(folder / name, msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
 

@@ -2,10 +2,11 @@
 
 ::
 
-    {"format": "emsid model", "schema": 1, "type": "narx", "model": {…}, "sha256": "…"}
+    {"format": "emsid model", "schema": 1, "type": "narx", "model": {…}, "origin": {…}, "sha256": "…"}
 
-The checksum is that of the other entries with their keys sorted and no blanks, so that a file may be laid out anew but
-not altered. Floats are written with as many digits as bring them back exactly.
+The origin, which may be missing, tells channels and sample time of the record that the model was identified from. The
+checksum is that of the other entries with their keys sorted and no blanks, so that a file may be laid out anew but not
+altered. Floats are written with as many digits as bring them back exactly.
 """
 
 from __future__ import annotations
@@ -23,9 +24,12 @@ from emsid.io.files import atomic_write, read_bytes
 
 if TYPE_CHECKING:
     from emsid.models.model import Model
+    from emsid.record import Record
 
 FORMAT = "emsid model"
 SCHEMA = 1
+SAME_DT = 1e-3
+"""Sample times that differ by a smaller part are taken for the same, told with other precision."""
 
 
 class _Head(msgspec.Struct):
@@ -35,16 +39,55 @@ class _Head(msgspec.Struct):
     schema: int
 
 
-class _Document(msgspec.Struct, forbid_unknown_fields=True):
+class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a model was identified from.
+
+    Attributes:
+        dt: sample time in seconds.
+        inputs, outputs: name and unit of every channel.
+    """
+
+    dt: float
+    inputs: tuple[tuple[str, str], ...]
+    outputs: tuple[tuple[str, str], ...]
+
+    @classmethod
+    def of(cls, record: Record) -> Origin:
+        """The channels of a record."""
+        return cls(
+            record.dt,
+            tuple(zip(record.input_names, record.input_units, strict=True)),
+            tuple(zip(record.output_names, record.output_units, strict=True)),
+        )
+
+    def differences(self, record: Record) -> list[str]:
+        """In what a record differs from what the model was identified from, in a few words each."""
+        other, sentences = Origin.of(record), []
+        for what in ("inputs", "outputs"):
+            mine, theirs = getattr(self, what), getattr(other, what)
+            if mine != theirs:
+                sentences.append(f"identified with the {what} {_spelled(mine)}; {record.name} has {_spelled(theirs)}")
+        if abs(other.dt - self.dt) > SAME_DT * self.dt:
+            sentences.append(f"identified at {self.dt:g} s a sample; {record.name} has {other.dt:g} s")
+        return sentences
+
+
+class _Document(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     format: str
     schema: int
     type: str
     model: dict[str, Any]
     sha256: str
+    origin: Origin | None = None
 
 
-def save(model: Model, path: str | os.PathLike[str]) -> None:
+def save(model: Model, path: str | os.PathLike[str], origin: Record | None = None) -> None:
     """Write a model to a file, from which `load` brings it back exactly.
+
+    Args:
+        model: what to write.
+        path: where to.
+        origin: the record that it was identified from, whose channels and sample time `origin` then tells.
 
     Raises:
         ModelError: for a model whose type has no name in `emsid.models.MODELS`, or with a number that is not finite.
@@ -57,7 +100,8 @@ def save(model: Model, path: str | os.PathLike[str]) -> None:
         raise ModelError(f"a {type(model).__name__} cannot be saved; models are {', '.join(MODELS)}")
     data = model.to_data()
     _check_finite(data, "model")
-    document = _Document(FORMAT, SCHEMA, name, data, _checksum(name, data))
+    source = None if origin is None else Origin.of(origin)
+    document = _Document(FORMAT, SCHEMA, name, data, _checksum(name, data, source), source)
     atomic_write(path, msgspec.json.format(msgspec.json.encode(document), indent=2) + b"\n")
 
 
@@ -70,6 +114,26 @@ def load(path: str | os.PathLike[str]) -> Model:
     """
     from emsid.models import MODELS
 
+    document = _read(path)
+    if document.type not in MODELS:
+        raise FormatError(f"{path}: unknown type of model {document.type!r}; there are {', '.join(MODELS)}")
+    try:
+        return MODELS[document.type].from_data(document.model)
+    except EmsidError as problem:
+        raise FormatError(f"{path}: {problem}") from None
+
+
+def origin(path: str | os.PathLike[str]) -> Origin | None:
+    """What the model in a file was identified from, if the file tells.
+
+    Raises:
+        FormatError: as `load` does.
+    """
+    return _read(path).origin
+
+
+def _read(path: str | os.PathLike[str]) -> _Document:
+    """A model file that is complete, of this version and not altered."""
     content = read_bytes(path)
     try:
         text = content.decode()
@@ -89,21 +153,22 @@ def load(path: str | os.PathLike[str]) -> Model:
         document = msgspec.json.decode(text, type=_Document)
     except msgspec.MsgspecError as problem:
         raise FormatError(f"{path}: the model file is not complete ({problem}); save the model again") from None
-    if document.sha256 != _checksum(document.type, document.model):
+    if document.sha256 != _checksum(document.type, document.model, document.origin):
         raise FormatError(
             f"{path}: the model has been altered since it was saved (its checksum differs); restore the file, or "
             "identify the model again"
         )
-    if document.type not in MODELS:
-        raise FormatError(f"{path}: unknown type of model {document.type!r}; there are {', '.join(MODELS)}")
-    try:
-        return MODELS[document.type].from_data(document.model)
-    except EmsidError as problem:
-        raise FormatError(f"{path}: {problem}") from None
+    return document
 
 
-def _checksum(name: str, data: Mapping[str, Any]) -> str:
+def _spelled(channels: tuple[tuple[str, str], ...]) -> str:
+    return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in channels)
+
+
+def _checksum(name: str, data: Mapping[str, Any], source: Origin | None) -> str:
     content = {"format": FORMAT, "schema": SCHEMA, "type": name, "model": data}
+    if source is not None:
+        content["origin"] = source
     return hashlib.sha256(msgspec.json.encode(content, order="sorted")).hexdigest()
 
 

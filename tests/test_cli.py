@@ -508,6 +508,28 @@ def test_being_terminated_is_quiet(name, log, tmp_path):
 EMSID = [sys.executable, "-c", "from emsid.cli import main; main()"]
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("identif",), "no such command 'identif'. Did you mean 'identify'?; see emsid --help"),
+        (("identify",), "missing argument 'FILE...'; see emsid identify --help"),
+        (("identify", "a.csv", "--na", "x"), "invalid value for '--na': "),
+        (("study", "--bogus"), "no such option: --bogus"),
+        (("study", "--step", "nan"), "sample time of nan s; give a finite number"),
+    ],
+)
+def test_a_slip_of_the_keyboard_is_one_line(words, said, run):
+    status, out, err = run(*words)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith(f"emsid: {said}")
+
+
+def test_without_a_word_the_commands_are_shown(run):
+    status, out, err = run()
+    assert (status, err) == (0, "")
+    assert all(command in out for command in ("study", "identify", "validate", "simulate", "parameters"))
+
+
 def test_the_version_is_told(run):
     import emsid
 

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 app = typer.Typer(
     help="Identify electromechanical systems: from a record of voltage and speed to a model you can trust.",
     epilog="Start with: emsid study    or: emsid identify log.csv --input voltage --output speed --dt 0.001",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -97,9 +96,14 @@ def main() -> None:
             stream.reconfigure(errors="replace")  # a terminal that has no ² or Ω gets a question mark
     try:
         try:
-            app()
+            status = app(sys.argv[1:] or ["--help"], standalone_mode=False)
         finally:
             sys.stdout.flush()
+        sys.exit(status)
+    except typer.TyperException as problem:  # an option or argument that there is not, or of another type
+        message = getattr(problem, "format_message", problem.__str__)()
+        command = getattr(getattr(problem, "ctx", None), "command_path", "emsid")
+        _end(f"{message[:1].lower()}{message[1:].rstrip('.')}; see {command} --help", USER_ERROR)
     except EmsidError as problem:
         _end(str(problem), USER_ERROR)
     except OSError as problem:  # files are no matter for this place: it is where one prints to
@@ -546,7 +550,7 @@ def describe(
     Example:
       emsid describe log.csv --input voltage --output speed --time t
     """
-    from emsid.excitation import crest_factor, persistent_excitation_order
+    from emsid.excitation import crest_factor, largest_order, persistent_excitation_order
 
     for path in files:
         record = reader(path)
@@ -559,9 +563,8 @@ def describe(
             x = record.channel(name)
             print(f"  {name}: {x.min():.5g} … {x.max():.5g} {unit}, mean {x.mean():.5g}, deviation {x.std():.5g}")
         print(f"  input crest factor {crest_factor(record):.2f}")
-        print(
-            f"  persistently exciting of order {persistent_excitation_order(record, tolerance=1e-6)} (at most 50 tried)"
-        )
+        order, largest = persistent_excitation_order(record, tolerance=1e-6), largest_order(record)
+        print(f"  persistently exciting of order {f'at least {order}' if order == largest else order}")
 
 
 @app.command()

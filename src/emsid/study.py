@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -90,7 +91,9 @@ class Settings:
     transient: int | None = None
 
     def __post_init__(self) -> None:
-        for what, value, least in (("duration", self.duration, 200 * self.dt), ("sample time", self.dt, 1e-6)):
+        for what, value, least in (("sample time", self.dt, 1e-6), ("duration", self.duration, 200 * self.dt)):
+            if not isfinite(value):
+                raise DataError(f"{what} of {value:g} s; give a finite number")
             if not value >= least:
                 raise DataError(f"{what} of {value:g} s is too short for the study; give at least {least:g} s")
 

@@ -96,7 +96,7 @@ def main() -> None:
             stream.reconfigure(errors="replace")  # a terminal that has no ² or Ω gets a question mark
     try:
         try:
-            status = app(sys.argv[1:] or ["--help"], standalone_mode=False)
+            status = app(sys.argv[1:] or ["--help"], prog_name="emsid", standalone_mode=False)
         finally:
             sys.stdout.flush()
         sys.exit(status)

@@ -24,6 +24,7 @@ def test_there_is_something_to_run():
 def execute(folder, *words):
     done = subprocess.run([sys.executable, *words], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, f"{words[2:]}: {done.stderr}"
+    return done.stdout
 
 
 def test_commands_and_python_run(folder):
@@ -35,7 +36,10 @@ def test_commands_and_python_run(folder):
         lines = [shlex.split(line, comments=True) for line in text.splitlines()]
         assert all(words[0] == "emsid" for words in lines if words)
         for words in filter(None, lines):
-            execute(folder, "-c", "from emsid.cli import main; main()", *words[1:])
+            command, target = (words[:-2], folder / words[-1]) if words[-2:-1] == [">"] else (words, None)
+            printed = execute(folder, "-c", "from emsid.cli import main; main()", *command[1:])
+            if target is not None:
+                target.write_text(printed)
     execute(folder, "-W", "error", "-c", python)
     assert (folder / "result" / "report.html").exists()
 

@@ -32,7 +32,8 @@ from numpy.typing import NDArray
 import emsid
 from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_fit import GreyBoxFit
-from emsid.models.plants import OwnPlant, Signal
+from emsid.models.own_plant import OwnPlant
+from emsid.models.plant_parameters import Signal
 from emsid.plant.motor import Parameter
 from emsid.record import Record
 

@@ -12,7 +12,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from emsid.models.grey_box_estimation import simulation_error
-from emsid.models.plants import DrivenMotor, Signal
+from emsid.models.plant_parameters import Signal
+from emsid.models.plants import DrivenMotor
 from emsid.plant import DeadZone, Friction, Motor
 from emsid.record import Record
 

@@ -14,7 +14,7 @@ import pytest
 import emsid
 from emsid.cli import main
 from emsid.identification import CANDIDATES
-from emsid.models.plants import Signal
+from emsid.models.plant_parameters import Signal
 
 IDENTIFY = ("--input", "u", "--output", "y", "--dt", "0.01")
 

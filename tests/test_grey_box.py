@@ -13,6 +13,7 @@ from emsid.errors import DataError, EmsidError, FormatError, ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.identifiability import identifiability
 from emsid.io import read, read_datasheet
+from emsid.models.drive import Bridge, Drive, Sensor
 from emsid.models.grey_box import GreyBox
 from emsid.models.grey_box_choice import STARTS, by_direction, choose, coasting_bridge, late_command, stribeck
 from emsid.models.grey_box_datasheet import Given, applicable, datasheet
@@ -21,7 +22,9 @@ from emsid.models.grey_box_findings import dead_zone_curve, friction_curve, like
 from emsid.models.grey_box_problem import Recent
 from emsid.models.model import Model
 from emsid.models.one_mass import Sliding, move
-from emsid.models.plants import Bridge, Drive, DrivenMotor, LinearAxis, OwnPlant, Sensor, Signal, parts, without_overlap
+from emsid.models.own_plant import OwnPlant
+from emsid.models.plant_parameters import Signal, parts, without_overlap
+from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.plant import DeadZone, Friction, Motor, State, simulate
 from emsid.plant.motor import Parameter
 from emsid.record import Record, concatenate

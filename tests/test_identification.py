@@ -132,7 +132,8 @@ def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkey
     from dataclasses import replace
 
     from emsid.models.grey_box_choice import by_direction
-    from emsid.models.plants import LinearAxis, Signal
+    from emsid.models.plant_parameters import Signal
+    from emsid.models.plants import LinearAxis
     from emsid.plant import Friction
 
     rng = np.random.default_rng(0)

@@ -21,11 +21,14 @@ import emsid
 from emsid.errors import DataError
 from emsid.estimation.fit import Ending, Fit
 from emsid.models.cascade import Cascade, fit_cascade, static_band
+from emsid.models.drive import Sensor
 from emsid.models.filters import Rational
 from emsid.models.grey_box_datasheet import Given
 from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_findings import likelihood_profile
-from emsid.models.plants import DrivenMotor, LinearAxis, OwnPlant, Sensor, Signal
+from emsid.models.own_plant import OwnPlant
+from emsid.models.plant_parameters import Signal
+from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.models.static_maps import Abs, CoulombLinear, CubicSpline, PiecewiseLinear, Polynomial, Saturation
 from emsid.models.static_maps import DeadZone as DeadZoneMap
 from emsid.plant import DeadZone, Friction, Motor

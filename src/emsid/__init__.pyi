@@ -25,9 +25,9 @@ from .models.grey_box_estimation import simulation_error as simulation_error
 from .models.model import Model as Model
 from .models.model import Run as Run
 from .models.narx import Narx as Narx
+from .models.own_plant import OwnPlant as OwnPlant
 from .models.plants import DrivenMotor as DrivenMotor
 from .models.plants import LinearAxis as LinearAxis
-from .models.plants import OwnPlant as OwnPlant
 from .models.regressors import Structure as Structure
 from .models.regressors import arx as arx
 from .models.regressors import friction_narx as friction_narx

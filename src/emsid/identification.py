@@ -29,7 +29,7 @@ from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_findings import Profile, likelihood_profile
 from emsid.models.grey_box_fit import GreyBoxFit
 from emsid.models.grey_box_problem import Recent, Weighting, all_alike
-from emsid.models.plants import Signal, find_handle, parts, without_overlap
+from emsid.models.plant_parameters import Signal, find_handle, parts, without_overlap
 from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
 from emsid.models.wiener_hammerstein import HAMMERSTEIN, HAMMERSTEIN_WIENER, WIENER, WIENER_HAMMERSTEIN, Layout, advice
 from emsid.models.wiener_hammerstein import Options as CascadeOptions

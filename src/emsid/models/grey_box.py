@@ -18,7 +18,9 @@ from emsid.errors import DataError, EmsidError, ModelError
 from emsid.estimation.gauss_newton import gauss_newton
 from emsid.models.grey_box_problem import FreeRunError, all_alike, free_states, guess_state
 from emsid.models.model import RUNAWAY, Run, check_samples
-from emsid.models.plants import LinearAxis, OwnPlant, Plant, Signal, parts, plant_from_data, plant_to_data
+from emsid.models.own_plant import OwnPlant
+from emsid.models.plant_parameters import Plant, Signal, parts
+from emsid.models.plants import LinearAxis, plant_from_data, plant_to_data
 from emsid.record import Record
 
 Array = NDArray[np.float64]

@@ -24,7 +24,8 @@ from emsid.models.grey_box_datasheet import Given, applicable
 from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_fit import GreyBoxFit
 from emsid.models.grey_box_problem import Weighting, all_alike
-from emsid.models.plants import DrivenMotor, LinearAxis, parts, without_overlap
+from emsid.models.plant_parameters import parts, without_overlap
+from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.plant import Friction, Motor
 from emsid.record import Record
 

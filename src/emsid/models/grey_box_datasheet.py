@@ -9,7 +9,8 @@ from math import inf, isfinite
 from typing import Any
 
 from emsid.errors import ModelError
-from emsid.models.plants import DrivenMotor, LinearAxis, Plant, find_handle, refuse_overlap
+from emsid.models.plant_parameters import Plant, find_handle, refuse_overlap
+from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.plant.motor import read_number
 
 UNKNOWN = "unknown"

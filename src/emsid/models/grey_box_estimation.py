@@ -28,17 +28,9 @@ from emsid.models.grey_box_datasheet import Given
 from emsid.models.grey_box_fit import GreyBoxFit, at_bounds, combinations, in_words, table
 from emsid.models.grey_box_problem import FreeRunError, Weighting, all_alike, free_states, guess_state
 from emsid.models.grey_box_start import motions
-from emsid.models.plants import (
-    DrivenMotor,
-    Handle,
-    LinearAxis,
-    OwnPlant,
-    Plant,
-    Signal,
-    find_handle,
-    refuse_overlap,
-    without_overlap,
-)
+from emsid.models.own_plant import OwnPlant
+from emsid.models.plant_parameters import Handle, Plant, Signal, find_handle, refuse_overlap, without_overlap
+from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.plant import Motor
 from emsid.record import Record, check_same_channels
 

@@ -15,9 +15,11 @@ from scipy.stats import chi2
 from emsid.errors import ModelError
 from emsid.estimation.gauss_newton import gauss_newton
 from emsid.estimation.threads import one_blas_thread
+from emsid.models.drive import Sensor
 from emsid.models.grey_box_fit import GreyBoxFit
 from emsid.models.grey_box_problem import FreeRunError, free_states
-from emsid.models.plants import DrivenMotor, LinearAxis, Plant, Sensor, Signal
+from emsid.models.plant_parameters import Plant, Signal
+from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.plant import DeadZone
 
 Array = NDArray[np.float64]

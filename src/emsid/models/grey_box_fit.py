@@ -16,7 +16,7 @@ from emsid.estimation.identifiability import Identifiability
 from emsid.models.grey_box import GreyBox
 from emsid.models.grey_box_datasheet import Given
 from emsid.models.grey_box_problem import Weighting, all_alike
-from emsid.models.plants import Plant, Quantity, Signal
+from emsid.models.plant_parameters import Plant, Quantity, Signal
 from emsid.record import Record
 
 Array = NDArray[np.float64]

@@ -29,7 +29,9 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.gauss_newton import Block, Infeasible
-from emsid.models.plants import DrivenMotor, LinearAxis, OwnPlant, Plant, Signal
+from emsid.models.own_plant import OwnPlant
+from emsid.models.plant_parameters import Plant, Signal
+from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.record import Record
 
 Array = NDArray[np.float64]

@@ -130,4 +130,7 @@ def main(arguments: Sequence[str]) -> tuple[GreyBoxFit, list[float]]:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    try:
+        main(sys.argv[1:])
+    except emsid.EmsidError as problem:
+        sys.exit(str(problem))

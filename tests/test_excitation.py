@@ -17,6 +17,7 @@ from emsid.excitation import (
     chirp,
     crest_factor,
     full_harmonics,
+    largest_order,
     limit,
     linear_sweep,
     logarithmic_sweep,
@@ -320,25 +321,44 @@ def test_crest_factor_of_a_record_is_that_of_its_worst_input():
     [
         (np.zeros(100), 0),
         (np.full(100, 3.0), 1),
-        (np.eye(1, 100)[0], 1),  # a pulse in the first sample
+        (np.eye(1, 100)[0], 0),  # a pulse is over
+        (np.repeat([0.0, 1.0], [30, 270]), 1),  # a step
+        (np.repeat([1.0, 2.0, 1.0], [95, 110, 95]), 1),
         (sines(400, 1e-3, [1.0], [20.0]), 2),
         (4.0 + sines(400, 1e-3, [1.0], [20.0]), 3),
         (sines(2000, 1e-3, [1.0, 2.0, 0.5], [20.0, 45.0, 130.0]), 6),
         (ramp(400, (0.0, 1.0)), 2),
-        (prbs(100, 3), 7),
-        (prbs(200, 4, 9.0), 15),
-        (prbs(400, 5), 31),
+        (prbs(200, 3), 7),
+        (prbs(400, 4, 9.0), 15),
+        (prbs(800, 5), 31),
         (multisine(400, [3, 10, 20, 44], seeded(), period=200), 8),
     ],
 )
 def test_order_of_persistent_excitation(signal, order):
     assert persistent_excitation_order(signal, max_order=40) == order
+    assert persistent_excitation_order(signal, max_order=40, tolerance=1e-6) == order
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-10])
+@pytest.mark.parametrize(("samples", "dt"), [(2000, 5e-3), (12_000, 5e-3), (40_000, 1e-3)])
+def test_slow_sines_at_a_fast_sample_time_count_two_each(samples, dt, tolerance):
+    u = SIGNALS["sines"](samples, dt, 6.0, seeded())
+    assert persistent_excitation_order(u, tolerance=tolerance) == 10
+
+
+def test_what_a_short_record_can_show_is_told():
+    assert largest_order(np.ones(2000)) == 50
+    assert largest_order(np.ones(2000), max_order=200) == 125
+    assert largest_order(np.ones((2000, 6)), max_order=200) == 83
+    assert largest_order(np.ones(7)) == persistent_excitation_order(np.ones(7)) == 0
+    u = prbs(200, 5)  # of order 31
+    assert largest_order(u) == persistent_excitation_order(u) == 13
 
 
 def test_noise_excites_every_order():
     noise = seeded().standard_normal(10_000)  # several blocks of rows
     assert persistent_excitation_order(noise, max_order=60) == 60
-    assert persistent_excitation_order(noise[:20], max_order=60) == 10  # as many as 20 samples can show
+    assert persistent_excitation_order(noise[:200], max_order=60) == 13  # as many as 200 samples can show
 
 
 def test_order_above_a_noise_floor():
@@ -365,13 +385,19 @@ def test_order_goes_by_segments():
     def constant(level: float) -> Record:
         return Record(np.full(50, level), np.zeros(50), dt=0.1)
 
-    both = concatenate([constant(1.0), constant(-2.0)])
-    assert persistent_excitation_order(both) == 1  # a step inside a segment would excite more
-    assert persistent_excitation_order(both.input) > 1
+    levels = concatenate([constant(level) for level in seeded().uniform(-1, 1, 30)])
+    assert persistent_excitation_order(levels) == 1
+    assert persistent_excitation_order(levels.input) > 10  # steps inside a segment excite
     short = concatenate([Record(seeded(k).standard_normal(9), np.zeros(9), dt=0.1) for k in range(30)])
-    assert persistent_excitation_order(short, max_order=20) == 9
-    long = Record(np.ones(500), np.zeros(500), dt=0.1)
-    assert persistent_excitation_order(concatenate([long, short]), max_order=50) == 9
+    assert persistent_excitation_order(short, max_order=20) == largest_order(short, max_order=20) == 7
+    at_rest = Record(np.zeros(500), np.zeros(500), dt=0.1)
+    assert persistent_excitation_order(concatenate([at_rest, short, short])) == 9  # rest does not count
+
+
+def test_inputs_may_be_excited_in_turn():
+    noise, rest = seeded().standard_normal(2000), np.zeros(2000)
+    u = np.column_stack([np.concatenate([noise, rest]), np.concatenate([rest, noise])])
+    assert persistent_excitation_order(u, max_order=20) == 20
 
 
 # --- errors ----------------------------------------------------------------------------------------------

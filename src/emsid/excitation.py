@@ -43,6 +43,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from typing import SupportsIndex
 
 import numpy as np
@@ -506,15 +507,25 @@ def crest_factor(signal: Record | ArrayLike) -> float:
     return float(np.max(1.0 / np.sqrt(np.mean((u / peak) ** 2, axis=0))))
 
 
+_PARTS, _TRANSIENTS = 8, 2  # of a record, and how many may differ without saying anything of the rest
+
+
 def persistent_excitation_order(signal: Record | ArrayLike, max_order: int = 50, tolerance: float = 1e-10) -> int:
-    """Largest n up to ``max_order`` for which the rows [u(t), …, u(t−n+1)] have full column rank n·nu.
+    """Largest n up to ``max_order`` for which the rows [u(t), u(t−1), …, u(t−n+1)] have full column rank n·nu.
 
-    The rows of all segments, none across a break, are brought to one triangular R by orthogonal
-    transformations; full rank means that its singular values satisfy σ_min > tolerance·σ_max. Working on the
-    rows and not on their covariance keeps all digits: slow sines at a fast sample time have small σ_min.
+    The rows are brought to one triangular R by orthogonal transformations; what counts as rank are singular values
+    σ > tolerance·σ_max. Working on the rows and not on their covariance keeps all digits. Three things are done so that
+    a finite record shows the order that theory gives to what goes on for ever:
 
-    A finite record can show no order n for which it has fewer than n·nu rows: about N/2 for one channel, so
-    a periodic signal shows its full order from two periods on. A mean adds one.
+    - *What happens once is no persistent excitation.* A step is a constant, whose order is 1, but for one moment. So of
+      eight equal parts of the record, within each of which and within its segments the rows stay, the two of highest
+      rank are left out.
+    - *A sum of sines has no more dimensions in longer rows.* Of one channel the rank is taken in rows as long as the
+      record can show, which tells slow sines apart much better than rows of just n samples.
+    - *Neither has it in every 2nd, 4th, … sample,* where slow sines look faster. So these are tried as well, of one
+      channel: of several it would take apart what one does a sample after the other.
+
+    What has come back as `largest_order` may be of a higher order still. A mean adds one.
 
     Args:
         signal: (N,) samples, (N, nu) channels, or a record, whose inputs count. Each channel is scaled to
@@ -531,6 +542,8 @@ def persistent_excitation_order(signal: Record | ArrayLike, max_order: int = 50,
     >>> t = np.arange(200)
     >>> persistent_excitation_order(np.sin(0.3 * t) + 0.1 * np.cos(t))
     4
+    >>> persistent_excitation_order(t > 50)
+    1
     """
     record = _as_record(signal)
     if not 0 < tolerance < 1:
@@ -538,21 +551,73 @@ def persistent_excitation_order(signal: Record | ArrayLike, max_order: int = 50,
     peak = np.max(np.abs(record.input), axis=0, initial=0.0)
     if not peak.size:
         raise DataError(f"{record.name}: no input channel; name the one that excites the system")
+    largest = _whole(max_order, "largest order")
     if not np.all(peak > 0):
         return 0
-    pieces = [segment.input / peak for segment in segments(record)]
+    parts = _parts([segment.input / peak for segment in segments(record)])
+    n = _shown(parts, largest)
+    if not n:
+        return 0
+    factors = [_triangular_factor(part, n) for part in parts]
+    steady = sorted(range(_PARTS), key=lambda k: _rank(factors[k], tolerance))[:-_TRANSIENTS]
+    factor = _triangularised(np.concatenate([factors[k] for k in steady]))
+    if len(peak) > 1:
+        full = (k for k in range(n, 0, -1) if _rank(factor[:, : k * len(peak)], tolerance) == k * len(peak))
+        return next(full, 0)
+    order = _rank(factor, tolerance)
+    parts = [parts[k] for k in steady]
+    while max(order, 1) < n:
+        parts = [[piece[::2] for piece in part] for part in parts]
+        n = _shown(parts, n)
+        if n > order:
+            order = max(order, _rank(_triangular_factor([piece for part in parts for piece in part], n), tolerance))
+    return order
 
-    def excites(n: int) -> bool:
-        if sum(max(0, len(piece) - n + 1) for piece in pieces) < n * len(peak):
-            return False
-        sigma = np.linalg.svd(_triangular_factor(pieces, n), compute_uv=False)
-        return bool(sigma[-1] > tolerance * sigma[0])
 
-    order, beyond = 0, _whole(max_order, "largest order") + 1  # what excites n excites every smaller order
+def largest_order(signal: Record | ArrayLike, max_order: int = 50) -> int:
+    """The highest order of persistent excitation up to ``max_order`` that so many samples can show.
+
+    That for which every eighth of the record holds n rows, about N/16 for up to three channels.
+
+    Args:
+        signal: (N,) samples, (N, nu) channels, or a record, whose inputs count.
+        max_order: where to stop looking.
+    """
+    pieces = [segment.input for segment in segments(_as_record(signal))]
+    return _shown(_parts(pieces), _whole(max_order, "largest order"))
+
+
+def _parts(pieces: Sequence[Array]) -> list[list[Array]]:
+    """Pieces without a gap (N, nu), cut into equal parts of the whole."""
+    ends = np.cumsum([len(piece) for piece in pieces])
+    cuts = [k * int(ends[-1]) // _PARTS for k in range(_PARTS + 1)]
+    return [
+        [
+            piece[max(begin - (end - len(piece)), 0) : stop - (end - len(piece))]
+            for piece, end in zip(pieces, ends.tolist(), strict=True)
+            if end - len(piece) < stop and begin < end
+        ]
+        for begin, stop in pairwise(cuts)
+    ]
+
+
+def _shown(parts: Sequence[Sequence[Array]], largest: int) -> int:
+    """The largest n for which every part has n rows of n samples; more of more than three channels."""
+    width = max((piece.shape[1] for part in parts for piece in part), default=0)
+
+    def suffices(n: int) -> bool:
+        return all(sum(max(0, len(piece) - n + 1) for piece in part) >= n * max(1.0, width / 3) for part in parts)
+
+    order, beyond = 0, largest + 1  # where n rows of n samples fit, so do fewer of fewer
     while beyond - order > 1:
         middle = (order + beyond) // 2
-        order, beyond = (middle, beyond) if excites(middle) else (order, middle)
+        order, beyond = (middle, beyond) if suffices(middle) else (order, middle)
     return order
+
+
+def _rank(factor: Array, tolerance: float) -> int:
+    sigma = np.linalg.svd(factor, compute_uv=False)
+    return int(np.count_nonzero(sigma > tolerance * sigma[0])) if sigma.size else 0
 
 
 def _triangular_factor(pieces: Sequence[Array], n: int, block: int = 4096) -> Array:
@@ -562,11 +627,15 @@ def _triangular_factor(pieces: Sequence[Array], n: int, block: int = 4096) -> Ar
     for piece in pieces:
         if len(piece) < n:
             continue
-        windows = np.lib.stride_tricks.sliding_window_view(piece, n, axis=0)
+        windows = np.lib.stride_tricks.sliding_window_view(piece, n, axis=0).transpose(0, 2, 1)
         for begin in range(0, len(windows), block):
             rows = windows[begin : begin + block].reshape(-1, width)
-            r = np.asarray(np.linalg.qr(np.concatenate([r, rows]), mode="r"), dtype=np.float64)
+            r = _triangularised(np.concatenate([r, rows]))
     return r
+
+
+def _triangularised(rows: Array) -> Array:
+    return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
 
 
 # --- every signal by name, with nothing to choose but its size ----------------------------------------------

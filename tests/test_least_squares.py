@@ -248,8 +248,25 @@ def test_regressors_that_cannot_be_told_apart_are_named() -> None:
 def test_a_regressor_that_never_acts_is_named_alone() -> None:
     structure = Structure.parse("y(t-1)", "u(t-1)", "max(u(t-1)-5, 0)")
     fit = least_squares(structure, response(structure, np.array([0.5, 1.0, 1.0])))
-    assert "max(u(t-1)-5, 0) from nothing" in fit.message
+    assert fit.message.startswith("rank 2 of 3: max(u(t-1)-5, 0) is zero throughout; remove regressors or excite")
     np.testing.assert_allclose(fit.estimate, [0.5, 1.0, 0.0], atol=1e-10)
+    assert fit.model.equation() == "y(t) = 0.5*y(t-1) + 1*u(t-1) + e(t)"
+
+
+def test_of_many_that_cannot_be_told_apart_a_few_are_named() -> None:
+    def message(*more: str) -> str:
+        structure = Structure.parse("y(t-1)", "u(t-1)", *more)
+        return least_squares(structure, response(structure, np.array([0.5, 1.0, *np.zeros(len(more))]))).message
+
+    hinges = [f"max(u(t-1)-{k}, 0)" for k in range(5, 16)]
+    assert f": {', '.join(hinges[:5])} are zero throughout;" in message(*hinges[:5])
+    assert f": {', '.join(hinges[:4])} and 7 more are zero throughout;" in message(*hinges)
+    alike = message(
+        "max(u(t-1)-9, 0)", "u(t-2)", *(f"max(u(t-{k})+{level}, 0)" for k in (1, 2) for level in (6, 7, 8, 9))
+    )
+    assert "max(u(t-1)-9, 0) is zero throughout; the data cannot tell " in alike
+    assert alike.count(" from ") == 4
+    assert "; and 3 more; remove regressors" in alike
 
 
 def test_a_sine_excites_two_parameters_of_an_input_filter() -> None:

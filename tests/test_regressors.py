@@ -191,7 +191,9 @@ def test_every_regressor_has_a_name_of_its_own(na: int, nb: int) -> None:
 def test_equation_with_numbers_carries_their_signs_and_those_of_the_regressors() -> None:
     structure = Structure.parse("-y(t-1)", "u(t-1)", "1", "-sign(u(t))")
     assert structure.equation([-0.5, -2.0, 3.0, 0.25]) == "y(t) = 0.5*y(t-1) - 2*u(t-1) + 3 - 0.25*sign(u(t)) + e(t)"
-    assert structure.equation([0.5, 2.0, -3.0, 0.0]).startswith("y(t) = - 0.5*y(t-1) + 2*u(t-1) - 3 ")
+    assert structure.equation([0.5, 2.0, -3.0, 0.0]) == "y(t) = - 0.5*y(t-1) + 2*u(t-1) - 3 + e(t)"
+    assert structure.equation([0.0, 2.0, 0.0, 0.0]) == "y(t) = 2*u(t-1) + e(t)"
+    assert structure.equation([0.0, -0.0, 0.0, 0.0]) == "y(t) = 0 + e(t)"
 
 
 def test_sign_convention_is_that_of_a_transfer_function() -> None:

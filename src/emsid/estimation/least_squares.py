@@ -34,6 +34,8 @@ M_co = TypeVar("M_co", covariant=True)
 CHUNK = 1 << 17
 # A channel of larger values, or of none larger than the inverse, is no measurement; its powers would overflow.
 LARGEST = 1e60
+# Of what the data cannot tell apart, so many are named.
+LISTED = 4
 
 
 class LinearStructure(Protocol[M_co]):
@@ -181,14 +183,23 @@ def describe_aliases(solution: Solution, labels: Sequence[str]) -> str:
     """Which regressors the data cannot tell apart, in a sentence; empty where they can."""
     if not solution.aliases:
         return ""
-    groups = [
-        f"{labels[first]} from {', '.join(labels[k] for k in others)}" if others else f"{labels[first]} from nothing"
-        for first, *others in solution.aliases
+    silent = [labels[first] for first, *others in solution.aliases if not others]
+    alike = [
+        f"{labels[first]} from {_listed([labels[k] for k in others])}" for first, *others in solution.aliases if others
     ]
+    found = [f"{_listed(silent)} {'are' if len(silent) > 1 else 'is'} zero throughout"] if silent else []
+    if alike:
+        found.append(f"the data cannot tell {_listed(alike, '; ', '; and')}")
     return (
-        f"rank {solution.rank} of {len(labels)}: the data cannot tell {'; '.join(groups)}; "
-        "remove regressors or excite the drive more richly"
+        f"rank {solution.rank} of {len(labels)}: {'; '.join(found)}; remove regressors or excite the drive more richly"
     )
+
+
+def _listed(texts: Sequence[str], between: str = ", ", last: str = " and") -> str:
+    """The texts one after the other, of many the first few and how many more there are."""
+    if len(texts) <= LISTED + 1:  # "and 1 more" would be no shorter
+        return between.join(texts)
+    return f"{between.join(texts[:LISTED])}{last} {len(texts) - LISTED} more"
 
 
 def check_excitation(record: Record) -> None:

@@ -198,9 +198,11 @@ class Structure:
         return max((f.lag for r in self.regressors for f in r.factors), default=0)
 
     def equation(self, parameters: Sequence[float] | Array | None = None) -> str:
-        """The difference equation, with names or with numbers for the parameters."""
+        """The difference equation, with names or with numbers for the parameters; what has weight zero is left out."""
         terms = []
         for k, regressor in enumerate(self.regressors):
+            if parameters is not None and parameters[k] == 0:
+                continue
             product = str(Regressor(regressor.factors))
             tail = "" if product == "1" else f"*{product}"
             if parameters is None:
@@ -209,8 +211,8 @@ class Structure:
                 value = -parameters[k] if regressor.negative else parameters[k]
                 sign, weight = ("-" if value < 0 else "+"), f"{abs(value):.6g}"
             terms.append(f"{sign} {weight}{tail}")
-        text = " ".join(terms)
-        return f"y(t) = {text[2:] if text.startswith('+') else text} + e(t)"
+        text = " ".join(terms) or "0"
+        return f"y(t) = {text.removeprefix('+ ')} + e(t)"
 
     @cached_property
     def tables(self) -> Tables:

@@ -30,6 +30,26 @@ def test_samples_cannot_be_written_to() -> None:
         ramp().input[0] = 1.0
 
 
+def test_samples_do_not_change_with_the_arrays_they_came_from() -> None:
+    u, y = np.arange(10.0), np.arange(20.0).reshape(10, 2)
+    frozen = y.view()
+    frozen.flags.writeable = False
+    records = [Record(u, y, 0.1), Record(u[::-1], frozen, 0.1), Record(u[None].T, y[:, :1], 0.1)]
+    before = [(record.input.copy(), record.output.copy()) for record in records]
+    u[:], y[:] = 7.0, 7.0
+    for record, (old_input, old_output) in zip(records, before, strict=True):
+        np.testing.assert_array_equal(record.input, old_input)
+        np.testing.assert_array_equal(record.output, old_output)
+
+
+def test_parts_of_a_record_are_no_copies() -> None:
+    record = ramp(100, breaks=(30,))
+    for part in (record[5:], *record.split(0.5), *record.segments, *record[2:].segments[1].split(0.5)):
+        assert np.shares_memory(part.input, record.input)
+        assert np.shares_memory(part.output, record.output)
+    assert Record(record.input, record.output, 0.1).input is record.input
+
+
 def test_an_input_without_output_is_a_record() -> None:
     record = Record(np.arange(100.0), np.empty((100, 0)), 0.1)
     assert record.output.shape == (100, 0)
@@ -44,6 +64,12 @@ def test_an_input_without_output_is_a_record() -> None:
         ({"input": np.empty(0), "output": np.empty(0)}, "no samples"),
         ({"input": np.zeros((5, 1, 1))}, r"shape \(5, 1, 1\)"),
         ({"input": np.zeros((2, 5))}, "more channels than samples"),
+        ({"input": np.zeros(5, complex)}, "log: input holds complex numbers; give real numbers"),
+        ({"output": ["a", 1, 2, 3, 4]}, "log: output holds text"),
+        ({"output": [None, "a", 2, 3, 4]}, "log: output holds something else than numbers"),
+        ({"output": [[1, 2], [3], [4], [5], [6]]}, "something else than numbers"),
+        ({"output": np.array([1, 2, 3, 4, 5], "datetime64[s]")}, "something else than numbers"),
+        ({"dt": "fast"}, "sample time fast s; give a positive number"),
         ({"dt": 0.0}, "sample time 0.0 s; give a positive number"),
         ({"dt": np.nan}, "sample time nan s"),
         ({"input": np.array([1, 2, np.nan, 4, 5])}, "channel 'u1' is nan at sample 2"),
@@ -153,6 +179,8 @@ def test_detrending_takes_off_the_polynomial_of_all_segments() -> None:
     assert np.abs(record.detrend(2).output).max() < 1e-12
     assert abs(record.detrend().output.mean()) < 1e-12
     assert len(Record([1.0], [2.0], 0.1).detrend()) == 1
+    with pytest.raises(DataError, match=r"detrending of order 1\.5; give 0"):
+        ramp().detrend(1.5)  # type: ignore[arg-type]
     with pytest.raises(DataError, match="order -1"):
         record.detrend(-1)
 
@@ -167,6 +195,8 @@ def test_decimation_keeps_the_slow_and_removes_the_fast() -> None:
     np.testing.assert_allclose(record.input[inside, 0], 5 + slow[::10][inside], atol=2e-3)
     with pytest.raises(DataError, match="segment of 30 samples is too short to decimate by 10"):
         ramp(30).decimate(10)
+    with pytest.raises(DataError, match=r"cannot decimate by 2\.5; give a whole number"):
+        ramp(100).decimate(2.5)  # type: ignore[arg-type]
     with pytest.raises(DataError, match="cannot decimate by 0"):
         ramp().decimate(0)
     assert ramp().decimate(1).dt == 0.1

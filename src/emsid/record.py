@@ -8,9 +8,11 @@ that identifies, validates, plots or exports takes a record, or several, and goe
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Record:
-    """A sampled experiment.
+    """A sampled experiment. Its samples cannot be written to, nor do they change with the arrays it was made from.
 
     Args:
         input: (N, nu) inputs; a 1-D array is one channel.
@@ -59,15 +61,16 @@ class Record:
         def put(field: str, value: object) -> None:
             object.__setattr__(self, field, value)  # frozen for everybody else
 
-        put("input", _channels(self.input, "input", len(self.input_names)))
-        put("output", _channels(self.output, "output", len(self.output_names)))
+        for side in ("input", "output"):
+            names = tuple(getattr(self, f"{side}_names"))
+            put(side, _channels(getattr(self, side), f"{self.name}: {side}", len(names)))
         if len(self.input) != len(self.output):
             raise DataError(
                 f"{self.name}: input has {len(self.input)} samples and output {len(self.output)}; they must agree"
             )
         if not len(self.input):
             raise DataError(f"{self.name}: there are no samples; a record needs at least one")
-        if not (np.isfinite(self.dt) and self.dt > 0):
+        if not (isinstance(self.dt, Real) and np.isfinite(self.dt) and self.dt > 0):
             raise DataError(f"{self.name}: sample time {self.dt} s; give a positive number of seconds")
         put("dt", float(self.dt))
         for side, letter in (("input", "u"), ("output", "y")):
@@ -197,8 +200,7 @@ class Record:
         Order 0 takes off the mean. The polynomial is common to all segments, so that they keep one operating
         point.
         """
-        if order < 0:
-            raise DataError(f"{self.name}: detrending of order {order}; give 0 (mean), 1 (line) or more")
+        order = _whole(order, 0, f"{self.name}: detrending of order {order}; give 0 (mean), 1 (line) or more")
         powers = np.polynomial.legendre.legvander(_to_unit_interval(self.time), order)
 
         def without_trend(values: Array) -> Array:
@@ -212,8 +214,7 @@ class Record:
         Raises:
             DataError: where a segment is too short for the filter (20 samples of the slow rate).
         """
-        if factor < 1:
-            raise DataError(f"{self.name}: cannot decimate by {factor}; give a whole number of at least 1")
+        factor = _whole(factor, 1, f"{self.name}: cannot decimate by {factor}; give a whole number of at least 1")
         if factor == 1:
             return self
         from scipy.signal import decimate
@@ -478,17 +479,50 @@ def resample(time: ArrayLike, record: Record, dt: float | None = None) -> Record
 
 
 def _channels(values: ArrayLike, side: str, named: int) -> Array:
-    """The samples (N, channels); an orientation that looks wrong is taken where ``named`` channels confirm it."""
-    array = np.asarray(values, dtype=np.float64)
+    """The samples (N, channels), which nobody can write to; an orientation that looks wrong is taken where ``named``
+    channels confirm it."""
+    array = _real_numbers(values, side)
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2:
         raise DataError(f"{side} has shape {array.shape}; give (N,) or (N, channels)")
     if array.shape[1] > array.shape[0] > 0 and array.shape[1] != named:
         raise DataError(f"{side} has shape {array.shape}: more channels than samples; samples go down, channels across")
-    view = array.view()
-    view.flags.writeable = False
-    return view
+    return array
+
+
+def _real_numbers(values: ArrayLike, side: str) -> Array:
+    """The values as an array that nobody can write to: themselves where that is so already, as of a part of a record,
+    else a copy."""
+    given: NDArray[Any] | None
+    try:
+        given = np.asarray(values)
+        array = given.astype(np.float64, copy=False) if given.dtype.kind in "biufO" else None
+    except (TypeError, ValueError):  # texts among numbers, rows of unequal length
+        given = array = None
+    if array is None:
+        found = {"c": "complex numbers", "U": "text", "S": "text"}.get(given.dtype.kind if given is not None else "")
+        raise DataError(
+            f"{side} holds {found or 'something else than numbers'}; give real numbers, (N,) or (N, channels)"
+        )
+    owner = array
+    while isinstance(owner.base, np.ndarray):
+        owner = owner.base
+    if owner.flags.writeable:
+        array = array.copy("K")
+        array.flags.writeable = False  # of the array itself, so that its parts know that they need no copy
+    return array
+
+
+def _whole(value: object, least: int, problem: str) -> int:
+    """A whole number of at least so much, or what to say."""
+    try:
+        number = operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        number = least - 1
+    if number < least:
+        raise DataError(problem)
+    return number
 
 
 def _check_finite(values: Array, names: Sequence[str], where: str) -> None:

@@ -18,7 +18,7 @@ from emsid.errors import FormatError, ModelError
 from emsid.estimation.least_squares import least_squares
 from emsid.io import datasheet_template, load, motor_template, origin, read_datasheet, read_motor, save
 from emsid.models import Narx
-from emsid.models.regressors import arx
+from emsid.models.regressors import Structure, arx
 from emsid.plant import Motor
 from emsid.record import Record
 
@@ -62,7 +62,9 @@ def failure(path: Path) -> str:
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.lists(st.floats(allow_nan=False, allow_infinity=False)), st.text(st.characters(exclude_categories=("Cs",))))
+@given(
+    st.lists(st.floats(allow_nan=False, allow_infinity=False)), st.text(st.characters(exclude_categories=("Cs", "Cc")))
+)
 @pytest.mark.usefixtures("gain_is_a_model")
 def test_a_model_comes_back_bit_by_bit(tmp_path: Path, values: list[float], name: str) -> None:
     save(Gain(values, name), tmp_path / "model.json")  # type: ignore[arg-type]
@@ -135,8 +137,29 @@ def test_files_that_are_no_model(path: Path) -> None:
         path.write_bytes(content)
         assert "not a model file, or is cut off" in failure(path)
     path.write_bytes(b"")
-    assert "empty" in failure(path)
+    assert failure(path) == "the file is empty; save the model again or name another"
     assert "did you mean model.json" in failure(path.with_name("modle.json"))
+
+
+@pytest.mark.parametrize("name", ["\x1b[2J", "\x9b2J", "a\x07", "\x7f"])
+def test_texts_that_would_command_a_terminal(path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ModelError, match="has control characters in it; give it another name") as caught:
+        save(Gain([1.0], name), path)  # type: ignore[arg-type]
+    assert str(caught.value).isprintable()
+    with monkeypatch.context() as careless:
+        careless.setattr("emsid.io.model_file._check_texts", lambda _: None)
+        save(Gain([1.0], name), path)  # type: ignore[arg-type]
+    assert "has control characters in it" in failure(path)
+
+
+def test_a_number_of_inputs_that_is_none(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(emsid.models, "MODELS", {"narx": Narx})
+    model = Narx(Structure.parse("y(t-1)", "u2(t-1)"), np.array([0.5, 1.0]), 0.01)
+    for inputs in (-1, 1):
+        data = model.to_data() | {"inputs": inputs}
+        monkeypatch.setattr(Narx, "to_data", lambda _, data=data: data)
+        save(model, path)
+        assert failure(path) == f"structure: {inputs} inputs, and its regressors use 2; give that many or more, or none"
 
 
 def test_a_type_or_content_that_is_no_model(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

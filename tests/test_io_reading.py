@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
@@ -120,6 +121,11 @@ def test_what_is_no_number_is_named_with_its_row(write: Write, row: str, column:
     assert message in failure(path, input=column, output="y", dt=1)
     assert len(read(path, input="t", output="y", dt=1)) == 4  # in a column not used
     assert len(read(path, input=column, output="y", dt=1, rows=slice(0, 2))) == 2  # in a row not used
+
+
+def test_what_its_scale_makes_too_large_is_named_with_its_row(log: Path) -> None:
+    message = failure(log, input="u", output="y", dt=1, rows=slice(2, None), scale={"y": 1e307})
+    assert message == "column 'y' becomes inf in row 7 of the file by its scale 1e+307 and offset 0; give others"
 
 
 class TestTime:
@@ -335,7 +341,9 @@ class TestColumns:
         assert "--counts-per-revolution" in failure(log, input="u", output="y", dt=1, units={"y": "count/sample"})
 
     def test_overflow(self, log: Path) -> None:
-        assert "channel 'y' is inf at sample 2" in failure(log, input="u", output="y", dt=1, scale={"y": 1e308})
+        assert "column 'y' becomes inf in row 4 of the file by" in failure(
+            log, input="u", output="y", dt=1, scale={"y": 1e308}
+        )
 
 
 class TestMask:
@@ -444,6 +452,23 @@ class TestFiles:
         assert failure(path, input="u", output="y", dt=1) == "there is no such file; did you mean log.csv?"
         nowhere = log.parent / "nowhere" / "x.csv"
         assert "there is no such file; nor a folder" in failure(nowhere, input="u", output="y", dt=1)
+
+    @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with a name here")
+    def test_a_pipe_that_may_never_end(self, tmp_path: Path) -> None:
+        path = tmp_path / "pipe.csv"
+        os.mkfifo(path)
+        assert "a pipe or a device, which may never end; name a file" in failure(path, input="u", output="y", dt=1)
+        assert "a pipe or a device" in failure(Path(os.devnull), input="u", output="y", dt=1)
+
+    @pytest.mark.skipif(not Path("/dev/fd").exists(), reason="open files have no names here")
+    def test_a_pipe_that_is_open_already(self, tmp_path: Path) -> None:
+        reading, writing = os.pipe()
+        os.write(writing, b"u,y\n1,2\n2,3\n")
+        os.close(writing)
+        path = tmp_path / "pipe.csv"
+        path.symlink_to(f"/dev/fd/{reading}")
+        assert len(read(path, input="u", output="y", dt=1)) == 2
+        os.close(reading)
 
     def test_folder(self, log: Path) -> None:
         assert failure(log.parent, input="u", output="y", dt=1) == "this is a folder; name a file in it"

@@ -736,7 +736,8 @@ def _whole(value: SupportsIndex, what: str) -> int:
     except TypeError:
         number = 0
     if not 1 <= number <= MOST_SAMPLES:
-        raise DataError(f"{what} {value}; give a whole number from 1 to {MOST_SAMPLES:,}")
+        hint = ", by another duration or sample time" if what == "number of samples" else ""
+        raise DataError(f"{what} {value}; give a whole number from 1 to {MOST_SAMPLES:,}{hint}")
     return number
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
@@ -25,15 +26,25 @@ _SIGNATURES = (
     (b"SQLite", "a database"),
 )
 
+_OPEN_FILES = ("/proc/", "/dev/fd/")  # where the system keeps what this program has open
 
-def read_bytes(path: str | os.PathLike[str]) -> bytes:
+
+def read_bytes(path: str | os.PathLike[str], if_empty: str = "record it again") -> bytes:
     """The content of a file.
 
+    Args:
+        path: the file; a pipe only where it is open already, as ``/dev/stdin`` is, since another may never end.
+        if_empty: what to do about an empty one.
+
     Raises:
-        FormatError: where it is missing (naming files with a similar name), a folder, empty or unreadable.
+        FormatError: where it is missing (naming files with a similar name), a folder, a pipe or device, empty or
+            unreadable.
     """
     path = Path(path)
     try:
+        kind = path.stat().st_mode
+        if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind) or path.resolve().as_posix().startswith(_OPEN_FILES)):
+            raise FormatError(f"{path}: this is a pipe or a device, which may never end; name a file")
         content = path.read_bytes()
     except FileNotFoundError:
         raise FormatError(f"{path}: there is no such file{_similar(path)}") from None
@@ -42,7 +53,7 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
     except (OSError, ValueError) as problem:  # ValueError: a name with a null character
         raise FormatError(f"{path}: cannot be read ({_reason(problem)}); check the name and its permissions") from None
     if not content:
-        raise FormatError(f"{path}: the file is empty; record it again or name another")
+        raise FormatError(f"{path}: the file is empty; {if_empty} or name another")
     return content
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 FORMAT = "emsid model"
 SCHEMA = 1
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tab and line feed
 SAME_DT = 1e-3
 """Sample times that differ by a smaller part are taken for the same, told with other precision."""
 
@@ -90,7 +92,8 @@ def save(model: Model, path: str | os.PathLike[str], origin: Record | None = Non
         origin: the record that it was identified from, whose channels and sample time `origin` then tells.
 
     Raises:
-        ModelError: for a model whose type has no name in `emsid.models.MODELS`, or with a number that is not finite.
+        ModelError: for a model whose type has no name in `emsid.models.MODELS`, with a number that is not finite, or
+            with control characters in a text.
         FormatError: where the file cannot be written.
     """
     from emsid.models import MODELS
@@ -100,6 +103,7 @@ def save(model: Model, path: str | os.PathLike[str], origin: Record | None = Non
         raise ModelError(f"a {type(model).__name__} cannot be saved; models are {', '.join(MODELS)}")
     data = model.to_data()
     _check_finite(data, "model")
+    _check_texts(data)
     source = None if origin is None else Origin.of(origin)
     document = _Document(FORMAT, SCHEMA, name, data, _checksum(name, data, source), source)
     atomic_write(path, msgspec.json.format(msgspec.json.encode(document), indent=2) + b"\n")
@@ -118,6 +122,7 @@ def load(path: str | os.PathLike[str]) -> Model:
     if document.type not in MODELS:
         raise FormatError(f"{path}: unknown type of model {document.type!r}; there are {', '.join(MODELS)}")
     try:
+        _check_texts(document.model)
         return MODELS[document.type].from_data(document.model)
     except EmsidError as problem:
         raise FormatError(f"{path}: {problem}") from None
@@ -134,13 +139,13 @@ def origin(path: str | os.PathLike[str]) -> Origin | None:
 
 def _read(path: str | os.PathLike[str]) -> _Document:
     """A model file that is complete, of this version and not altered."""
-    content = read_bytes(path)
+    content = read_bytes(path, "save the model again")
     try:
         text = content.decode()
         head = msgspec.json.decode(text, type=_Head)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as problem:
         raise FormatError(
-            f"{path}: this is not a model file, or is cut off ({problem}); save the model again"
+            f"{path}: this is not a model file, or is cut off ({_visible(str(problem))}); save the model again"
         ) from None
     if head.format != FORMAT:
         raise FormatError(f"{path}: this is a {head.format!r} file, not an {FORMAT!r}; name a file that emsid saved")
@@ -152,7 +157,9 @@ def _read(path: str | os.PathLike[str]) -> _Document:
     try:
         document = msgspec.json.decode(text, type=_Document)
     except msgspec.MsgspecError as problem:
-        raise FormatError(f"{path}: the model file is not complete ({problem}); save the model again") from None
+        raise FormatError(
+            f"{path}: the model file is not complete ({_visible(str(problem))}); save the model again"
+        ) from None
     if document.sha256 != _checksum(document.type, document.model, document.origin):
         raise FormatError(
             f"{path}: the model has been altered since it was saved (its checksum differs); restore the file, or "
@@ -162,7 +169,12 @@ def _read(path: str | os.PathLike[str]) -> _Document:
 
 
 def _spelled(channels: tuple[tuple[str, str], ...]) -> str:
-    return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in channels)
+    """The channels in words."""
+    return _visible(", ".join(f"{name} [{unit}]" if unit else name for name, unit in channels))
+
+
+def _visible(text: str) -> str:
+    return _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
 
 
 def _checksum(name: str, data: Mapping[str, Any], source: Origin | None) -> str:
@@ -170,6 +182,19 @@ def _checksum(name: str, data: Mapping[str, Any], source: Origin | None) -> str:
     if source is not None:
         content["origin"] = source
     return hashlib.sha256(msgspec.json.encode(content, order="sorted")).hexdigest()
+
+
+def _check_texts(value: object) -> None:
+    """Refuse texts that would do something to a terminal on which they are printed."""
+    if isinstance(value, str) and _CONTROL.search(value):
+        raise ModelError(f"the text {value[:80]!a} in the model has control characters in it; give it another name")
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            _check_texts(key)
+            _check_texts(inner)
+    elif isinstance(value, Sequence) and not isinstance(value, str):
+        for inner in value:
+            _check_texts(inner)
 
 
 def _check_finite(value: object, where: str) -> None:

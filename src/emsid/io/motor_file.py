@@ -118,7 +118,7 @@ def datasheet_template(kind: str) -> str:
 
 def _one_table(path: str | os.PathLike[str], names: tuple[str, ...]) -> tuple[str, dict[str, Any]]:
     """The one table that a TOML file may have, with its name."""
-    content = read_bytes(path)
+    content = read_bytes(path, "write the parameters into it")
     wanted = " or ".join(f"[{name}]" for name in names)
     try:
         document = tomllib.loads(content.decode())

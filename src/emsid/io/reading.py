@@ -229,6 +229,17 @@ class _Selection:
             )
         return values
 
+    def scaled(self, name: str, gain: float, offset: float) -> Array:
+        """The values of a column as gain·x + offset."""
+        values = gain * self.numbers(name) + offset
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            raise DataError(
+                f"column {name!r} becomes {values[bad[0]]} in {self.columns.place(int(self.rows[bad[0]]))} by its "
+                f"scale {gain:g} and offset {offset:g}; give others"
+            )
+        return values
+
 
 def _record(
     columns: Columns,
@@ -249,8 +260,8 @@ def _record(
     signals = _signals(inputs, outputs, columns)
     _check_options({"scale": scale, "offset": offset, "units": units}, signals)
     selection = _select(columns, [*(s.column for s in signals), *([clock.time] if clock.time else [])], rows, mask)
-    with np.errstate(all="ignore"):  # what overflows is refused by the record, with its sample
-        values = [scale.get(s.column, 1.0) * selection.numbers(s.column) + offset.get(s.column, 0.0) for s in signals]
+    with np.errstate(all="ignore"):  # what overflows is refused with its row, or by the record with its sample
+        values = [selection.scaled(s.column, scale.get(s.column, 1.0), offset.get(s.column, 0.0)) for s in signals]
         record = _sampled(
             selection,
             clock,

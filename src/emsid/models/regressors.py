@@ -159,6 +159,10 @@ class Structure:
             twice = next(r for k, r in enumerate(self.regressors) if r in self.regressors[:k])
             raise ModelError(f"{self.name}: regressor {twice} stands twice in the list")
         used = max((f.channel for r in self.regressors for f in r.factors), default=0)
+        if self.inputs < 0 or 0 < self.inputs < used:
+            raise ModelError(
+                f"{self.name}: {self.inputs} inputs, and its regressors use {used}; give that many or more, or none"
+            )
         names = self.parameter_names or tuple(f"θ{k + 1}" for k in range(len(self)))
         if len(names) != len(self):
             raise ModelError(f"{self.name}: {len(names)} parameter names for {len(self)} regressors")
@@ -235,7 +239,8 @@ class Structure:
         longest = max(len(segment) for segment in record.segments)
         if longest <= self.memory:
             raise ModelError(
-                f"{record.name}: its longest segment has {longest} samples; {self.name} looks back {self.memory}"
+                f"{record.name}: its longest segment has {longest} samples; {self.name} looks back {self.memory}; "
+                "record longer, leave out less, or choose fewer or smaller lags"
             )
 
     @cached_property

@@ -399,6 +399,7 @@ def arx(na: int, nb: int, nk: int = 1, inputs: int = 1) -> Structure:
         inputs: how many inputs.
     """
     _check_counts("arx", na=na, nb=nb, nk=nk, inputs=inputs - 1)
+    _check_size("arx", na + nb * inputs, na=na, nb=nb, inputs=inputs)
     return Structure(
         _autoregressive(na) + tuple(_lagged(k, nk + i) for k in range(1, inputs + 1) for i in range(nb)),
         name="arx",
@@ -433,11 +434,9 @@ def wiener_hammerstein_regression(
         comb(taps + p - 1, p) + (nb - 1) * comb(taps + p - 2, p - 1) if cross_terms else taps + nb - 1
         for p in range(1, degree + 1)
     )
-    if terms > MOST:
-        raise ModelError(
-            f"wiener_hammerstein_regression: na = {na}, nb = {nb}, degree = {degree}, taps = {taps} make "
-            f"{terms if terms < 1e9 else 'more than 10^9'} regressors, and {MOST} are the most; lower degree or taps"
-        )
+    if degree > HIGHEST_POWER:
+        raise ModelError(f"wiener_hammerstein_regression: degree {degree}; powers go up to {HIGHEST_POWER}, lower it")
+    _check_size("wiener_hammerstein_regression", terms, na=na, nb=nb, degree=degree, taps=taps)
     regressors = list(_autoregressive(na))
     for power in range(1, degree + 1):
         seen: dict[tuple[int, ...], None] = {}
@@ -483,6 +482,8 @@ def friction_narx(
         speeds: Stribeck speeds v, in the output's unit, each a regressor sign(y)·exp(−|y|/v).
     """
     _check_counts("friction_narx", na=na - 1, nb=nb - 1, nk=nk)
+    size = na + nb * (1 + len(knots)) + len(speeds) + 2
+    _check_size("friction_narx", size, na=na, nb=nb, knots=len(knots), speeds=len(speeds))
     if sign not in (Transform.SIGN, Transform.TANH):
         raise ModelError(f"friction_narx: {sign!r} is no sign of the speed; give Transform.SIGN or Transform.TANH")
     direction = Factor(0, 1, 1, sign, width if sign is Transform.TANH else 0.0)
@@ -540,6 +541,14 @@ def _check_counts(name: str, **counts: int) -> None:
         )
         if not isinstance(value, (int, np.integer)) or not 0 <= value <= MOST:
             raise ModelError(f"{name}: {what} is {fault}; it counts coefficients (or samples), at most {MOST}")
+
+
+def _check_size(name: str, regressors: int, **counts: int) -> None:
+    """Refuse, before they are made, more regressors than there can be data for."""
+    if regressors > MOST:
+        many = f"{regressors:,}" if regressors < 1e9 else "more than 10^9"
+        made_by = ", ".join(f"{what} = {count}" for what, count in counts.items())
+        raise ModelError(f"{name}: {made_by} make {many} regressors, and {MOST:,} are the most; lower some of them")
 
 
 def regression_reference(structure: Structure, y: Iterable[float], u: Array) -> Array:

@@ -14,6 +14,7 @@ import pytest
 import emsid
 from emsid.cli import main
 from emsid.identification import CANDIDATES
+from emsid.models.drive import Bridge, Drive
 from emsid.models.plant_parameters import Signal
 
 IDENTIFY = ("--input", "u", "--output", "y", "--dt", "0.01")
@@ -557,6 +558,25 @@ def test_parameters_are_printed_as_files_to_edit(run, tmp_path):
     assert run("parameters", "linear-axis") == (0, datasheet_template("linear-axis") + "\n", "")
     status, out, err = run("parameters", "car")
     assert (status, out, err) == (2, "", "emsid: no datasheet of 'car'; there are motor, linear-axis\n")
+
+
+def test_codes_for_the_bridge_are_options(run, tmp_path):
+    rng = np.random.default_rng(6)
+    command = np.repeat(rng.uniform(-10, 10, 60), 20)
+    command[np.repeat(rng.uniform(size=60) < 0.2, 20)] = 1000.0
+    command[np.repeat(rng.uniform(size=60) < 0.2, 20)] = 999.0
+    codes = ((1000.0, Bridge.BRAKE), (999.0, Bridge.COAST))
+    plant = emsid.DrivenMotor(emsid.Motor(inductance=0.0, voltage_dead_zone=None).rigid(), Drive(codes=codes))
+    speed = plant.simulate(command[:, None], 0.01, np.zeros(2), (Signal.SPEED,))[:, 0]
+    path = table(tmp_path / "log.csv", len(command), u=command, y=speed + rng.normal(0, 0.1, len(command)))
+    words = ("identify", path, *IDENTIFY, "--models", "rigid-motor,arx", "--unit", "y=rad/s", "--out", tmp_path / "out")
+    status, out, err = run(*words, "--brake", "1000", "--coast", "999", "--fix", "resistance=2")
+    assert (status, err) == (0, "")
+    assert "rigid-motor: u has no unit and is taken for volts" in out
+    assert "arx: takes the codes 1000, 999 for commands" in out
+    found = emsid.load(tmp_path / "out" / "rigid-motor.json").plant
+    assert found.drive.codes == codes
+    assert found.motor.motor_constant == pytest.approx(0.05, rel=0.02)
 
 
 def test_a_model_that_runs_over_other_channels_is_said_to(result, run):

@@ -13,7 +13,7 @@ from emsid.errors import DataError, EmsidError, FormatError, ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.identifiability import identifiability
 from emsid.io import read, read_datasheet
-from emsid.models.drive import Bridge, Drive, Sensor
+from emsid.models.drive import Bridge, Drive, Feed, Sensor
 from emsid.models.grey_box import GreyBox
 from emsid.models.grey_box_choice import STARTS, by_direction, choose, coasting_bridge, late_command, stribeck
 from emsid.models.grey_box_datasheet import Given, applicable, datasheet
@@ -128,7 +128,7 @@ def test_a_bridge_that_coasts_brakes_in_proportion_to_its_duty():
 def test_a_drive_counts_commands_differently_beyond_its_knee_and_ends_at_its_supply():
     drive = Drive(gain=0.5, supply=6.0, knee=4.0, beyond=2.0)
     command = np.array([0.0, 6.0, 8.0, 9.0, 20.0, -9.0, -20.0])
-    assert drive.terminals(command, DT)[0][1:] == pytest.approx([0.0, 3.0, 4.0, 5.0, 6.0, -5.0, -6.0])
+    assert drive.terminals(command[:, None], DT)[0][1:] == pytest.approx([0.0, 3.0, 4.0, 5.0, 6.0, -5.0, -6.0])
 
 
 def test_codes_brake_and_coast():
@@ -140,6 +140,75 @@ def test_codes_brake_and_coast():
         command = np.full(20, code)
         run = DrivenMotor(motor, drive).simulate(command[:, None], DT, np.array([50.0, 0.0]), SPEED)[:, 0]
         assert run == pytest.approx(50 * np.exp(-damping / inertia * DT * np.arange(20)), rel=1e-9)
+
+
+def test_the_state_of_the_bridge_may_have_a_column_of_its_own():
+    codes = ((1.0, Bridge.BRAKE), (2.0, Bridge.COAST))
+    state = np.zeros(len(VOLTAGE))
+    state[500:700], state[1200:1500] = 1.0, 2.0
+    among = np.where(state == 1, 1000.0, np.where(state == 2, 999.0, VOLTAGE))
+    plain = DrivenMotor(RIGID, Drive(codes=((1000.0, Bridge.BRAKE), (999.0, Bridge.COAST))))
+    beside = DrivenMotor(RIGID, Drive(codes=codes))
+    start = np.zeros(2)
+    expected = plain.simulate(among[:, None], DT, start, SPEED)
+    found = beside.simulate(np.column_stack([VOLTAGE, state]), DT, start, SPEED)
+    assert np.array_equal(found, expected)
+    record = Record(
+        np.column_stack([VOLTAGE, state]), found + 0.1 * np.random.default_rng(0).standard_normal(found.shape), DT
+    )
+    fit = choose(replace(beside, motor=replace(RIGID, motor_constant=0.07, rotor_inertia=5e-5)), record, refinements=(),
+                 fixed={"resistance": 2.0})  # fmt: skip
+    k = fit.names.index("motor_constant")
+    assert abs(fit.estimate[k] - RIGID.motor_constant) < 4 * fit.standard_error[k] < 0.1 * RIGID.motor_constant
+    assert rms(fit.simulated()[0] - record.output) < 0.11
+    with pytest.raises(DataError, match="2 inputs for rigid-motor"):
+        simulation_error(DrivenMotor(RIGID), record)
+
+
+@pytest.mark.parametrize(
+    ("feed", "unit", "scale"), [(Feed.CURRENT, "A", 0.2), (Feed.TORQUE, "N*m", 0.01)], ids=["current", "torque"]
+)
+def test_a_motor_is_fed_with_what_the_command_is_in(feed, unit, scale):
+    motor = replace(RIGID, voltage_dead_zone=None, load_inertia=1e-15, load_viscous=0.0, rotor_viscous=4e-5)
+    truth = DrivenMotor(replace(motor, rotor_friction=Friction(3e-3), load_friction=Friction()), feed=feed)
+    record = replace(record_of(truth, scale * VOLTAGE, 0.1), input_units=(unit,))
+    # As a voltage would do it without back electromotive force: the resistance large, the voltage larger.
+    far = replace(truth.motor, resistance=1e9)
+    made = 1e9 * scale * VOLTAGE / (1.0 if feed is Feed.CURRENT else motor.motor_constant)
+    exact = DrivenMotor(far).simulate(made[:, None], DT, np.zeros(2), SPEED)
+    assert truth.simulate(record.input, DT, np.zeros(2), SPEED) == pytest.approx(exact, abs=1e-4)
+    fit = choose(STARTS["rigid-motor"], record, fixed={"motor_constant": 0.05}, refinements=())
+    assert fit.model.plant.feed is feed
+    for name in ("rotor_inertia", "rotor_viscous", "rotor_friction.coulomb"):
+        k = fit.names.index(name)
+        assert abs(fit.estimate[k] - truth.value(name)) < 4 * fit.standard_error[k]
+        assert fit.standard_error[k] < 0.01 * truth.value(name)
+    again = GreyBox.from_data(fit.model.to_data())
+    assert np.array_equal(again.simulate(record).output, fit.model.simulate(record).output)
+    with pytest.raises(ModelError, match="one mass only"):
+        simulation_error(Motor(), record)
+
+
+def test_a_motor_fed_with_a_current_is_known_up_to_its_constant():
+    motor = replace(
+        RIGID, load_inertia=1e-15, load_viscous=0.0, load_friction=Friction(), rotor_friction=Friction(3e-3)
+    )
+    truth = DrivenMotor(replace(motor, voltage_dead_zone=None), feed=Feed.CURRENT)
+    record = replace(record_of(truth, 0.3 * VOLTAGE, 0.1), input_units=("A",))
+    fit = simulation_error(motor, record)
+    assert fit.names == ("rotor_viscous", "rotor_inertia", "rotor_friction.coulomb")
+    told = {each.quantity.name: each for each in fit.combinations}
+    exact = {quantity.name: quantity.value for quantity in truth.quantities()}
+    for name in ("acceleration per ampere", "mechanical time constant"):
+        assert told[name].quantity.value == pytest.approx(exact[name], rel=0.05)
+
+
+@pytest.mark.parametrize("unit", ["rad/s", "m", "ohm", "kg"])
+@pytest.mark.parametrize("plant", [RIGID, LinearAxis()], ids=["motor", "axis"])
+def test_a_command_in_the_unit_of_something_else_is_refused(unit, plant):
+    record = replace(record_of(DrivenMotor(RIGID)), input_units=(unit,), output_units=("",))
+    with pytest.raises(DataError, match=f"is in {unit}, and .* takes"):
+        simulation_error(plant, record)
 
 
 def test_a_sensor_scales_lags_and_averages():

@@ -389,6 +389,13 @@ def identify(
     datasheet: Annotated[
         Path | None, typer.Option(metavar="TOML", help="What a datasheet says of the physical parameters.")
     ] = None,
+    brake: Annotated[
+        list[float],
+        typer.Option(metavar="CODE", help="Value of the command, or of a second --input, with which a motor brakes."),
+    ] = [],  # noqa: B006
+    coast: Annotated[
+        list[float], typer.Option(metavar="CODE", help="The same, with which its bridge is open and it coasts.")
+    ] = [],  # noqa: B006
     free: Annotated[
         str | None,
         typer.Option(metavar="NAME,...", help="Physical parameters to estimate: these, without refinements."),
@@ -420,6 +427,7 @@ def identify(
     """
     from emsid import identification
     from emsid.io import read_datasheet
+    from emsid.models.drive import Bridge
     from emsid.models.families import FAMILIES
 
     if static not in FAMILIES:
@@ -431,6 +439,7 @@ def identify(
         options,
         fix=_numbers(fix, "--fix"),
         datasheet={} if datasheet is None else read_datasheet(datasheet),
+        codes=(*((code, Bridge.BRAKE) for code in brake), *((code, Bridge.COAST) for code in coast)),
         free=_names(free) if free else (),
         recent=recent,
         profile=_names(profile) if profile else (),

@@ -21,8 +21,9 @@ from emsid.estimation.least_squares import least_squares
 from emsid.estimation.recursive import recursive_least_squares
 from emsid.estimation.selection import coordinate_search
 from emsid.models.cascade import Cascade
+from emsid.models.drive import Bridge
 from emsid.models.families import SPLINE, Family
-from emsid.models.grey_box import signals_of
+from emsid.models.grey_box import assumptions, signals_of
 from emsid.models.grey_box_choice import REFINEMENTS, STARTS, Mechanical, Refinement, choose
 from emsid.models.grey_box_datasheet import Given, applicable
 from emsid.models.grey_box_estimation import simulation_error
@@ -60,6 +61,7 @@ class Options:
         forgetting: forgetting factor; recursive least squares is used where it is given.
         fix: physical parameters that are known, by name, in SI units.
         datasheet: what is said of others: where to start, and how far off they may be.
+        codes: values of the input, or of a second one, that are no command, and what the bridge of a motor then does.
         free: physical parameters to estimate, these and no others; by default what the plant usually has unknown, with
             the refinements that held-back data ask for.
         recent: s after which errors of physical models are forgotten; see `Recent`. By default they never are.
@@ -79,6 +81,7 @@ class Options:
     forgetting: float | None = None
     fix: Mapping[str, float] = field(default_factory=dict)
     datasheet: Mapping[str, Given] = field(default_factory=dict)
+    codes: tuple[tuple[float, Bridge], ...] = ()
     free: tuple[str, ...] = ()
     recent: float | None = None
     profile: tuple[str, ...] = ()
@@ -250,25 +253,26 @@ class Physical:
     summary: str
     plant: Mechanical
     refinements: tuple[Refinement, ...] = REFINEMENTS
-    uses: ClassVar[tuple[str, ...]] = ("fix", "datasheet", "free", "recent", "profile", "held_back")
+    uses: ClassVar[tuple[str, ...]] = ("fix", "datasheet", "codes", "free", "recent", "profile", "held_back")
 
     def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
         """Choose the refinements on held-back data, unless it is said what is free, and fit to the whole record."""
+        plant = replace(self.plant, drive=replace(self.plant.drive, codes=options.codes))
         weighting: Weighting = all_alike
         if options.recent is not None:
-            integrals = 2 if Signal.POSITION in signals_of(self.plant, record) else 1
+            integrals = 2 if Signal.POSITION in signals_of(plant, record) else 1
             weighting = Recent(options.recent, integrals)
         if options.free:
             return simulation_error(
-                self.plant,
+                plant,
                 record,
                 free=options.free,
                 fixed=options.fix,
-                datasheet=applicable(options.datasheet, self.plant),
+                datasheet=applicable(options.datasheet, plant),
                 weighting=weighting,
             )
         return choose(
-            self.plant,
+            plant,
             record,
             fixed=options.fix,
             datasheet=options.datasheet,
@@ -408,6 +412,14 @@ def identify(
         if not any(option in CANDIDATES[name].uses for name in models)
     ]
     record = _one(records)
+    asides += [sentence for plant in plants.values() for sentence in assumptions(plant, record)]
+    if options.codes:
+        values = ", ".join(f"{code:g}" for code, _ in options.codes)
+        asides += [
+            f"{name}: takes the codes {values} for commands; leave these samples out for it (--mask)."
+            for name in dict.fromkeys(models)
+            if name not in plants
+        ]
     if validation is None:
         train, rest = record.split(1 - unseen)
         test = replace(rest, name=f"{record.name}, unseen part")

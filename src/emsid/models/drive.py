@@ -25,11 +25,19 @@ from math import inf, isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import ModelError
+from emsid.errors import DataError, ModelError
 from emsid.models.plant_parameters import TINY, Handle, handles_of
 from emsid.plant.motor import Parameter
 
 Array = NDArray[np.float64]
+
+
+class Feed(Enum):
+    """What a command is when it has been through the drive."""
+
+    VOLTAGE = "voltage"
+    CURRENT = "current"
+    TORQUE = "torque"
 
 
 class Bridge(Enum):
@@ -51,7 +59,8 @@ class Drive:
         knee: voltage (force) above which the command counts differently, in V (N); infinite for none.
         beyond: how many times more it counts there.
         freewheel: λ, 0 for a bridge that always conducts and 1 for one that leaves the armature open in the off-time.
-        codes: commands that are none: pairs of a value and what the bridge then does.
+        codes: pairs of a value and what the bridge then does: commands that are none; where the input has a second
+            column, values of that one.
 
     Raises:
         ModelError: for a value that is not physical, or a bridge that coasts without a supply voltage.
@@ -83,22 +92,38 @@ class Drive:
         if self.freewheel > 0 and not isfinite(self.supply):
             raise ModelError("a bridge that coasts in its off-time needs its supply voltage: give drive.supply")
 
-    def terminals(self, command: Array, dt: float) -> tuple[Array, Array, float]:
+    def commands(self, inputs: Array) -> Array:
+        """(N,) what the inputs (N, 1), or (N, 2) with the state of the bridge, command; nothing where they are codes.
+
+        Raises:
+            DataError: for other inputs.
+        """
+        columns = 2 if self.codes else 1
+        if inputs.shape[1] > columns:
+            raise DataError(
+                f"{inputs.shape[1]} inputs for a plant with one command; name the column that is the command, and "
+                "after it at most one with codes for the state of the bridge, and what the codes mean"
+            )
+        command = inputs[:, 0]
+        coded = np.isin(inputs[:, -1], [code for code, _ in self.codes])
+        return np.where(coded, 0.0, command) if coded.any() else command
+
+    def terminals(self, inputs: Array, dt: float) -> tuple[Array, Array, float]:
         """Voltage (N + 1,) and conducting part (N + 1,) of every sample, and the part of a sample they come late by.
 
         The first value is what acted before the first sample; a command is taken to have stood there for ever.
         """
-        wanted = self.gain * (command + self.offset)
+        wanted = self.gain * (self.commands(inputs) + self.offset)
         extra = wanted - np.clip(wanted, -self.knee, self.knee)
         voltage = np.clip(wanted + (self.beyond - 1.0) * extra, -self.supply, self.supply)
         duty = np.abs(voltage) / self.supply if isfinite(self.supply) else 1.0
         conducts = np.broadcast_to(1.0 - self.freewheel * (1.0 - duty), voltage.shape)
         for code, bridge in self.codes:
-            here = command == code
+            here = inputs[:, -1] == code
             voltage = np.where(here, 0.0, voltage)
             conducts = np.where(here, 1.0 if bridge is Bridge.BRAKE else 0.0, conducts)
         samples = self.delay / dt
-        whole = min(int(samples), len(command))
+        whole = min(int(samples), len(voltage))
         return _shifted(voltage, whole), _shifted(np.asarray(conducts), whole), min(samples - whole, 1.0)
 
 

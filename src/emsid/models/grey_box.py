@@ -8,7 +8,7 @@ parameters are found is in `emsid.models.grey_box_estimation`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from emsid.errors import DataError, EmsidError, ModelError
 from emsid.estimation.gauss_newton import gauss_newton
+from emsid.models.drive import Feed
 from emsid.models.grey_box_problem import FreeRunError, all_alike, free_states, guess_state
 from emsid.models.model import RUNAWAY, Run, check_samples
 from emsid.models.own_plant import OwnPlant
 from emsid.models.plant_parameters import Plant, Signal, parts
-from emsid.models.plants import LinearAxis, plant_from_data, plant_to_data
+from emsid.models.plants import DrivenMotor, LinearAxis, plant_from_data, plant_to_data
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -143,26 +144,92 @@ def signals_of(plant: Plant, record: Record) -> tuple[Signal, ...]:
     return tuple(_BY_UNIT.get(unit, usual) for unit in record.output_units)
 
 
+# What a command may be in, by what drives a plant: these, or no unit of a quantity at all, as a PWM has none.
+_COMMANDS: dict[Feed | None, tuple[str, ...]] = {
+    Feed.VOLTAGE: ("V",),
+    Feed.CURRENT: ("A",),
+    Feed.TORQUE: ("N*m",),
+    None: ("N", "V", "A", "N*m"),  # of an axis, whose drive makes a force of any of them
+}
+_NO_QUANTITY = ("", "1", "pwm", "%", "percent", "count", "counts")
+
+
+def fed(plant: Plant, record: Record) -> Plant:
+    """The plant as the command of a record drives it: a rigid motor by current or torque, where it is in A or N·m."""
+    if isinstance(plant, DrivenMotor) and plant.feed is Feed.VOLTAGE:
+        for feed in (Feed.CURRENT, Feed.TORQUE):
+            if record.input_units[0] in _COMMANDS[feed]:
+                if not plant.motor.is_rigid:
+                    raise ModelError(
+                        f"{record.name}: {record.input_names[0]!r} is in {record.input_units[0]}; a motor fed with a "
+                        f"{feed.value} is one mass only: choose rigid-motor"
+                    )
+                return replace(plant, feed=feed, motor=replace(plant.motor, voltage_dead_zone=None))
+    return plant
+
+
 def check_channels(plant: Plant, signals: Sequence[Signal], record: Record) -> None:
     """Refuse a record that a plant has not the channels for, or that was written in units it does not work in."""
-    if not isinstance(plant, OwnPlant) and record.input.shape[1] != 1:
-        raise DataError(f"{record.name}: {record.input.shape[1]} inputs for {plant.name}; name the one that drives it")
+    if not isinstance(plant, OwnPlant):
+        _check_command(plant, record)
     if record.output.shape[1] != len(signals):
         raise DataError(
             f"{record.name}: {record.output.shape[1]} outputs and {len(signals)} signals said to be in them"
         )
     if isinstance(plant, OwnPlant):
         return
-    linear = isinstance(plant, LinearAxis)
-    fitting = {
-        Signal.SPEED: "m/s" if linear else "rad/s",
-        Signal.ROTOR_SPEED: "rad/s",
-        Signal.POSITION: "m" if linear else "rad",
-        Signal.CURRENT: "A",
-    }
+    fitting = _units_of(plant)
     for name, unit, signal in zip(record.output_names, record.output_units, signals, strict=True):
         if unit and unit != fitting[signal]:
             raise DataError(
                 f"{record.name}: output {name!r} is in {unit}, {plant.name} gives a {signal.value} in "
                 f"{fitting[signal]}; convert it (--units) or choose another model"
             )
+
+
+def assumptions(plant: Plant, record: Record) -> list[str]:
+    """What channels without a unit are taken for, a sentence each."""
+    if isinstance(plant, OwnPlant):
+        return []
+    signals, fitting = signals_of(plant, record), _units_of(plant)
+    sentences = [
+        f"{plant.name}: {name} has no unit and is taken for a {signal.value} in {fitting[signal]}; if it is not, say "
+        f"what it is (--unit {name}=…)."
+        for name, unit, signal in zip(record.output_names, record.output_units, signals, strict=True)
+        if not unit
+    ]
+    if not record.input_units[0]:
+        made = "volts" if isinstance(plant, DrivenMotor) else "newtons"
+        sentences.append(
+            f"{plant.name}: {record.input_names[0]} has no unit and is taken for {made}; if it is not, say what it is "
+            "(--unit), or what one of it makes (drive.gain)."
+        )
+    return sentences
+
+
+def _units_of(plant: Plant) -> dict[Signal, str]:
+    """What a plant gives its signals in."""
+    linear = isinstance(plant, LinearAxis)
+    return {
+        Signal.SPEED: "m/s" if linear else "rad/s",
+        Signal.ROTOR_SPEED: "rad/s",
+        Signal.POSITION: "m" if linear else "rad",
+        Signal.CURRENT: "A",
+    }
+
+
+def _check_command(plant: Plant, record: Record) -> None:
+    """Refuse inputs that do not drive a plant."""
+    coded = isinstance(plant, (DrivenMotor, LinearAxis)) and bool(plant.drive.codes)
+    if record.input.shape[1] > (2 if coded else 1):
+        raise DataError(
+            f"{record.name}: {record.input.shape[1]} inputs for {plant.name}; name the one that drives it"
+            f"{' and the one with its codes' * coded}"
+        )
+    feed = plant.feed if isinstance(plant, DrivenMotor) else None
+    name, unit = record.input_names[0], record.input_units[0]
+    if unit.lower() not in _NO_QUANTITY and unit not in _COMMANDS[feed]:
+        raise DataError(
+            f"{record.name}: input {name!r} is in {unit}, and {plant.name} takes {' or '.join(_COMMANDS[feed])}; "
+            "correct its unit (--unit) or choose another column"
+        )

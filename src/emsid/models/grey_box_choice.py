@@ -20,6 +20,8 @@ import numpy as np
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
+from emsid.models.drive import Feed
+from emsid.models.grey_box import fed
 from emsid.models.grey_box_datasheet import Given, applicable
 from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_fit import GreyBoxFit
@@ -55,11 +57,11 @@ Refinement = Callable[[Mechanical, tuple[str, ...], Record], tuple[Mechanical, t
 
 def coasting_bridge(plant: Mechanical, free: tuple[str, ...], record: Record) -> tuple[Mechanical, tuple[str, ...]]:
     """The bridge leaves the armature open in its off-time; without a supply given, the largest command is full duty."""
-    if not isinstance(plant, DrivenMotor) or not plant.motor.is_rigid:
+    if not isinstance(plant, DrivenMotor) or not plant.motor.is_rigid or plant.feed is not Feed.VOLTAGE:
         return plant, free
     supply = plant.drive.supply
     if not isfinite(supply):
-        supply = abs(plant.drive.gain) * float(np.max(np.abs(record.input)))
+        supply = abs(plant.drive.gain) * float(np.max(np.abs(plant.drive.commands(record.input))))
     return replace(plant, drive=replace(plant.drive, supply=supply, freewheel=0.5)), (*free, "drive.freewheel")
 
 
@@ -141,6 +143,9 @@ def choose(
         refinements: what is tried.
         progress: called with the fraction done.
     """
+    driven = fed(plant, record)
+    assert isinstance(driven, (DrivenMotor, LinearAxis))
+    plant = driven
     train, rest = record.hold_back(held_back)
     sheet = applicable(datasheet or {}, plant)
     known: dict[str, Any] = {"fixed": fixed or {}, "datasheet": sheet, "weighting": weighting}

@@ -23,7 +23,7 @@ from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.gauss_newton import Infeasible, Iteration, Minimum, gauss_newton
 from emsid.estimation.identifiability import Identifiability, identifiability
 from emsid.estimation.threads import one_blas_thread
-from emsid.models.grey_box import GreyBox, check_channels, signals_of
+from emsid.models.grey_box import GreyBox, check_channels, fed, signals_of
 from emsid.models.grey_box_datasheet import Given
 from emsid.models.grey_box_fit import GreyBoxFit, at_bounds, combinations, in_words, table
 from emsid.models.grey_box_problem import FreeRunError, Weighting, all_alike, free_states, guess_state
@@ -79,6 +79,7 @@ def simulation_error(
     """
     subject: Plant = DrivenMotor(plant) if isinstance(plant, Motor) else plant
     segments = _segments(records)
+    subject = fed(subject, segments[0])
     shown = tuple(signals) if signals is not None else signals_of(subject, segments[0])
     for segment in segments:
         check_channels(subject, shown, segment)
@@ -256,7 +257,16 @@ def _best_start(
     if channel is None:
         return plant
     zone = any("dead_zone" in name for name in asked)
-    for motion in motions(first.segments, channel, is_position, zone, plant.drive.offset):
+    commanded = [
+        replace(
+            segment,
+            input=plant.drive.commands(segment.input)[:, None],
+            input_names=segment.input_names[:1],
+            input_units=segment.input_units[:1],
+        )
+        for segment in first.segments
+    ]
+    for motion in motions(commanded, channel, is_position, zone, plant.drive.offset):
         if motion.gain / plant.drive.gain <= 0:
             continue
         try:

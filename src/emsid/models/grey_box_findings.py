@@ -127,7 +127,7 @@ def dead_zone_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> 
     plant = _mechanical(fit)
     if _dead_zone(plant) is None:
         return None
-    applied = np.concatenate([plant.drive.terminals(s.input[:, 0], s.dt)[0] for s in fit.segments])
+    applied = np.concatenate([plant.drive.terminals(s.input, s.dt)[0] for s in fit.segments])
     reach = float(np.max(np.abs(applied))) or 1.0
     x = np.linspace(-reach, reach, points)
 

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import DataError, ModelError
-from emsid.models.drive import Bridge, Drive, Sensor, outer_handles
+from emsid.errors import ModelError
+from emsid.models.drive import Bridge, Drive, Feed, Sensor, outer_handles
 from emsid.models.one_mass import Sliding, move
 from emsid.models.plant_parameters import TINY, Handle, Parametrised, Plant, Quantity, Signal, handles_of
 from emsid.plant import DeadZone, Friction, Motor, State, simulate
@@ -47,7 +47,7 @@ class Motion(NamedTuple):
     dead_zone: float
 
 
-_MOTOR_HANDLES = {
+_INSIDE = {
     name: handle
     for p in Motor.parameters()
     for name, handle in handles_of(("motor",), p.name, p.symbol, p.unit, p.description).items()
@@ -55,11 +55,17 @@ _MOTOR_HANDLES = {
     "load_torque": Handle(
         Parameter("load_torque", "T_d", "N*m", "constant torque on the load"), ((("load_torque",), 1.0),)
     ),
-    **outer_handles("V", "volts", "rad/s"),
 }
-
-
-_RIGID_HANDLES = {name: handle for name, handle in _MOTOR_HANDLES.items() if not name.startswith("shaft_")}
+_MADE = {
+    Feed.VOLTAGE: ("V", "volts"),
+    Feed.CURRENT: ("A", "amperes"),
+    Feed.TORQUE: ("N*m", "newton metres"),
+}
+_MOTOR_HANDLES = {feed: {**_INSIDE, **outer_handles(*made, "rad/s")} for feed, made in _MADE.items()}
+_RIGID_HANDLES = {
+    feed: {name: handle for name, handle in handles.items() if not name.startswith("shaft_")}
+    for feed, handles in _MOTOR_HANDLES.items()
+}
 
 
 @dataclass(frozen=True)
@@ -74,6 +80,10 @@ class DrivenMotor(Parametrised):
         sensor: what makes the log from the motion.
         load_torque: constant torque T_d on the load in N·m.
         steps: steps in a sample for the Stribeck excess of a rigid motor.
+        feed: what the drive makes; fed with a current or a torque, a rigid motor has no back electromotive force.
+
+    Raises:
+        ModelError: for a motor with an elastic shaft that is fed with anything but a voltage.
     """
 
     motor: Motor = field(default_factory=Motor)
@@ -81,6 +91,11 @@ class DrivenMotor(Parametrised):
     sensor: Sensor = Sensor()  # noqa: RUF009  (frozen)
     load_torque: float = 0.0
     steps: int = 2
+    feed: Feed = Feed.VOLTAGE
+
+    def __post_init__(self) -> None:
+        if self.feed is not Feed.VOLTAGE and not self.motor.is_rigid:
+            raise ModelError(f"a motor fed with a {self.feed.value} is simulated as one mass only; give Motor.rigid()")
 
     @property
     def name(self) -> str:
@@ -90,11 +105,17 @@ class DrivenMotor(Parametrised):
     @property
     def handles(self) -> Mapping[str, Handle]:
         """Those of `Motor.parameters` by their names there, then load torque, drive and sensor."""
-        return _RIGID_HANDLES if self.motor.is_rigid else _MOTOR_HANDLES
+        return (_RIGID_HANDLES if self.motor.is_rigid else _MOTOR_HANDLES)[self.feed]
 
     @property
     def usual(self) -> tuple[str, ...]:
-        """Electrical constants, inertia, viscous and Coulomb friction, dead zone; with a shaft, that and the load."""
+        """Electrical constants, inertia, viscous and Coulomb friction, dead zone; with a shaft, that and the load.
+
+        Of these what makes a difference; a motor that is fed with a current or a torque has no dead zone of its own.
+        """
+        if self.feed is not Feed.VOLTAGE:
+            constant = ("motor_constant",) if self.feed is Feed.CURRENT else ()
+            return (*constant, "rotor_viscous", "rotor_inertia", "rotor_friction.coulomb")
         names = ["resistance", "rotor_viscous", "motor_constant", "rotor_inertia"]
         if not self.motor.is_rigid:
             names += ["load_inertia", "shaft_stiffness", "shaft_damping"]
@@ -114,18 +135,18 @@ class DrivenMotor(Parametrised):
         return 2
 
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
-        """The outputs (N, ny) for a command (N, 1), from a speed and an angle."""
-        voltage, conducts, late = self.drive.terminals(_only(inputs), dt)
+        """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), from speed and angle."""
+        made, conducts, late = self.drive.terminals(inputs, dt)
         motor, speed, angle = self.motor, float(state[0]), float(state[1])
-        armature = voltage if motor.voltage_dead_zone is None else motor.voltage_dead_zone(voltage)
-        if motor.is_rigid and motor.inductance == 0 and motor.torque_dead_zone is None:
-            slope = motor.motor_constant / motor.resistance
-            friction = _together(motor.rotor_friction, motor.load_friction)
+        if self.feed is not Feed.VOLTAGE or (
+            motor.is_rigid and motor.inductance == 0 and motor.torque_dead_zone is None
+        ):
+            torque, braking = self._torque(made, conducts)
             speeds, positions = _one_mass(
                 motor.rotor_inertia + motor.load_inertia,
-                friction,
-                slope * armature - self.load_torque,
-                slope * motor.motor_constant * conducts + (motor.rotor_viscous + motor.load_viscous),
+                _together(motor.rotor_friction, motor.load_friction),
+                torque - self.load_torque,
+                braking + (motor.rotor_viscous + motor.load_viscous),
                 dt,
                 late,
                 self.steps,
@@ -133,14 +154,14 @@ class DrivenMotor(Parametrised):
                 angle,
             )
             rotor_speeds, rotor_positions = speeds, positions
-            mean = late * conducts[:-1] + (1 - late) * conducts[1:]
-            volts = late * armature[:-1] + (1 - late) * armature[1:]
-            current = (volts - mean * motor.motor_constant * speeds) / motor.resistance
+            torque, braking = (late * each[:-1] + (1 - late) * each[1:] for each in (torque, braking))
+            current = (torque - braking * speeds) / motor.motor_constant
         else:
             if np.any(conducts != 1.0):
                 raise ModelError("a bridge that coasts is simulated for a rigid motor without inductance only")
-            start = State((armature[0] - motor.motor_constant * speed) / motor.resistance, speed, speed, 0.0, angle)
-            whole = simulate(motor, *_pieces(voltage, dt, late), disturbance=self.load_torque, initial=start)
+            across = made[0] if motor.voltage_dead_zone is None else float(motor.voltage_dead_zone(made[:1])[0])
+            start = State((across - motor.motor_constant * speed) / motor.resistance, speed, speed, 0.0, angle)
+            whole = simulate(motor, *_pieces(made, dt, late), disturbance=self.load_torque, initial=start)
             every = slice(None, None, 2 if 0 < late < 1 else 1)
             speeds, positions, current = whole.load_speed[every], whole.load_angle[every], whole.current[every]
             rotor_speeds, rotor_positions = whole.rotor_speed[every], whole.rotor_angle[every]
@@ -152,12 +173,33 @@ class DrivenMotor(Parametrised):
         }
         return np.column_stack([shown[signal]() for signal in signals])
 
+    def _torque(self, made: Array, conducts: Array) -> tuple[Array, Array]:
+        """What turns one mass at rest, and by how much less per rad/s when it moves, for what the drive makes."""
+        motor = self.motor
+        if self.feed is Feed.VOLTAGE:
+            slope = motor.motor_constant / motor.resistance
+            volts = made if motor.voltage_dead_zone is None else motor.voltage_dead_zone(made)
+            return slope * volts, slope * motor.motor_constant * conducts
+        torque = motor.motor_constant * made if self.feed is Feed.CURRENT else made
+        return torque if motor.torque_dead_zone is None else motor.torque_dead_zone(torque), np.zeros(len(made))
+
     def put_motion(self, motion: Motion) -> Self:
         """The motor that moves like one mass, resistance, viscous friction and the ratio of inertias kept.
 
-        With R_a given, K_m follows from the damping, J from K_m and the gain, and the friction from J.
+        With R_a given, K_m follows from the damping, J from K_m and the gain, and the friction from J. Fed with a
+        current, K_m is kept and the rest follows from it.
         """
         motor = self.motor
+        if self.feed is not Feed.VOLTAGE:
+            per_unit = (motor.motor_constant if self.feed is Feed.CURRENT else 1.0) * self.drive.gain
+            inertia = max(per_unit / motion.gain, 2 * TINY)
+            return self.put(
+                {
+                    "rotor_inertia": max(inertia - motor.load_inertia, TINY),
+                    "rotor_viscous": max(inertia * motion.damping - motor.load_viscous, 0.0),
+                    "rotor_friction.coulomb": inertia * max(motion.coulomb, 0.0),
+                }
+            )
         share = motor.rotor_inertia / (motor.rotor_inertia + motor.load_inertia)
         gain = motion.gain / self.drive.gain  # rad/s² per volt
         constant = max(motion.damping / gain, 1e-6 * motor.motor_constant)
@@ -192,10 +234,19 @@ class DrivenMotor(Parametrised):
         return np.asarray(m.rotor_friction.torque(speed) + m.load_friction.torque(speed) + viscous)
 
     def quantities(self) -> tuple[Quantity, ...]:
-        """What voltage and speed alone can tell of a motor."""
+        """What input and speed alone can tell of a motor."""
         m = self.motor
         r, k = m.resistance, m.motor_constant
         inertia, viscous = m.rotor_inertia + m.load_inertia, m.rotor_viscous + m.load_viscous
+        if self.feed is not Feed.VOLTAGE:
+            level = float(_together(m.rotor_friction, m.load_friction).coulomb[0])
+            found = [Quantity("mechanical time constant", "J/B", "s", inertia / max(viscous, TINY))]
+            if self.feed is Feed.CURRENT:
+                found += [
+                    Quantity("acceleration per ampere", "K/J", "rad/(A*s^2)", k / inertia),
+                    Quantity("Coulomb current", "T_c/K", "A", level / k),
+                ]
+            return tuple(found)
         damping = k**2 / r + viscous
         slide = _together(m.rotor_friction, m.load_friction)
         found = [
@@ -309,7 +360,7 @@ class LinearAxis(Parametrised):
 
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
         """The outputs (N, ny) for a command (N, 1), from a speed and a position."""
-        force, _, late = self.drive.terminals(_only(inputs), dt)
+        force, _, late = self.drive.terminals(inputs, dt)
         if self.dead_zone is not None:
             force = self.dead_zone(force)
         levels = np.array([self.friction.forward, self.friction.backward])
@@ -361,12 +412,6 @@ class LinearAxis(Parametrised):
             Quantity("acceleration per command", "k_u/M", "m/(V*s^2)", self.drive.gain / self.mass),
             Quantity("Coulomb command", "F_c/k_u", "V", level / self.drive.gain),
         )
-
-
-def _only(inputs: Array) -> Array:
-    if inputs.shape[1] != 1:
-        raise DataError(f"{inputs.shape[1]} inputs for a plant with one; name the column that is the command")
-    return inputs[:, 0]
 
 
 def _together(rotor: Friction, load: Friction) -> Sliding:
@@ -428,6 +473,7 @@ def plant_to_data(plant: Plant) -> dict[str, Any]:
         "kind": plant.name,
         "parameters": parameters,
         "codes": [[code, bridge.value] for code, bridge in plant.drive.codes],
+        "feed": plant.feed.value if isinstance(plant, DrivenMotor) else Feed.VOLTAGE.value,
         "average": plant.sensor.average,
         "steps": plant.steps,
     }
@@ -447,6 +493,8 @@ def plant_from_data(data: Mapping[str, Any]) -> Plant:
     if data["kind"] not in kinds:
         raise ModelError(f"no plant of kind {data['kind']!r}; there are {', '.join(kinds)}")
     plain = kinds[data["kind"]]()
+    if isinstance(plain, DrivenMotor):
+        plain = replace(plain, feed=Feed(data.get("feed", Feed.VOLTAGE.value)))
     codes = tuple((float(code), Bridge(bridge)) for code, bridge in data["codes"])
     plain = replace(
         plain,

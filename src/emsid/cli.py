@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from emsid.identification import Identification
+    from emsid.models.grey_box_fit import GreyBoxFit
     from emsid.record import Record
     from emsid.study import Study
     from emsid.validation.comparison import Row
@@ -429,6 +430,7 @@ def identify(
     from emsid.io import read_datasheet
     from emsid.models.drive import Bridge
     from emsid.models.families import FAMILIES
+    from emsid.models.grey_box_fit import GreyBoxFit
 
     if static not in FAMILIES:
         raise DataError(f"no static map {static!r}; there are {', '.join(FAMILIES)}")
@@ -463,8 +465,12 @@ def identify(
             _write(out, {"result.json": result.to_data()}, result.verification.fits, result.record)
             title = f"on {result.judged_on} ({result.unseen.name})"
             _print(_table(result.verification.rows, title, result.unseen.output_units[0]))
+            for fit in result.verification.fits:
+                if isinstance(fit, GreyBoxFit):
+                    _print(_physical_table(fit))
             print(f"chosen: {result.chosen.model.name}")
-            print(result.chosen.model.equation())
+            if not isinstance(result.chosen, GreyBoxFit):
+                print(result.chosen.model.equation())
             print("\n".join(identification.remarks(result)), flush=True)
         drawn = _draw(out, lambda: identification.report(result), draughtsman)
     written = [f"{fit.model.name}.json" for fit in result.verification.fits]
@@ -649,6 +655,32 @@ def _table(rows: "list[Row] | tuple[Row, ...]", title: str, unit: str = "") -> "
             f"{row.fit_percent:.2f}" if isfinite(row.fit_percent) else "–",
             f"{row.one_step_mse:.4g}",
         )
+    return table
+
+
+def _physical_table(fit: "GreyBoxFit") -> "Table":
+    """What a record says of a plant: its parameters, and where some had to be held, what it tells all the same."""
+    from rich.table import Table
+
+    table = Table(title=f"{fit.model.name}, with 95 % intervals", title_justify="left", box=None, pad_edge=False)
+    for column, heading in enumerate(("quantity", "", "value", "±", "unit", "")):
+        table.add_column(heading, justify="right" if column in (2, 3) else "left", no_wrap=True)
+    rows = [(row.name, row.symbol, row.value, row.standard_error, row.unit, row.status) for row in fit.table]
+    if any(row.status in ("held", "conditional") for row in fit.table):
+        rows += [
+            (
+                each.quantity.name,
+                each.quantity.formula,
+                each.quantity.value,
+                each.standard_error,
+                each.quantity.unit,
+                "told",
+            )
+            for each in fit.combinations
+        ]
+    for name, symbol, value, error, unit, status in rows:
+        width = "" if error is None or not isfinite(error) else f"{1.96 * error:.2g}"
+        table.add_row(name, symbol, f"{value:.5g}", width, unit if unit != "1" else "", status)
     return table
 
 

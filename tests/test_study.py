@@ -59,6 +59,23 @@ def test_physical_motor_beats_the_largest_ratio_of_the_paper(result):
     assert linear / physical >= 557
 
 
+def test_physical_motor_tells_the_constants_that_the_plant_has_from_half_as_much_again(result):
+    # The inertia is the exception: one mass has the difference of the two time constants, J·R/K² − L/R.
+    truth = {"motor_constant": 0.05, "rotor_friction.coulomb": 8e-3, "voltage_dead_zone.half_width": 0.5}
+    motor, electrical = Motor(), 2e-3 / 2.0
+    mechanical = (motor.rotor_inertia + motor.load_inertia) * motor.resistance / motor.motor_constant**2
+    for part in result.parts:
+        fit = part.verified(PHYSICAL).fit
+        found = dict(zip(fit.names, zip(fit.estimate, fit.standard_error, strict=True), strict=True))
+        for name, value in truth.items():
+            estimate, error = found[name]
+            assert abs(estimate - value) < 1.96 * error < 0.03 * value
+        lumped = fit.model.plant.motor
+        seen = (lumped.rotor_inertia + lumped.load_inertia) * lumped.resistance / lumped.motor_constant**2
+        assert seen == pytest.approx(mechanical - electrical, rel=0.01)
+    assert found["drive.delay"][0] == pytest.approx(electrical, rel=0.8)  # with what the bench adds
+
+
 def test_three_blocks_are_far_better_than_their_expansion(result):
     for part in result.parts:
         paper, blocks = (part.verified(model).row.simulation_mse for model in (PAPER, BLOCKS))

@@ -272,10 +272,10 @@ def _part(name: str, first: Record, second: Record, settings: Settings, progress
         progress(f"{name}: {structure.name}", 0.4 * k / len(candidates))
         fits.append(least_squares(structure, first))
         fits.append(recursive_least_squares(structure, first, forgetting=settings.forgetting, history=True))
-    plant = physical_start(settings.motor)
+    plant = physical_start(settings.motor).put({"drive.delay": 0.5 * first.dt})  # what an inductance is to one mass
     searches: dict[str, Callable[[], Fit[Any]]] = {
         BLOCKS: lambda: wiener_hammerstein(first, (1, 2), CASCADE),
-        PHYSICAL: lambda: simulation_error(plant, first, free=(*plant.usual, *STRIBECK)),
+        PHYSICAL: lambda: simulation_error(plant, first, free=(*plant.usual, *STRIBECK, "drive.delay")),
     }
     interrupted = False
     for k, (model, search) in enumerate(searches.items()):

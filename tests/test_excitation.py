@@ -13,6 +13,7 @@ from emsid.errors import DataError
 from emsid.excitation import (
     PRIMITIVE_POLYNOMIALS,
     SIGNALS,
+    _covariance,
     amplitude_modulated_prbs,
     chirp,
     crest_factor,
@@ -365,6 +366,21 @@ def test_order_above_a_noise_floor():
     u = sines(5000, 1e-3, [1.0], [100.0]) + 1e-5 * seeded().standard_normal(5000)
     assert persistent_excitation_order(u, max_order=30) == 30
     assert persistent_excitation_order(u, max_order=30, tolerance=1e-3) == 2
+
+
+@pytest.mark.parametrize(("samples", "channels", "n"), [(9, 1, 1), (40, 3, 7), (10, 2, 10), (3000, 2, 20)])
+def test_the_covariance_of_rows_is_their_product(samples, channels, n):
+    u = seeded().standard_normal((samples, channels))
+    rows = np.array([u[t : t + n].ravel() for t in range(samples - n + 1)])
+    np.testing.assert_allclose(_covariance(u, n), rows.T @ rows, rtol=0, atol=1e-12 * samples)
+
+
+@pytest.mark.parametrize("name", SIGNALS)
+def test_the_fast_way_to_an_order_finds_the_same_as_the_exact_one(name, monkeypatch):
+    u = SIGNALS[name](3000, 5e-3, 6.0, seeded())
+    fast = [persistent_excitation_order(u, tolerance=tolerance) for tolerance in (1e-4, 1e-3, 1e-2)]
+    monkeypatch.setattr("emsid.excitation._COARSE", 1.0)
+    assert [persistent_excitation_order(u, tolerance=tolerance) for tolerance in (1e-4, 1e-3, 1e-2)] == fast
 
 
 def test_order_does_not_depend_on_unit_or_block():

@@ -160,6 +160,10 @@ def test_a_number_of_inputs_that_is_none(path: Path, monkeypatch: pytest.MonkeyP
         monkeypatch.setattr(Narx, "to_data", lambda _, data=data: data)
         save(model, path)
         assert failure(path) == f"structure: {inputs} inputs, and its regressors use 2; give that many or more, or none"
+    data = model.to_data() | {"inputs": 0}  # which to a structure means as many as it uses
+    monkeypatch.setattr(Narx, "to_data", lambda _: data)
+    save(model, path)
+    assert failure(path) == "structure: 0 inputs, and its regressors use 2; identify it again"
 
 
 def test_a_type_or_content_that_is_no_model(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

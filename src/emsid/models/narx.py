@@ -140,6 +140,10 @@ class Narx:
             tuple(stored.parameter_names),
             stored.inputs,
         )
+        if structure.inputs != stored.inputs:  # 0, which a structure alone takes for "as many as are used"
+            raise ModelError(
+                f"{stored.name}: {stored.inputs} inputs, and its regressors use {structure.inputs}; identify it again"
+            )
         return cls(structure, np.array(stored.parameters), stored.dt)
 
     def _run(self, record: Record, transient: int | None, advance: Callable[[Array, Record, int], int]) -> Run:

@@ -158,6 +158,28 @@ def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkey
     assert "linear-axis: mass" in seen
 
 
+def test_what_a_choice_of_free_parameters_leaves_as_it_is_built_in_is_said():
+    from emsid.models.plant_parameters import Signal
+    from emsid.models.plants import LinearAxis
+    from emsid.plant import Friction
+
+    rng = np.random.default_rng(0)
+    force = np.repeat(rng.uniform(-10, 10, 30), 20)[:, None]
+    position = LinearAxis(1.0, 2.0, Friction(0.1)).simulate(force, 0.005, np.zeros(2), (Signal.POSITION,))
+    record = emsid.Record(force, position, 0.005, input_units=("N",), output_units=("m",))
+
+    def said(**options):
+        return identify(record, models=["linear-axis"], options=Options(free=("mass",), **options)).asides
+
+    words = "linear-axis: held at what is built in: "
+    assert said() == (f"{words}viscous_friction 1 N*s/m, friction.coulomb 0.1 N; give --fix or --datasheet.",)
+    sheet = {"friction.coulomb": Given(0.1), "viscous_friction": Given(None)}
+    assert said(datasheet=sheet) == (f"{words}viscous_friction 1 N*s/m; give --fix or --datasheet.",)
+    one_way = {"viscous_friction": 2.0, "friction.coulomb.forward": 0.1}
+    assert said(fix=one_way) == (f"{words}friction.coulomb.backward 0.1 N; give --fix or --datasheet.",)
+    assert said(fix={"viscous_friction": 2.0, "friction.coulomb": 0.1}) == ()
+
+
 def test_wishes_are_refused_before_anything_is_fitted(monkeypatch):
     monkeypatch.setattr("emsid.identification.choose", None)
     record = system(400, 14)

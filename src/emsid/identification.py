@@ -443,6 +443,7 @@ def identify(
         if failed:
             raise next(iter(failed.values()))
         raise KeyboardInterrupt
+    asides += [sentence for fit in fits for sentence in _held(fit, options)]
     profiles, missing, stopped = _profiles(fits, () if interrupted else options.profile, progress)
     judged: list[Comparison] = []
     for data, words in ((train, "identification"), (test, "verification")):
@@ -512,6 +513,18 @@ def _check_physics(plants: Mapping[str, Mechanical], models: Sequence[str], opti
         for name in plants
         if sheet and name not in with_sheet
     ]
+
+
+def _held(fit: Fit[Any], options: Options) -> list[str]:
+    """What a plant usually has unknown and a choice of what is free has left as it is built in, in a sentence."""
+    if not (options.free and isinstance(fit, GreyBoxFit)):
+        return []
+    plant = fit.model.plant
+    given = (name for name, each in applicable(options.datasheet, plant).items() if each.value is not None)
+    taken = [name for name in (*options.free, *options.fix, *given) if name in plant.handles]
+    names = [name for name in without_overlap(plant, plant.usual, taken) if plant.value(name)]
+    values = ", ".join(f"{name} {plant.handles[name].with_unit(plant.value(name))}" for name in names)
+    return [f"{fit.model.name}: held at what is built in: {values}; give --fix or --datasheet."] * bool(names)
 
 
 def _profiles(

@@ -10,6 +10,7 @@ from .estimation.least_squares import solve_rows as solve_rows
 from .estimation.recursive import RecursiveLeastSquares as RecursiveLeastSquares
 from .estimation.recursive import recursive_least_squares as recursive_least_squares
 from .excitation import crest_factor as crest_factor
+from .excitation import largest_order as largest_order
 from .excitation import persistent_excitation_order as persistent_excitation_order
 from .identification import Identification as Identification
 from .identification import Options as Options
@@ -42,8 +43,10 @@ from .plant import Friction as Friction
 from .plant import Motor as Motor
 from .plant import simulate as simulate
 from .record import Record as Record
+from .record import TimeAxis as TimeAxis
 from .record import concatenate as concatenate
 from .record import resample as resample
+from .record import time_axis as time_axis
 from .validation.comparison import Comparison as Comparison
 from .validation.comparison import assess as assess
 from .validation.comparison import assess_model as assess_model

@@ -23,6 +23,7 @@ from emsid.estimation.fit import Ending, Fit
 from emsid.models.cascade import Cascade, fit_cascade, static_band
 from emsid.models.drive import Sensor
 from emsid.models.filters import Rational
+from emsid.models.grey_box import GreyBox
 from emsid.models.grey_box_datasheet import Given
 from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_findings import likelihood_profile
@@ -56,7 +57,7 @@ from emsid.report.content import (
 )
 from emsid.report.figures import draw, interactive, plotly_source
 from emsid.report.page import page, write_report
-from emsid.validation.comparison import Row, assess, compare
+from emsid.validation.comparison import Row, assess, assess_model, compare
 
 NASTY = '<script>alert("$x_1$")</script>'
 
@@ -187,6 +188,22 @@ def of_plants():
     yield "own plant", simulation_error(DECAY, Record(u, decay + 0.01 * rng.standard_normal((300, 1)), 0.1))
 
 
+def two_outputs(samples=1200):
+    """A motor log of speed and current, with a gap, and two motors run over it: one a little off, one far off."""
+    rng = np.random.default_rng(4)
+    u = driven(RIGID, seconds=0.005 * samples).input
+    y = RIGID.simulate(u, 0.005, np.zeros(2), (Signal.SPEED, Signal.CURRENT))
+    y = y + rng.standard_normal(y.shape) * [1.0, 0.01]
+    log = Record(u, y, 0.005, ("voltage",), ("speed", "current"), ("V",), ("rad/s", "A"), name="two")
+    log = log.mask((np.arange(samples) > 500) & (np.arange(samples) < 560))
+    motors = [RIGID.put({"resistance": k * RIGID.motor.resistance}) for k in (1.02, 1.5)]
+    signals = (Signal.SPEED, Signal.CURRENT)
+    return log, [assess_model(GreyBox(motor, signals), log) for motor in motors]
+
+
+TWO, TWO_RUNS = two_outputs()
+
+
 CASCADE_FITS = {kind: of_cascade(cascade) for kind, cascade in CASCADES.items()}
 PLANT_FITS = dict(of_plants())
 PROFILES = {"taken": likelihood_profile(PLANT_FITS["rigid motor"], "rotor_inertia")}
@@ -229,7 +246,21 @@ def every_figure():
                 yield f"{view.name}, {kind}", view
     for kind, profile in PROFILES.items():
         yield f"likelihood profile, {kind}", grey_box_views.likelihood(PLANT_FITS["rigid motor"], profile)
+    runs = TWO_RUNS
+    yield "two outputs, responses", views.responses(runs, views.critical_intervals(TWO, 0.5, error_of(runs[1])))
+    yield "two outputs, residuals", views.residuals(runs)
+    yield "two outputs, ranking", views.ranking(compare([each.fit for each in runs], TWO))
+    yield "two outputs, free run", views.measured_and_simulated(runs[0])
+    two_inputs = replace(drive(), input=np.column_stack([drive().input, drive(seed=5).input]),
+                         input_names=("u1", "u2"), input_units=("V", "A"))  # fmt: skip
+    linear = assess(emsid.least_squares(emsid.arx(2, 2, inputs=2), two_inputs), two_inputs)
+    yield "two inputs", views.inputs([two_inputs])
+    yield "two inputs, residuals", views.residuals([linear])
     yield "every mark", every_mark()
+
+
+def error_of(assessment):
+    return assessment.record.output - assessment.simulation.output
 
 
 def every_mark():
@@ -528,7 +559,7 @@ def test_labels_name_the_method_where_a_model_stands_there_twice():
 
 def test_residuals_show_shares_and_autocorrelation():
     result = COMPARISONS["whole"]
-    _, distribution, correlation = views.residuals(result.assessments[:1]).plots
+    _, distribution, correlation, _ = views.residuals(result.assessments[:1]).plots
     (histogram,) = distribution.marks
     assert histogram.heights.sum() == pytest.approx(100)
     line = correlation.marks[0]
@@ -538,6 +569,135 @@ def test_residuals_show_shares_and_autocorrelation():
     expected = [error[: len(error) - k] @ error[k:] / (error @ error) for k in range(len(line.y))]
     assert np.allclose(line.y, expected, atol=1e-12)
     assert correlation.marks[1].value == pytest.approx(2.5758 / np.sqrt(len(error)))
+
+
+def test_cross_correlation_is_that_of_pairs_in_one_segment():
+    rng = np.random.default_rng(0)
+    error, u = rng.standard_normal((2, 50))
+    error[7] = np.nan
+    e, v = np.nan_to_num(error - np.nanmean(error)), u - np.delete(u, 7).mean()
+    pairs = [
+        [(t, t - lag) for t in range(50) if 0 <= t - lag < 50 and (t < 20) == (t - lag < 20)] for lag in range(-5, 6)
+    ]
+    sums = np.array([sum(e[a] * v[b] for a, b in some) for some in pairs])
+
+    def own(x, k):
+        return sum(x[t] * x[t - k] for t in range(k, 50) if (t < 20) == (t - k < 20))
+
+    spread = sum((1 - abs(k) / 6) * own(e, abs(k)) * own(v, abs(k)) for k in range(-5, 6)) / 49
+    assert views._cross_correlation(error, u, (20,), 5) == pytest.approx(sums / np.sqrt(spread))
+
+
+def test_cross_correlation_of_coloured_signals_that_are_independent_stays_within_its_limits():
+    from scipy.signal import lfilter
+
+    rng = np.random.default_rng(1)
+    noise = rng.standard_normal((2, 60, 2000))
+    outside = [
+        np.mean(np.abs(views._cross_correlation(e, u, (), 100)) > views.WHITE)
+        for e, u in zip(lfilter([1], [1, -0.9], noise[0]), lfilter([1], [1, -0.8], noise[1]), strict=True)
+    ]
+    assert 0.003 < np.mean(outside) < 0.03
+    missed = lfilter([0, 0, 1], [1], noise[0, 0])
+    shown = views._cross_correlation(missed, noise[0, 0], (), 20)
+    assert np.argmax(shown) == 22  # two samples after the input
+
+
+@pytest.mark.parametrize("u", [np.ones(100), np.zeros(100)])
+def test_an_input_that_does_not_move_has_no_cross_correlation(u):
+    assert not views._cross_correlation(np.arange(100.0), u, (), 20).any()
+
+
+# --- several outputs ------------------------------------------------------------------------------------------------
+
+
+def by_hand(assessment, channel):
+    """RMSE and fit of one output's free run."""
+    counted = assessment.simulation.counted
+    y, run = assessment.record.output[counted, channel], assessment.simulation.output[counted, channel]
+    rmse = np.sqrt(np.mean((y - run) ** 2))
+    return rmse, 100 * (1 - rmse / np.std(y))
+
+
+def test_every_output_has_its_own_errors_in_its_own_unit():
+    for assessment in TWO_RUNS:
+        table = views.results_table([assessment.row])
+        assert [row[3:5] for row in table.rows] == [("speed", "rad/s"), ("current", "A")]
+        for k, cells in enumerate(table.rows):
+            rmse, fit = by_hand(assessment, k)
+            assert float(cells[6]) == pytest.approx(rmse**2, rel=1e-3)
+            assert float(cells[7]) == pytest.approx(rmse, rel=1e-3)
+            assert float(cells[8]) == pytest.approx(fit, abs=0.005)
+    table = views.results_table([each.row for each in TWO_RUNS])
+    assert table.emphasised == {0, 1}
+    assert "rad/s" not in table.caption
+
+
+def test_every_output_has_its_own_panels():
+    near = TWO_RUNS[0]
+    figure = views.measured_and_simulated(near)
+    assert [plot.y.title for plot in figure.plots] == [
+        "Speed [rad/s]", "Residual [rad/s]", "Current [A]", "Residual [A]",
+    ]  # fmt: skip
+    for k in (0, 1):
+        run, left = figure.plots[2 * k : 2 * k + 2]
+        known = np.isfinite(left.marks[0].y)
+        assert run.marks[0].y[known] == pytest.approx(TWO.output[:, k])
+        assert run.marks[1].y[known] == pytest.approx(near.simulation.output[:, k])
+        assert left.marks[0].y[known] == pytest.approx(error_of(near)[:, k])
+        rmse, fit = by_hand(near, k)
+        assert f"fit {fit:.1f} %, RMSE {rmse:.4g} {TWO.output_units[k]}" in figure.caption
+
+
+def test_critical_intervals_count_every_output_by_how_much_it_varies():
+    record = replace(TWO, output=np.column_stack([drive().output, 1e-3 * drive(seed=9).output])[: len(TWO)])
+    error = np.zeros_like(record.output)
+    turn = 1 + np.flatnonzero(np.diff(np.sign(record.output[:500, 1])))[3]
+    error[turn - 3 : turn + 3, 1] = 1e-3  # small, as that output is
+    error[:, 0] = 1e-3
+    assert any(rows.start <= turn < rows.stop for rows in views.critical_intervals(record, 0.3, error, count=1))
+
+
+def test_responses_show_every_output_on_every_interval():
+    rows = views.critical_intervals(TWO, 0.5, error_of(TWO_RUNS[1]))
+    figure = views.responses(TWO_RUNS, rows)
+    shown = [(part, k) for part in rows for k in (0, 1)]
+    for plot, (part, k) in zip(figure.plots, shown, strict=True):
+        assert plot.title.endswith(TWO.output_names[k])
+        for line, each in zip(plot.marks[1:], TWO_RUNS, strict=True):
+            assert np.array_equal(line.y, each.simulation.output[part, k], equal_nan=True)
+    assert f"{by_hand(TWO_RUNS[0], 1)[1]:.1f} % of current" in figure.caption
+
+
+def test_residuals_of_every_output_are_tested():
+    plots = views.residuals(TWO_RUNS).plots
+    assert [plot.title for plot in plots[:4]] == [
+        "Residual: speed",
+        "Distribution: speed", "Autocorrelation: speed", "Cross-correlation with voltage: speed",
+    ]  # fmt: skip
+    assert len(plots) == 8
+    for k in (0, 1):
+        error = np.where(TWO_RUNS[0].simulation.counted, error_of(TWO_RUNS[0])[:, k], np.nan)
+        over_time, _, own, crossed = plots[4 * k : 4 * k + 4]
+        assert over_time.y.unit == TWO.output_units[k]
+        assert own.marks[0].y == pytest.approx(views._autocorrelation(error, TWO.breaks, len(own.marks[0].y) - 1))
+        lags = len(crossed.marks[0].y) // 2
+        assert crossed.marks[0].y == pytest.approx(views._cross_correlation(error, TWO.input[:, 0], TWO.breaks, lags))
+        assert crossed.marks[0].x[[0, -1]] == pytest.approx([-lags * TWO.dt, lags * TWO.dt])
+
+
+def test_every_output_is_ranked_in_its_own_unit():
+    result = compare([each.fit for each in TWO_RUNS], TWO)
+    figure = views.ranking(result)
+    assert [plot.x.title for plot in figure.plots] == ["RMSE of speed [rad/s]", "RMSE of current [A]"]
+    for k, plot in enumerate(figure.plots):
+        assert plot.marks[0].values == pytest.approx([by_hand(each, k)[0] for each in result.assessments])
+
+
+def test_every_input_has_its_plots():
+    assert [plot.y.title for plot in FIGURES["two inputs"].plots] == ["u1 [V]", "u2 [A]"]
+    titles = [plot.title for plot in FIGURES["two inputs, residuals"].plots]
+    assert titles[-2:] == ["Cross-correlation with u1", "Cross-correlation with u2"]
 
 
 def test_autocorrelation_does_not_reach_across_gaps():
@@ -741,7 +901,7 @@ def test_every_physical_parameter_has_its_row_and_status():
     for kind, fit in PLANT_FITS.items():
         parameters, *rest = grey_box_views.physical_table(fit)
         assert [row[0] for row in parameters.rows] == [row.name for row in fit.table]
-        assert [row[4] for row in parameters.rows] == [row.status for row in fit.table]
+        assert [row[4].split(",")[0] for row in parameters.rows] == [row.status for row in fit.table]
         assert bool(rest) == bool(fit.combinations)
         assert ("Datasheet" in parameters.header) == (kind == "datasheet")
         for cells, row in zip(parameters.rows, fit.table, strict=True):
@@ -750,6 +910,41 @@ def test_every_physical_parameter_has_its_row_and_status():
                 value, half = (float(part) for part in cells[5].split(" ± "))
                 assert value == pytest.approx(row.value, abs=0.1 * half)
                 assert half == pytest.approx(1.96 * row.standard_error, rel=0.05)
+
+
+def test_a_parameter_with_an_interval_wider_than_itself_is_hardly_told():
+    fit = PLANT_FITS["axis"]
+    table = grey_box_views.physical_table(fit)[0]
+    for cells, row in zip(table.rows, fit.table, strict=True):
+        wide = row.standard_error is not None and 1.96 * row.standard_error > abs(row.value)
+        assert ("hardly told" in cells[4]) == (wide and row.status in ("estimated", "conditional"))
+    assert any("hardly told" in cells[4] for cells in table.rows)
+    assert "hardly told: the interval is wider than the value" in table.note
+    assert "hardly told" not in grey_box_views.physical_table(PLANT_FITS["rigid motor"])[0].note
+
+
+def test_a_band_that_rests_on_what_was_held_says_so():
+    caption = grey_box_views.friction(PLANT_FITS["no units"]).caption
+    assert "curve and band hold for resistance = 2 Ω and rotor_viscous = 1e-5 N·m·s/rad, which were held" in caption
+    caption = grey_box_views.friction(PLANT_FITS["rigid motor"]).caption
+    assert "hold for rotor_viscous = 1e-5 N·m·s/rad, which was held there, and change with it" in caption
+    assert caption.endswith("They rest on what was given: resistance = 2 Ω.")
+    for kind in ("rigid motor", "no units"):  # its edges are told whatever was held
+        assert "held" not in grey_box_views.dead_zone(PLANT_FITS[kind]).caption
+    assert "held" not in grey_box_views.friction(PLANT_FITS["datasheet"]).caption
+
+
+def test_points_of_a_curve_are_where_the_data_are():
+    fit = PLANT_FITS["rigid motor"]
+    (plot,) = grey_box_views.friction(fit).plots
+    (points,) = [mark for mark in plot.marks if isinstance(mark, Points) and mark.label == "supported by data"]
+    factor = 1000 if plot.y.unit == "mN*m" else 1
+    assert points.y == pytest.approx(factor * fit.model.plant.friction_torque(points.x))
+    speeds = np.concatenate([segment.output[:, 0] for segment in fit.segments])
+    width = 2 * np.max(np.abs(points.x)) / grey_box_views.STRETCHES
+    assert len(points.x) >= 8
+    for x in points.x:
+        assert np.count_nonzero(np.abs(speeds - x) < width) >= grey_box_views.ENOUGH
 
 
 def test_friction_is_the_law_of_the_plant_and_jumps_at_rest():
@@ -855,6 +1050,21 @@ def test_what_cannot_be_drawn_is_left_out_of_a_section():
     assert [figure.name for figure in views.model_section(fit, two).figures] == ["wiener-hammerstein-filters"]
 
 
+def test_what_a_record_cannot_tell_stands_before_the_numbers():
+    fit = replace(PLANT_FITS["no units"], words=(f"from {NASTY} alone, J is not told", "sensor.lag is held"))
+    section = views.model_section(fit, fit.segments[0])
+    assert section.remarks == (f"From {NASTY} alone, J is not told.", "sensor.lag is held.")
+    own = without_plotly(page(Report("One", (), (section,))))
+    remarks = re.search(r'<ul class="remarks">(.*?)</ul>', own, re.S)
+    assert remarks[1].count("<li>") == 2
+    assert "&lt;script&gt;alert" in remarks[1]
+    assert remarks.start() < own.index("<table")
+    told = PLANT_FITS["rigid motor"]
+    shown = views.model_section(told, told.segments[0])
+    assert not any(told.words[0][5:] in text for text in shown.paragraphs)  # said once
+    assert 'class="remarks"' not in page(Report("One", (), (Section("One"),)))
+
+
 def test_units_that_nobody_said_are_pointed_out():
     fit = PLANT_FITS["no units"]
     assert any("unit of voltage and speed" in text for text in views.model_section(fit, fit.segments[0]).paragraphs)
@@ -883,7 +1093,7 @@ def nasty_report():
     x = np.arange(3.0)
     plot = Plot((Line(x, x, NASTY),), Axis(NASTY, NASTY), Axis("y", "V"), NASTY)
     table = Table((NASTY, "b"), ((NASTY, "1"),), NASTY, NASTY)
-    section = Section(NASTY, (NASTY,), (NASTY,), (table,), (Figure("one", NASTY, (plot,)),))
+    section = Section(NASTY, (NASTY,), (NASTY,), (table,), (Figure("one", NASTY, (plot,)),), (NASTY,))
     facts = (content.Fact(NASTY, NASTY),)
     return Report(NASTY, (NASTY,), (section, Section("Another")), facts, NASTY)
 
@@ -914,7 +1124,7 @@ def test_texts_cannot_become_markup():
     own = without_plotly(page(nasty_report()))
     assert "<script>alert" not in own
     assert own.count("<script") == own.count("</script>") == 3  # one plot, the library, the page's own
-    assert own.count("&lt;script&gt;alert") >= 12
+    assert own.count("&lt;script&gt;alert") >= 13
 
 
 def test_data_come_back_out_of_the_page(html):

@@ -289,13 +289,14 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a report, in this order: paragraphs, equations, tables, figures.
+    """A part of a report, in this order: paragraphs, remarks, equations, tables, figures.
 
     Attributes:
         title: its heading.
         paragraphs: plain text.
         equations: plain text, set in a fixed width.
         tables, figures: what it shows.
+        remarks: what is to be known before the numbers are read, a sentence or two each, set apart as a list.
     """
 
     title: str
@@ -303,6 +304,7 @@ class Section:
     equations: tuple[str, ...] = ()
     tables: tuple[Table, ...] = ()
     figures: tuple[Figure, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -244,11 +244,16 @@ def _set_axes(axes: Axes, place: _Place) -> None:
         axes.set_ylim(_name_range(plot.y)[::-1])
         _name_bars(axes, plot)
     else:
-        axes.set_ylabel(plot.y.title)
+        axes.set_ylabel(plot.y.title, size=_label_size(plot.y.title, place.height))
     if place.labelled:
         axes.set_xlabel(plot.x.title)
     else:
         axes.tick_params(labelbottom=False)
+
+
+def _label_size(title: str, height: float, size: float = 8.0) -> float:
+    """The size of letters that brings a title beside a plot of this height, within reason."""
+    return min(size, max(size * (height + 10) / _text_width(title, size), 4.0))
 
 
 def _name_bars(axes: Axes, plot: Plot) -> None:
@@ -367,7 +372,7 @@ def interactive(plot: Plot) -> Trace:
         "showlegend": named,
         "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"},
         "xaxis": _page_axis(plot.x),
-        "yaxis": _page_axis(plot.y),
+        "yaxis": _page_axis(plot.y, _PAGE_ROW * plot.height - 30),
         "hoverlabel": {"font": {"size": 11}},
         "shapes": [shape for mark in plot.marks for shape in _shapes(mark)],
         "annotations": _bar_names(plot),
@@ -382,9 +387,10 @@ def interactive(plot: Plot) -> Trace:
     return {"data": traces, "layout": layout}
 
 
-def _page_axis(axis: Axis) -> Trace:
+def _page_axis(axis: Axis, length: float = np.inf) -> Trace:
+    letters = 12.5 if np.isinf(length) else round(_label_size(axis.title, length, 12.5), 1)
     settings: Trace = {
-        "title": {"text": escape(axis.title), "standoff": 8, "font": {"size": 12.5}},
+        "title": {"text": escape(axis.title), "standoff": 8, "font": {"size": letters}},
         "gridcolor": "#e4e7eb",
         "linecolor": "#8a8f98",
         "showline": True,

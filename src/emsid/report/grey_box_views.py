@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -34,6 +35,7 @@ from emsid.report.wording import capital, listed, number, plain_unit, prefixed, 
 
 if TYPE_CHECKING:
     from emsid.models.grey_box_fit import Estimate, GreyBoxFit
+    from emsid.models.plant_parameters import Plant
     from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -42,6 +44,8 @@ Array = NDArray[np.float64]
 POINTS, NEIGHBOURS = 1001, 20
 # The histogram behind it has so many bars, of eleven points each.
 BARS = POINTS // 11
+# On the curve itself so many stretches are looked at, and dotted where so many samples lie in one.
+STRETCHES, ENOUGH = 31, 10
 # A dead zone is shown a second time, enlarged, where it is less than this part of what is applied; and how far then.
 SMALL, ENLARGED = 0.2, 3.0
 # A likelihood profile is shown up to so many times the limit of its interval.
@@ -55,6 +59,8 @@ _MEANINGS = {
     "fixed": "fixed: as given",
     "at a bound": "at a bound: the search ended at what is allowed, so there is no interval",
 }
+HARDLY = "hardly told"
+_HARDLY_MEANS = f"{HARDLY}: the interval is wider than the value, so the record does not even show that it is not zero"
 
 
 def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]:
@@ -71,6 +77,8 @@ def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]
     sheet = any(row.datasheet is not None for row in fit.table)
     cells = [_parameter_row(row, factor, sheet) for row in fit.table]
     statuses = dict.fromkeys(row.status for row in fit.table)
+    meanings = [_MEANINGS[status] for status in statuses if status in _MEANINGS]
+    meanings += [_HARDLY_MEANS] * any(HARDLY in row[4] for row in cells)
     parameters = Table(
         (
             "Parameter",
@@ -79,19 +87,19 @@ def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]
             "Unit",
             "Status",
             "Estimate",
-            "± [%]",
+            "±\u00a0[%]",
             "Start",
             *(("Datasheet",) if sheet else ()),
         ),
         tuple(cells),
         f"Physical parameters of {fit.model.name} with {100 * level:g} % intervals.",
-        sentence("; ".join(_MEANINGS[status] for status in statuses if status in _MEANINGS)),
+        sentence("; ".join(meanings)),
         text_columns=5,
     )
     if not fit.combinations:
         return (parameters,)
     told = Table(
-        ("Quantity", "Formula", "Unit", "Estimate", "± [%]"),
+        ("Quantity", "Formula", "Unit", "Estimate", "±\u00a0[%]"),
         tuple(
             (
                 capital(each.quantity.name) if " " not in each.quantity.name else _first_up(each.quantity.name),
@@ -136,8 +144,10 @@ def friction(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure 
     marks.append(Points(np.zeros(2), factor * np.array([-backward, forward]), "break-away", Ink.RED))
     return Figure(
         name or f"{slug(fit.model.name)}-friction",
-        f"Friction of {fit.model.name}, viscous part included, with {100 * level:g} % confidence band; grey: how often "
-        "the model turned at which speed in the records it was fitted to. Dotted where it never did.",
+        f"Friction of {fit.model.name}, viscous part included, with {100 * level:g} % confidence band. Grey: how often "
+        "(logarithmic) it turned at which speed in the records it was fitted to; points: where it did so for "
+        f"{ENOUGH} samples and more; the curve is dotted where it never did.{_assuming(fit, curve.x, _friction_of)}"
+        f"{_given(fit)}",
         (Plot(tuple(marks), _reaching(speed, curve), Axis(f"Friction {what}", unit), height=1.6),),
     )
 
@@ -171,13 +181,19 @@ def dead_zone(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure
         reach = ENLARGED * edge
         shown = np.abs(curve.x) <= reach
         y_range = (float(min(curve.low[shown])), float(max(curve.high[shown])))
-        close = tuple(replace(mark, label="") for mark in marks if isinstance(mark, Line | Band))
+        close = tuple(
+            _part(mark, reach) if isinstance(mark, Points) else replace(mark, label="")
+            for mark in marks
+            if isinstance(mark, Line | Band | Points)
+        )
         near = replace(applied, range=(-reach, reach))
+        plots = [replace(plots[0], title="Whole range")]
         plots.append(Plot(close, near, replace(effective, range=y_range), "Enlarged", height=1.6))
     return Figure(
         name or f"{slug(fit.model.name)}-dead-zone",
-        f"Dead zone on the {what} of {fit.model.name} with {100 * level:g} % confidence band; grey: how often which "
-        f"{what} was applied in the records it was fitted to.",
+        f"Dead zone on the {what} of {fit.model.name} with {100 * level:g} % confidence band. Grey: how often "
+        f"(logarithmic) which {what} was applied in the records it was fitted to; points: for {ENOUGH} samples and "
+        f"more.{_assuming(fit, curve.x, _dead_zone_of)}",
         tuple(plots),
         columns=len(plots),
     )
@@ -316,7 +332,9 @@ def _parameter_row(row: Estimate, factor: float, sheet: bool) -> tuple[str, ...]
     else:
         value = (_plain(row.value), "–")
     given = "" if row.datasheet is None else _plain(row.datasheet)
-    words = (row.name, _first_up(row.description), row.symbol, readable_unit(row.unit), row.status)
+    hardly = told and factor * (row.standard_error or 0.0) > abs(row.value)
+    status = f"{row.status}, {HARDLY}" if hardly else row.status
+    words = (row.name, _first_up(row.description), row.symbol, readable_unit(row.unit), status)
     return (*words, *value, _plain(row.start), *((given,) if sheet else ()))
 
 
@@ -341,7 +359,7 @@ def _characteristic(curve: Curve, factor: float, label: str, backdrop: str, leve
     stroke = Stroke(Ink.BLUE, width=1.4)
     step = curve.x[1] - curve.x[0]
     edges = np.linspace(curve.x[0] - step / 2, curve.x[-1] + step / 2, BARS + 1)
-    heights = np.histogram(curve.x, edges, weights=curve.support)[0]
+    heights = np.log1p(np.histogram(curve.x, edges, weights=curve.support)[0])
     marks: list[Mark] = [
         Histogram(edges, heights, backdrop, backdrop=True),
         Band(curve.x, factor * curve.low, factor * curve.high, f"{100 * level:g} % band"),
@@ -350,7 +368,66 @@ def _characteristic(curve: Curve, factor: float, label: str, backdrop: str, leve
         marks.append(Line(curve.x, y, "no data", replace(stroke, dash=Dash.DOTTED)))
     if near.any():
         marks.append(Line(curve.x, np.where(near, y, np.nan), label, stroke))
+    dots = _supported(curve)
+    if len(dots):
+        marks.append(Points(curve.x[dots], y[dots], "supported by data", Ink.NAVY))
     return marks
+
+
+def _supported(curve: Curve) -> NDArray[np.intp]:
+    """Points of a curve, the busiest of every stretch of x with enough samples; none at rest, where friction jumps."""
+    dots = []
+    for stretch in np.array_split(np.arange(len(curve.x)), STRETCHES):
+        samples = np.where(curve.x[stretch] == 0, 0, curve.support[stretch])
+        if samples.sum() >= ENOUGH:
+            dots.append(stretch[np.argmax(samples)])
+    return np.array(dots, dtype=np.intp)
+
+
+def _part(points: Points, reach: float) -> Points:
+    inside = np.abs(points.x) <= reach
+    return Points(points.x[inside], points.y[inside], ink=points.ink)
+
+
+def _friction_of(plant: Plant, x: Array) -> Array:
+    return plant.friction_torque(x) if isinstance(plant, DrivenMotor | LinearAxis) else np.zeros(len(x))
+
+
+def _dead_zone_of(plant: Plant, x: Array) -> Array:
+    zone = plant.motor.voltage_dead_zone if isinstance(plant, DrivenMotor) else getattr(plant, "dead_zone", None)
+    return x if zone is None else np.asarray(zone(x))
+
+
+def _assuming(fit: GreyBoxFit, x: Array, law: Callable[[Plant, Array], Array]) -> str:
+    """What was held, and at what, where a curve at ``x`` is not told whatever that is; its band leaves it out."""
+    told, plant = fit.identifiability, fit.model.plant
+    held = [row for row in fit.table if row.status == "held"]
+    if not held:
+        return ""
+    if told is not None:
+        some = x[:: max(len(x) // 8, 1)]
+        slopes = []
+        for name in told.names:
+            value = plant.value(name)
+            size = max(abs(value), 1e-12)
+            step = 1e-6 * size * (1 if value < plant.handles[name].upper else -1)
+            slopes.append((law(plant.put({name: value + step}), some) - law(plant, some)) * (size / step))
+        if all(told.tells(slope) for slope in np.array(slopes).T if np.any(slope)):
+            return ""
+    was, it = ("was", "it") if len(held) == 1 else ("were", "them")
+    return (
+        f" The record tells only combinations: curve and band hold for {_values(held)}, which {was} held there, and "
+        f"change with {it}."
+    )
+
+
+def _given(fit: GreyBoxFit) -> str:
+    given = [row for row in fit.table if row.status == "fixed"]
+    return f" They rest on what was given: {_values(given)}." if given else ""
+
+
+def _values(rows: Sequence[Estimate]) -> str:
+    return listed([f"{row.name} = {_plain(row.value)} {plain_unit(row.unit)}".rstrip() for row in rows])
 
 
 def _reaching(axis: Axis, curve: Curve) -> Axis:

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from emsid.models.grey_box_findings import Profile
     from emsid.plant import DeadZone, Friction, Motor
     from emsid.record import Record
-    from emsid.validation.comparison import Assessment, Comparison, Row
+    from emsid.validation.comparison import Assessment, Comparison, OutputErrors, Row
 
 Array = NDArray[np.float64]
 
@@ -72,6 +72,10 @@ MODELS = (
     Stroke(Ink.BLACK, Dash.DASH_DOTTED, 0.9),
     Stroke(Ink.GREEN, Dash.SOLID, 0.9),
 )
+
+
+# 99 of 100 normal deviates are smaller.
+WHITE = 2.5758
 
 
 # --- tables ---------------------------------------------------------------------------------------------------------
@@ -97,29 +101,39 @@ def results_table(
 ) -> Table:
     """Errors of models, free run and one step ahead (Tables 1 and 2); the best free run on unseen data stands out.
 
+    Several outputs have a line each, in their own units.
+
     Args:
         rows: in the order in which they are to stand.
         reference: published figures, to stand in a column of their own.
-        unit: of the output.
+        unit: of the output, where it is the only one.
         caption: of the table; the units are added to it.
     """
-    several = len({row.experiment for row in rows}) > 1
-    words = ("Experiment",) * several + ("Model", "Method", "Data")
-    numbers = ("One-step MSE", "Free-run MSE", "Free-run RMSE", "Free-run fit %", "Parameters")
-    cells = []
-    for row in rows:
+    several, outputs = len({row.experiment for row in rows}) > 1, any(row.outputs for row in rows)
+    words = ("Experiment",) * several + ("Model", "Method", "Data") + ("Output", "Unit") * outputs
+    numbers = ("One-step MSE", "Free-run MSE", "Free-run RMSE", "Free-run fit\u00a0%", "Parameters")
+    cells: list[tuple[str, ...]] = []
+    emphasised: set[int] = set()
+    best = _best_unseen(rows)
+    for k, row in enumerate(rows):
         named = (row.experiment,) * several + (row.model, row.method.upper(), row.data)
-        cells.append(
-            (
-                *named,
-                number(row.one_step_mse),
-                number(row.simulation_mse),
-                number(row.simulation_rmse),
-                f"{row.fit_percent:.2f}" if isfinite(row.fit_percent) else "–",
-                str(row.parameters),
-                *((_published(reference, row),) if reference else ()),
+        lines: list[tuple[Row | OutputErrors, tuple[str, ...]]] = [
+            (each, (each.output, readable_unit(each.unit))) for each in row.outputs
+        ]
+        for errors, of in lines or [(row, ("", "") * outputs)]:
+            emphasised |= {len(cells)} if k in best else set()
+            cells.append(
+                (
+                    *named,
+                    *of,
+                    number(errors.one_step_mse),
+                    number(errors.simulation_mse),
+                    number(errors.simulation_rmse),
+                    f"{errors.fit_percent:.2f}" if isfinite(errors.fit_percent) else "–",
+                    str(row.parameters),
+                    *((_published(reference, row),) if reference else ()),
+                )
             )
-        )
     notes = [
         f"The free run of {row.model} ({row.method.upper()}, {row.data}) left all bounds at sample {row.diverged_at}."
         for row in rows
@@ -128,10 +142,11 @@ def results_table(
     return Table(
         (*words, *numbers, *((f"{reference.source}: MSE",) if reference else ())),
         tuple(cells),
-        f"{caption or 'Errors of the models, free run and one step ahead.'}{_in_units(unit)}",
+        f"{caption or 'Errors of the models, free run and one step ahead.'}"
+        f"{' MSE in the unit of the output squared, RMSE in that unit.' if outputs else _in_units(unit)}",
         " ".join([*((f"{reference.source}: {reference.note}",) if reference else ()), *notes]),
         text_columns=len(words),
-        emphasised=_best_unseen(rows),
+        emphasised=frozenset(emphasised),
     )
 
 
@@ -149,7 +164,7 @@ def _best_unseen(rows: Sequence[Row]) -> frozenset[int]:
     """In every experiment the row with the smallest free-run error on data not used to identify."""
     unseen = [k for k, row in enumerate(rows) if row.data != "identification" and isfinite(row.simulation_mse)]
     groups = groupby(sorted(unseen, key=lambda k: rows[k].experiment), key=lambda k: rows[k].experiment)
-    return frozenset(min(group, key=lambda k: rows[k].simulation_mse) for _, group in groups)
+    return frozenset(min(group, key=lambda k: rows[k].ranked_by) for _, group in groups)
 
 
 def parameter_table(
@@ -185,7 +200,7 @@ def parameter_table(
             )
         )
     return Table(
-        ("Parameter", *extra, "Estimate", f"{100 * level:g} % interval", "± [%]"),
+        ("Parameter", *extra, "Estimate", f"{100 * level:g} % interval", "±\u00a0[%]"),
         tuple(rows),
         caption or f"Parameters of {fit.model.name} ({fit.method.upper()}).",
         " ".join(filter(None, (note, fit.message))),
@@ -283,8 +298,13 @@ def _friction(friction: Friction, where: str) -> Plot:
 # --- records --------------------------------------------------------------------------------------------------------
 
 
-def _output_axis(record: Record, channel: int = 0) -> Axis:
+def _output_axis(record: Record, channel: int) -> Axis:
     return Axis(capital(record.output_names[channel]), record.output_units[channel])
+
+
+def _channels(record: Record) -> range:
+    """The outputs, each of which has its own plots."""
+    return range(record.output.shape[1])
 
 
 def inputs(records: Sequence[Record], *, name: str = "inputs") -> Figure:
@@ -303,34 +323,40 @@ def inputs(records: Sequence[Record], *, name: str = "inputs") -> Figure:
 
 
 def critical_intervals(
-    record: Record, width: float, error: ArrayLike | None = None, *, count: int = 2, channel: int = 0
+    record: Record, width: float, error: ArrayLike | None = None, *, count: int = 2
 ) -> tuple[slice, ...]:
-    """Where a linear model has its hardest time: stretches in which the output turns or rests.
+    """Where a linear model has its hardest time: stretches in which an output turns or rests.
 
-    Candidates are stretches around the samples at which the output crosses zero or leaves rest (2 % of its
-    largest value). Those with the largest mean square ``error`` are taken, or, without one, those with most rest.
+    Candidates are stretches around the samples at which an output crosses zero or leaves rest (2 % of its
+    largest value). Those with the largest mean square ``error`` are taken, or, without one, those with most rest; of
+    several outputs every error counts relative to how much that output varies.
 
     Args:
         record: what is looked at.
         width: length of an interval in seconds; shorter only where a whole segment is.
-        error: (N,) or (N, 1) a model's error, such as the linear model's free-run residual; NaN counts as none.
+        error: (N,) or (N, ny) a model's error, such as the linear model's free-run residual; NaN counts as none.
         count: how many intervals at most; they do not overlap.
-        channel: which output.
 
     Returns:
         Slices of the record, in the order of time: ``record[critical_intervals(record, 2.0)[0]]``.
     """
-    y = record.output[:, channel]
-    scale = float(np.max(np.abs(y))) or 1.0
-    badness = 1 / (1 + (y / (0.02 * scale)) ** 2) if error is None else np.asarray(error, float).reshape(len(y)) ** 2
-    total = np.concatenate([[0.0], np.cumsum(np.nan_to_num(badness))])
+    y = record.output
+    scale = np.max(np.abs(y), axis=0)
+    scale[scale == 0] = 1.0
+    if error is None:
+        badness = 1 / (1 + (y / (0.02 * scale)) ** 2)
+    else:
+        badness = np.asarray(error, float).reshape(len(y), -1) ** 2
+        if badness.shape[1] > 1:
+            badness = badness / np.where(np.ptp(y, axis=0) > 0, np.var(y, axis=0), 1.0)
+    total = np.concatenate([[0.0], np.cumsum(np.nan_to_num(badness).sum(axis=1))])
     side = np.where(np.abs(y) <= 0.02 * scale, 0, np.sign(y))
     samples = max(2, round(width / record.dt))
 
     candidates = []
     for start, stop in zip((0, *record.breaks), (*record.breaks, len(record)), strict=True):
         length = min(samples, stop - start)
-        turns = start + 1 + np.flatnonzero(np.diff(side[start:stop]))
+        turns = start + 1 + np.flatnonzero(np.diff(side[start:stop], axis=0).any(axis=1))
         centres = turns if len(turns) else np.arange(start, stop)
         first = np.unique(np.clip(centres - length // 2, start, stop - length))
         mean = (total[first + length] - total[first]) / length
@@ -357,33 +383,44 @@ def labels(assessments: Sequence[Assessment]) -> tuple[str, ...]:
     )
 
 
-def responses(
-    assessments: Sequence[Assessment], intervals: Sequence[slice], *, name: str = "responses", channel: int = 0
-) -> Figure:
-    """Measured output and free runs of several models on chosen intervals, as in Figures 5.2, 5.3, 5.6 and 5.7.
+def responses(assessments: Sequence[Assessment], intervals: Sequence[slice], *, name: str = "responses") -> Figure:
+    """Measured outputs and free runs of several models on chosen intervals, as in Figures 5.2, 5.3, 5.6 and 5.7.
 
     Args:
         assessments: models run over one record, the linear one first: it is drawn in solid red, the next dotted.
         intervals: as `critical_intervals` gives them.
         name: of the figure.
-        channel: which output.
     """
     record = assessments[0].record
-    axis = _output_axis(record, channel)
     t, samples = timeline(record)
     place = np.flatnonzero(samples >= 0)  # where in the timeline a sample stands
     plots = []
     for rows in intervals:
         x = t[place[rows]]
-        marks = [Line(x, values[rows, channel], label, stroke) for values, label, stroke in _measured_and(assessments)]
-        measured = record.output[rows, channel]
-        plots.append(Plot(tuple(marks), TIME, _within_reach(axis, measured, marks), f"{x[0]:.4g} s to {x[-1]:.4g} s"))
-    fits = [f"{label} {percent(a.row.fit_percent)}" for label, a in zip(labels(assessments), assessments, strict=True)]
+        for channel in _channels(record):
+            runs = [
+                Line(x, values[rows, channel], label, stroke) for values, label, stroke in _measured_and(assessments)
+            ]
+            axis = _within_reach(_output_axis(record, channel), record.output[rows, channel], runs)
+            plots.append(Plot(tuple(runs), TIME, axis, f"{x[0]:.4g} s to {x[-1]:.4g} s{_of_output(record, channel)}"))
+    fits = [f"{label} {_fits(a)}" for label, a in zip(labels(assessments), assessments, strict=True)]
     return Figure(
         name,
         f"Free runs on {record.name} around critical intervals. Fit over the whole record: {listed(fits)}.",
         tuple(plots),
     )
+
+
+def _of_output(record: Record, channel: int, before: str = ": ") -> str:
+    """What a title says of an output where there are several."""
+    return f"{before}{record.output_names[channel]}" if len(_channels(record)) > 1 else ""
+
+
+def _fits(assessment: Assessment) -> str:
+    """The fit of a free run, or of each of its outputs."""
+    row = assessment.row
+    several = [f"{percent(each.fit_percent)} of {each.output}" for each in row.outputs]
+    return listed(several) if several else percent(row.fit_percent)
 
 
 def _measured_and(assessments: Sequence[Assessment]) -> list[tuple[Array, str, Stroke]]:
@@ -403,52 +440,71 @@ def _within_reach(axis: Axis, measured: Array, marks: Sequence[Line]) -> Axis:
     return Axis(axis.quantity, axis.unit, range=(low - room, high + room)) if astray else axis
 
 
-def measured_and_simulated(assessment: Assessment, *, name: str = "free-run", channel: int = 0) -> Figure:
-    """A whole record with the free run of one model, and what is left between them below."""
+def measured_and_simulated(assessment: Assessment, *, name: str = "free-run") -> Figure:
+    """A whole record with the free run of one model, and what is left between them below, output by output."""
     record, row = assessment.record, assessment.row
-    axis = _output_axis(record, channel)
     t, samples = timeline(record)
-    measured = with_gaps(record.output[:, channel], samples)
-    simulated = with_gaps(assessment.simulation.output[:, channel], samples)
-    lines = (
-        Line(t, measured, "measured", MEASURED),
-        Line(t, simulated, f"{row.model}, free run", Stroke(Ink.RED, width=0.9)),
-    )
-    residual = Line(t, measured - simulated, stroke=Stroke(Ink.BLACK, width=0.7))
-    return Figure(
-        name,
-        f"{capital(record.name)}: measured and simulated by {row.model} ({row.method.upper()}), "
-        f"fit {percent(row.fit_percent)}, RMSE {number(row.simulation_rmse)} {plain_unit(axis.unit)}".rstrip()
-        + ".",
-        (
+    plots, errors = [], []
+    for channel in _channels(record):
+        axis = _output_axis(record, channel)
+        measured = with_gaps(record.output[:, channel], samples)
+        simulated = with_gaps(assessment.simulation.output[:, channel], samples)
+        lines = (
+            Line(t, measured, "measured", MEASURED),
+            Line(t, simulated, f"{row.model}, free run", Stroke(Ink.RED, width=0.9)),
+        )
+        residual = Line(t, measured - simulated, stroke=Stroke(Ink.BLACK, width=0.7))
+        plots += [
             Plot(lines, TIME, _within_reach(axis, record.output[:, channel], lines), height=1.2),
             Plot((residual,), TIME, Axis("Residual", axis.unit), height=0.7),
-        ),
+        ]
+        of: Row | OutputErrors = row.outputs[channel] if row.outputs else row
+        rmse = f"RMSE {number(of.simulation_rmse)} {plain_unit(axis.unit)}".rstrip()
+        errors.append(f"{_of_output(record, channel, '')} fit {percent(of.fit_percent)}, {rmse}".lstrip())
+    return Figure(
+        name,
+        f"{capital(record.name)}: measured and simulated by {row.model} ({row.method.upper()}), {'; '.join(errors)}.",
+        tuple(plots),
         shared_x=True,
     )
 
 
-def residuals(
-    assessments: Sequence[Assessment], *, name: str = "residuals", channel: int = 0, lags: int | None = None
-) -> Figure:
-    """Free-run residuals of several models: over time, as a histogram, and their autocorrelation.
+def residuals(assessments: Sequence[Assessment], *, name: str = "residuals", lags: int | None = None) -> Figure:
+    """Free-run residuals of several models, output by output: over time, as a histogram, and what they correlate with.
 
     Of white noise, 99 of 100 autocorrelations lie between the dashed lines, ±2.58/√N. A free run of a good model need
     not be white, since noise in a measured output is not white after the model either; structure shows what is missing.
+    It should have nothing to do with the input, though: the cross-correlation with every input is shown in standard
+    deviations of that of signals which are as coloured and know nothing of each other, see `_cross_correlation`.
 
     Args:
         assessments: models run over one record.
         name: of the figure.
-        channel: which output.
-        lags: largest lag of the autocorrelation in samples; by default a second, but 20 to 400 samples.
+        lags: largest lag of the correlations in samples; by default a second, but 20 to 400 samples.
     """
     record = assessments[0].record
-    unit = record.output_units[channel]
-    t, samples = timeline(record)
     most = int(np.clip(round(1 / record.dt), 20, 400)) if lags is None else lags
+    plots = [plot for channel in _channels(record) for plot in _residual_plots(assessments, channel, most)]
+    note = (
+        " Correlation with inputs later than the residual (negative lags) shows feedback, with earlier ones what the "
+    )
+    crossed = any("correlation with" in plot.title for plot in plots)
+    return Figure(
+        name,
+        f"Residuals of the free run on {record.name}.{f'{note}model has missed.' if crossed else ''}",
+        tuple(plots),
+        columns=2,
+    )
+
+
+def _residual_plots(assessments: Sequence[Assessment], channel: int, most: int) -> list[Plot]:
+    record = assessments[0].record
+    unit, whose = record.output_units[channel], _of_output(record, channel)
+    t, samples = timeline(record)
     over_time: list[Mark] = []
     shares: list[Mark] = []
     correlations: list[Mark] = []
+    crossed: list[list[Mark]] = [[] for _ in record.input_names]
     counted = [each.simulation.counted for each in assessments]
     errors = [
         np.where(c, (record.output - each.simulation.output)[:, channel], np.nan)
@@ -463,20 +519,38 @@ def residuals(
             continue
         share = 100 * np.histogram(np.clip(known, edges[0], edges[-1]), edges)[0] / len(known)
         shares.append(Histogram(edges, share, stroke=thinner))
+        broken = Stroke(stroke.ink, stroke.dash)
         correlation = _autocorrelation(error, record.breaks, most)
-        lag = record.dt * np.arange(len(correlation), dtype=np.float64)
-        correlations.append(Line(lag, correlation, stroke=Stroke(stroke.ink, stroke.dash)))
-    band = 2.5758 / sqrt(max(int(np.count_nonzero(counted[0])), 1))
+        correlations.append(Line(record.dt * np.arange(len(correlation), dtype=np.float64), correlation, stroke=broken))
+        for marks, u in zip(crossed, record.input.T, strict=True):
+            with_input = _cross_correlation(error, u, record.breaks, most)
+            lag = record.dt * np.arange(-(len(with_input) // 2), len(with_input) // 2 + 1, dtype=np.float64)
+            if with_input.any():
+                marks.append(Line(lag, with_input, stroke=broken))
+    band = WHITE / sqrt(max(int(np.count_nonzero(counted[0])), 1))
     correlations += [Level(band, "99 % of white noise"), Level(-band)]
-    plots = [Plot(tuple(over_time), TIME, Axis("Residual", unit), span=2)]
+    title = f"Residual{whose}" if whose else ""
+    plots = [Plot(tuple(over_time), TIME, Axis("Residual", unit), title, span=2)]
     if shares:
         rarest = 100 / max(int(np.count_nonzero(each)) for each in counted)
         share_axis = Axis("Share of samples", "%", log=True, range=(0.7 * rarest, 130.0))
         plots += [
-            Plot(tuple(shares), Axis("Residual", unit), share_axis, "Distribution"),
-            Plot(tuple(correlations), Axis("Lag", "s"), Axis("Autocorrelation", "1"), "Autocorrelation"),
+            Plot(tuple(shares), Axis("Residual", unit), share_axis, f"Distribution{whose}"),
+            Plot(tuple(correlations), Axis("Lag", "s"), Axis("Autocorrelation", "1"), f"Autocorrelation{whose}"),
         ]
-    return Figure(name, f"Residuals of the free run on {record.name}.", tuple(plots), columns=2)
+    drawn = [(name, marks) for name, marks in zip(record.input_names, crossed, strict=True) if marks]
+    for k, (name, marks) in enumerate(drawn):
+        plots.append(
+            Plot(
+                (*marks, Level(WHITE, "99 % if independent"), Level(-WHITE)),
+                Axis("Lag", "s"),
+                Axis("In standard deviations", "1"),
+                f"Cross-correlation with {name}{whose}",
+                height=0.8,
+                span=2 if k % 2 == 0 and k == len(drawn) - 1 else 1,  # the last one, alone in its row
+            )
+        )
+    return plots
 
 
 def _histogram_edges(errors: Sequence[Array], bins: int = 61) -> Array:
@@ -499,6 +573,31 @@ def _autocorrelation(error: Array, breaks: Sequence[int], lags: int) -> Array:
         products[: most + 1] += np.fft.irfft(power, size)[: most + 1]
         longest = max(longest, most)
     return products[: longest + 1] / (products[0] or 1.0)
+
+
+def _cross_correlation(error: Array, u: Array, breaks: Sequence[int], lags: int) -> Array:
+    """(≤ 2·lags + 1,) correlation of the error with the input τ samples earlier, τ = −lags … lags, by its spread.
+
+    Of independent signals the sum of N products has the variance N·Σ R_e(k)·R_u(k), in autocovariances (Ljung, *System
+    Identification*, eq. 16.68), taken here under a triangular window. Zero throughout where either signal is.
+    """
+    known = np.isfinite(error)
+    e = np.where(known, error - float(np.mean(error[known])), 0.0) if known.any() else np.zeros(len(error))
+    v = u - float(np.mean(u[known])) if known.any() else np.zeros(len(u))
+    longest = min(lags, max(map(len, np.split(e, list(breaks)))) - 1)
+    crossed, own_e, own_v = np.zeros(2 * longest + 1), np.zeros(longest + 1), np.zeros(longest + 1)
+    for piece, driven in zip(np.split(e, list(breaks)), np.split(v, list(breaks)), strict=True):
+        size = 1 << ceil(log10(2 * len(piece)) / log10(2))
+        fe, fv = np.fft.rfft(piece, size), np.fft.rfft(driven, size)
+        most = min(longest, len(piece) - 1)
+        for total, power in ((own_e, np.abs(fe) ** 2), (own_v, np.abs(fv) ** 2)):
+            total[: most + 1] += np.fft.irfft(power, size)[: most + 1]
+        products = np.fft.irfft(fe * np.conj(fv), size)
+        crossed[longest : longest + most + 1] += products[: most + 1]
+        crossed[longest - most : longest] += products[size - most :]
+    weights = (2.0 - (np.arange(longest + 1) == 0)) * (1 - np.arange(longest + 1) / (longest + 1))
+    spread = sqrt(max(float(np.sum(weights * own_e * own_v)) / max(int(np.count_nonzero(known)), 1), 0.0))
+    return crossed / spread if spread > 0 and np.isfinite(crossed / spread).all() else np.zeros(2 * longest + 1)
 
 
 def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "convergence", at_most: int = 8) -> Figure:
@@ -565,12 +664,25 @@ def _settled_range(history: Array, batch: Fit[Any] | None, members: Sequence[int
 
 
 def ranking(comparison: Comparison, *, name: str = "ranking") -> Figure:
-    """Models by their free-run error, the best at the top, with the error one step ahead as a point.
+    """Models by their free-run error, the best at the top, with the error one step ahead as a point, for every output.
 
-    The axis is logarithmic where the errors differ by more than a factor of twenty.
+    An axis is logarithmic where the errors differ by more than a factor of twenty.
     """
     rows = comparison.rows
     record = comparison.best.record
+    several = len(_channels(record)) > 1
+    relative = ", several outputs by the mean of their errors relative to how much each varies" * several
+    return Figure(
+        name,
+        f"Errors on {record.name}, {rows[0].data} data. Models are ranked by the free run{relative}; one step ahead "
+        "almost any model looks good.",
+        tuple(_ranking_plot(comparison, channel) for channel in _channels(record)),
+    )
+
+
+def _ranking_plot(comparison: Comparison, channel: int) -> Plot:
+    record = comparison.best.record
+    rows = [row.outputs[channel] if row.outputs else row for row in comparison.rows]
     values = np.array([row.simulation_rmse for row in rows])
     one_step = np.sqrt([row.one_step_mse for row in rows])
     drawable = np.concatenate([values, one_step])
@@ -578,24 +690,24 @@ def ranking(comparison: Comparison, *, name: str = "ranking") -> Figure:
     log = len(drawable) > 0 and bool(drawable.max() > 20 * drawable.min())
     remarks = tuple(
         f"{number(row.simulation_rmse)}  (fit {percent(row.fit_percent)})"
-        if row.diverged_at is None
-        else f"diverged at sample {row.diverged_at}"
-        for row in rows
+        if whole.diverged_at is None
+        else f"diverged at sample {whole.diverged_at}"
+        for row, whole in zip(rows, comparison.rows, strict=True)
     )
-    plot = Plot(
+    return Plot(
         (
             Bars(values, remarks, "free run", Ink.BLUE),
             Points(one_step, np.arange(len(rows), dtype=float), "one step ahead", Ink.RED),
         ),
-        Axis("RMSE", record.output_units[0], log=log, range=_bar_range(drawable, log)),
+        Axis(
+            f"RMSE{_of_output(record, channel, ' of ')}",
+            record.output_units[channel],
+            log=log,
+            range=_bar_range(drawable, log),
+        ),
         Axis("Model", names=labels(comparison.assessments)),
-        height=0.4 + 0.19 * len(rows),
-    )
-    return Figure(
-        name,
-        f"Errors on {record.name}, {rows[0].data} data. Models are ranked by the free run; one step ahead almost any "
-        "model looks good.",
-        (plot,),
+        capital(_of_output(record, channel, "")),
+        height=0.17 + 0.19 * len(rows),
     )
 
 
@@ -635,9 +747,12 @@ def model_section(fit: Fit[Any], record: Record, *, name: str = "", profiles: Se
 
     model, prefix = fit.model, slug(name or fit.model.name)
     paragraphs: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     if isinstance(fit, GreyBoxFit):
         equations, tables = plant_equations(fit), physical_table(fit)
-        paragraphs = tuple(filter(None, (sentence(fit.message), units_taken(fit))))
+        ended = fit.message.removesuffix("; ".join(fit.words)).removesuffix("; ")
+        paragraphs = tuple(filter(None, (sentence(ended), units_taken(fit))))
+        remarks = tuple(map(sentence, fit.words))
         drawings: list[Callable[[], Figure | None]] = [
             lambda: sticking(fit, name=f"{prefix}-sticking"),
             lambda: friction(fit, name=f"{prefix}-friction"),
@@ -654,7 +769,7 @@ def model_section(fit: Fit[Any], record: Record, *, name: str = "", profiles: Se
     else:
         equations, drawings = (model.equation(),), []
         tables = (parameter_table(fit, columns=regressor_column(fit)),)
-    return Section(name or model.name, paragraphs, equations, tables, _drawable(drawings))
+    return Section(name or model.name, paragraphs, equations, tables, _drawable(drawings), remarks)
 
 
 def _drawable(drawings: Sequence[Callable[[], Figure | None]]) -> tuple[Figure, ...]:

@@ -10,16 +10,25 @@ from emsid.report.content import readable_unit
 
 
 def number(value: float) -> str:
-    """Four digits; a dash for what is not a finite number."""
-    return f"{value:.4g}" if isfinite(value) else "–"
+    """Four digits; a dash for what is not a finite number.
+
+    >>> number(1.52216e-05), number(1234567.0), number(0.5)
+    ('1.522e-5', '1.235e6', '0.5')
+    """
+    return _short(f"{value:.4g}") if isfinite(value) else "–"
+
+
+def _short(digits: str) -> str:
+    """A number without the sign and the zeros that its exponent does not need."""
+    return re.sub(r"e([+-])0*", lambda e: "e" + e[1].strip("+"), digits)
 
 
 def estimate(value: float, half_width: float) -> str:
     """As many digits as the interval leaves a meaning to, one more, and no more than eight."""
     if not value or not half_width:
-        return f"{value:.8g}"
+        return _short(f"{value:.8g}")
     digits = floor(log10(abs(value))) - floor(log10(half_width)) + 2
-    return f"{value:.{min(max(digits, 2), 8)}g}"
+    return _short(f"{value:.{min(max(digits, 2), 8)}g}")
 
 
 def share_of(half_width: float, value: float) -> str:
@@ -56,13 +65,21 @@ def prefixed(size: float, unit: str) -> tuple[float, str]:
 
 
 def sentence(text: str) -> str:
-    """A message with a capital and a full stop."""
-    return f"{text[:1].upper()}{text[1:].rstrip('.')}." if text else ""
+    """A message with a full stop and a capital, unless it begins with the name of a parameter.
+
+    >>> sentence("the search stalled"), sentence("sensor.lag is held")
+    ('The search stalled.', 'sensor.lag is held.')
+    """
+    if not text:
+        return ""
+    first = text.split(maxsplit=1)[0]
+    named = "_" in first or "." in first.rstrip(".")
+    return f"{text[:1] if named else text[:1].upper()}{text[1:].rstrip('.')}."
 
 
 def within(value: float, half_width: float) -> str:
     """An estimate and half its interval, with as many digits as that leaves a meaning to."""
-    return f"{estimate(value, half_width)} ± {half_width:.2g}"
+    return f"{estimate(value, half_width)} ± {_short(f'{half_width:.2g}')}"
 
 
 def slug(text: str) -> str:

@@ -16,7 +16,32 @@ from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.models.model import Model, Run
 from emsid.record import Record
-from emsid.validation.metrics import fit_percent, mean_squared_error
+from emsid.validation.metrics import Array, fit_percent, mean_squared_error
+
+
+@dataclass(frozen=True)
+class OutputErrors:
+    """The errors of one output of several.
+
+    Attributes:
+        output, unit: its name and unit.
+        one_step_mse, simulation_mse: as in `Row`, in that unit squared.
+        simulation_rmse: in that unit.
+        fit_percent: fit of the free run.
+    """
+
+    output: str
+    unit: str
+    one_step_mse: float
+    simulation_mse: float
+    simulation_rmse: float
+    fit_percent: float
+
+    @property
+    def error_in_words(self) -> str:
+        """RMSE and fit, with the name of the output, for a sentence."""
+        unit = f" {self.unit}" * bool(self.unit)
+        return f"{self.output} {self.simulation_rmse:.4g}{unit} ({_fit_in_words(self.fit_percent)})"
 
 
 @dataclass(frozen=True)
@@ -35,6 +60,8 @@ class Row:
         parameters: how many were estimated.
         samples: how many samples the errors are taken over.
         diverged_at: sample at which the free run left all bounds, or None.
+        outputs: the errors of every output by itself where there are several; those above are then over all of them,
+            whatever their units.
     """
 
     experiment: str
@@ -48,20 +75,34 @@ class Row:
     parameters: int
     samples: int
     diverged_at: int | None = None
+    outputs: tuple[OutputErrors, ...] = ()
 
     @property
     def fit_in_words(self) -> str:
         """The fit, or why there is none, for a sentence."""
-        if np.isfinite(self.fit_percent):
-            return f"a fit of {self.fit_percent:.1f} %"
-        return f"no fit, as {'the measured output is constant' if np.isnan(self.fit_percent) else 'it diverges'}"
+        return _fit_in_words(self.fit_percent)
+
+    @property
+    def ranked_by(self) -> float:
+        """The free-run MSE; of several outputs, whose units differ, the mean of every MSE by the variance measured."""
+        shares = [(1 - each.fit_percent / 100) ** 2 for each in self.outputs if not np.isnan(each.fit_percent)]
+        return float(np.mean(shares)) if shares else self.simulation_mse
 
     def to_data(self) -> dict[str, Any]:
-        """In built-in types; what is infinite, as after a diverged run, becomes None."""
-        return {
-            name: None if isinstance(value, float) and not np.isfinite(value) else value
-            for name, value in asdict(self).items()
-        }
+        """In built-in types; what is infinite, as after a diverged run, becomes None. One output is not listed."""
+        data = _finite(asdict(self))
+        listed = [_finite(each) for each in data.pop("outputs")]
+        return data | ({"outputs": listed} if listed else {})
+
+
+def _fit_in_words(fit: float) -> str:
+    if np.isfinite(fit):
+        return f"a fit of {fit:.1f} %"
+    return f"no fit, as {'the measured output is constant' if np.isnan(fit) else 'it diverges'}"
+
+
+def _finite(data: dict[str, Any]) -> dict[str, Any]:
+    return {k: None if isinstance(value, float) and not np.isfinite(value) else value for k, value in data.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +146,7 @@ class Comparison:
 
     @property
     def best(self) -> Assessment:
-        """The model with the smallest free-run error."""
+        """The model with the smallest free-run error, `Row.ranked_by`."""
         return self.assessments[0]
 
     def __str__(self) -> str:
@@ -145,7 +186,7 @@ def assess(
             f"{record.name}: no segment is longer than the {transient or fit.model.memory} samples that start "
             f"{fit.model.name}; choose a shorter transient or a longer record"
         )
-    measured, free = record.output[counted], simulation.output[counted]
+    measured, free, ahead = (values[counted] for values in (record.output, simulation.output, prediction.output))
     mse = mean_squared_error(measured, free)
     return Assessment(
         fit,
@@ -155,17 +196,28 @@ def assess(
             model=fit.model.name,
             method=fit.method,
             data=data,
-            one_step_mse=mean_squared_error(measured, prediction.output[counted]),
+            one_step_mse=mean_squared_error(measured, ahead),
             simulation_mse=mse,
             simulation_rmse=float(np.sqrt(mse)),
             fit_percent=fit_percent(measured, free),
             parameters=len(fit.estimate),
             samples=int(np.count_nonzero(counted)),
             diverged_at=simulation.diverged_at,
+            outputs=_each_output(record, measured, free, ahead) if measured.shape[1] > 1 else (),
         ),
         simulation,
         prediction,
     )
+
+
+def _each_output(record: Record, measured: Array, free: Array, ahead: Array) -> tuple[OutputErrors, ...]:
+    errors = []
+    for k, (name, unit) in enumerate(zip(record.output_names, record.output_units, strict=True)):
+        y, run, predicted = (values[:, k : k + 1] for values in (measured, free, ahead))
+        mse = mean_squared_error(y, run)
+        one_step = mean_squared_error(y, predicted)
+        errors.append(OutputErrors(name, unit, one_step, mse, float(np.sqrt(mse)), fit_percent(y, run)))
+    return tuple(errors)
 
 
 def assess_model(model: Model, record: Record, transient: int | None = None) -> Assessment:
@@ -202,4 +254,4 @@ def compare(
         raise ModelError("no model to compare; give at least one fit")
     start = max((transient or 0, *(fit.model.memory for fit in candidates)))
     assessments = [assess(fit, record, start, experiment=experiment, data=data) for fit in candidates]
-    return Comparison(tuple(sorted(assessments, key=lambda each: each.row.simulation_mse)))
+    return Comparison(tuple(sorted(assessments, key=lambda each: each.row.ranked_by)))

@@ -27,6 +27,7 @@ LAYERS = (
     {"io", "report", "live"},
     {"identification", "study"},
     {"cli"},
+    {"__main__"},
 )
 # Within a layer a room knows itself, and besides:
 NEIGHBOURS = {

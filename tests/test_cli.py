@@ -20,6 +20,14 @@ from emsid.models.plant_parameters import Signal
 IDENTIFY = ("--input", "u", "--output", "y", "--dt", "0.01")
 
 
+@pytest.fixture(autouse=True)
+def heard():
+    """Ctrl-C is heard, also where the tests run in the background of a shell that has it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.fixture
 def run(monkeypatch, capsys):
     """Call the command line in this process: (status, standard output, standard error)."""
@@ -104,7 +112,23 @@ def test_simulate_then_describe(run, tmp_path):
     status, out, _ = run("describe", path, "--input", "voltage", "--output", "speed", "--time", "t")
     assert status == 0
     assert "  time column t: 400 samples, dt 5 ms, jitter 0 %, no gaps, no duplicates\n" in out
-    assert "persistently exciting of order" in out
+    words = "by singular values of the lagged input above 0.001 of the largest"
+    assert f"  persistently exciting of order at least 25, {words}\n" in out
+
+
+def test_quantisation_is_no_excitation_unless_it_is_asked_for(run, tmp_path):
+    path = tmp_path / "made.csv"
+    assert run("simulate", "--duration", "20", "--out", path)[0] == 0  # five sines, in steps of a converter
+    words = ("describe", path, "--input", "voltage", "--output", "speed", "--time", "t")
+    assert "persistently exciting of order 10, " in run(*words)[1]
+    assert (
+        "order at least 50, by singular values of the lagged input above 1e-06 of the largest"
+        in (run(*words, "--tolerance", "1e-6")[1])
+    )
+    for wrong in ("0", "2", "nan"):
+        status, out, err = run(*words, "--tolerance", wrong)
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        assert "give a number between 0 and 1" in err
 
 
 def test_list_names_every_model_and_signal(run):
@@ -125,6 +149,15 @@ BAD = {
     "bad rows": (("identify", "LOG", *IDENTIFY, "--rows", "5"), ("--rows", "A:B")),
     "empty rows": (("identify", "LOG", *IDENTIFY, "--rows", "900:950"), ("600",)),
     "bad scale": (("identify", "LOG", *IDENTIFY, "--scale", "u"), ("--scale", "COLUMN=VALUE")),
+    "scale twice": (
+        ("identify", "LOG", *IDENTIFY, "--scale", "u=2", "--scale", "u=3"),
+        ("--scale gives u twice, as 2 and as 3; leave one of them out",),
+    ),
+    "unit twice": (("describe", "LOG", *IDENTIFY, "--unit", "u=V", "--unit", "u=mV"), ("u twice, as V and as mV",)),
+    "parameter fixed twice": (
+        ("identify", "LOG", *IDENTIFY, "--models", "motor", "--fix", "resistance=1", "--fix", "resistance=2"),
+        ("--fix gives resistance twice",),
+    ),
     "scale that is no number": (("identify", "LOG", *IDENTIFY, "--scale", "u=x"), ("--scale", "not a number")),
     "mask that leaves nothing": (("identify", "LOG", *IDENTIFY, "--mask", "u > -99"), ("mask",)),
     "mask that is no condition": (("identify", "LOG", *IDENTIFY, "--mask", "u >"), ("mask",)),
@@ -487,6 +520,36 @@ def test_ctrl_c_keeps_what_was_found(moment, drawn, log, tmp_path):
         "result.json"
     }
     assert (tmp_path / "out" / "report.html").exists() == drawn
+
+
+@pytest.mark.parametrize("module", ["emsid.cli", "typer", "polars", "numpy.linalg"])
+def test_ctrl_c_amid_the_first_imports_is_one_line(module, log, tmp_path):
+    program = SIGNALLED.replace("from emsid.cli import main", "from emsid.__main__ import main")
+    words = ("importing", *module.rpartition(".")[::2], "SIGINT", "emsid", "describe", str(log), *IDENTIFY)
+    if "." not in module:
+        program = program.replace('f"{module}.{name}"', "name")
+    command = [sys.executable, "-c", program, *words]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, start_new_session=True)
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr == "emsid: interrupted before anything was found\n"
+
+
+def test_ctrl_c_in_a_callback_is_not_spoken_of_twice():
+    program = """
+import sys
+from emsid import __main__, cli
+class Lost:
+    def __init__(self, problem): self.problem = problem
+    def __del__(self): raise self.problem
+def work():
+    Lost(KeyboardInterrupt())
+    Lost(ValueError("a slip of the program"))
+cli.main = work
+__main__.main()
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "KeyboardInterrupt" not in done.stderr
+    assert "a slip of the program" in done.stderr
 
 
 def test_a_study_interrupted_while_it_is_drawn_is_printed_and_written(tmp_path):

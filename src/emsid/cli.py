@@ -144,12 +144,13 @@ def _options(
 
 
 def _pairs(texts: list[str], option: str) -> dict[str, str]:
-    pairs = {}
+    pairs: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.rpartition("=")
         if not equals or not name or not value:
             raise DataError(f"{option} {text!r}: write it as {'NAME' if option == '--fix' else 'COLUMN'}=VALUE")
-        pairs[name] = value
+        if pairs.setdefault(name, value) != value:
+            raise DataError(f"{option} gives {name} twice, as {pairs[name]} and as {value}; leave one of them out")
     return pairs
 
 
@@ -424,7 +425,7 @@ def identify(
       emsid identify log.csv -u voltage -y speed --time t --models rigid-motor --fix resistance=1.2
       emsid identify log.csv -u voltage -y speed --time t --models rigid-motor --profile voltage_dead_zone.half_width
       emsid identify arm.mat -u vir -y "d(qm)" --time t --scale vir=35.15065 --models friction-narx --knots 8
-      emsid identify arm.mat -u vir -y qm --time t --scale vir=35.15065 --models linear-axis --free mass,offset
+      emsid identify arm.csv -u force -y x --time t --models linear-axis --free mass,offset --datasheet arm.toml
     """
     from emsid import identification
     from emsid.io import read_datasheet
@@ -558,6 +559,13 @@ def simulate(
 def describe(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records.")],
     reader: Any,
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            metavar="FRACTION",
+            help="What counts as excitation: singular values of the lagged input above this fraction of the largest.",
+        ),
+    ] = 1e-3,
 ) -> None:
     """What a record holds: samples, segments, time axis, ranges, crest factor, order of persistent excitation.
 
@@ -569,6 +577,8 @@ def describe(
 
     for path in files:
         record = reader(path)
+        order, largest = persistent_excitation_order(record, tolerance=tolerance), largest_order(record)
+        crest = crest_factor(record)
         print(record)
         if record.time_axis is not None:
             print(f"  time column {reader.keywords['time']}: {record.time_axis}")
@@ -576,10 +586,11 @@ def describe(
             record.input_names + record.output_names, record.input_units + record.output_units, strict=True
         ):
             x = record.channel(name)
-            print(f"  {name}: {x.min():.5g} … {x.max():.5g} {unit}, mean {x.mean():.5g}, deviation {x.std():.5g}")
-        print(f"  input crest factor {crest_factor(record):.2f}")
-        order, largest = persistent_excitation_order(record, tolerance=1e-6), largest_order(record)
-        print(f"  persistently exciting of order {f'at least {order}' if order == largest else order}")
+            span = f"{x.min():.5g} … {x.max():.5g}{' ' * bool(unit)}{unit}"
+            print(f"  {name}: {span}, mean {x.mean():.5g}, deviation {x.std():.5g}")
+        print(f"  input crest factor {crest:.2f}")
+        counted = f"singular values of the lagged input above {tolerance:g} of the largest"
+        print(f"  persistently exciting of order {f'at least {order}' if order == largest else order}, by {counted}")
 
 
 @app.command()

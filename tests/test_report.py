@@ -934,10 +934,19 @@ def test_a_band_that_rests_on_what_was_held_says_so():
     assert "held" not in grey_box_views.friction(PLANT_FITS["datasheet"]).caption
 
 
+def test_a_curve_of_which_nothing_was_estimated_has_no_band():
+    figure = grey_box_views.friction(PLANT_FITS["datasheet"])
+    assert not [mark for mark in figure.plots[0].marks if isinstance(mark, Band)]
+    assert "none of it estimated, so without a band" in figure.caption
+    figure = grey_box_views.friction(PLANT_FITS["rigid motor"])
+    assert [mark for mark in figure.plots[0].marks if isinstance(mark, Band)]
+    assert "with 95 % confidence band" in figure.caption
+
+
 def test_points_of_a_curve_are_where_the_data_are():
     fit = PLANT_FITS["rigid motor"]
     (plot,) = grey_box_views.friction(fit).plots
-    (points,) = [mark for mark in plot.marks if isinstance(mark, Points) and mark.label == "supported by data"]
+    (points,) = [mark for mark in plot.marks if isinstance(mark, Points) and mark.label == "with data"]
     factor = 1000 if plot.y.unit == "mN*m" else 1
     assert points.y == pytest.approx(factor * fit.model.plant.friction_torque(points.x))
     speeds = np.concatenate([segment.output[:, 0] for segment in fit.segments])

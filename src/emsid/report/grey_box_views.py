@@ -140,11 +140,11 @@ def friction(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure 
         else ("N", "force", Axis("Speed v", "m/s"))
     )
     factor, unit = prefixed(max(float(np.max(np.abs(curve.y))), forward, backward), base)
-    marks = _characteristic(curve, factor, f"friction {what}", "speed in the records", level)
+    marks = _characteristic(curve, factor, f"friction {what}", "in the records", level)
     marks.append(Points(np.zeros(2), factor * np.array([-backward, forward]), "break-away", Ink.RED))
     return Figure(
         name or f"{slug(fit.model.name)}-friction",
-        f"Friction of {fit.model.name}, viscous part included, with {100 * level:g} % confidence band. Grey: how often "
+        f"Friction of {fit.model.name}, viscous part included, {_with_band(curve, level)}. Grey: how often "
         "(logarithmic) it turned at which speed in the records it was fitted to; points: where it did so for "
         f"{ENOUGH} samples and more; the curve is dotted where it never did.{_assuming(fit, curve.x, _friction_of)}"
         f"{_given(fit)}",
@@ -171,7 +171,7 @@ def dead_zone(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure
         return None
     unit, what = ("V", "voltage") if isinstance(plant, DrivenMotor) else ("N", "force")
     ends = curve.x[[0, -1]]
-    marks = _characteristic(curve, 1.0, "dead zone", f"{what} in the records", level)
+    marks = _characteristic(curve, 1.0, "dead zone", "in the records", level)
     marks.insert(1, Line(ends, ends, "without", Stroke(Ink.GREY, Dash.DASHED, 0.8)))
     applied, effective = Axis(f"Applied {what}", unit), Axis(f"Effective {what}", unit)
     plots = [Plot(tuple(marks), _reaching(applied, curve), effective, height=1.6)]
@@ -191,7 +191,7 @@ def dead_zone(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure
         plots.append(Plot(close, near, replace(effective, range=y_range), "Enlarged", height=1.6))
     return Figure(
         name or f"{slug(fit.model.name)}-dead-zone",
-        f"Dead zone on the {what} of {fit.model.name} with {100 * level:g} % confidence band. Grey: how often "
+        f"Dead zone on the {what} of {fit.model.name}, {_with_band(curve, level)}. Grey: how often "
         f"(logarithmic) which {what} was applied in the records it was fitted to; points: for {ENOUGH} samples and "
         f"more.{_assuming(fit, curve.x, _dead_zone_of)}",
         tuple(plots),
@@ -360,27 +360,36 @@ def _characteristic(curve: Curve, factor: float, label: str, backdrop: str, leve
     step = curve.x[1] - curve.x[0]
     edges = np.linspace(curve.x[0] - step / 2, curve.x[-1] + step / 2, BARS + 1)
     heights = np.log1p(np.histogram(curve.x, edges, weights=curve.support)[0])
-    marks: list[Mark] = [
-        Histogram(edges, heights, backdrop, backdrop=True),
-        Band(curve.x, factor * curve.low, factor * curve.high, f"{100 * level:g} % band"),
-    ]
+    marks: list[Mark] = [Histogram(edges, heights, backdrop, backdrop=True)]
+    if _has_band(curve):
+        marks.append(Band(curve.x, factor * curve.low, factor * curve.high, f"{100 * level:g} % band"))
     if not near.all():
         marks.append(Line(curve.x, y, "no data", replace(stroke, dash=Dash.DOTTED)))
     if near.any():
         marks.append(Line(curve.x, np.where(near, y, np.nan), label, stroke))
     dots = _supported(curve)
     if len(dots):
-        marks.append(Points(curve.x[dots], y[dots], "supported by data", Ink.NAVY))
+        marks.append(Points(curve.x[dots], y[dots], "with data", Ink.NAVY))
     return marks
 
 
+def _has_band(curve: Curve) -> bool:
+    return bool(np.any(curve.high > curve.low))
+
+
+def _with_band(curve: Curve, level: float) -> str:
+    """A curve of which nothing was estimated has no band, and must not look as if it were known exactly."""
+    return f"with {100 * level:g} % confidence band" if _has_band(curve) else "none of it estimated, so without a band"
+
+
 def _supported(curve: Curve) -> NDArray[np.intp]:
-    """Points of a curve, the busiest of every stretch of x with enough samples; none at rest, where friction jumps."""
+    """Points of a curve, the median of every stretch of x with enough samples; none where it jumps."""
     dots = []
+    jumps = np.abs(np.gradient(curve.y)) > 0.1 * np.ptp(curve.y)
     for stretch in np.array_split(np.arange(len(curve.x)), STRETCHES):
-        samples = np.where(curve.x[stretch] == 0, 0, curve.support[stretch])
-        if samples.sum() >= ENOUGH:
-            dots.append(stretch[np.argmax(samples)])
+        samples = np.cumsum(np.where(jumps, 0, curve.support)[stretch])
+        if samples[-1] >= ENOUGH:
+            dots.append(stretch[np.searchsorted(samples, samples[-1] / 2)])
     return np.array(dots, dtype=np.intp)
 
 

@@ -28,7 +28,13 @@ def estimate(value: float, half_width: float) -> str:
     if not value or not half_width:
         return _short(f"{value:.8g}")
     digits = floor(log10(abs(value))) - floor(log10(half_width)) + 2
-    return _short(f"{value:.{min(max(digits, 2), 8)}g}")
+    return _rounded(value, min(max(digits, 2), 8))
+
+
+def _rounded(value: float, digits: int) -> str:
+    """So many digits, and zeros in place of a power of ten where these are few."""
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+0" in text and abs(value) < 1e5 else _short(text)
 
 
 def share_of(half_width: float, value: float) -> str:
@@ -78,8 +84,12 @@ def sentence(text: str) -> str:
 
 
 def within(value: float, half_width: float) -> str:
-    """An estimate and half its interval, with as many digits as that leaves a meaning to."""
-    return f"{estimate(value, half_width)} ± {_short(f'{half_width:.2g}')}"
+    """An estimate and half its interval, with as many digits as that leaves a meaning to.
+
+    >>> within(179.8, 1702.0), within(0.05000192, 9.4e-06), within(3.2e7, 1.1e6)
+    ('180 ± 1700', '0.0500019 ± 9.4e-6', '3.2e7 ± 1.1e6')
+    """
+    return f"{estimate(value, half_width)} ± {_rounded(half_width, 2)}"
 
 
 def slug(text: str) -> str:

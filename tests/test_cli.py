@@ -149,6 +149,10 @@ BAD = {
     "bad rows": (("identify", "LOG", *IDENTIFY, "--rows", "5"), ("--rows", "A:B")),
     "empty rows": (("identify", "LOG", *IDENTIFY, "--rows", "900:950"), ("600",)),
     "bad scale": (("identify", "LOG", *IDENTIFY, "--scale", "u"), ("--scale", "COLUMN=VALUE")),
+    "no model named": (("identify", "LOG", *IDENTIFY, "--models", ""), ("--models '': write it as names with commas",)),
+    "a model left out": (("identify", "LOG", *IDENTIFY, "--models", "arx,,wiener"), ("--models 'arx,,wiener'",)),
+    "nothing free": (("identify", "LOG", *IDENTIFY, "--models", "motor", "--free", ""), ("--free ''",)),
+    "no order": (("identify", "LOG", *IDENTIFY, "--orders", ""), ("--orders '': write it as whole numbers",)),
     "scale twice": (
         ("identify", "LOG", *IDENTIFY, "--scale", "u=2", "--scale", "u=3"),
         ("--scale gives u twice, as 2 and as 3; leave one of them out",),

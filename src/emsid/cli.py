@@ -164,13 +164,18 @@ def _numbers(texts: list[str], option: str) -> dict[str, float]:
     return numbers
 
 
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+def _names(text: str | None, option: str) -> tuple[str, ...]:
+    if text is None:
+        return ()
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    if not all(names):
+        raise DataError(f"{option} {text!r}: write it as names with commas between")
+    return names
 
 
 def _counts(text: str | None, option: str) -> tuple[int, ...]:
     try:
-        return tuple(int(count) for count in text.split(",")) if text else ()
+        return () if text is None else tuple(int(count) for count in text.split(","))
     except ValueError:
         raise DataError(f"{option} {text!r}: write it as whole numbers with commas between") from None
 
@@ -443,10 +448,11 @@ def identify(
         fix=_numbers(fix, "--fix"),
         datasheet={} if datasheet is None else read_datasheet(datasheet),
         codes=(*((code, Bridge.BRAKE) for code in brake), *((code, Bridge.COAST) for code in coast)),
-        free=_names(free) if free else (),
+        free=_names(free, "--free"),
         recent=recent,
-        profile=_names(profile) if profile else (),
+        profile=_names(profile, "--profile"),
     )
+    candidates = _names(models, "--models") or identification.USUAL
     if not 0 < unseen < 1:
         raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
     _check_folder(out)
@@ -456,7 +462,7 @@ def identify(
             result = identification.identify(
                 records,
                 tests or None,
-                models=_names(models) if models else identification.USUAL,
+                models=candidates,
                 options=options,
                 transient=transient,
                 unseen=unseen,

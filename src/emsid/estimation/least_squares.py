@@ -212,7 +212,8 @@ def check_excitation(record: Record) -> None:
             x = values[:, k]
             if np.ptp(x[:1000]) == 0 and np.ptp(x) == 0:
                 raise DataError(
-                    f"{record.name}: {kind} {name!r} is {x[0]:g} throughout; nothing can be identified from it"
+                    f"{record.name}: {kind} {name!r} is {x[0]:g} throughout; nothing can be identified from it: record "
+                    "while it changes, or name another column"
                 )
             largest = float(max(x.max(), -x.min()))
             if not 1 / LARGEST < largest < LARGEST:

@@ -877,6 +877,27 @@ def test_the_band_of_a_response_is_that_of_the_parameters_to_first_order(part):
     assert (band.upper - band.lower) / 2 == pytest.approx(half, rel=1e-4, abs=1e-6)
 
 
+def test_a_response_that_is_not_told_has_no_band_and_says_so():
+    fit, record = CASCADE_FITS["spline"]
+    names = [name for name in fit.names if name.startswith("G1")]
+    at = [fit.names.index(name) for name in names]
+    covariance = fit.covariance.copy()
+    covariance[np.ix_(at, at)] += 1e20 * np.outer(*[fit.estimate[at] * (np.array(names) != "G1.a1")] * 2)  # its gain
+    figure = cascade_views.frequency_responses(replace(fit, covariance=covariance), record.dt)
+    for plot in figure.plots:
+        assert len([mark for mark in plot.marks if isinstance(mark, Band)]) == 1
+        assert len([mark for mark in plot.marks if isinstance(mark, Line)]) == 2
+    assert "No band of G1, whose parameters" in figure.caption
+    assert "No band" not in cascade_views.frequency_responses(fit, record.dt).caption
+
+
+def test_responses_do_not_reach_far_below_what_the_record_lasts():
+    fit, record = CASCADE_FITS["spline"]
+    slow = replace(fit.model, blocks=(Rational([0.1], [-1 + 1e-9]), *fit.model.blocks[1:]))
+    figure = cascade_views.frequency_responses(replace(fit, model=slow), record.dt)
+    assert figure.plots[0].marks[-1].x[0] == pytest.approx(0.1 / (fit.samples * record.dt), rel=1e-6)
+
+
 def test_what_a_cascade_has_not_is_left_out():
     assert cascade_views.static_maps(*CASCADE_FITS["no map"]) is None
     assert cascade_views.frequency_responses(CASCADE_FITS["no filter"][0], 0.01) is None

@@ -36,6 +36,8 @@ Array = NDArray[np.float64]
 BEYOND, POINTS = 0.04, 400
 # Of how many frequencies a response is drawn, and over how many decades at least.
 FREQUENCIES, DECADES = 500, 3.0
+# A response that is nowhere known to better than so many times itself has no band.
+UNTOLD = 10.0
 # A map in an equation lists its knots up to this many; more stand in the table of parameters.
 LISTED_KNOTS = 6
 # A unit of signals between blocks whose scale is a matter of convention.
@@ -96,14 +98,18 @@ def frequency_responses(fit: Fit[Cascade], dt: float, *, level: float = 0.95, na
     filters = [(k, block) for k, block in enumerate(model.blocks) if isinstance(block, Rational)]
     if not filters:
         return None
-    f = _frequencies([block for _, block in filters], dt, inside)
+    f = _frequencies([block for _, block in filters], dt, inside, fit.samples * dt)
     magnitudes: list[Mark] = []
     phases: list[Mark] = []
     curves = ([], [])  # type: tuple[list[Array], list[Array]]
+    untold = []
     for (k, block), stroke in zip(filters, cycle(_STROKES), strict=False):
         label = f"filter {block_name(model, k)} (block {k + 1})"
         response = block.response(f, inside)
         relative = float(ndtri(0.5 + level / 2)) * _relative_deviation(fit, k, f, inside)
+        if np.all(relative[0] > UNTOLD):  # of the rest of which rounding leaves but noise
+            relative = np.full_like(relative, np.nan)
+            untold.append(block_name(model, k))
         with np.errstate(divide="ignore"):
             size = 20 * np.log10(np.abs(response))
         turn = np.degrees(np.unwrap(np.angle(response)))
@@ -122,6 +128,8 @@ def frequency_responses(fit: Fit[Cascade], dt: float, *, level: float = 0.95, na
         if model.delay
         else ""
     )
+    if untold:
+        late += f" No band of {' and '.join(untold)}, whose parameters the record does not tell from those of others."
     frequency = Axis("Frequency", "Hz", log=True, range=(float(f[0]), float(f[-1])))
     return Figure(
         name or f"{slug(model.name)}-filters",
@@ -275,12 +283,16 @@ def _reach(marks: Sequence[Mark], curves: Sequence[Array], least: float) -> tupl
     return max(below, low - 0.4 * span) - 0.06 * span, min(above, high + 0.4 * span) + 0.06 * span
 
 
-def _frequencies(filters: Sequence[Rational], dt: float, inside: float) -> Array:
-    """(FREQUENCIES,) to half the sampling rate, from a decade below the slowest corner, three decades at least."""
+def _frequencies(filters: Sequence[Rational], dt: float, inside: float, seconds: float) -> Array:
+    """(FREQUENCIES,) to half the sampling rate, from a decade below the slowest corner, three decades at least.
+
+    Beyond those, nothing is shown that takes ten times as long as the record.
+    """
     top = 0.5 / dt
     poles = np.concatenate([block.poles for block in filters])
     slow = np.abs(np.log(poles[np.abs(poles) > 0])) / (2 * np.pi * inside)
-    first = min([top / 10**DECADES, *(0.1 * slow[slow > 0])])
+    slowest = max(0.1 * float(np.min(slow[slow > 0], initial=top)), 0.1 / max(seconds, dt))
+    first = min(top / 10**DECADES, slowest)
     return np.asarray(np.geomspace(max(first, 1e-7 * top), top, FREQUENCIES), dtype=float)
 
 

@@ -111,7 +111,7 @@ def results_table(
     """
     several, outputs = len({row.experiment for row in rows}) > 1, any(row.outputs for row in rows)
     words = ("Experiment",) * several + ("Model", "Method", "Data") + ("Output", "Unit") * outputs
-    numbers = ("One-step MSE", "Free-run MSE", "Free-run RMSE", "Free-run fit\u00a0%", "Parameters")
+    numbers = ("One-step MSE", "Free-run MSE", "Free-run RMSE", "Free-run fit %", "Parameters")
     cells: list[tuple[str, ...]] = []
     emphasised: set[int] = set()
     best = _best_unseen(rows)

@@ -108,6 +108,10 @@ class Drive:
         coded = np.isin(inputs[:, -1], [code for code, _ in self.codes])
         return np.where(coded, 0.0, command) if coded.any() else command
 
+    def largest(self, inputs: Array) -> float:
+        """The largest voltage (force) that inputs (N, 1 or 2) command, in V (N), whatever limits it."""
+        return float(np.max(np.abs(self.gain * (self.commands(inputs) + self.offset))))
+
     def terminals(self, inputs: Array, dt: float) -> tuple[Array, Array, float]:
         """Voltage (N + 1,) and conducting part (N + 1,) of every sample, and the part of a sample they come late by.
 

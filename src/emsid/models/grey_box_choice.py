@@ -61,7 +61,7 @@ def coasting_bridge(plant: Mechanical, free: tuple[str, ...], record: Record) ->
         return plant, free
     supply = plant.drive.supply
     if not isfinite(supply):
-        supply = abs(plant.drive.gain) * float(np.max(np.abs(plant.drive.commands(record.input))))
+        supply = plant.drive.largest(record.input)
     return replace(plant, drive=replace(plant.drive, supply=supply, freewheel=0.5)), (*free, "drive.freewheel")
 
 

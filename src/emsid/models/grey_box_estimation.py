@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from math import inf, isfinite
 
@@ -22,15 +23,16 @@ from emsid.estimation.coloured import coloured_covariance
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.gauss_newton import Infeasible, Iteration, Minimum, gauss_newton
 from emsid.estimation.identifiability import Identifiability, identifiability
+from emsid.estimation.information import inverse_triangle
 from emsid.estimation.threads import one_blas_thread
 from emsid.models.grey_box import GreyBox, check_channels, fed, signals_of
 from emsid.models.grey_box_datasheet import Given
-from emsid.models.grey_box_fit import GreyBoxFit, at_bounds, combinations, in_words, table
+from emsid.models.grey_box_fit import GreyBoxFit, at_bounds, combinations, hardly_told, in_words, table
 from emsid.models.grey_box_problem import FreeRunError, Weighting, all_alike, free_states, guess_state
 from emsid.models.grey_box_start import motions
 from emsid.models.own_plant import OwnPlant
 from emsid.models.plant_parameters import Handle, Plant, Signal, find_handle, refuse_overlap, without_overlap
-from emsid.models.plants import DrivenMotor, LinearAxis
+from emsid.models.plants import DrivenMotor, LinearAxis, Motion
 from emsid.plant import Motor
 from emsid.record import Record, check_same_channels
 
@@ -89,8 +91,10 @@ def simulation_error(
     sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
     limits = _limits(subject, asked, bounds or {}, sheet)
     known = {name: given.value for name, given in sheet.items() if given.value is not None}
-    subject = subject.put((known if look_around else {}) | fixed)
+    subject = _with_limits(subject.put((known if look_around else {}) | fixed), asked, segments)
     _check_start(subject, asked, limits)
+
+    preference = _preference(subject, asked, sheet)
 
     def problem_for(current: Plant, names: Sequence[str], states: Sequence[Array] | None = None) -> FreeRunError:
         guesses = [guess_state(current, shown, s) for s in segments] if states is None else states
@@ -99,40 +103,52 @@ def simulation_error(
             current, shown, segments, names, guesses, unknown, weighting, threads or os.cpu_count() or 1
         )
 
+    def search(problem: FreeRunError, iterations: int) -> Minimum:
+        return _search(problem, limits, iterations, max_seconds, progress)
+
     start = _best_start(subject, asked, limits, problem_for) if look_around else subject
-    names = _hold(_told(problem_for(start, asked), None), asked, _preference(subject, asked, sheet))
-    found, states, steps = start, None, 0
-    while True:
-        coarse = [name for name in names if name not in found.fine]
-        if steps == 0 and 0 < len(coarse) < len(names):  # what moves the output most first
-            rough = problem_for(found, coarse, states)
-            beginning = _search(rough, limits, max_iterations, max_seconds, progress)
-            states = rough.states(beginning.estimate)
-            if beginning.ending is Ending.INTERRUPTED:
-                found, names, minimum = rough.plant_at(beginning.estimate), coarse, beginning
-                break
-            fine = [name for name in names if name not in coarse]
-            found = _scan(rough.plant_at(beginning.estimate), fine, limits, states, problem_for)
-        problem = problem_for(found, names, states)
-        minimum = _search(problem, limits, max(max_iterations - steps, 1), max_seconds, progress)
-        found, states = problem.plant_at(minimum.estimate), problem.states(minimum.estimate)
-        steps += minimum.iterations
-        inside = [name for name, free in zip(names, minimum.free, strict=False) if free]
-        kept = _hold(_told(problem_for(found, inside, states), minimum), inside, _preference(subject, asked, sheet))
-        if minimum.ending is Ending.INTERRUPTED or len(kept) == len(inside):
-            break
-        lost = [name for name in inside if name not in kept]
-        names = [name for name in names if name not in lost]
-        found = found.put({name: known[name] for name in lost if name in known})
-    told = _told(problem_for(found, asked, states), minimum)
-    words = at_bounds(minimum, names, found, limits, sheet) + in_words(told, names, found, shown)
+    problem = problem_for(start, asked)
+    names = _hold(_told(problem, asked, None), asked, preference)
+    if len(names) < len(asked):
+        problem = problem_for(_put_back(start, asked, names, known), names)
+    coarse = [name for name in names if name not in start.fine]
+    minimum: Minimum | None = None
+    if 0 < len(coarse) < len(names):  # what moves the output most first
+        rough = problem_for(problem.plant, coarse)
+        beginning = search(rough, max_iterations)
+        rough = rough.begun_at(beginning.estimate)
+        if beginning.ending is Ending.INTERRUPTED:
+            problem, names, minimum = rough, coarse, beginning
+        else:
+            problem = problem_for(_scan(rough, names, limits, problem_for), names, rough.states(rough.start))
+    steps = 0
+    while minimum is None:
+        ended = search(problem, max(max_iterations - steps, 1))
+        problem = problem.begun_at(ended.estimate)
+        steps += ended.iterations
+        inside = [name for name, free in zip(names, ended.free, strict=False) if free]
+        kept = _hold(_told(problem, inside, ended), inside, preference)
+        if ended.ending is Ending.INTERRUPTED or len(kept) == len(inside):
+            minimum = ended
+        else:
+            names = [name for name in names if name not in inside or name in kept]
+            problem = problem_for(_put_back(problem.plant, inside, kept, known), names, problem.states(problem.start))
+    found, states = problem.plant, problem.states(problem.start)
+    told = _told(problem if len(names) == len(asked) else problem_for(found, asked, states), asked, minimum)
+    rows = table(found, start, names, asked, fixed, sheet, minimum, told)
+    known_together = combinations(found, names, asked, minimum, told)
+    words = [
+        *at_bounds(minimum, names, found, limits, sheet),
+        *in_words(told, names, found, shown, known_together),
+        *hardly_told(rows, found),
+    ]
     fit = minimum.fit(GreyBox(found, shown), tuple(names), "gn")
     return GreyBoxFit(
         **{f: getattr(fit, f) for f in Fit.__dataclass_fields__ if f not in ("message", "iterations")},
         iterations=steps,
         message="; ".join(filter(None, [fit.message, *words])),
-        table=table(found, start, names, asked, fixed, sheet, minimum, told),
-        combinations=combinations(found, names, asked, minimum, told),
+        table=rows,
+        combinations=known_together,
         words=tuple(words),
         identifiability=told,
         segments=segments,
@@ -159,14 +175,55 @@ def _segments(records: Record | Iterable[Record]) -> tuple[Record, ...]:
 
 
 def _check_motion(segments: Sequence[Record]) -> None:
-    for names, side in ((segments[0].input_names, "input"), (segments[0].output_names, "output")):
+    """Refuse records in which nothing drives, nothing moves, or a sensor shows nothing but its noise."""
+    first = segments[0]
+    for names, side in ((first.input_names, "input"), (first.output_names, "output")):
         values = [getattr(segment, side) for segment in segments]
         if not any(np.ptp(v, axis=0).any() for v in values):
             what = "nothing drives it" if side == "input" else "nothing moves"
             raise DataError(
-                f"{segments[0].name}: {side} {', '.join(names)} stays at {values[0][0, 0]:g} throughout; {what}, "
+                f"{first.name}: {side} {', '.join(names)} stays at {values[0][0, 0]:g} throughout; {what}, "
                 "and no parameter can be found from it"
             )
+    if all(_is_noise(segments, channel) for channel in range(len(first.output_names))):
+        raise DataError(
+            f"{first.name}: output {', '.join(first.output_names)} is noise that has nothing to do with the input; "
+            "nothing moves, and no parameter can be found from it"
+        )
+
+
+CHANCE = 0.05
+"""How often noise may pass for motion, by either of two tests: rather that than a weak motion that passes for noise."""
+SETTLING = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
+"""Time constants in samples of what may answer an input."""
+
+
+def _is_noise(segments: Sequence[Record], channel: int, lags: int = 20) -> bool:
+    """Whether an output is white (Ljung, Box, Biometrika 65, 1978) and uncorrelated with what could answer an input."""
+    from scipy.signal import lfilter
+    from scipy.stats import chi2
+
+    long = [segment for segment in segments if len(segment) > 2 * lags]
+    if not long:
+        return False
+
+    def centred(signals: Sequence[Array]) -> list[Array]:
+        mean = np.mean(np.concatenate(signals))
+        return [signal - mean for signal in signals]
+
+    def correlation(x: Sequence[Array], y: Sequence[Array]) -> float:
+        size = np.sqrt(sum(float(a @ a) for a in x) * sum(float(b @ b) for b in y))
+        return sum(float(a @ b) for a, b in zip(x, y, strict=True)) / size if size > 0 else 0.0
+
+    y = centred([segment.output[:, channel] for segment in long])
+    samples = sum(len(piece) for piece in y)
+    colour = sum(correlation([p[:-lag] for p in y], [p[lag:] for p in y]) ** 2 for lag in range(1, lags + 1))
+    if chi2.sf(samples * colour, lags) < CHANCE:
+        return False
+    inputs = [centred([segment.input[:, k] for segment in long]) for k in range(long[0].input.shape[1])]
+    decays = [np.exp(-1 / time) if time else 0.0 for time in SETTLING]
+    answers = [correlation([lfilter([1.0], [1.0, -d], p) for p in u], y) ** 2 for u in inputs for d in decays]
+    return bool(chi2.sf(samples * max(answers), 1) > CHANCE / len(answers))
 
 
 def _asked(
@@ -233,6 +290,20 @@ def _limits(
     return limits
 
 
+def _with_limits(plant: Plant, asked: Sequence[str], segments: Sequence[Record]) -> Plant:
+    """The plant with a supply and a knee to begin with, where these are to be found and it has none."""
+    if isinstance(plant, OwnPlant):
+        return plant
+    assert isinstance(plant, (DrivenMotor, LinearAxis))
+    largest = max(plant.drive.largest(segment.input) for segment in segments)
+    starts = {name: 0.8 * largest for name in asked if not isfinite(plant.value(name))}
+    if "drive.freewheel" in asked and not isfinite(plant.drive.supply):
+        starts.setdefault("drive.supply", largest)  # the largest command is full duty
+    if "drive.knee" in starts and "drive.beyond" in asked and plant.drive.beyond == 1.0:
+        starts["drive.beyond"] = 0.8  # as long as it bends nothing, nobody can tell where it is
+    return plant.put(starts)
+
+
 def _check_start(plant: Plant, asked: Sequence[str], limits: Limits) -> None:
     for name in asked:
         value, (low, high) = plant.value(name), limits[name]
@@ -247,9 +318,7 @@ def _best_start(
     plant: Plant, asked: Sequence[str], limits: Limits, problem_for: Callable[[Plant, Sequence[str]], FreeRunError]
 ) -> Plant:
     """The plant as given, or moved to what a regression on the records says, whichever simulates better."""
-    best = plant
     first = problem_for(plant, asked)
-    lowest = _cost(first)
     if isinstance(plant, OwnPlant):
         return plant
     assert isinstance(plant, (DrivenMotor, LinearAxis))
@@ -266,18 +335,19 @@ def _best_start(
         )
         for segment in first.segments
     ]
-    for motion in motions(commanded, channel, is_position, zone, plant.drive.offset):
-        if motion.gain / plant.drive.gain <= 0:
-            continue
+
+    def tried(motion: Motion) -> tuple[float, Plant]:
         try:
             suggested = plant.put_motion(motion)
             moved = plant.put({n: float(np.clip(suggested.value(n), *limits[n])) for n in asked})
-            cost = _cost(problem_for(moved, asked))
+            return _cost(problem_for(moved, asked)), moved
         except EmsidError:
-            continue
-        if cost < lowest:
-            best, lowest = moved, cost
-    return best
+            return inf, plant
+
+    likely = motions(commanded, channel, is_position, zone, plant.drive.offset)
+    with ThreadPoolExecutor(first.threads) as pool:
+        costs = pool.map(tried, (motion for motion in likely if motion.gain / plant.drive.gain > 0))
+        return min([(_cost(first), plant), *costs], key=lambda one: one[0])[1]
 
 
 SCAN = (0.12, 0.18, 0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0)
@@ -285,21 +355,22 @@ SCAN = (0.12, 0.18, 0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0)
 
 
 def _scan(
-    plant: Plant,
+    rough: FreeRunError,
     names: Sequence[str],
     limits: Limits,
-    states: Sequence[Array],
     problem_for: Callable[[Plant, Sequence[str], Sequence[Array]], FreeRunError],
 ) -> Plant:
-    """The plant with each of these parameters in turn moved to where it simulates best."""
-    best, lowest = plant, _cost(problem_for(plant, (), states))
-    for name in names:
-        value = best.value(name)
-        trials = [best.put({name: float(np.clip(factor * value, *limits[name]))}) for factor in SCAN]
-        costs = [_cost(problem_for(trial, (), states)) for trial in trials]
-        k = int(np.argmin(costs))
-        if costs[k] < lowest:
-            best, lowest = trials[k], costs[k]
+    """The plant of a problem with each of the other parameters in turn moved to where it simulates best."""
+    best, states = rough.plant, rough.states(rough.start)
+    lowest = _cost(rough)
+    with ThreadPoolExecutor(rough.threads) as pool:
+        for name in (name for name in names if name not in rough.free):
+            value = best.value(name)
+            trials = [best.put({name: float(np.clip(factor * value, *limits[name]))}) for factor in SCAN]
+            costs = list(pool.map(lambda trial: _cost(problem_for(trial, (), states)), trials))
+            k = int(np.argmin(costs))
+            if costs[k] < lowest:
+                best, lowest = trials[k], costs[k]
     return best
 
 
@@ -327,12 +398,18 @@ def _preference(plant: Plant, asked: Sequence[str], sheet: Mapping[str, Given]) 
     return tuple(dict.fromkeys((*known, *usual, *reversed(asked))))
 
 
-def _told(problem: FreeRunError, minimum: Minimum | None) -> Identifiability:
-    """What the records tell of the parameters of a problem; without noise where nothing is known of that."""
-    p = len(problem.free)
+def _put_back(plant: Plant, asked: Sequence[str], kept: Sequence[str], known: Mapping[str, float]) -> Plant:
+    """What is no longer estimated as the datasheet has it, if it does."""
+    return plant.put({name: known[name] for name in asked if name not in kept and name in known})
+
+
+def _told(problem: FreeRunError, names: Sequence[str], minimum: Minimum | None) -> Identifiability:
+    """What the records tell of some parameters of a problem; without noise where nothing is known of that."""
     noise = 0.0 if minimum is None else float(np.sqrt(minimum.noise_variance))
-    jacobians = [jacobian for _, jacobian in problem.linearised(problem.start)]
-    return identifiability(jacobians, problem.sizes[:p], problem.free, noise)
+    states = range(len(problem.free), len(problem.sizes))
+    places = [problem.free.index(name) for name in names]
+    jacobians = [jacobian[:, [*places, *states]] for _, jacobian in problem.linearised(problem.start)]
+    return identifiability(jacobians, problem.sizes[places], names, noise)
 
 
 def _hold(told: Identifiability, names: Sequence[str], preference: Sequence[str]) -> list[str]:
@@ -368,8 +445,12 @@ def _search(
 
 
 def _with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
-    """The covariance under coloured noise; where the sandwich finds more, the deviations are the sandwich's."""
-    columns = np.flatnonzero(minimum.free & np.isfinite(np.diag(minimum.covariance)))
+    """The covariance under coloured noise; where the sandwich finds more, the deviations are the sandwich's.
+
+    To it comes what the free run itself is not sure of, which is all there is where the data are exact.
+    """
+    told = np.isfinite(np.diag(minimum.covariance))
+    columns = np.flatnonzero(minimum.free & told)
     if minimum.rank < len(columns) or not len(columns):
         return minimum
     pieces, channels = [], len(problem.signals)
@@ -382,5 +463,6 @@ def _with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
     ratio = np.divide(sandwich, found, out=np.ones(len(columns)), where=found > 0)  # nothing is left of exact data
     wider = np.sqrt(np.maximum(ratio, 1.0))
     whole = minimum.covariance.copy()
-    whole[within] = covariance * np.outer(wider, wider)
+    inverse = inverse_triangle(minimum.information.select(np.flatnonzero(told[minimum.free])).factor[:-1, :-1])
+    whole[within] = covariance * np.outer(wider, wider) + problem.precision**2 * (inverse @ inverse.T)
     return replace(minimum, covariance=whole)

@@ -13,13 +13,18 @@ from numpy.typing import NDArray
 from emsid.estimation.fit import Fit
 from emsid.estimation.gauss_newton import Minimum
 from emsid.estimation.identifiability import Identifiability
+from emsid.models.drive import Feed
 from emsid.models.grey_box import GreyBox
 from emsid.models.grey_box_datasheet import Given
 from emsid.models.grey_box_problem import Weighting, all_alike
 from emsid.models.plant_parameters import Plant, Quantity, Signal
+from emsid.models.plants import DrivenMotor
 from emsid.record import Record
 
 Array = NDArray[np.float64]
+
+STANDARD_ERRORS = 1.96
+"""Half the width of a 95 % interval."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +59,12 @@ class Combination:
     Attributes:
         quantity: its name, formula, unit and value.
         standard_error: of it.
+        parameters: of those asked for, the ones that make it up.
     """
 
     quantity: Quantity
     standard_error: float
+    parameters: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +106,26 @@ class GreyBoxFit(Fit[GreyBox]):
         )
 
 
-def in_words(told: Identifiability, names: Sequence[str], plant: Plant, signals: Sequence[Signal]) -> list[str]:
+def in_words(
+    told: Identifiability,
+    names: Sequence[str],
+    plant: Plant,
+    signals: Sequence[Signal],
+    known: Sequence[Combination],
+) -> list[str]:
+    """What the records cannot tell, what they can tell instead and what was done about it, a sentence for each group.
+
+    Args:
+        told: of the parameters that were asked for.
+        names: those of them that were estimated, the others being held.
+        plant, signals: what was fitted to what.
+        known: the combinations that the records tell.
+    """
     held = [name for name in told.names if name not in names]
-    channels = "the input and " + " and ".join(signal.value for signal in signals)
+    driven = plant.feed if isinstance(plant, DrivenMotor) else None
+    channels = " and ".join([driven.value if driven else "the input", *(signal.value for signal in signals)])
+    current = driven is Feed.VOLTAGE and Signal.CURRENT not in signals
+    advice = f"fix what you know, or add {'the current' if current else 'a channel'}"
     if not names:
         return [
             f"from {channels} alone, no parameter of {plant.name} can be told: the output hardly "
@@ -111,21 +135,42 @@ def in_words(told: Identifiability, names: Sequence[str], plant: Plant, signals:
     for group in told.groups:
         mine = [name for name in group if name in held]
         kept = ", ".join(f"{n} = {plant.handles[n].with_unit(plant.value(n))}" for n in mine)
+        formulas = [each.quantity.formula for each in known if len(set(each.parameters) & set(group)) > 1]
+        together = listed(tuple(dict.fromkeys(formulas))[:4]) if formulas else "combinations of them"
         if len(group) == 1 and not mine:
             words.append(f"from {channels} alone, {group[0]} is not known to better than 100 %")
         elif len(group) == 1:
             words.append(f"from {channels} alone, {group[0]} is not told at all; held: {kept}; fix what you know")
         elif mine:
             words.append(
-                f"from {channels} alone, {', '.join(group)} cannot be told apart, only combinations of them; held: "
-                f"{kept}; fix what you know, or add a channel"
+                f"from {channels} alone, {listed(group)} cannot be told apart, only {together}; held: {kept}; {advice}"
             )
         else:
             words.append(
-                f"from {channels} alone, {', '.join(group)} can hardly be told apart; see their intervals, fix one of "
-                "them or add a channel"
+                f"from {channels} alone, {listed(group)} can hardly be told apart, {together} can; see their "
+                f"intervals, and {advice}"
             )
     return words
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words as a list in a sentence."""
+    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else words[0]
+
+
+def hardly_told(rows: Sequence[Estimate], plant: Plant) -> list[str]:
+    """A sentence on what was estimated and may as well be nothing, of what cannot be negative."""
+    names = [
+        row.name
+        for row in rows
+        if row.status in ("estimated", "conditional") and row.standard_error is not None
+        if plant.handles[row.name].lower >= 0 and abs(row.value) < STANDARD_ERRORS * row.standard_error
+    ]
+    if not names:
+        return []
+    have, them = ("intervals of", "them") if len(names) > 1 else ("interval of", "it")
+    reach = "reach" if len(names) > 1 else "reaches"
+    return [f"the 95 % {have} {listed(names)} {reach} down to nothing: fix {them} if you can, or leave {them} out"]
 
 
 def at_bounds(
@@ -209,5 +254,6 @@ def combinations(
     found = []
     for quantity, whole, part in zip(quantities, relative, direct, strict=True):
         if np.any(whole) and told.tells(whole) and isfinite(quantity.value):
-            found.append(Combination(quantity, float(np.sqrt(max(part @ covariance @ part, 0.0)))))
+            moving = tuple(name for name, slope in zip(asked, whole, strict=True) if slope != 0)
+            found.append(Combination(quantity, float(np.sqrt(max(part @ covariance @ part, 0.0))), moving))
     return tuple(found)

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from dataclasses import dataclass
 from math import inf, isfinite
 
@@ -115,6 +116,10 @@ def _starts_at_rest(y: Array) -> bool:
 # --- the least-squares problem --------------------------------------------------------------------------------------
 
 
+PRECISION = 1e-11
+"""How exact a free run is, relative to its size: the tolerance of the simulation."""
+
+
 class FreeRunError:
     """Residuals of free runs and their derivative, as `gauss_newton` wants them; θ then the initial states."""
 
@@ -138,7 +143,10 @@ class FreeRunError:
         whole = np.concatenate([segment.output for segment in segments])
         spread = np.std(whole, axis=0)
         self._scale = np.ones(len(spread)) if len(spread) == 1 else np.where(spread > 0, spread, 1.0)
-        self.sizes = np.array([*self._typical(), *(self._state_size(s, i) for s, i in self._places)])
+        self.sizes = self._sizes()
+        self.precision = PRECISION * float(np.sqrt(np.mean((whole / self._scale) ** 2)))
+        self._residuals_at: tuple[Array, list[Array]] | None = None  # θ and what is there: a search asks again
+        self._linearised_at: tuple[Array, list[Block]] | None = None
 
     @property
     def start(self) -> Array:
@@ -178,62 +186,83 @@ class FreeRunError:
             states[segment][index] = value
         return states
 
+    def begun_at(self, theta: Array) -> FreeRunError:
+        """The same problem with θ as its start; what is known there is known still."""
+        moved = copy(self)
+        moved.plant, moved._initial = self.plant_at(theta), self.states(theta)
+        moved.sizes = moved._sizes()
+        return moved
+
     def residuals(self, theta: Array) -> list[Array]:
         """W·(ŷ − y) of every segment, its channels one after the other."""
-        return [self._weighed(run, segment) for run, segment in zip(self._runs(theta), self.segments, strict=True)]
+        if self._residuals_at is None or not np.array_equal(self._residuals_at[0], theta):
+            self._residuals_at = (theta.copy(), self._simulated(theta))
+        return self._residuals_at[1]
 
     def linearised(self, theta: Array) -> list[Block]:
-        """Residuals and their derivative by central differences."""
-        p = len(self.free)
+        """Residuals and their derivative by central differences, one-sided where only one side has a free run."""
+        if self._linearised_at is None or not np.array_equal(self._linearised_at[0], theta):
+            self._linearised_at = (theta.copy(), self._differentiated(theta))
+        return self._linearised_at[1]
+
+    def _simulated(self, theta: Array) -> list[Array]:
+        try:
+            plant = self.plant_at(theta)
+            with np.errstate(all="ignore"):
+                residuals = [
+                    self._weighed(plant.simulate(segment.input, segment.dt, state, self.signals), segment)
+                    for segment, state in zip(self.segments, self.states(theta), strict=True)
+                ]
+        except ModelError as problem:
+            raise Infeasible(str(problem)) from None
+        if not all(np.isfinite(residual).all() for residual in residuals):
+            raise Infeasible(f"the free run of {plant.name} is not finite; check the start values and the plant")
+        return residuals
+
+    def _weighed(self, run: Array, segment: Record) -> Array:
+        error = (run - segment.output) / self._scale
+        return np.concatenate([self.weighting(error[:, k], segment.dt) for k in range(error.shape[1])])
+
+    def _differentiated(self, theta: Array) -> list[Block]:
+        p, here = len(self.free), self.residuals(theta)
         step = 1e-5 * np.maximum(np.abs(theta), 1e-2 * self.sizes)
         low, high = np.maximum(theta - step, self.lower), np.minimum(theta + step, self.upper)
-        moves: list[list[int]] = [[k] for k in range(p)]
+        moves = [[k] for k in range(p)]
         moves += [
             [p + k for k, (_, i) in enumerate(self._places) if i == index]
             for index in sorted({i for _, i in self._places})
         ]
 
-        def difference(move: list[int]) -> list[Array]:
-            below, above = theta.copy(), theta.copy()
-            below[move], above[move] = low[move], high[move]
-            first, second = self._runs(below), self._runs(above)
-            return [
-                self._weighed(b, s, derivative=True) - self._weighed(a, s, derivative=True)
-                for a, b, s in zip(first, second, self.segments, strict=True)
-            ]
+        def difference(move: list[int]) -> tuple[Array, list[Array]]:
+            ends = []
+            for values in (low, high):
+                moved = theta.copy()
+                moved[move] = values[move]
+                try:
+                    ends.append((moved, self._simulated(moved)))
+                except Infeasible as problem:
+                    ends.append((theta, here))
+                    why = problem
+            (below, before), (above, after) = ends
+            if not (above > below).any():
+                raise Infeasible(f"{self.names[move[0]]} cannot be moved from {theta[move[0]]:g}: {why}")
+            return above - below, [b - a for a, b in zip(before, after, strict=True)]
 
         with ThreadPoolExecutor(self.threads) as pool:
             differences = list(pool.map(difference, moves))
-        residuals = self.residuals(theta)
-        jacobians = [np.zeros((len(r), len(theta)), order="F") for r in residuals]
-        for move, columns in zip(moves, differences, strict=True):
+        jacobians = [np.zeros((len(r), len(theta)), order="F") for r in here]
+        for move, (width, columns) in zip(moves, differences, strict=True):
             for k in move:
-                width = high[k] - low[k]
-                if k < p:
-                    for jacobian, column in zip(jacobians, columns, strict=True):
-                        jacobian[:, k] = column / width
-                else:
-                    segment = self._places[k - p][0]
-                    jacobians[segment][:, k] = columns[segment] / width
-        return list(zip(residuals, jacobians, strict=True))
+                touched = range(len(here)) if k < p else [self._places[k - p][0]]
+                for segment in touched:
+                    jacobians[segment][:, k] = columns[segment] / width[k]
+        return list(zip(here, jacobians, strict=True))
 
-    def _runs(self, theta: Array) -> list[Array]:
-        try:
-            plant = self.plant_at(theta)
-            with np.errstate(all="ignore"):
-                return [
-                    plant.simulate(segment.input, segment.dt, state, self.signals)
-                    for segment, state in zip(self.segments, self.states(theta), strict=True)
-                ]
-        except ModelError as problem:
-            raise Infeasible(str(problem)) from None
-
-    def _weighed(self, run: Array, segment: Record, derivative: bool = False) -> Array:
-        error = run / self._scale if derivative else (run - segment.output) / self._scale
-        return np.concatenate([self.weighting(error[:, k], segment.dt) for k in range(error.shape[1])])
+    def _sizes(self) -> Array:
+        """How large θ plausibly is: what it is, or what units and samples suggest."""
+        return np.array([*self._typical(), *(self._state_size(s, i) for s, i in self._places)])
 
     def _typical(self) -> list[float]:
-        """How large every parameter plausibly is: its value, or what its unit suggests for these records."""
         u = max(float(np.max(np.abs(s.input))) for s in self.segments) or 1.0
         v = max(float(np.max(np.abs(s.output))) for s in self.segments) or 1.0
         dt = self.segments[0].dt

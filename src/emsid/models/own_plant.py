@@ -82,8 +82,20 @@ class OwnPlant:
         return plant
 
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
-        """The outputs (N, ny) for inputs (N, nu), from an initial state (n,); its outputs need no signal."""
+        """The outputs (N, ny) for inputs (N, nu), from an initial state (n,); its outputs need no signal.
+
+        Raises:
+            ModelError: for functions that give something of another shape.
+        """
         parameters = np.array(self.values)
+        for what, function, shape in (
+            ("derivative", self.derivative, (self.states,)),
+            ("output", self.output, (len(signals),) if signals else None),
+        ):
+            found = np.shape(function(np.array(state, dtype=float), inputs[0], parameters))
+            if len(found) != 1 or (shape is not None and found != shape):
+                wanted = "(ny,)" if shape is None else shape
+                raise ModelError(f"{self.name}: its {what} has shape {found}; it must be {wanted}")
         compiled = hasattr(self.derivative, "py_func") and hasattr(self.output, "py_func")
         loop = _compiled_runge_kutta if compiled else _runge_kutta
         out: Array = loop(

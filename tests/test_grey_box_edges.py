@@ -1,0 +1,222 @@
+"""The grey box where a search begins badly, where a free run ends, and where a record says little or nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coverage_grey_box import FREE, MOTOR, simulated_record
+from emsid.errors import DataError, ModelError
+from emsid.models.drive import Drive
+from emsid.models.grey_box_datasheet import Given
+from emsid.models.grey_box_estimation import simulation_error
+from emsid.models.grey_box_problem import FreeRunError, all_alike
+from emsid.models.own_plant import OwnPlant
+from emsid.models.plant_parameters import Signal
+from emsid.models.plants import DrivenMotor, LinearAxis
+from emsid.plant import Motor
+from emsid.plant.motor import Parameter
+from emsid.record import Record
+
+DT = 5e-3
+LEVELS = np.repeat(np.random.default_rng(0).uniform(-12, 12, 80), 20)
+ONE_MASS = Motor(inductance=0.0).rigid()
+USUAL = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb")
+
+
+def driven(drive=Drive(), noise=0.1, signals=(Signal.SPEED,), motor=ONE_MASS):  # noqa: B008  (frozen)
+    plant = DrivenMotor(motor, drive)
+    output = plant.simulate(LEVELS[:, None], DT, np.zeros(2), signals)
+    output = output + noise * np.std(output, axis=0) * np.random.default_rng(1).standard_normal(output.shape)
+    units = {Signal.SPEED: "rad/s", Signal.CURRENT: "A"}
+    return Record(LEVELS, output, DT, output_units=tuple(units[signal] for signal in signals))
+
+
+# --- where a search begins ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("drive", "names"),
+    [
+        (Drive(supply=8.0), ("drive.supply",)),
+        (Drive(knee=5.0, beyond=0.5), ("drive.knee", "drive.beyond")),
+        (Drive(supply=np.max(np.abs(LEVELS)), freewheel=0.6), ("drive.freewheel",)),
+    ],
+    ids=["supply", "knee", "freewheel"],
+)
+def test_limits_of_the_drive_are_found_where_none_are_given(drive, names):
+    fit = simulation_error(DrivenMotor(ONE_MASS), driven(drive, 0.002), free=(*USUAL, *names))
+    assert fit.names == (*USUAL, *names)
+    truth = [DrivenMotor(ONE_MASS, drive).value(name) for name in fit.names]
+    assert fit.estimate == pytest.approx(truth, rel=0.01)
+
+
+def test_a_supply_that_no_command_reaches_is_not_told():
+    fit = simulation_error(DrivenMotor(ONE_MASS), driven(noise=0.002), free=(*USUAL, "drive.supply"))
+    assert fit.names == USUAL
+    assert "drive.supply is not told at all; held" in fit.message
+
+
+def test_what_is_held_from_the_start_is_as_the_datasheet_has_it():
+    sheet = {"resistance": Given(2.5), "motor_constant": Given(0.06), "rotor_viscous": Given(3e-5, 0.5)}
+    free = ("resistance", "rotor_viscous", *FREE)
+    fit = simulation_error(
+        MOTOR.put({"motor_constant": 0.09}), simulated_record(np.random.default_rng(0)), free=free, datasheet=sheet
+    )
+    held = {row.name: row.value for row in fit.table if row.status == "held"}
+    assert held
+    assert set(held) <= set(sheet)
+    assert held == {name: sheet[name].value for name in held}
+
+
+# --- where a free run ends ------------------------------------------------------------------------------------------
+
+
+def problem_of(plant, names, record=None):
+    record = record or driven(noise=0.0)
+    start = [np.zeros(plant.states)]
+    return FreeRunError(plant, (Signal.SPEED,), [record], names, start, [()], all_alike, 1)
+
+
+def test_derivatives_are_one_sided_where_only_one_side_has_a_free_run(monkeypatch):
+    both = problem_of(DrivenMotor(ONE_MASS), USUAL).linearised(problem_of(DrivenMotor(ONE_MASS), USUAL).start)[0][1]
+    simulate = DrivenMotor.simulate
+
+    def only_below(self, *arguments):
+        if self.motor.motor_constant > ONE_MASS.motor_constant:
+            raise ModelError("too much")
+        return simulate(self, *arguments)
+
+    monkeypatch.setattr(DrivenMotor, "simulate", only_below)
+    problem = problem_of(DrivenMotor(ONE_MASS), USUAL)
+    one = problem.linearised(problem.start)[0][1]
+    assert np.array_equal(one[:, 1:], both[:, 1:])
+    assert np.linalg.norm(one[:, 0] - both[:, 0]) < 1e-4 * np.linalg.norm(both[:, 0])
+
+
+def test_a_parameter_that_cannot_be_moved_says_why(monkeypatch):
+    simulate = DrivenMotor.simulate
+
+    def only_here(self, *arguments):
+        if self.motor.motor_constant != ONE_MASS.motor_constant:
+            raise ModelError("out of all proportion")
+        return simulate(self, *arguments)
+
+    monkeypatch.setattr(DrivenMotor, "simulate", only_here)
+    problem = problem_of(DrivenMotor(ONE_MASS), USUAL)
+    with pytest.raises(ModelError, match=r"motor_constant cannot be moved from 0.05: out of all proportion"):
+        problem.linearised(problem.start)
+
+
+def test_a_problem_begun_elsewhere_knows_what_was_known_there(monkeypatch):
+    problem = problem_of(DrivenMotor(ONE_MASS), USUAL)
+    theta = problem.start * np.array([1.1, 0.9, 1.3])
+    expected = problem.linearised(theta)
+    monkeypatch.setattr(DrivenMotor, "simulate", lambda *arguments: pytest.fail("simulated again"))
+    moved = problem.begun_at(theta)
+    assert np.array_equal(moved.start, theta)
+    assert moved.linearised(theta) is expected
+    assert np.array_equal(moved.residuals(theta)[0], expected[0][0])
+    assert moved.sizes[:3] == pytest.approx(theta)
+
+
+# --- where a record says nothing ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("resolution", [0.0, 1.0], ids=["fine", "coarse"])
+def test_a_sensor_that_shows_but_its_noise_is_no_motion(seed, resolution):
+    noise = 0.4 * np.random.default_rng(seed).standard_normal(len(LEVELS))
+    shown = np.round(noise / resolution) * resolution if resolution else noise
+    with pytest.raises(DataError, match="output y1 is noise that has nothing to do with the input; nothing moves"):
+        simulation_error(MOTOR, Record(0.01 * LEVELS, 3.0 + shown, DT, output_units=("rad/s",)), free=FREE)
+
+
+@pytest.mark.parametrize("plant", [DrivenMotor(ONE_MASS), LinearAxis()], ids=["motor", "axis"])
+def test_motion_far_below_the_noise_is_motion(plant):
+    signal = Signal.SPEED if isinstance(plant, DrivenMotor) else Signal.POSITION
+    output = plant.simulate(40 * LEVELS[:, None], DT, np.zeros(2), (signal,))
+    output += 3 * np.std(output) * np.random.default_rng(2).standard_normal(output.shape)
+    unit = "rad/s" if signal is Signal.SPEED else "m"
+    assert simulation_error(plant, Record(40 * LEVELS, output, DT, output_units=(unit,))).names
+
+
+def test_one_output_that_moves_is_enough():
+    record = driven(noise=0.01)
+    idle = np.random.default_rng(3).standard_normal(len(record))
+    both = Record(record.input, np.column_stack([record.output[:, 0], idle]), DT, output_units=("rad/s", "A"))
+    assert simulation_error(DrivenMotor(ONE_MASS), both, free=USUAL).names
+
+
+# --- where it says little -------------------------------------------------------------------------------------------
+
+
+def test_what_cannot_be_told_apart_is_said_with_what_can_and_what_would_help():
+    free = ("resistance", "rotor_viscous", *FREE)
+    (sentence,) = simulation_error(MOTOR, simulated_record(np.random.default_rng(0)), free=free).words
+    assert sentence.startswith("from voltage and speed alone, resistance, rotor_viscous, motor_constant, rotor_inertia")
+    assert "cannot be told apart, only J/(B + K²/R), K/(K² + R·B), K/(R·J) and R·T_c/K; held: resistance = 2 ohm" in (
+        sentence
+    )
+    assert sentence.endswith("fix what you know, or add the current")
+
+
+def test_the_current_is_not_asked_for_where_it_is_there():
+    record = driven(noise=0.01, signals=(Signal.SPEED, Signal.CURRENT))
+    fit = simulation_error(DrivenMotor(ONE_MASS), record, free=("load_inertia", "resistance", *USUAL))
+    assert {"load_inertia", "rotor_inertia"} - set(fit.names)
+    (sentence,) = fit.words
+    assert sentence.startswith("from voltage and speed and current alone, load_inertia and rotor_inertia cannot")
+    assert sentence.endswith("or add a channel")
+
+
+def test_an_interval_that_reaches_down_to_nothing_has_a_word():
+    free = (*USUAL, "rotor_friction.stribeck")
+    plant = DrivenMotor(replace(ONE_MASS, rotor_friction=replace(ONE_MASS.rotor_friction, stribeck_rate=0.3)))
+    fit = simulation_error(plant, driven(noise=0.1), free=free, look_around=False)
+    (row,) = [row for row in fit.table if row.name == "rotor_friction.stribeck"]
+    assert row.value < 1.96 * row.standard_error
+    assert fit.words == (
+        "the 95 % interval of rotor_friction.stribeck reaches down to nothing: fix it if you can, or leave it out",
+    )
+    assert all(row.value > 1.96 * row.standard_error for row in fit.table[:-1])
+
+
+def test_exact_data_leave_the_uncertainty_of_the_simulation():
+    fit = simulation_error(DrivenMotor(ONE_MASS).put({"motor_constant": 0.075}), driven(noise=0.0), free=USUAL)
+    truth = np.array([ONE_MASS.motor_constant, ONE_MASS.rotor_inertia, ONE_MASS.rotor_friction.coulomb[0]])
+    assert np.all(np.abs(fit.estimate - truth) < 1.96 * fit.standard_error)
+    assert np.all(fit.standard_error < 1e-9 * truth)
+
+
+# --- a plant of the user's that is not one --------------------------------------------------------------------------
+
+
+def decay(x, u, p):
+    return [-p[0] * x[0] + u[0]]
+
+
+def whole(x, u, p):
+    return x[:1]
+
+
+OWN = OwnPlant(decay, whole, (Parameter("a", "a", "1/s", "rate"),), (2.0,), 1, name="tank")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"derivative": lambda x, u, p: [np.nan]}, "the free run of tank is not finite; check the start values"),
+        ({"values": (-1e5,)}, "the free run of tank is not finite; check the start values"),
+        ({"derivative": lambda x, u, p: [1.0, 2.0]}, r"tank: its derivative has shape \(2,\); it must be \(1,\)"),
+        ({"derivative": lambda x, u, p: 1.0}, r"tank: its derivative has shape \(\); it must be \(1,\)"),
+        ({"derivative": lambda x, u, p: None}, r"tank: its derivative has shape \(\); it must be \(1,\)"),
+        ({"output": lambda x, u, p: [x[0], x[0]]}, r"tank: its output has shape \(2,\); it must be \(1,\)"),
+    ],
+    ids=["nan", "runaway", "long", "number", "none", "outputs"],
+)
+def test_a_plant_that_cannot_be_simulated_is_refused_in_words(changes, message):
+    record = Record(LEVELS, OWN.simulate(LEVELS[:, None], DT, np.zeros(1), ()), DT)
+    assert simulation_error(OWN.put({"a": 1.5}), record).estimate == pytest.approx([2.0], rel=1e-8)
+    with pytest.raises(ModelError, match=message):
+        simulation_error(replace(OWN, **changes), record)

@@ -386,6 +386,26 @@ def test_plotly_accepts_every_plot(figure):
         assert len(shown) == len(labels)
 
 
+@pytest.mark.parametrize("name", ["second speed", "a <b>name</b> of a column that goes on and on and on"])
+def test_long_names_have_room_beside_a_plot(name):
+    from matplotlib import rc_context
+
+    from emsid.report import figures
+
+    x = np.arange(3.0)
+    figure = Figure("long", "Long.", (Plot((Line(x, x),), Axis("Time", "s"), Axis(name, "rad/s"), height=0.7),) * 3)
+    with rc_context(figures._SETTINGS):
+        sheet = figures._sheet(figure)
+        sheet.draw_without_rendering()
+        boxes = [axes.get_tightbbox() for axes in sheet.axes]
+        (label,) = {axes.get_ylabel() for axes in sheet.axes}
+    assert all(above.y0 > below.y1 for above, below in pairwise(boxes))
+    assert label.endswith(" [rad/s]")
+    assert ("…" in label) == (len(name) > 30)
+    assert sheet.axes[0].yaxis.label.get_size() >= 6
+    assert interactive(figure.plots[0])["layout"]["yaxis"]["title"]["font"]["size"] >= 9
+
+
 def test_text_is_never_markup_or_mathematics():
     x = np.arange(3.0)
     figure = Figure(

@@ -244,16 +244,23 @@ def _set_axes(axes: Axes, place: _Place) -> None:
         axes.set_ylim(_name_range(plot.y)[::-1])
         _name_bars(axes, plot)
     else:
-        axes.set_ylabel(plot.y.title, size=_label_size(plot.y.title, place.height))
+        title, size = _beside(plot.y, place.height, 8.0)
+        axes.set_ylabel(title, size=size)
     if place.labelled:
         axes.set_xlabel(plot.x.title)
     else:
         axes.tick_params(labelbottom=False)
 
 
-def _label_size(title: str, height: float, size: float = 8.0) -> float:
-    """The size of letters that brings a title beside a plot of this height, within reason."""
-    return min(size, max(size * (height + 10) / _text_width(title, size), 4.0))
+def _beside(axis: Axis, height: float, size: float) -> tuple[str, float]:
+    """The title of an axis and the size of its letters beside a plot of this height; a long name is cut."""
+    title, room = axis.title, height + 10
+    smaller = size * room / _text_width(title, size)
+    if smaller >= 0.75 * size:
+        return title, min(size, smaller)
+    unit = title[len(axis.quantity) :]
+    cut = (f"{axis.quantity[:k].rstrip()}…{unit}" for k in range(len(axis.quantity) - 1, 0, -1))
+    return next((text for text in cut if _text_width(text, 0.75 * size) <= room), unit), 0.75 * size
 
 
 def _name_bars(axes: Axes, plot: Plot) -> None:
@@ -388,9 +395,9 @@ def interactive(plot: Plot) -> Trace:
 
 
 def _page_axis(axis: Axis, length: float = np.inf) -> Trace:
-    letters = 12.5 if np.isinf(length) else round(_label_size(axis.title, length, 12.5), 1)
+    title, letters = (axis.title, 12.5) if np.isinf(length) or axis.names else _beside(axis, length, 12.5)
     settings: Trace = {
-        "title": {"text": escape(axis.title), "standoff": 8, "font": {"size": letters}},
+        "title": {"text": escape(title), "standoff": 8, "font": {"size": round(letters, 1)}},
         "gridcolor": "#e4e7eb",
         "linecolor": "#8a8f98",
         "showline": True,

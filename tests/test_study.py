@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from emsid.errors import DataError
+from emsid.models.plants import DrivenMotor
 from emsid.plant import Bench, Friction, Motor
 from emsid.study import (
     BLOCKS,
     FRICTION,
     FULL,
     LINEAR,
+    ONE_MASS,
     PAPER,
-    PHYSICAL,
     SIMULATION,
+    TWO_MASSES,
     Settings,
     findings,
     load_friction_difference,
@@ -39,8 +41,13 @@ def test_rows_are_complete(result):
         for data in ("identification", "verification")
     } | {
         (experiment, model, "gn", data)
-        for model in (BLOCKS, PHYSICAL)
-        for experiment in ("simulation", "experiment")
+        for model, experiment in (
+            (BLOCKS, "simulation"),
+            (BLOCKS, "experiment"),
+            (ONE_MASS, "simulation"),
+            (ONE_MASS, "experiment"),
+            (TWO_MASSES, "simulation"),
+        )
         for data in ("identification", "verification")
     }
     keys = {"experiment", "model", "method", "data", "one_step_mse", "simulation_mse", "fit_percent"}
@@ -53,10 +60,21 @@ def test_friction_regression_is_far_better_in_free_run(result):
     assert linear / friction > 50
 
 
-def test_physical_motor_beats_the_largest_ratio_of_the_paper(result):
+@pytest.mark.parametrize(("model", "ratio"), [(ONE_MASS, 557), (TWO_MASSES, 1e20)])
+def test_physical_motor_beats_the_largest_ratio_of_the_paper(result, model, ratio):
     simulation = result.parts[0]
-    linear, physical = (simulation.verified(model).row.simulation_mse for model in (LINEAR, PHYSICAL))
-    assert linear / physical >= 557
+    linear, physical = (simulation.verified(each).row.simulation_mse for each in (LINEAR, model))
+    assert linear / physical >= ratio
+
+
+def test_the_whole_motor_is_found_from_half_as_much_again(result):
+    fit = result.parts[0].verified(TWO_MASSES).fit
+    assert result.parts[0].models[-1] == TWO_MASSES
+    truth = np.array([DrivenMotor(Motor()).value(name) for name in fit.names])
+    assert len(truth) == 10
+    assert np.all(np.abs(fit.estimate - truth) < 1.96 * fit.standard_error)
+    assert np.all(fit.standard_error < 1e-7 * truth)
+    assert {row.status for row in fit.table} == {"estimated"}
 
 
 def test_physical_motor_tells_the_constants_that_the_plant_has_from_half_as_much_again(result):
@@ -65,7 +83,7 @@ def test_physical_motor_tells_the_constants_that_the_plant_has_from_half_as_much
     motor, electrical = Motor(), 2e-3 / 2.0
     mechanical = (motor.rotor_inertia + motor.load_inertia) * motor.resistance / motor.motor_constant**2
     for part in result.parts:
-        fit = part.verified(PHYSICAL).fit
+        fit = part.verified(ONE_MASS).fit
         found = dict(zip(fit.names, zip(fit.estimate, fit.standard_error, strict=True), strict=True))
         for name, value in truth.items():
             estimate, error = found[name]
@@ -159,14 +177,14 @@ def test_interrupted_study_keeps_its_finished_part():
 
 def test_a_study_interrupted_in_a_search_keeps_what_the_regressions_show():
     def stop_at_motor(what, fraction):
-        if what == f"{SIMULATION}: {PHYSICAL}":
+        if what == f"{SIMULATION}: {ONE_MASS}":
             raise KeyboardInterrupt
 
     kept = study(Settings(duration=2.0), progress=stop_at_motor)
     assert kept.interrupted
     (part,) = kept.parts
     assert part.interrupted
-    assert PHYSICAL not in part.models
+    assert ONE_MASS not in part.models
     assert {LINEAR, FRICTION, BLOCKS} <= set(part.models)
     assert report(kept).sections
 

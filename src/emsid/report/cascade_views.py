@@ -219,6 +219,11 @@ def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record, level: flo
     ]
     if len(corners):
         marks.append(Points(corners, block.value(corners), what, Ink.NAVY))
+    reach = _reach(marks, [value], 0.0)
+    if reach is not None:  # a band that reaches far beyond is more than a drawing can hold
+        marks[1] = Band(
+            x, np.maximum(value - half, reach[0]), np.minimum(value + half, reach[1]), f"{100 * level:g} % band"
+        )
     into, out = _units(model, k, record)
     first, last = k == 0, k == len(model.blocks) - 1
     return Plot(
@@ -227,7 +232,7 @@ def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record, level: flo
         Axis(
             f"{capital(record.output_names[0]) if last else f'x{k + 1}'}, out of the map",
             out,
-            range=_reach(marks, [value], 0.0),
+            range=reach,
         ),
         f"Static map, block {k + 1}" if len(model.blocks) > 1 else "Static map",
         height=1.6,
@@ -278,8 +283,8 @@ def _reach(marks: Sequence[Mark], curves: Sequence[Array], least: float) -> tupl
     low, high = float(known.min()), float(known.max())
     span = max(high - low, least) or 1.0
     bands = [mark for mark in marks if isinstance(mark, Band)]
-    below = min([float(band.lower.min()) for band in bands], default=low)
-    above = max([float(band.upper.max()) for band in bands], default=high)
+    below = min([low, *(float(band.lower.min()) for band in bands)])
+    above = max([high, *(float(band.upper.max()) for band in bands)])
     return max(below, low - 0.4 * span) - 0.06 * span, min(above, high + 0.4 * span) + 0.06 * span
 
 

@@ -144,7 +144,7 @@ def results_table(
         tuple(cells),
         f"{caption or 'Errors of the models, free run and one step ahead.'}"
         f"{' MSE in the unit of the output squared, RMSE in that unit.' if outputs else _in_units(unit)}",
-        " ".join([*((f"{reference.source}: {reference.note}",) if reference else ()), *notes]),
+        " ".join([*((f"{reference.source}: {reference.note.rstrip('.')}.",) if reference else ()), *notes]),
         text_columns=len(words),
         emphasised=frozenset(emphasised),
     )
@@ -203,7 +203,7 @@ def parameter_table(
         ("Parameter", *extra, "Estimate", f"{100 * level:g} % interval", "±\u00a0[%]"),
         tuple(rows),
         caption or f"Parameters of {fit.model.name} ({fit.method.upper()}).",
-        " ".join(filter(None, (note, fit.message))),
+        " ".join(filter(None, (note, sentence(fit.message)))),
         text_columns=1 + len(extra),
     )
 

@@ -73,13 +73,13 @@ def prefixed(size: float, unit: str) -> tuple[float, str]:
 def sentence(text: str) -> str:
     """A message with a full stop and a capital, unless it begins with the name of a parameter.
 
-    >>> sentence("the search stalled"), sentence("sensor.lag is held")
-    ('The search stalled.', 'sensor.lag is held.')
+    >>> sentence("the search stalled"), sentence("sensor.lag is held"), sentence("b1 cannot be told.")
+    ('The search stalled.', 'sensor.lag is held.', 'b1 cannot be told.')
     """
     if not text:
         return ""
     first = text.split(maxsplit=1)[0]
-    named = "_" in first or "." in first.rstrip(".")
+    named = re.search(r"[_0-9]|[.].", first)
     return f"{text[:1] if named else text[:1].upper()}{text[1:].rstrip('.')}."
 
 

@@ -439,10 +439,15 @@ def _expand(
             s[_DECAY + body, k] = 0.0
         if sliding:
             s[_DECAY + body, 0] = np.exp(-rate * motion[body] * x[_SPEED + body])
+    # A division takes as long as many products.
+    per_ohm = 1.0 / m.resistance
+    per_henry = 1.0 / m.inductance if m.inductance > 0.0 else 0.0
+    rotor_share = 1.0 / (m.inertia[0] + m.inertia[1] if m.rigid else m.inertia[0])
+    load_share = 1.0 / m.inertia[1]
     for k in range(order + 1):
         unit = 1.0 if k == 0 else 0.0
         if m.inductance == 0.0:
-            s[_CURRENT, k] = (volt * unit - m.motor_constant * s[_SPEED, k]) / m.resistance
+            s[_CURRENT, k] = (volt * unit - m.motor_constant * s[_SPEED, k]) * per_ohm
         torque = m.slope[branch] * (m.motor_constant * s[_CURRENT, k] - m.corner[branch] * unit)
         shaft = m.stiffness * s[_TWIST, k] + m.damping * (s[_SPEED, k] - s[_SPEED + 1, k])
         s[_NET, k] = torque - shaft - m.viscous[0] * s[_SPEED, k]
@@ -452,27 +457,28 @@ def _expand(
             s[_NET + 1, k] = s[_NET, k]
         if k == order:
             return
+        part = 1.0 / (k + 1)
         if m.inductance > 0.0:
             drop = m.resistance * s[_CURRENT, k] + m.motor_constant * s[_SPEED, k]
-            s[_CURRENT, k + 1] = (volt * unit - drop) / (m.inductance * (k + 1))
+            s[_CURRENT, k + 1] = (volt * unit - drop) * (per_henry * part)
         rotor = _friction_term(m, s, motion, 0, k)
         load = _friction_term(m, s, motion, 1, k)
         if m.rigid:
-            gained = (s[_NET, k] - rotor - load) / ((m.inertia[0] + m.inertia[1]) * (k + 1))
+            gained = (s[_NET, k] - rotor - load) * (rotor_share * part)
             s[_SPEED, k + 1] = gained if motion[0] != 0 else 0.0
             s[_SPEED + 1, k + 1] = s[_SPEED, k + 1]
         else:
-            s[_SPEED, k + 1] = (s[_NET, k] - rotor) / (m.inertia[0] * (k + 1)) if motion[0] != 0 else 0.0
-            s[_SPEED + 1, k + 1] = (s[_NET + 1, k] - load) / (m.inertia[1] * (k + 1)) if motion[1] != 0 else 0.0
-        s[_TWIST, k + 1] = (s[_SPEED, k] - s[_SPEED + 1, k]) / (k + 1)
-        s[_ANGLE, k + 1] = s[_SPEED + 1, k] / (k + 1)
+            s[_SPEED, k + 1] = (s[_NET, k] - rotor) * (rotor_share * part) if motion[0] != 0 else 0.0
+            s[_SPEED + 1, k + 1] = (s[_NET + 1, k] - load) * (load_share * part) if motion[1] != 0 else 0.0
+        s[_TWIST, k + 1] = (s[_SPEED, k] - s[_SPEED + 1, k]) * part
+        s[_ANGLE, k + 1] = s[_SPEED + 1, k] * part
         for body in range(2):
             if s[_DECAY + body, 0] > 0.0:
                 total = 0.0
                 for j in range(k + 1):
                     total += (j + 1) * s[_SPEED + body, j + 1] * s[_DECAY + body, k - j]
                 rate = m.stribeck_rate[body, int(motion[body] < 0)]
-                s[_DECAY + body, k + 1] = -rate * motion[body] * total / (k + 1)
+                s[_DECAY + body, k + 1] = -rate * motion[body] * total * part
 
 
 @_kernel

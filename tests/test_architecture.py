@@ -57,7 +57,7 @@ def imports(tree: ast.Module) -> Iterator[str]:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-def calls(tree: ast.Module) -> Iterator[str]:
+def calls(tree: ast.AST) -> Iterator[str]:
     """Every function that is called, as it is written."""
     yield from (ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call))
 
@@ -159,6 +159,26 @@ def test_start_is_fast_because_nothing_heavy_is_imported(command: str) -> None:
     program = [sys.executable, "-c", at_the_end + command]
     done = subprocess.run(program, capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.splitlines()[-1] == "LOADED set()"
+
+
+def compiled(module: str) -> dict[str, str]:
+    """The compiled functions of a module and what they return."""
+    functions = [node for node in ast.walk(tree_of(module)) if isinstance(node, ast.FunctionDef)]
+    return {
+        f.name: ast.unparse(f.returns) if f.returns else "?"
+        for f in functions
+        if any(re.search(r"njit|_kernel", ast.unparse(decorator)) for decorator in f.decorator_list)
+    }
+
+
+@every_module
+def test_compiled_code_returns_numbers_only_to_python(module: str) -> None:
+    """Ctrl-C while it makes arrays of its own into objects would end the interpreter."""
+    kernels = {name: kind for each in MODULES for name, kind in compiled(each).items()}
+    unsafe = {name for name, kind in kernels.items() if kind not in ("None", "int", "float", "bool")}
+    functions = [node for node in ast.walk(tree_of(module)) if isinstance(node, ast.FunctionDef)]
+    callers = [f for f in functions if f.name not in kernels]
+    assert unsafe.isdisjoint(name for f in callers for name in calls(f))
 
 
 # --- everything public explains itself -------------------------------------------------------------------------------

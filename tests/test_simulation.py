@@ -1,5 +1,7 @@
 """The plant in motion: against SciPy, against closed forms, and by its balances and symmetries."""
 
+import subprocess
+import sys
 from dataclasses import fields, replace
 from math import inf, log
 
@@ -237,6 +239,35 @@ def test_first_zero_of_a_polynomial(roots, end):
     p = np.polynomial.polynomial.polyfromroots(roots)
     found = _first_zero(p * np.sign(p[0]), end, np.empty(len(p)))
     assert found == (pytest.approx(inside[0], rel=1e-6) if inside else inf)
+
+
+@pytest.mark.parametrize("room", [1, 5, 30])
+def test_more_events_than_there_is_room_for(room, monkeypatch):
+    voltage = two_sines(500, 2e-3)
+    expected = simulate(KINKED, voltage, 2e-3, energy=True)
+    assert len(expected.events.time) > 30
+    monkeypatch.setattr("emsid.plant.simulation._ROOM", room - len(voltage))
+    result = simulate(KINKED, voltage, 2e-3, energy=True)
+    for mine, theirs in zip(result.events, expected.events, strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+    np.testing.assert_array_equal(result.load_speed, expected.load_speed)
+    assert result.energy == expected.energy
+
+
+def test_ctrl_c_while_it_runs_is_an_exception_afterwards():
+    program = """
+import signal
+from emsid.plant import Motor, simulate
+simulate(Motor(), [0.0], 1e-3)
+signal.signal(signal.SIGALRM, signal.default_int_handler)
+signal.setitimer(signal.ITIMER_REAL, 0.02)
+try:
+    simulate(Motor(), [2.0, -2.0] * 50_000, 5e-3)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "interrupted\n"
 
 
 def test_no_sample_is_no_motion():

@@ -1,9 +1,11 @@
-"""The program's way in: it can be interrupted from its first moment on, also amid the imports that follow."""
+"""The program's way in: it can be interrupted from its first moment on, also amid the imports that follow.
+
+So nothing is imported here that takes time.
+"""
 
 import os
 import signal
 import sys
-from typing import NoReturn
 
 
 def main() -> None:
@@ -16,7 +18,7 @@ def main() -> None:
     cli.main()
 
 
-def _leave(*_: object) -> NoReturn:
+def _leave(*_: object) -> None:
     """End at once: nothing has been begun yet, and an exception may be lost in a half-imported library."""
     os.write(2, b"emsid: interrupted before anything was found\n")
     os._exit(130)

@@ -234,7 +234,13 @@ def simulate(
     states[0] = start
     spent = np.zeros(len(fields(Energy)))
     steps = (method.order, method.tolerance, method.longest_step)
-    instant, events, reached = _run(constants, volts, armature, torques, holds, *steps, energy, states, spent)
+    happened, room = _ROOM + len(volts), 0
+    while happened > room:  # once more where there was not room for all
+        room, spent[:] = happened, 0.0
+        instant, events, counts = np.empty(room), np.empty((room, 3), np.int64), np.empty(2, np.int64)
+        _run(constants, volts, armature, torques, holds, *steps, energy, states, spent, instant, events, counts)
+        happened, reached = counts.tolist()
+    instant, events = instant[:happened].copy(), events[:happened].copy()
     time = np.concatenate([[0.0], np.cumsum(holds)])
     if reached < len(volts):
         raise ModelError(
@@ -334,6 +340,7 @@ _CURRENT, _SPEED, _TWIST, _ANGLE, _DECAY, _NET, _ROWS = 0, 1, 3, 4, 5, 7, 9
 
 _SLACK = 1e-12  # relative; three decades above the rounding of a sum of torques
 _MOST_STEPS = 100_000  # in one sample
+_ROOM = 64  # for events, beyond one in every sample
 
 
 @_kernel
@@ -349,8 +356,15 @@ def _run(
     energy: bool,
     states: Array,
     spent: Array,
-) -> tuple[Array, NDArray[np.int64], int]:
-    """Every sample from ``states[0]`` on: fill ``states`` (N + 1, 5) and ``spent``, return events and samples done."""
+    instant: Array,
+    events: NDArray[np.int64],
+    counts: NDArray[np.int64],
+) -> None:
+    """Every sample from ``states[0]`` on: fill ``states`` (N + 1, 5), ``spent``, and ``instant`` and ``events`` as far
+    as there is room; ``counts`` are events that happened and samples done.
+
+    Nothing is returned, as Ctrl-C while a kernel makes arrays of its own into objects ends the interpreter.
+    """
     s = np.zeros((_ROWS, order + 1))
     centred = np.empty(order + 1)
     margin = np.empty(order + 1)
@@ -358,7 +372,7 @@ def _run(
     x = np.empty(5)
     for row in range(5):
         x[row] = states[0, row]
-    instant, events, happened = np.empty(64), np.empty((64, 3), np.int64), 0
+    happened, room = 0, len(instant)
     latest = np.full(2, -1)
     clock = 0.0
     for k in range(len(volts)):
@@ -388,16 +402,14 @@ def _run(
                     x[_SPEED + 1] = 0.0
                 now = clock + (holds[k] - left)
                 again = latest[body]
-                if turn != 0 and again >= 0 and instant[again] == now and events[again, 2] == 0:
+                if turn != 0 and 0 <= again < room and instant[again] == now and events[again, 2] == 0:
                     events[again, 2] = turn  # it was not held for any time: a reversal
                 else:
-                    if happened == len(instant):
-                        instant = np.concatenate((instant, np.empty_like(instant)))
-                        events = np.concatenate((events, np.empty_like(events)))
-                    instant[happened] = now
-                    events[happened, 0] = body
-                    events[happened, 1] = motion[body]
-                    events[happened, 2] = turn
+                    if happened < room:
+                        instant[happened] = now
+                        events[happened, 0] = body
+                        events[happened, 1] = motion[body]
+                        events[happened, 2] = turn
                     latest[body] = happened
                     happened += 1
                 motion[body] = turn
@@ -410,9 +422,10 @@ def _run(
             states[k + 1, row] = x[row]
             check += x[row] - x[row]
         if check != 0.0:  # time is left, or a state is not finite
-            return instant[:happened], events[:happened], k
+            counts[0], counts[1] = happened, k
+            return
         clock += holds[k]
-    return instant[:happened], events[:happened], len(volts)
+    counts[0], counts[1] = happened, len(volts)
 
 
 @_kernel

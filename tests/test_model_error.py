@@ -80,3 +80,29 @@ def test_a_curved_truth_spreads_the_estimate_as_it_says() -> None:
     spread = np.var(estimates)
     assert np.mean(errors) == pytest.approx(spread, rel=0.15)
     assert abs(np.mean(first_order) / spread - 1) > 0.3
+
+
+class TwoDecays:
+    """r = exp(−a·x) + exp(−b·x) − y: for a near b what tells them apart is hardly more than its own curvature."""
+
+    def __init__(self, x: Array, y: Array) -> None:
+        self.x, self.y = x, y
+
+    def residuals(self, theta: Array) -> list[Array]:
+        return [np.exp(-np.outer(theta, self.x)).sum(axis=0) - self.y]
+
+    def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
+        return [(self.residuals(theta)[0], (-self.x * np.exp(-np.outer(theta, self.x))).T)]
+
+
+def test_noise_is_not_taken_for_model_error_where_parameters_are_hardly_told_apart() -> None:
+    """The residual is noise; what it makes of the second derivatives must not narrow the intervals (0.84 hold then)."""
+    rng, truth = np.random.default_rng(4), np.array([1.0, 1.3])
+    held = []
+    for _ in range(300):
+        x = rng.uniform(0, 3, 1000)
+        problem = TwoDecays(x, np.exp(-np.outer(truth, x)).sum(axis=0) + 0.04 * rng.standard_normal(len(x)))
+        estimate = gauss_newton(problem, truth, tolerance=1e-6).estimate
+        spread = np.sqrt(np.diag(model_error_covariance(problem, estimate, BOTH, NONE, problem)))
+        held.append(np.abs(estimate - truth) < 1.96 * spread)
+    assert np.all(np.abs(np.mean(held, axis=0) - 0.95) < 0.035)

@@ -11,15 +11,19 @@ back when the input does. The estimate still settles, at the θ* that is best fo
 products Jₜrₜ with Bartlett's weights, which knows how the two go together but is short of data (`sandwich`). What is
 used is no smaller than either in any direction.
 - H does not lose its second part, as r does not average out: a dead zone fitted to a rounded corner misses most where
-its edge is. ∂²r/∂θ² of an edge is a pulse, so H is found from how the gradient Jᵀr changes over a step, of the size of
-the uncertainty, in each of the directions in which J has orthonormal columns.
+its edge is. ∂²r/∂θ² of an edge is a pulse, so it is found from how J changes over a step, of the size of the
+uncertainty, in each of the directions in which J has orthonormal columns. The residual is that of the minimum: one that
+changed along would bring in (∂²r/∂θ²)², which makes what is badly known look steep. Where the residual is noise after
+all, the sum is noise too: every element is shrunk by 1 − (its variance)/(its square), to nothing where that is negative
+(James & Stein 1961).
 
 In such coordinates all directions count alike, JᵀJ is one, and starting states are out of the way once they come first
 in the triangular factor.
 
 References:
-    Ljung, *Convergence analysis of parametric identification methods*, IEEE TAC 23 (1978). White, *Maximum likelihood
-    estimation of misspecified models*, Econometrica 50 (1982).
+    James, Stein, *Estimation with quadratic loss*, 4th Berkeley Symposium (1961). Ljung, *Convergence analysis of
+    parametric identification methods*, IEEE TAC 23 (1978). White, *Maximum likelihood estimation of misspecified
+    models*, Econometrica 50 (1982).
 """
 
 from __future__ import annotations
@@ -34,7 +38,7 @@ from emsid.estimation.sandwich import automatic_window, weighted_variance
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Steps over which the gradient's change is looked at, in standard errors.
+# Steps over which the derivative's change is looked at, in standard errors.
 STEP = 1.5
 # The second part of H is estimated, so it makes no direction flatter or steeper than by such a factor.
 FLATTEST, STEEPEST = 0.2, 5.0
@@ -81,21 +85,32 @@ def upper_bound(one: Array, other: Array) -> Array:
 
 
 def _bend(problem: Problem, theta: Array, directions: Array, steps: Array) -> Array:
-    """(p, p) Σₜ rₜ ∂²rₜ/∂θ² along the directions (q, p), zero where a step leads out of bounds."""
-    jacobian = np.concatenate([each for _, each in problem.linearised(theta)]) @ directions
-    straight = jacobian.T @ jacobian
-    bend = np.zeros_like(straight)
+    """(p, p) Σₜ rₜ ∂²rₜ/∂θ² along the directions (q, p), what is noise taken off; zero for steps out of bounds."""
+    residuals = problem.residuals(theta)
+    bend, error = np.zeros((2, len(steps), len(steps)))
     for k, step in enumerate(steps):
+        if not step > 0:
+            continue
         try:
-            ahead, behind = (_gradient(problem, theta + move * directions[:, k]) for move in (step, -step))
+            ahead, behind = (_jacobians(problem, theta + move * directions[:, k]) for move in (step, -step))
         except Infeasible:
             continue
-        if step > 0:
-            bend[:, k] = directions.T @ (ahead - behind) / (2 * step) - straight[:, k]
-    return (bend + bend.T) / 2
+        shares = [
+            residual[:, None] * ((one - other) @ directions) / (2 * step)
+            for residual, one, other in zip(residuals, ahead, behind, strict=True)
+        ]
+        bend[:, k] = np.sum([share.sum(axis=0) for share in shares], axis=0)
+        error[:, k] = np.diag(weighted_variance(shares, automatic_window(shares)))
+    bend, error = (bend + bend.T) / 2, (error + error.T) / 2
+    noise = np.divide(error, bend**2, out=np.ones_like(bend), where=bend != 0)
+    shrunk: Array = bend * np.maximum(1 - noise, 0)
+    return shrunk
 
 
-def _gradient(problem: Problem, theta: Array) -> Array:
-    problem.residuals(theta)  # says whether there is one
-    gradient: Array = np.sum([residual @ jacobian for residual, jacobian in problem.linearised(theta)], axis=0)
-    return gradient
+def _jacobians(problem: Problem, theta: Array) -> list[Array]:
+    with np.errstate(over="ignore", invalid="ignore"):
+        problem.residuals(theta)  # says whether there are any
+        jacobians = [jacobian for _, jacobian in problem.linearised(theta)]
+    if not all(np.isfinite(jacobian).all() for jacobian in jacobians):
+        raise Infeasible("a derivative that is not finite")
+    return jacobians

@@ -167,6 +167,17 @@ def test_no_inverse_without_monotony(block: StaticMap) -> None:
         block.inverse([0.1, 0.2])
 
 
+@pytest.mark.parametrize("name", [name for name in MAPS if name not in ("abs", "user")])
+def test_inverse_of_any_shape_of_numbers_and_of_none(name: str) -> None:
+    block = MAPS[name]
+    assert block.inverse([]).shape == (0,)
+    assert block.inverse(0.5).shape == ()
+    table = np.array([[0.5, np.nan], [0.45, 0.7]])
+    there = block.inverse(table)
+    np.testing.assert_array_equal(np.isnan(there), np.isnan(table))
+    np.testing.assert_allclose(block.value(there)[~np.isnan(table)], table[~np.isnan(table)], rtol=1e-9)
+
+
 def test_inverse_outside_the_fitted_range() -> None:
     with pytest.raises(ModelError, match="outside the range"):
         Polynomial(np.array([0.0, 1.0])).inverse(9.0)
@@ -223,6 +234,19 @@ def test_polynomial_in_powers() -> None:
     np.testing.assert_allclose(block.powers, [0.1, 1.0, -0.5, 0.0], atol=1e-13)
 
 
+def test_a_user_map_is_printed_under_its_name_if_it_has_one() -> None:
+    def bend(x: Array, p: Array) -> Array:
+        return np.tanh(p[0] * x)
+
+    block = UserMap(bend, lambda x, p: x, lambda x, p: x[None], np.array([2.0]), ("rate",))
+    assert block.expression("x") == "bend(x, rate=2)"
+    assert UserMap(lambda x, p: x, lambda x, p: x).expression("x") == "f(x)"
+
+
+def test_a_sum_that_begins_with_a_minus() -> None:
+    assert Rational([-0.5, 0.1]).equation("u", "y") == "y(t) = (-0.5 + 0.1*q^-1) u(t)"
+
+
 def test_dead_zone_is_equation_4_9() -> None:
     zone = DeadZone(-0.5, 0.25, 2.0, 3.0)
     np.testing.assert_allclose(zone.value(np.array([-1.5, -0.5, 0.0, 0.25, 1.25])), [-2, 0, 0, 0, 3])
@@ -236,6 +260,11 @@ def test_dead_zone_is_equation_4_9() -> None:
         (lambda: Rational([1.0, np.nan]), "finite"),
         (lambda: Rational([[1.0]]), "one dimension"),
         (lambda: Rational([1.0], delay=-1), "look ahead"),
+        (lambda: Rational([1.0], delay=1.5), r"delay 1\.5.* whole number"),  # type: ignore[arg-type]
+        (lambda: Polynomial(np.array([0.0, 1.0]), -np.inf, 1.0), "finite and not empty"),
+        (lambda: DeadZone(np.nan, 1.0), "dead-zone with b_l = nan"),
+        (lambda: Saturation(1.0, -np.inf, 1.0), "saturation with low = -inf"),
+        (lambda: CoulombLinear(1.0, np.inf), "coulomb with linear = inf"),
         (lambda: Polynomial(np.array([1.0])), "at least two"),
         (lambda: CubicSpline(KNOTS[::-1], VALUES), "ascend"),
         (lambda: PiecewiseLinear(KNOTS, VALUES[:2]), "6 knots and 2 values"),
@@ -244,6 +273,7 @@ def test_dead_zone_is_equation_4_9() -> None:
         (lambda: UserMap(np.multiply, np.multiply, np.multiply, np.ones(2), ("a",)), "1 names for 2"),
         (lambda: UserMap(lambda x, p: x[:3], lambda x, p: x).value(signal()), r"function .* shape \(3,\) where"),
         (lambda: UserMap(lambda x, p: x, lambda x, p: 1.0).slope(signal()), "derivative .* shape"),  # type: ignore
+        (lambda: UserMap(lambda x, p: x[999], lambda x, p: x).value(signal()), "function .* failed: IndexError: index"),
         (lambda: MAPS["user"].to_data(), "cannot be saved"),
     ],
 )

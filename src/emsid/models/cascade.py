@@ -57,7 +57,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.fit import Fit
+from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.gauss_newton import Infeasible, Iteration, Minimum, gauss_newton
 from emsid.estimation.losses import SQUARES, Loss, Squares
 from emsid.estimation.model_error import model_error_covariance
@@ -65,6 +65,7 @@ from emsid.models.blocks import Block, block_from_data
 from emsid.models.filters import INTERPOLATION_REACH, Rational, interpolated
 from emsid.models.model import RUNAWAY, Run
 from emsid.models.static_maps import Scaling, StaticMap
+from emsid.models.terms import check_whole
 from emsid.record import Record
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ CURVATURE_SAMPLES = 5_000
 # An offset this small, relative to the largest parameter, is rounding.
 ROUNDING = 1e-12
 # What finding a starting state may cost; a twentieth of its standard error is near enough.
-START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05}
+START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05, "inner": True}
 # A search for it may begin at so many of the states that the input leads to.
 TRIAL_STATES = 64
 # The states that the input leads to are looked at over so many samples; no direction among them is flatter than this.
@@ -101,7 +102,8 @@ class Cascade:
         name: what to call it in tables and files.
 
     Raises:
-        ModelError: without blocks, for a negative delay, for offsets that are not finite.
+        ModelError: without blocks, for what is no block, a delay or oversampling that is no whole number or too small,
+            offsets that are not finite.
     """
 
     blocks: tuple[Block, ...]
@@ -112,12 +114,14 @@ class Cascade:
     name: str = "cascade"
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "blocks", tuple(self.blocks))
         if not self.blocks:
             raise ModelError(f"{self.name}: a cascade needs at least one block")
-        if self.delay < 0:
-            raise ModelError(f"{self.name}: delay {self.delay}; a model cannot look ahead")
-        if self.oversampling < 1:
-            raise ModelError(f"{self.name}: oversampling {self.oversampling}; give a whole number of at least 1")
+        for k, block in enumerate(self.blocks, start=1):
+            if not isinstance(block, Block):
+                raise ModelError(f"{self.name}, block {k}: {block!r} is no filter and no static map")
+        check_whole(f"{self.name}: delay", self.delay, 0, "a model cannot look ahead")
+        check_whole(f"{self.name}: oversampling", self.oversampling, 1, "blocks run at least as fast as the record")
         if not np.isfinite([self.input_offset, self.output_offset]).all():
             raise ModelError(f"{self.name}: offsets {self.input_offset}, {self.output_offset}; give finite numbers")
 
@@ -406,6 +410,10 @@ def unit_gain(cascade: Cascade) -> Cascade:
     for k in fixed_gains(cascade):
         block = cascade.blocks[k]
         assert isinstance(block, Rational)
+        if not block.gain:
+            raise ModelError(
+                f"{cascade.name}, block {k + 1}: a filter of zeros lets nothing through; give others"
+            )
         cascade = _without_gain(cascade, k, block.gain)
     return cascade
 
@@ -630,6 +638,22 @@ class FreeRun:
             states = [self.cascade.resting(float(u[0])) for u, _ in self.segments]
         return np.concatenate([self.freedom.start[self.freedom.free], *states])
 
+    def check_values(self) -> None:
+        """Refuse a start at which a block makes of finite numbers some that are not.
+
+        Raises:
+            ModelError: saying which block, and of what.
+        """
+        for u, _ in self.segments:
+            signals = self.cascade.signals(u, np.zeros(self.cascade.states))
+            for k, (x, y) in enumerate(pairwise(signals), start=1):
+                bad = np.flatnonzero(~np.isfinite(y))
+                if len(bad):
+                    raise ModelError(
+                        f"{self.cascade.name}, block {k}: from an input of {x[bad[0]]:.4g} it makes {y[bad[0]]}; "
+                        "start with parameters for which all signals are finite"
+                    )
+
     def model(self, theta: Array) -> Cascade:
         """The cascade at these parameters."""
         return self.cascade.with_parameters(self.freedom.parameters(theta[: len(self.freedom.free)]))
@@ -745,9 +769,13 @@ def search(
     progress: Callable[[Iteration], None] | None = None,
 ) -> tuple[Minimum, FreeRun]:
     """What `fit_cascade` does before it concludes; for those who go on from the minimum."""
+    if skip is not None:
+        check_whole(f"{start.name}: skip", skip, 0, "these are samples to be left out")
+    start.check()
     cascade = unit_gain(start)
     cascade.check()
     problem = FreeRun(cascade, freedom(cascade, hold), gather(cascade, records, skip), max(skip or 0, cascade.edge))
+    problem.check_values()
     theta = problem.start
     count = len(problem.freedom.free)
     low, high = np.full(len(theta), -np.inf), np.full(len(theta), np.inf)
@@ -777,13 +805,31 @@ def conclude(minimum: Minimum, problem: FreeRun, loss: Loss = SQUARES) -> Fit[Ca
     own = minimum.covariance if not isinstance(loss, Squares) else _honest(minimum, problem)
     covariance = _propagated(problem.freedom.spread, own[:count, :count])
     kept = np.flatnonzero(np.diag(covariance) > 0)
-    fit = minimum.fit(cascade, [cascade.names[k] for k in problem.freedom.free])
+    names = [cascade.names[k] for k in problem.freedom.free]
+    fit = minimum.fit(cascade, names)
     return replace(
         fit,
+        message=_untold(minimum, names) if fit.ending is Ending.RANK_DEFICIENT else fit.message,
         names=tuple(cascade.names[k] for k in kept),
         estimate=cascade.parameters[kept],
         covariance=covariance[np.ix_(kept, kept)],
     )
+
+
+def _untold(minimum: Minimum, names: Sequence[str]) -> str:
+    """What the records leave open, in words; all that is not named is a starting state."""
+    free = np.flatnonzero(minimum.free)
+
+    def called(group: Sequence[int]) -> str:
+        own = [names[free[k]] for k in group if free[k] < len(names)]
+        words = own + ["starting states"] * (len(own) < len(group))
+        return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+
+    aliases = minimum.information.solve().aliases
+    silent = called([group[0] for group in aliases if len(group) == 1]) if any(len(g) == 1 for g in aliases) else ""
+    alike = list(dict.fromkeys(called(group) for group in aliases if len(group) > 1))
+    said = [f"say nothing of {silent}"] * bool(silent) + [f"cannot tell {group} apart" for group in alike]
+    return "the records " + "; they ".join(said)
 
 
 def _honest(minimum: Minimum, problem: FreeRun) -> Array:
@@ -846,6 +892,8 @@ def static_band(fit: Fit[Cascade], block: int, x: ArrayLike) -> Array:
         ModelError: where that block is not a static map.
     """
     model = fit.model
+    if not 0 <= block < len(model.blocks):
+        raise ModelError(f"{model.name}: no block {block}; they are counted from 0 to {len(model.blocks) - 1}")
     chosen = model.blocks[block]
     if not isinstance(chosen, StaticMap):
         raise ModelError(f"{model.name}: block {block + 1} is a filter; a band is drawn for static maps")

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.gauss_newton import Infeasible
-from emsid.models.terms import sum_of_terms, vector
+from emsid.models.terms import check_whole, sum_of_terms, vector
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class Rational:
         delay: nk in samples.
 
     Raises:
-        ModelError: for an empty numerator, values that are not finite, a negative delay.
+        ModelError: for an empty numerator, values that are not finite, a delay that is negative or no whole number.
     """
 
     numerator: Array
@@ -65,8 +65,7 @@ class Rational:
             object.__setattr__(self, field, vector(getattr(self, field), f"filter {field}"))
         if not len(self.numerator):
             raise ModelError("a filter needs at least one numerator coefficient")
-        if self.delay < 0:
-            raise ModelError(f"filter delay {self.delay}: a filter cannot look ahead")
+        check_whole("filter delay", self.delay, 0, "a filter cannot look ahead")
 
     @property
     def names(self) -> tuple[str, ...]:

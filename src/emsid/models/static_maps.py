@@ -25,7 +25,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emsid.errors import ModelError
+from emsid.errors import EmsidError, ModelError
 from emsid.estimation.gauss_newton import Infeasible
 from emsid.models.terms import sum_of_terms, vector
 
@@ -169,10 +169,10 @@ class Polynomial(StaticMap):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients", vector(self.coefficients, "polynomial coefficients"))
-        if len(self.coefficients) < 2 or not self.low < self.high:
+        if len(self.coefficients) < 2 or not (np.isfinite([self.low, self.high]).all() and self.low < self.high):
             raise ModelError(
                 f"polynomial with {len(self.coefficients)} coefficients on [{self.low}, {self.high}]; give at least "
-                "two on an interval that is not empty"
+                "two on an interval that is finite and not empty"
             )
 
     @classmethod
@@ -273,6 +273,11 @@ class _OfNumbers(StaticMap):
 
     letters: ClassVar[tuple[str, ...]]
 
+    def __post_init__(self) -> None:
+        for name in (field.name for field in fields(self)):
+            if not np.isfinite(getattr(self, name)):
+                raise ModelError(f"{self.kind} with {name} = {getattr(self, name)}; give finite numbers")
+
     @property
     def names(self) -> tuple[str, ...]:
         """One for each of the first fields, as formulas and files have it."""
@@ -357,7 +362,7 @@ class DeadZone(_OfNumbers):
             raise ModelError("a dead zone has an inverse only where both its slopes are positive")
         middle = 0.5 * (self.b_l + self.b_r)
         above, below = target / self.m_r + self.b_r, target / self.m_l + self.b_l
-        return np.where(target > 0, above, np.where(target < 0, below, middle))
+        return np.where(target == 0, middle, np.where(target > 0, above, below))
 
     def scaled(self, input: float, output: float) -> DeadZone:
         """Edges times ``input``, slopes times output/input; a mirrored input exchanges left and right."""
@@ -460,7 +465,8 @@ class CoulombLinear(_OfNumbers):
     absorbs_shift: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        if not self.width >= 0:
+        super().__post_init__()
+        if self.width < 0:
             raise ModelError(f"Coulomb map of width {self.width}; give zero or a positive number")
 
     @property
@@ -493,7 +499,7 @@ class CoulombLinear(_OfNumbers):
         if not (self.linear > 0 and self.coulomb >= 0):
             raise ModelError("a Coulomb map has an inverse only for m > 0 and c ≥ 0")
         if self.width:
-            reach = float(np.max(np.abs(target), initial=0.0)) / self.linear + self.width
+            reach = float(np.max(np.abs(_known(target)), initial=0.0)) / self.linear + self.width
             return _monotone_inverse(self, -reach, reach, target)
         return np.asarray(np.sign(target) * np.maximum(np.abs(target) - self.coulomb, 0) / self.linear)
 
@@ -661,11 +667,11 @@ class CubicSpline(_ThroughPoints):
 
     def value(self, x: Array) -> Array:
         """f(x)."""
-        return np.asarray(self._evaluate(x)[0])
+        return self._evaluate(x)[0]
 
     def slope(self, x: Array) -> Array:
         """f′(x)."""
-        return np.asarray(self._evaluate(x)[1])
+        return self._evaluate(x)[1]
 
     def parameter_gradient(self, x: Array) -> Array:
         """(K, N) the cardinal splines, one at their own knot and zero at the others."""
@@ -680,13 +686,16 @@ class CubicSpline(_ThroughPoints):
         slopes = self.slope(ends)
         if not np.all(slopes * slopes[0] > 0):
             raise ModelError("a spline has an inverse only where it is monotone")
-        reach = np.concatenate([ends + (t - self.value(ends)) / slopes for t in (target.min(), target.max())])
+        known = _known(target)
+        extremes = (known.min(), known.max()) if known.size else ()
+        reach = np.concatenate([ends, *(ends + (t - self.value(ends)) / slopes for t in extremes)])
         return _monotone_inverse(self, min(ends[0], reach.min()), max(ends[1], reach.max()), target)
 
-    def _evaluate(self, x: Array) -> Array:
-        out = np.empty((2, x.size))
-        spline_values(self.knots, self.values, self.curvatures @ self.values, x, out)
-        return out
+    def _evaluate(self, x: Array) -> tuple[Array, Array]:
+        at = np.asarray(x, dtype=float)
+        out = np.empty((2, at.size))
+        spline_values(self.knots, self.values, self.curvatures @ self.values, at.ravel(), out)
+        return out[0].reshape(at.shape), out[1].reshape(at.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -748,7 +757,8 @@ class Abs(_OfNumbers):
 class UserMap(StaticMap):
     """A static map of the user's own, y = f(x, θ), with its derivatives.
 
-    Its scale is taken to be meant: no factor is moved through it.
+    Its scale is taken to be meant: no factor is moved through it. It may be without a value (NaN) somewhere: a search
+    does not go there, but it cannot begin there.
 
     Args:
         function: f(x (N,), θ (p,)) → (N,).
@@ -758,7 +768,8 @@ class UserMap(StaticMap):
         parameter_names: (p,) a name for every parameter.
 
     Raises:
-        ModelError: for names and parameters of different number; when called, for results of a wrong shape.
+        ModelError: for names and parameters of different number; when called, for results of a wrong shape, and for
+            functions that fail.
     """
 
     function: Callable[[Array, Array], Array]
@@ -806,18 +817,17 @@ class UserMap(StaticMap):
 
     def value(self, x: Array) -> Array:
         """f(x, θ)."""
-        return _shaped(self.function(x, self.parameters_now), x.shape, "function")
+        return self._called(self.function, x, x.shape, "function")
 
     def slope(self, x: Array) -> Array:
         """∂f/∂x."""
-        return _shaped(self.derivative(x, self.parameters_now), x.shape, "derivative")
+        return self._called(self.derivative, x, x.shape, "derivative")
 
     def parameter_gradient(self, x: Array) -> Array:
         """∂f/∂θ."""
         if self.jacobian is None:
             return np.zeros((0, len(x)))
-        shape = (len(self.parameters_now), len(x))
-        return _shaped(self.jacobian(x, self.parameters_now), shape, "jacobian")
+        return self._called(self.jacobian, x, (len(self.parameters_now), len(x)), "jacobian")
 
     def inverse(self, z: ArrayLike) -> Array:
         """Not known.
@@ -836,8 +846,8 @@ class UserMap(StaticMap):
     def expression(self, x: str) -> str:
         """The function's name with its parameters."""
         values = (f"{n}={v:.6g}" for n, v in zip(self.names, self.parameters_now, strict=True))
-        inside = ", ".join([x, *values])
-        return f"{getattr(self.function, '__name__', 'f')}({inside})"
+        name = getattr(self.function, "__name__", "f")
+        return f"{name if name.isidentifier() else 'f'}({', '.join([x, *values])})"
 
     def check(self) -> None:
         """Nothing to refuse."""
@@ -850,12 +860,23 @@ class UserMap(StaticMap):
         """
         raise ModelError("a user's own map is a function and cannot be saved; save its parameters instead")
 
+    def _called(self, law: Callable[[Array, Array], Array], x: Array, shape: tuple[int, ...], what: str) -> Array:
+        """What the user's code returns, or what is wrong with it."""
+        try:
+            array = np.asarray(law(x, self.parameters_now), dtype=float)
+        except EmsidError:
+            raise
+        except Exception as problem:  # whatever a user's code may raise
+            raise ModelError(f"the {what} of a user's map failed: {type(problem).__name__}: {problem}") from problem
+        if array.shape != shape:
+            raise ModelError(f"the {what} of a user's map returned shape {array.shape} where {shape} was due")
+        return array
 
-def _shaped(result: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
-    array = np.asarray(result, dtype=float)
-    if array.shape != shape:
-        raise ModelError(f"the {what} of a user's map returned shape {array.shape} where {shape} was due")
-    return array
+
+def _known(values: Array) -> Array:
+    """Those that are not NaN, in one dimension."""
+    known: Array = values[~np.isnan(values)]
+    return known
 
 
 def _monotone_inverse(function: StaticMap, low: float, high: float, z: ArrayLike) -> Array:
@@ -864,7 +885,7 @@ def _monotone_inverse(function: StaticMap, low: float, high: float, z: ArrayLike
     grid = function.value(np.linspace(low, high, 513))
     rising = bool(grid[-1] > grid[0])
     if not np.all(np.diff(grid) > 0 if rising else np.diff(grid) < 0):
-        raise ModelError(f"a {function.kind} has an inverse only where it is monotone")
+        raise ModelError(f"a {function.kind} map has an inverse only where it is monotone")
     margin = 1e-9 * abs(grid[-1] - grid[0])
     if np.any((target < grid.min() - margin) | (target > grid.max() + margin)):
         raise ModelError(f"the inverse of this {function.kind} is asked for outside the range that it was fitted on")
@@ -873,7 +894,7 @@ def _monotone_inverse(function: StaticMap, low: float, high: float, z: ArrayLike
         middle = 0.5 * (left + right)
         beyond = (function.value(middle.ravel()).reshape(target.shape) < target) == rising
         left, right = np.where(beyond, middle, left), np.where(beyond, right, middle)
-    return np.asarray(0.5 * (left + right))
+    return np.where(np.isnan(target), np.nan, 0.5 * (left + right))
 
 
 @numba.njit(cache=True, nogil=True)

@@ -23,10 +23,16 @@ def vector(values: ArrayLike, what: str) -> Array:
     return array
 
 
+def check_whole(what: str, value: object, least: int, why: str) -> None:
+    """Refuse what is no whole number, or is less than ``least``, and say why."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise ModelError(f"{what} {value}: {why}; give a whole number of at least {least}")
+
+
 def sum_of_terms(terms: Sequence[tuple[float, str]]) -> str:
     """``1*x + 0.5*x^2`` from (factor, text) pairs, exact zeros left out."""
     parts = [
         f"{'-' if value < 0 else '+'} {abs(value):.6g}{f'*{text}' if text else ''}" for value, text in terms if value
     ]
     joined = " ".join(parts) or "0"
-    return joined[2:] if joined.startswith("+") else joined
+    return joined[2:] if joined.startswith("+") else joined.replace("- ", "-", 1) if joined[0] == "-" else joined

@@ -11,7 +11,6 @@ import pytest
 from numpy.typing import NDArray
 
 from coverage_cascade import CASES as COVERED
-from coverage_cascade import MODEL as COVERING
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.gauss_newton import Infeasible, Iteration
@@ -39,6 +38,7 @@ from emsid.models.static_maps import (
     Saturation,
     UserMap,
 )
+from emsid.models.wiener_hammerstein import advice
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -213,7 +213,7 @@ def test_dead_zone_edges_come_back_with_honest_intervals() -> None:
 def test_intervals_cover_the_truth(name: str) -> None:
     """The short form of ``tests/coverage_cascade.py``: 30 data sets, and half as many where it takes more samples."""
     case = COVERED[name]
-    shares = case.coverage(30 if case.system is COVERING else 15)
+    shares = case.coverage(30 if case.system is case.model else 15)
     assert 0.89 <= np.mean(list(shares.values())) <= 0.995
     assert min(shares.values()) >= 0.7
 
@@ -237,6 +237,8 @@ def test_band_of_the_static_map() -> None:
     assert np.mean(np.abs(band[:, 0] - truth.blocks[1].value(x)) < 3 * band[:, 1]) > 0.9  # type: ignore[attr-defined]
     with pytest.raises(ModelError, match="is a filter"):
         static_band(fit, 0, x)
+    with pytest.raises(ModelError, match="no block 3"):
+        static_band(fit, 3, x)
 
 
 def test_a_cascade_is_a_model() -> None:
@@ -337,6 +339,32 @@ def test_interruption_keeps_the_best_so_far() -> None:
     assert "best so far" in fit.message
 
 
+def test_an_interruption_while_starting_states_are_found_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = CASCADES["wiener-hammerstein"]
+    record = record_of(model, 300)
+
+    def stop(self: Cascade, signals: object) -> Array:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Cascade, "gradient", stop)
+    with pytest.raises(KeyboardInterrupt):
+        model.starting(record.input[:, 0], record.output[: model.memory, 0])
+
+
+def test_what_the_records_leave_open_is_said_once_and_in_words() -> None:
+    truth = Cascade((FAST, DeadZone(-0.2, 0.2), SLOW))
+    record = record_of(truth, 600, noise=0.01)
+    fit = fit_cascade(replace(truth, blocks=(FAST, DeadZone(-0.2, 50.0), SLOW)), record, max_iterations=100)
+    assert fit.ending is Ending.RANK_DEFICIENT
+    assert fit.message.startswith("the records say nothing of f.b_r and f.m_r")
+    assert "state 1" not in fit.message
+    lost = {name for name, error in zip(fit.names, fit.standard_error, strict=True) if not np.isfinite(error)}
+    assert lost >= {"f.b_r", "f.m_r"}
+    words = advice(fit, record)
+    assert any("hardly leaves the dead zone on the right" in each for each in words)
+    assert not any("cannot tell" in each for each in words)
+
+
 def test_bad_input() -> None:
     model = CASCADES["wiener-hammerstein"]
     record = record_of(model, 300)
@@ -356,6 +384,19 @@ def test_bad_input() -> None:
         Cascade((SLOW,), delay=-1)
     with pytest.raises(ModelError, match="finite"):
         Cascade((SLOW,), output_offset=np.nan)
+    with pytest.raises(ModelError, match=r"delay 1\.5.* whole number"):
+        Cascade((SLOW,), delay=1.5)  # type: ignore[arg-type]
+    with pytest.raises(ModelError, match="block 2: 3 is no filter and no static map"):
+        Cascade((SLOW, 3))  # type: ignore[arg-type]
+    with pytest.raises(ModelError, match="block 1: a filter of zeros lets nothing through"):
+        fit_cascade(Cascade((fir([0.0, 0.0]), DeadZone(-1, 1), SLOW)), record)
+    with pytest.raises(Infeasible, match="block 2: saturation from 1 to -1"):
+        fit_cascade(Cascade((FAST, Saturation(1.0, 1.0, -1.0), SLOW)), record)
+    with pytest.raises(ModelError, match="skip -1"):
+        fit_cascade(model, record, skip=-1)
+    nowhere = UserMap(lambda x, p: np.where(x < 1, x, np.nan), lambda x, p: np.ones_like(x))
+    with pytest.raises(ModelError, match=r"block 2: from an input of 1.* it makes nan"):
+        fit_cascade(Cascade((FAST, nowhere, SLOW)), record)
     with pytest.raises(ModelError, match="not a cascade"):
         Cascade.from_data({"blocks": []})
     wrong = UserMap(lambda x, p: np.ones(7), lambda x, p: x)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import islice
+from math import comb
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +23,7 @@ from emsid.io import read
 from emsid.models.cascade import Cascade, unit_gain
 from emsid.models.families import ABS, COULOMB, DEAD_ZONE, FAMILIES, POLYNOMIAL, SPLINE, Family, given
 from emsid.models.filters import Rational, fir
-from emsid.models.starts import regression_candidate
+from emsid.models.starts import _splits, regression_candidate, scanned
 from emsid.models.static_maps import Abs, CubicSpline, DeadZone, Polynomial, UserMap
 from emsid.models.wiener_hammerstein import (
     Options,
@@ -30,6 +33,9 @@ from emsid.models.wiener_hammerstein import (
     wiener,
     wiener_hammerstein,
 )
+from emsid.plant import Motor, simulate
+from emsid.plant.dead_zone import DeadZone as PlantDeadZone
+from emsid.plant.friction import Friction
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -39,6 +45,7 @@ SLOW = Rational([0.1, 0.05], [-1.3, 0.45])
 KNOTS = np.linspace(-4, 4, 9)
 BEND = CubicSpline(KNOTS, KNOTS - 0.04 * KNOTS**3 / 3 + 0.05 * KNOTS**2)
 AT_RATE = Options(oversampling=1)
+FRICTIONLESS: dict[str, Any] = {"rotor_friction": Friction(0.0), "load_friction": Friction(0.0)}
 
 
 def record_of(model: Cascade, samples: int = 4000, noise: float = 0.01, seed: int = 0) -> Record:
@@ -101,6 +108,101 @@ def test_every_family_is_found(family: Family, truth: object) -> None:
     model = Cascade((FAST.amplified(1 / FAST.gain), truth, SLOW))  # type: ignore[arg-type]
     fit = wiener_hammerstein(record_of(model), (1, 2), replace(AT_RATE, static=family))
     assert unexplained(fit, record_of(model, 2000, noise=0.0, seed=1)) < 0.03
+
+
+@pytest.mark.parametrize(
+    ("estimator", "curve"),
+    [
+        (hammerstein, DeadZone(-0.5, 0.4, 0.8, 1.2)),
+        (hammerstein, FAMILIES["saturation"].start(KNOTS, np.clip(KNOTS, -1.0, 1.2), 0)),
+        (hammerstein, Polynomial.from_powers([0.0, 1.0, 0.2, -0.03], -4, 4)),
+        (hammerstein, CubicSpline(KNOTS, np.sin(2 * KNOTS) + KNOTS)),
+        (wiener_hammerstein, DeadZone(-0.5, 0.4, 0.8, 1.2)),
+    ],
+)
+def test_the_family_of_the_map_is_chosen_where_none_is_given(
+    estimator: Callable[..., Fit[Cascade]], curve: object
+) -> None:
+    blocks = (curve, SLOW) if estimator is hammerstein else (FAST, curve, SLOW)
+    truth = Cascade(blocks)  # type: ignore[arg-type]
+    fit = estimator(record_of(truth, 6000), None, replace(AT_RATE, static=None))
+    assert {type(block) for block in fit.model.blocks} == {type(curve), Rational}
+    assert unexplained(fit, record_of(truth, 2000, noise=0.0, seed=1)) < 0.01
+
+
+def test_a_record_is_given_no_more_knots_than_it_can_carry() -> None:
+    few, many = (record_of(Cascade((BEND, SLOW)), samples) for samples in (120, 4000))
+    sizes = [module._sizes(SPLINE, module.HAMMERSTEIN, [each], (None, 2), Options()) for each in (few, many)]
+    assert sizes == [(8, 12, 18), SPLINE.sizes]
+    assert module._sizes(SPLINE, module.HAMMERSTEIN, [few], (None, 2), Options(size=20)) == (20,)
+
+
+def test_a_pair_of_filters_that_fails_does_not_fail_the_others() -> None:
+    """A motor of first order has no two filters to share out; one of the trials passes nothing on."""
+    record = record_of(Cascade((FAST, BEND, SLOW)), 800)
+    segments = [(record.input[:, 0], record.output[:, 0])]
+    runaway, template = Rational([1.0], [-3.0]), Cascade((SLOW,))
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = scanned([(runaway, SLOW), (FAST, SLOW)], segments, SPLINE.trial, template, 2)
+        assert len(found) == 1
+        with pytest.raises(ModelError, match="runs away"):
+            scanned([(runaway, SLOW)], segments, SPLINE.trial, template, 2)
+
+
+@pytest.mark.parametrize("orders", [(4, 4), (20, 20)])
+def test_poles_are_shared_out_without_looking_at_every_subset(orders: tuple[int, int]) -> None:
+    first, second = orders
+    groups = [[complex(0.01 * k)] for k in range(first + second - 2)] + [[0.5 + 0.1j, 0.5 - 0.1j]]
+    shares = list(islice(_splits(groups, first), 500))
+    assert all((len(left), len(right)) == orders for left, right in shares)
+    whole = sorted(map(str, (root for group in groups for root in group)))
+    assert all(sorted(map(str, left + right)) == whole for left, right in shares)
+    assert len({str(left) for left, _ in shares}) == len(shares)
+    if first == 4:  # every way there is
+        assert len(list(_splits(groups, first))) == comb(6, 4) + comb(6, 2)
+
+
+def test_a_users_map_with_parameters_starts_with_those_it_has() -> None:
+    def saturating(rate: float) -> UserMap:
+        return UserMap(
+            lambda x, p: np.tanh(p[0] * x),
+            lambda x, p: p[0] / np.cosh(p[0] * x) ** 2,
+            lambda x, p: (x / np.cosh(p[0] * x) ** 2)[None],
+            np.array([rate]),
+            ("rate",),
+        )
+
+    truth = Cascade((saturating(0.8), SLOW))
+    fit = hammerstein(record_of(truth), 2, replace(AT_RATE, static=given(saturating(1.5))))
+    assert fit.estimate[fit.names.index("f.rate")] == pytest.approx(0.8, rel=0.02)
+    assert unexplained(fit, record_of(truth, 2000, noise=0.0, seed=1)) < 0.01
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(
+    "motor",
+    [
+        Motor(shaft_stiffness=np.inf, voltage_dead_zone=PlantDeadZone(-0.8, 0.5), **FRICTIONLESS),
+        Motor(
+            inductance=0.0, shaft_stiffness=np.inf, voltage_dead_zone=PlantDeadZone(-0.4, 0.7, 0.9, 1.2), **FRICTIONLESS
+        ),
+        Motor(voltage_dead_zone=PlantDeadZone(-0.6, 0.45), **FRICTIONLESS),
+    ],
+    ids=["rigid", "of first order", "elastic"],
+)
+def test_dead_zone_of_a_simulated_motor(motor: Motor, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-6, 6, 1500), 4)
+    speed = np.asarray(simulate(motor, u, 0.005).load_speed)[: len(u)]
+    record = Record(u, speed + 0.01 * np.std(speed) * rng.standard_normal(len(u)), 0.005)
+    zone = motor.voltage_dead_zone
+    assert zone is not None
+    fit = hammerstein(record, None, Options(static=DEAD_ZONE))
+    interval = fit.interval(0.99)
+    for name, value in (("f.b_l", zone.b_l), ("f.b_r", zone.b_r)):
+        at = fit.names.index(name)
+        assert fit.estimate[at] == pytest.approx(value, rel=0.02)
+        assert interval[at, 0] <= value <= interval[at, 1]
 
 
 def test_dead_zone_of_a_motor_within_two_percent_and_inside_its_interval() -> None:
@@ -233,6 +335,12 @@ def test_advice() -> None:
     [
         (record_of(Cascade((BEND, SLOW)), 100), (9, 9), {}, "parameters for 100 samples"),
         (record_of(Cascade((BEND, SLOW)), 500), (-1, 2), {}, "order -1"),
+        (record_of(Cascade((BEND, SLOW)), 500), (1.5, 2), {}, r"order 1\.5.* whole number"),
+        (record_of(Cascade((BEND, SLOW)), 500), (1, 2, 3), {}, "3 orders; give one for each filter"),
+        (record_of(Cascade((BEND, SLOW)), 900), (30, 30), {"size": 6}, "no segment is longer than the 480 samples"),
+        (record_of(Cascade((BEND, SLOW)), 500), (1, 1), {"delay": 500}, "a delay of 500 in a stretch of"),
+        (record_of(Cascade((BEND, SLOW)), 45), None, {}, "10 parameters for 45 samples"),
+        (record_of(Cascade((BEND, SLOW)), 70), (1, 2), {}, "no segment is longer than the"),
         (Record(np.zeros(500), np.random.default_rng(0).standard_normal(500), 1.0), (1, 1), {}, "throughout"),
         (Record(np.ones((500, 2)), np.ones(500), 1.0), (1, 1), {}, "choose one of u1, u2"),
         (
@@ -241,11 +349,40 @@ def test_advice() -> None:
             {"static": given(UserMap(lambda x, p: np.ones(3), lambda x, p: x))},
             r"returned shape \(3,\)",
         ),
+        (
+            record_of(Cascade((BEND, SLOW)), 500),
+            (1, 1),
+            {"static": given(UserMap(lambda x, p: np.where(x > 0, x, np.nan), lambda x, p: np.ones_like(x)))},
+            "user map, or its derivative, is not finite at inputs such as -",
+        ),
     ],
 )
 def test_bad_input(record: Record, orders: tuple[int, int], options: dict[str, object], message: str) -> None:
     with pytest.raises(EmsidError, match=message):
         wiener_hammerstein(record, orders, replace(AT_RATE, **options))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"delay": -1}, "delay -1"),
+        ({"oversampling": 0}, "oversampling 0"),
+        ({"size": 2.5}, r"size 2\.5"),
+        ({"workers": 0}, "workers 0"),
+        ({"skip": -3}, "skip -3"),
+    ],
+)
+def test_options_that_are_no_counts(options: dict[str, object], message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        Options(**options)  # type: ignore[arg-type]
+
+
+def test_no_record_and_a_validation_that_is_too_short() -> None:
+    with pytest.raises(ModelError, match="no record"):
+        hammerstein([])
+    record = record_of(Cascade((BEND, SLOW)), 800)
+    with pytest.raises(ModelError, match="no segment is longer than the 16 samples"):
+        hammerstein(record, 2, replace(AT_RATE, size=6, validation=record[:5]))
 
 
 def test_a_map_of_two_levels_cannot_be_told_from_a_gain() -> None:

@@ -48,7 +48,7 @@ from emsid.estimation.least_squares import gather
 from emsid.models.cascade import Cascade, search, unit_gain
 from emsid.models.filters import Rational
 from emsid.models.regressors import wiener_hammerstein_regression
-from emsid.models.static_maps import CubicSpline, Polynomial, StaticMap
+from emsid.models.static_maps import CubicSpline, Polynomial, Scaling, StaticMap
 from emsid.models.unfolding import unfoldings
 from emsid.record import Record
 
@@ -206,6 +206,9 @@ def scanned(
 ) -> list[Candidate]:
     """Every pair of filters with the map that suits it best, best first; those that suit nothing are left out.
 
+    Raises:
+        ModelError: where there is none left, with what is wrong with the first.
+
     Args:
         filters: pairs, None where the structure has no such filter.
         segments: (u, y) of each; the longest is tried on.
@@ -216,11 +219,19 @@ def scanned(
     u, y = max(segments, key=lambda pair: len(pair[0]))
     u, y = u[:TRIAL_SAMPLES], y[:TRIAL_SAMPLES]
 
+    problems: list[ModelError] = []
+
     def score(pair: Filters) -> list[Candidate]:
-        return _scored(pair, u, y, trial, template)
+        try:
+            return _scored(pair, u, y, trial, template)
+        except ModelError as problem:
+            problems.append(problem)
+            return []
 
     with ThreadPoolExecutor(workers) as pool:
         found = [candidate for several in pool.map(score, filters) for candidate in several]
+    if problems and not found:
+        raise problems[0]
     return sorted(found, key=lambda candidate: candidate.error)
 
 
@@ -234,10 +245,12 @@ def spread_knots(x: Array, count: int) -> Array:
     """(count,) knots half-way between evenly spaced ones and quantiles of x, so that the tails keep some.
 
     Raises:
-        ModelError: where x hardly takes different values.
+        ModelError: where x hardly takes different values, or values that are not finite.
     """
     part = np.linspace(0, 1, count)
     low, high = float(np.min(x)), float(np.max(x))
+    if not np.isfinite([low, high]).all():
+        raise ModelError("what enters the nonlinearity is not finite; the filter before it runs away")
     # A quantile's neighbourhood, not the very samples, so that repeated values (a PRBS) do not make knots coincide.
     knots = 0.5 * (low + (high - low) * part) + 0.5 * np.quantile(x, part)
     if not np.all(np.diff(knots) > 1e-9 * max(abs(low), abs(high), 1e-300)):
@@ -260,8 +273,15 @@ def _scored(
     held[int(0.75 * samples) :] = True
     for curve in trial(x):
         basis = curve.parameter_gradient(x)
-        fixed = curve.value(x) - basis.T @ curve.parameters if len(curve.parameters) else curve.value(x)
-        free = not len(curve.parameters)
+        fixed = curve.value(x)
+        wrong = ~(np.isfinite(fixed) & np.isfinite(basis).all(axis=0))
+        if wrong.any():
+            raise ModelError(
+                f"the {curve.kind} map, or its derivative, is not finite at inputs such as {x[wrong][0]:.4g}; give one "
+                "that is, wherever the signal goes"
+            )
+        # What no parameter of the map can scale, or a user means as it is, is scaled by the gain of a filter.
+        free = not len(curve.parameters) or curve.scaling is Scaling.NONE
         after, moved = _settled_rows(second, fixed[None] if free else basis)
         moved = moved[:, :: template.oversampling]
         level = [] if curve.owns_level and not free else [np.ones((1, samples))]
@@ -273,10 +293,9 @@ def _scored(
             continue
         offset = float(theta[-1]) if level else 0.0
         if free:
-            # A map without parameters: what is linear is the gain of the filter behind it, or of the one before it.
             gain = float(theta[0])
             after = after.amplified(gain) if after is not None else None
-            if after is None and before is not None:
+            if after is None and before is not None and curve.scaling is Scaling.JOINT:
                 before = before.amplified(abs(gain))
             middle: StaticMap = curve
         else:
@@ -332,10 +351,17 @@ def _parted(groups: list[list[complex]]) -> list[list[complex]]:
 
 def _splits(groups: list[list[complex]], first: int) -> Iterator[tuple[list[complex], list[complex]]]:
     """The ways of giving exactly ``first`` of the roots to the first filter."""
-    for share in product((0, 1), repeat=len(groups)):
-        left = [root for group, side in zip(groups, share, strict=True) if side == 0 for root in group]
-        if len(left) == first:
-            yield left, [root for group, side in zip(groups, share, strict=True) if side == 1 for root in group]
+    if not groups:
+        if first == 0:
+            yield [], []
+        return
+    group, *others = groups
+    if len(group) <= first:
+        for left, right in _splits(others, first - len(group)):
+            yield group + left, right
+    if first <= sum(map(len, others)):
+        for left, right in _splits(others, first):
+            yield left, group + right
 
 
 def _from_roots(zeros: list[complex], poles: list[complex], order: int) -> Rational:

@@ -8,7 +8,7 @@ record says little; there each quarter is held back in turn:
 2. the input delay, the least with which that order fits the response;
 3. for each oversampling to be tried, pairs of filters from all sources of `starts`, each scored by one linear problem;
 4. the best few refined by `fit_cascade` on a part of the record, on all cores, and judged by their held-back free run;
-5. the size of the static map (knots, degree) likewise;
+5. the family of the static map, where none is given, and its size (knots, degree) likewise;
 6. the winner fitted to all identification data.
 
 Free runs are compared throughout, never one-step predictions.
@@ -34,7 +34,7 @@ from emsid.estimation.least_squares import check_excitation
 from emsid.estimation.losses import SQUARES, Loss
 from emsid.estimation.threads import one_blas_thread
 from emsid.models.cascade import Cascade, FreeRun, check_channels, conclude, fit_cascade, search
-from emsid.models.families import SPLINE, Family
+from emsid.models.families import COULOMB, DEAD_ZONE, PIECEWISE_LINEAR, POLYNOMIAL, SATURATION, SPLINE, Family
 from emsid.models.filters import Rational
 from emsid.models.starts import (
     Filters,
@@ -46,6 +46,7 @@ from emsid.models.starts import (
     unfolded_candidates,
 )
 from emsid.models.static_maps import CubicSpline, DeadZone, PiecewiseLinear, Saturation, StaticMap
+from emsid.models.terms import check_whole
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -114,8 +115,8 @@ class Options:
     """What may be given to the estimation of a cascade; what is None is chosen on held-back data.
 
     Attributes:
-        static: family of the static map, see `families`.
-        size: its number of knots, or degree.
+        static: family of the static map, see `families`; None chooses among `CHOSEN_FAMILIES`.
+        size: its number of knots, or degree; given without a family, it is one of a spline.
         delay: from the input to its first effect, in samples.
         oversampling: how many times faster than the record the blocks run; None tries 1 and 2.
         validation: records that judge the choices, in place of the last quarter of the identification records.
@@ -125,9 +126,12 @@ class Options:
         max_iterations, max_seconds: budget of the final fit.
         rng: source of the random starts.
         progress: called with what is being done, and with every step of the final fit.
+
+    Raises:
+        ModelError: for numbers that are no counts.
     """
 
-    static: Family = SPLINE
+    static: Family | None = SPLINE
     size: int | None = None
     delay: int | None = None
     oversampling: int | None = None
@@ -140,11 +144,32 @@ class Options:
     rng: np.random.Generator | None = None
     progress: Progress | None = None
 
+    def __post_init__(self) -> None:
+        for what, value, least, why in (
+            ("delay", self.delay, 0, "a model cannot look ahead"),
+            ("oversampling", self.oversampling, 1, "blocks run at least as fast as the record"),
+            ("size", self.size, 0, "this is a number of knots, or a degree"),
+            ("skip", self.skip, 0, "these are samples to be left out"),
+            ("workers", self.workers, 1, "somebody has to do the work"),
+        ):
+            if value is not None:
+                check_whole(what, value, least, why)
+
+    @property
+    def families(self) -> tuple[Family, ...]:
+        """Those that the map may be of."""
+        if self.static is None:
+            return CHOSEN_FAMILIES if self.size is None else (SPLINE,)
+        return (self.static,)
+
     def tell(self, what: str, iteration: Iteration | None = None) -> None:
         """Report progress, if anybody listens."""
         if self.progress is not None:
             self.progress(what, iteration)
 
+
+# What a map may be where nobody says; the spline leads, as trials are splines.
+CHOSEN_FAMILIES = (SPLINE, PIECEWISE_LINEAR, POLYNOMIAL, DEAD_ZONE, SATURATION, COULOMB)
 
 DEFAULTS = Options()
 
@@ -211,6 +236,8 @@ def estimate(
     Ctrl-C ends it with the best model so far and `Ending.INTERRUPTED`, once there is one.
     """
     several = [records] if isinstance(records, Record) else list(records)
+    if not several:
+        raise ModelError(f"{layout.name}: no record to identify from; give one or several")
     template = Cascade((Rational(np.ones(1)),), name=layout.name)
     for record in several:
         check_channels(template, record)
@@ -219,7 +246,10 @@ def estimate(
     shown, rounds = _held_back(several, options)
     delay = options.delay
     if delay is None:
-        delay = 0 if options.static.folds else _delay(layout, _pairs(shown), orders)
+        delay = 0 if options.families[0].folds else _delay(layout, _pairs(shown), orders)
+    longest = max(len(u) for u, _ in _pairs(shown))
+    if delay >= longest:
+        raise ModelError(f"{layout.name}: a delay of {delay} in a stretch of {longest} samples; give a smaller one")
     template = replace(template, delay=delay)
     best: Choice | None = None
     try:
@@ -256,11 +286,22 @@ class Choice:
         error: root mean square of its held-back free-run error.
         known: the same on the data that it was refined on.
         size: of its map.
+        family: of its map, None for a trial map.
     """
 
     model: Cascade
     error: float
     known: float
+    size: int = 0
+    family: Family | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A model to be refined, with the family and size of its map, if that is no trial map."""
+
+    model: Cascade
+    family: Family | None = None
     size: int = 0
 
 
@@ -273,37 +314,45 @@ def _improving(
     template: Cascade,
 ) -> Iterator[Choice]:
     """Better and better choices, the last one final: first the filters, with a trial map, then the map."""
-    part, family = _shortened(shown), options.static
-    sizes = (options.size,) if options.size is not None else (family.sizes or (0,))
-    typical = sizes[len(sizes) // 2]
+    part, families = _shortened(shown), options.families
+    sizes = {family: _sizes(family, layout, shown, orders, options) for family in families}
+    direct = families[0].direct and not layout.outer
     best: Choice | None = None
     for rate in _rates(shown) if options.oversampling is None else (options.oversampling,):
         options.tell(f"start values at {rate} times the sampling rate")
         starts = _starts(layout, shown, orders, options, replace(template, oversampling=rate))
         options.tell(f"refining {len(starts)} of them")
-        direct = family.direct and not layout.outer
-        refined = _refined([(start, sizes[0] if direct else 0) for start in starts], part, rounds, options.workers)
-        if refined:
-            first = _simplest(refined, _complexity)
-            refined = [first, *(choice for choice in refined if choice is not first)]
-        if refined and not direct:
-            options.tell(f"static map: {family.name}")
+        plans = [Plan(start, families[0], sizes[families[0]][0]) if direct else Plan(start) for start in starts]
+        refined = _refined(plans, part, rounds, options.workers)
+        if not refined:
+            continue
+        first = _simplest(refined, _complexity)
+        refined = [first, *(choice for choice in refined if choice is not first)]
+        if not direct:
+            options.tell("static map")
             placed = [
-                (_with_map(choice.model, layout, family, typical, part), typical) for choice in refined[:REFINED_MAPS]
+                Plan(_with_map(choice.model, layout, family, size, part), family, size)
+                for family, size in ((each, sizes[each][len(sizes[each]) // 2]) for each in families)
+                for choice in (refined[:REFINED_MAPS] if family is families[0] else refined[:1])
             ]
             refined = _refined(placed, part, rounds, options.workers)
-        if refined:
-            choice = _simplest(refined, _complexity)
-            if best is None or choice.error < WORTH * best.error:
-                best = choice
-                yield best
-    if best is None:
-        raise ModelError(f"{layout.name}: no start describes the record at all; check channels, units and delay")
-    if len(sizes) == 1:
+        choice = _simplest(refined, _complexity)
+        if best is None or choice.error < WORTH * best.error:
+            best = choice
+            yield best
+    assert best is not None
+    assert best.family is not None
+    family = best.family
+    if len(sizes[family]) == 1:
         return
     options.tell(f"size of the {family.name}")
-    others = [(_with_map(best.model, layout, family, size, part), size) for size in sizes if size != best.size]
-    yield _simplest([best, *_refined(others, part, rounds, options.workers)], lambda choice: choice.size)
+    others = [
+        Plan(_with_map(best.model, layout, family, size, part), family, size)
+        for size in sizes[family]
+        if size != best.size
+    ]
+    found = _refined(others, part, rounds, options.workers, needed=False)
+    yield _simplest([best, *found], lambda choice: choice.size)
 
 
 def _simplest(choices: Sequence[Choice], complexity: Callable[[Choice], int]) -> Choice:
@@ -332,13 +381,14 @@ def _starts(
     """The cascades worth refining, from all sources, best first; the best of every order before the rest."""
     segments = _delayed(records, template.delay)
     rng = np.random.default_rng(0) if options.rng is None else options.rng
-    if options.static.folds and layout.first:
+    leading = options.families[0]
+    if leading.folds and layout.first:
         unfolding = []
         for share in _folded_shares(layout, orders):
             with suppress(ModelError):
                 for pair, level in unfolded_candidates(segments, share, rng):
                     around = replace(template, input_offset=level)
-                    unfolding += scanned([pair], segments, options.static.trial, around, options.workers)
+                    unfolding += scanned([pair], segments, leading.trial, around, options.workers)
         if unfolding:
             return [candidate.cascade for candidate in unfolding]
     totals = _totals(layout, segments, orders)
@@ -351,7 +401,7 @@ def _starts(
                 with suppress(ModelError):
                     _, behind = regression_candidate(records, second or 0, 3, max(template.delay, 0))
                     pairs.append((_through(first) if layout.first else None, behind))
-    found = scanned(pairs, segments, options.static.trial, template, options.workers)
+    found = scanned(pairs, segments, leading.trial, template, options.workers)
     level = float(np.std(np.concatenate([y for _, y in segments])))
     if (found and found[0].error < LINEAR_SUFFICES * level) or template.oversampling > 1:
         best_of_order = {_order(candidate.cascade): candidate for candidate in reversed(found)}
@@ -361,14 +411,14 @@ def _starts(
     draws: list[Filters] = []
     for first, second in _shares(layout, orders, totals[-1]):
         draws += random_candidates((first, second), len(segments[0][0]), rng)
-    found += scanned(draws, segments, options.static.trial, template, options.workers)
+    found += scanned(draws, segments, leading.trial, template, options.workers)
     found.sort(key=lambda candidate: candidate.error)
     return [candidate.cascade for candidate in found[:REFINED_RANDOM]]
 
 
-def _kind(cascade: Cascade) -> tuple[int, ...]:
-    """How many parameters every block has."""
-    return tuple(len(block.parameters) for block in cascade.blocks)
+def _kind(cascade: Cascade) -> tuple[tuple[str, int], ...]:
+    """What every block is, and how many parameters it has."""
+    return tuple((type(block).__name__, len(block.parameters)) for block in cascade.blocks)
 
 
 def _order(cascade: Cascade) -> int:
@@ -376,35 +426,49 @@ def _order(cascade: Cascade) -> int:
 
 
 def _refined(
-    starts: Sequence[tuple[Cascade, int]], part: Sequence[Record], rounds: Sequence[Round], workers: int
+    plans: Sequence[Plan], part: Sequence[Record], rounds: Sequence[Round], workers: int, needed: bool = True
 ) -> list[Choice]:
-    """The starts refined on a part of the data and judged round by round, best first; failures are left out."""
+    """The plans refined on a part of the data and judged round by round, best first; failures are left out.
+
+    Raises:
+        ModelError: where one is needed and none is left.
+    """
     budget: dict[str, Any] = {"max_iterations": CHOICE_STEPS, "tolerance": CHOICE_TOLERANCE}
 
-    def refine(start: tuple[Cascade, int]) -> Choice:
-        model = _fitted(start[0], part, **budget)
-        return Choice(model, np.inf, _free_run_error(model, part), start[1])
+    def refine(plan: Plan) -> Choice:
+        model = _fitted(plan.model, part, **budget)
+        return Choice(model, np.inf, _free_run_error(model, part), plan.size, plan.family)
 
     def judge(choice: Choice) -> Choice:
         models = [choice.model if len(rounds) == 1 else _fitted(choice.model, rest, **budget) for rest, _ in rounds]
         held = [_free_run_error(model, unseen) for model, (_, unseen) in zip(models, rounds, strict=True)]
         return replace(choice, error=float(np.sqrt(np.mean(np.square(held)))))
 
-    refined = _successes(refine, starts, workers)
+    problems: list[Exception] = []
+    refined = _successes(refine, plans, workers, problems)
     if len(rounds) > 1:  # every round costs a fit, which only the best of its kind is worth
         kinds = {(_kind(each.model), each.size): each for each in sorted(refined, key=lambda each: -each.known)}
         refined = list(kinds.values())
-    return sorted(_successes(judge, refined, workers), key=lambda choice: choice.error)
+    judged = sorted(_successes(judge, refined, workers, problems), key=lambda choice: choice.error)
+    if needed and not judged:
+        name = plans[0].model.name if plans else "cascade"
+        why = f" ({problems[0]})" if problems else ""
+        raise ModelError(f"{name}: no start describes the record{why}; check channels, units, delay and length")
+    return judged
 
 
-def _successes(step: Callable[[T], Choice], items: Sequence[T], workers: int) -> list[Choice]:
-    """What a step gives for each item, where it does not fail or run away."""
+def _successes(
+    step: Callable[[T], Choice], items: Sequence[T], workers: int, problems: list[Exception]
+) -> list[Choice]:
+    """What a step gives for each item, where it does not fail or run away; why others fail joins the problems."""
 
     def attempt(item: T) -> Choice | None:
-        with suppress(ModelError, np.linalg.LinAlgError):
+        try:
             choice = step(item)
-            return None if np.isnan([choice.known, choice.error]).any() else choice
-        return None
+        except (ModelError, np.linalg.LinAlgError) as problem:
+            problems.append(problem)
+            return None
+        return None if np.isnan([choice.known, choice.error]).any() else choice
 
     with ThreadPoolExecutor(workers) as pool:
         return [choice for choice in pool.map(attempt, items) if choice is not None]
@@ -449,9 +513,10 @@ def _with_map(model: Cascade, layout: Layout, family: Family, size: int, part: S
 
 def _placed(choice: Choice, records: Sequence[Record], options: Options) -> Cascade:
     """The choice with its knots spread over all of the data."""
-    if not options.static.sizes or len(choice.model.blocks) < 2:
+    family = choice.family
+    if family is None or not family.sizes or len(choice.model.blocks) < 2:
         return choice.model
-    return started(choice.model, lambda x, z: options.static.start(x, z, choice.size), _pairs(records))
+    return started(choice.model, lambda x, z: family.start(x, z, choice.size), _pairs(records))
 
 
 def _free_run_error(model: Cascade, records: Sequence[Record]) -> float:
@@ -533,7 +598,10 @@ def _delay(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: tupl
     costs: list[float] = []
     for delay in range(LONGEST_DELAY + 1):
         ahead = np.exp(2j * np.pi * response.frequency * delay)
-        costs.append(fit_rational(replace(response, value=response.value * ahead), total + 1, total)[2])
+        try:
+            costs.append(fit_rational(replace(response, value=response.value * ahead), total + 1, total)[2])
+        except ModelError:  # more coefficients than the response has points
+            return 0
         if costs[0] < 2 * noise:  # as good as can be without any
             return 0
     return next(k for k, cost in enumerate(costs) if cost <= (1 + DELAY_SLACK) * min(costs) + noise)
@@ -595,13 +663,37 @@ def _check_excitation(layout: Layout, records: Sequence[Record]) -> None:
         )
 
 
+def _filter_parameters(layout: Layout, orders: tuple[int | None, int | None]) -> int:
+    """Coefficients of the filters, of first order where nothing is said."""
+    there = [order for order, wanted in zip(orders, (layout.first, layout.second), strict=True) if wanted]
+    return sum(2 * (1 if order is None else order) + 1 for order in there)
+
+
+def _sizes(
+    family: Family,
+    layout: Layout,
+    records: Sequence[Record],
+    orders: tuple[int | None, int | None],
+    options: Options,
+) -> tuple[int, ...]:
+    """The sizes of a family to try: what is given, or those that the records can carry, the least in any case."""
+    if options.size is not None:
+        return (options.size,)
+    room = sum(len(record) for record in records) / SAMPLES_PER_PARAMETER - _filter_parameters(layout, orders)
+    sizes = family.sizes or (0,)
+    return (sizes[0], *(size for size in sizes[1:] if size <= room))
+
+
 def _check_size(
     layout: Layout, records: Sequence[Record], orders: tuple[int | None, int | None], options: Options
 ) -> None:
+    if len(orders) != 2:
+        raise ModelError(f"{layout.name}: {len(orders)} orders; give one for each filter")
+    least = 0 if layout.first and layout.second else 1
     for order in orders:
-        if order is not None and order < (0 if layout.first and layout.second else 1):
-            raise ModelError(f"{layout.name}: order {order}; orders are whole numbers from 1 on")
-    parameters = sum(2 * order + 1 for order in orders if order is not None) + (options.size or 4)
+        if order is not None:
+            check_whole(f"{layout.name}: order", order, least, "orders count poles")
+    parameters = _filter_parameters(layout, orders) + (options.size or 4)
     samples = sum(len(record) for record in records)
     if samples < SAMPLES_PER_PARAMETER * parameters:
         raise ModelError(
@@ -633,7 +725,7 @@ def advice(fit: Fit[Cascade], records: Record | Sequence[Record]) -> list[str]:
     lost = [
         name for name, variance in zip(fit.names, np.diag(fit.covariance), strict=True) if not np.isfinite(variance)
     ]
-    if lost:
+    if lost and fit.ending is not Ending.RANK_DEFICIENT:  # which says it itself
         sentences.append(f"The records cannot tell {', '.join(lost)} from other parameters.")
     return sentences
 

@@ -8,6 +8,7 @@ from .estimation.information import Information as Information
 from .estimation.least_squares import least_squares as least_squares
 from .estimation.least_squares import solve_rows as solve_rows
 from .estimation.recursive import RecursiveLeastSquares as RecursiveLeastSquares
+from .estimation.recursive import RecursiveState as RecursiveState
 from .estimation.recursive import recursive_least_squares as recursive_least_squares
 from .excitation import crest_factor as crest_factor
 from .excitation import largest_order as largest_order

@@ -411,9 +411,7 @@ def unit_gain(cascade: Cascade) -> Cascade:
         block = cascade.blocks[k]
         assert isinstance(block, Rational)
         if not block.gain:
-            raise ModelError(
-                f"{cascade.name}, block {k + 1}: a filter of zeros lets nothing through; give others"
-            )
+            raise ModelError(f"{cascade.name}, block {k + 1}: a filter of zeros lets nothing through; give others")
         cascade = _without_gain(cascade, k, block.gain)
     return cascade
 

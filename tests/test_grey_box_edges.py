@@ -220,3 +220,27 @@ def test_a_plant_that_cannot_be_simulated_is_refused_in_words(changes, message):
     assert simulation_error(OWN.put({"a": 1.5}), record).estimate == pytest.approx([2.0], rel=1e-8)
     with pytest.raises(ModelError, match=message):
         simulation_error(replace(OWN, **changes), record)
+
+
+# --- what the sample time hides -------------------------------------------------------------------------------------
+
+
+def test_an_inductance_that_no_sample_shows_ends_at_a_bound_that_says_so():
+    free = (*USUAL, "inductance")
+    fit = simulation_error(DrivenMotor(ONE_MASS), driven(noise=0.01)[:600], free=free)
+    (row,) = [row for row in fit.table if row.name == "inductance"]
+    assert row.status == "at a bound"
+    assert row.value == pytest.approx(0.05 * DT * ONE_MASS.resistance)
+    assert "the records ask for a smaller inductance than their sample time shows: fix it at 0" in fit.words
+
+
+@pytest.mark.parametrize(
+    "how", [{"bounds": {"inductance": (1e-4, 1.0)}}, {"datasheet": {"inductance": Given(2e-4, 0.5)}}]
+)
+def test_who_knows_the_inductance_sets_its_bounds(how):
+    motor = replace(ONE_MASS, inductance=2e-4)
+    fit = simulation_error(
+        DrivenMotor(motor), driven(noise=0.001, motor=motor)[:400], free=(*USUAL, "inductance"), **how
+    )
+    assert fit.limits["inductance"][0] == pytest.approx(1e-4)
+    assert fit.estimate[-1] == pytest.approx(2e-4, rel=0.3)

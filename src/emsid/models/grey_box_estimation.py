@@ -89,9 +89,11 @@ def simulation_error(
     fixed, sheet = dict(fixed or {}), dict(datasheet or {})
     asked = _asked(subject, free, fixed, sheet)
     sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
-    limits = _limits(subject, asked, bounds or {}, sheet)
     known = {name: given.value for name, given in sheet.items() if given.value is not None}
-    subject = _with_limits(subject.put((known if look_around else {}) | fixed), asked, segments)
+    subject = subject.put((known if look_around else {}) | fixed)
+    hidden = _hidden(subject, [name for name in asked if name not in (*sheet, *(bounds or {}))], segments)
+    limits = _limits(subject, asked, {**hidden, **(bounds or {})}, sheet)
+    subject = _ready(subject, asked, segments, hidden)
     _check_start(subject, asked, limits)
 
     preference = _preference(subject, asked, sheet)
@@ -138,7 +140,7 @@ def simulation_error(
     rows = table(found, start, names, asked, fixed, sheet, minimum, told)
     known_together = combinations(found, names, asked, minimum, told)
     words = [
-        *at_bounds(minimum, names, found, limits, sheet),
+        *at_bounds(minimum, names, found, limits, hidden, sheet),
         *in_words(told, names, found, shown, known_together),
         *hardly_told(rows, found),
     ]
@@ -290,8 +292,19 @@ def _limits(
     return limits
 
 
-def _with_limits(plant: Plant, asked: Sequence[str], segments: Sequence[Record]) -> Plant:
-    """The plant with a supply and a knee to begin with, where these are to be found and it has none."""
+QUICKEST = 0.05
+"""The shortest electrical time constant that is searched, in samples: less shows in no record and takes for ever."""
+
+
+def _hidden(plant: Plant, asked: Sequence[str], segments: Sequence[Record]) -> Limits:
+    """Bounds beyond which the sample time hides what a parameter does."""
+    if not isinstance(plant, DrivenMotor) or "inductance" not in asked:
+        return {}
+    return {"inductance": (QUICKEST * segments[0].dt * plant.motor.resistance, inf)}
+
+
+def _ready(plant: Plant, asked: Sequence[str], segments: Sequence[Record], hidden: Limits) -> Plant:
+    """The plant with a supply, a knee and an inductance to begin with, where these are to be found and it has none."""
     if isinstance(plant, OwnPlant):
         return plant
     assert isinstance(plant, (DrivenMotor, LinearAxis))
@@ -301,7 +314,7 @@ def _with_limits(plant: Plant, asked: Sequence[str], segments: Sequence[Record])
         starts.setdefault("drive.supply", largest)  # the largest command is full duty
     if "drive.knee" in starts and "drive.beyond" in asked and plant.drive.beyond == 1.0:
         starts["drive.beyond"] = 0.8  # as long as it bends nothing, nobody can tell where it is
-    return plant.put(starts)
+    return plant.put(starts | {name: max(plant.value(name), low) for name, (low, _) in hidden.items()})
 
 
 def _check_start(plant: Plant, asked: Sequence[str], limits: Limits) -> None:

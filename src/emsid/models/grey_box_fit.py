@@ -178,6 +178,7 @@ def at_bounds(
     names: Sequence[str],
     plant: Plant,
     limits: Mapping[str, tuple[float, float]],
+    hidden: Mapping[str, tuple[float, float]],
     sheet: Mapping[str, Given],
 ) -> list[str]:
     """What to do about every parameter that is held by a bound: that depends on where the bound is from."""
@@ -190,6 +191,8 @@ def at_bounds(
         wanted = f"the records ask for {'a smaller' if value <= low else 'a larger'} {name} than"
         if given is not None and given.limits is not None and value in given.limits:
             words.append(f"{wanted} the datasheet allows: widen its tolerance, or check units and what is fixed")
+        elif value in hidden.get(name, ()):
+            words.append(f"{wanted} their sample time shows: fix it at 0")
         elif value in (handle.lower, handle.upper):
             words.append(f"{wanted} is physical: fix it there, or check units, signs and what else is fixed")
         else:

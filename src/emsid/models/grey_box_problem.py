@@ -226,24 +226,22 @@ class FreeRunError:
     def _differentiated(self, theta: Array) -> list[Block]:
         p, here = len(self.free), self.residuals(theta)
         step = 1e-5 * np.maximum(np.abs(theta), 1e-2 * self.sizes)
-        low, high = np.maximum(theta - step, self.lower), np.minimum(theta + step, self.upper)
         moves = [[k] for k in range(p)]
         moves += [
             [p + k for k, (_, i) in enumerate(self._places) if i == index]
             for index in sorted({i for _, i in self._places})
         ]
 
+        def moved(move: list[int], by: Array) -> tuple[Array, list[Array], str]:
+            there = theta.copy()
+            there[move] = np.clip(theta + by, self.lower, self.upper)[move]
+            try:
+                return there, self._simulated(there), ""
+            except Infeasible as problem:
+                return theta, here, str(problem)
+
         def difference(move: list[int]) -> tuple[Array, list[Array]]:
-            ends = []
-            for values in (low, high):
-                moved = theta.copy()
-                moved[move] = values[move]
-                try:
-                    ends.append((moved, self._simulated(moved)))
-                except Infeasible as problem:
-                    ends.append((theta, here))
-                    why = problem
-            (below, before), (above, after) = ends
+            (below, before, _), (above, after, why) = moved(move, -step), moved(move, step)
             if not (above > below).any():
                 raise Infeasible(f"{self.names[move[0]]} cannot be moved from {theta[move[0]]:g}: {why}")
             return above - below, [b - a for a, b in zip(before, after, strict=True)]

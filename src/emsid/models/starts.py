@@ -371,15 +371,18 @@ def _from_roots(zeros: list[complex], poles: list[complex], order: int) -> Ratio
     return Rational(np.pad(numerator, (0, order + 1 - len(numerator))), denominator[1:])
 
 
-def started(candidate: Cascade, start: Callable[[Array, Array], StaticMap], segments: Segments) -> Cascade:
-    """The candidate with its first map replaced by another, started from the curve of the old one.
+def started(
+    candidate: Cascade, start: Callable[[Array, Array], StaticMap], segments: Segments, which: int = 0
+) -> Cascade:
+    """The candidate with a map replaced by another, started from the curve of the old one.
 
     Args:
         candidate: what has been found so far.
         start: from points x, z of the curve, the new map; a constant level is left over.
         segments: (u, y) of each, which say where the curve has data.
+        which: of the maps, the first by default.
     """
-    at = next(k for k, block in enumerate(candidate.blocks) if isinstance(block, StaticMap))
+    at = [k for k, block in enumerate(candidate.blocks) if isinstance(block, StaticMap)][which]
     curve = candidate.blocks[at]
     assert isinstance(curve, StaticMap)
     x = np.concatenate([candidate.signals(u, candidate.resting(float(u[0])))[at] for u, _ in segments])

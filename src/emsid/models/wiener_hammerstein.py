@@ -329,11 +329,11 @@ def _improving(
         first = _simplest(refined, _complexity)
         refined = [first, *(choice for choice in refined if choice is not first)]
         if not direct:
-            options.tell("static map")
+            options.tell(f"static map: {families[0].name}")
+            typical = sizes[families[0]][len(sizes[families[0]]) // 2]
             placed = [
-                Plan(_with_map(choice.model, layout, family, size, part), family, size)
-                for family, size in ((each, sizes[each][len(sizes[each]) // 2]) for each in families)
-                for choice in (refined[:REFINED_MAPS] if family is families[0] else refined[:1])
+                Plan(_with_map(choice.model, layout, families[0], typical, part), families[0], typical)
+                for choice in refined[:REFINED_MAPS]
             ]
             refined = _refined(placed, part, rounds, options.workers)
         choice = _simplest(refined, _complexity)
@@ -341,18 +341,13 @@ def _improving(
             best = choice
             yield best
     assert best is not None
-    assert best.family is not None
-    family = best.family
-    if len(sizes[family]) == 1:
-        return
-    options.tell(f"size of the {family.name}")
-    others = [
-        Plan(_with_map(best.model, layout, family, size, part), family, size)
-        for size in sizes[family]
-        if size != best.size
-    ]
-    found = _refined(others, part, rounds, options.workers, needed=False)
-    yield _simplest([best, *found], lambda choice: choice.size)
+    others = [(family, size) for family in families for size in sizes[family]]
+    others.remove((families[0], best.size))
+    if others:
+        options.tell("family and size of the map" if len(families) > 1 else f"size of the {families[0].name}")
+        plans = [Plan(_with_map(best.model, layout, family, size, part), family, size) for family, size in others]
+        found = _refined(plans, part, rounds, options.workers, needed=False)
+        yield _simplest([best, *found], _complexity)
 
 
 def _simplest(choices: Sequence[Choice], complexity: Callable[[Choice], int]) -> Choice:
@@ -502,9 +497,14 @@ def _searched(
 
 
 def _with_map(model: Cascade, layout: Layout, family: Family, size: int, part: Sequence[Record]) -> Cascade:
-    """The model with its trial map replaced by one of the family, and the outer map, if any, as a straight line."""
+    """The model with its map replaced by one of the family, and the outer map, if any.
+
+    That begins as a straight line; one of the same family that is there already stays as it is.
+    """
     segments = _pairs(part)
     start = started(model, lambda x, z: family.start(x, z, size), segments)
+    if layout.outer and len(start.blocks) > 2 and type(start.blocks[0]) is not type(start.blocks[-1]):
+        start = started(start, lambda x, z: family.start(x, z, size), segments, -1)
     if layout.outer and len(start.blocks) == 2:
         y = np.concatenate([start.output(u, start.resting(float(u[0]))) for u, _ in segments])
         start = replace(start, blocks=(*start.blocks, family.start(y, y, size)), output_offset=0.0)

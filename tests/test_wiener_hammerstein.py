@@ -26,6 +26,7 @@ from emsid.models.filters import Rational, fir
 from emsid.models.starts import _splits, regression_candidate, scanned
 from emsid.models.static_maps import Abs, CubicSpline, DeadZone, Polynomial, UserMap
 from emsid.models.wiener_hammerstein import (
+    Layout,
     Options,
     advice,
     hammerstein,
@@ -127,6 +128,9 @@ def test_the_family_of_the_map_is_chosen_where_none_is_given(
     truth = Cascade(blocks)  # type: ignore[arg-type]
     fit = estimator(record_of(truth, 6000), None, replace(AT_RATE, static=None))
     assert {type(block) for block in fit.model.blocks} == {type(curve), Rational}
+    assert [len(block.denominator) for block in fit.model.blocks if isinstance(block, Rational)] == [
+        len(block.denominator) for block in blocks if isinstance(block, Rational)
+    ]
     assert unexplained(fit, record_of(truth, 2000, noise=0.0, seed=1)) < 0.01
 
 
@@ -256,6 +260,18 @@ def test_every_sample_of_a_short_record_judges_once_and_a_long_one_keeps_its_end
     assert rest is shown
     assert len(shown[0]) == 4500
     np.testing.assert_array_equal(unseen.output, long[4500:].output)
+
+
+def test_orders_below_that_of_the_response_are_tried() -> None:
+    def totals(layout: Layout, orders: tuple[int | None, int | None]) -> list[int]:
+        record = record_of(Cascade((FAST, BEND, SLOW)), 8000, noise=0.001)
+        return module._totals(layout, [(record.input[:, 0], record.output[:, 0])], orders)
+
+    most = totals(module.WIENER_HAMMERSTEIN, (None, None))[-1]
+    assert most >= 3
+    assert totals(module.WIENER_HAMMERSTEIN, (None, None)) == list(range(max(most - 2, 2), most + 1))
+    assert totals(module.WIENER, (None, None)) == list(range(1, most + 1))
+    assert totals(module.WIENER_HAMMERSTEIN, (1, 2)) == [3]
 
 
 def test_a_delay_is_found() -> None:
@@ -420,6 +436,16 @@ def test_drives_whose_sensor_loses_the_sign(recordings: Path, channel: int, most
     first, second = Record(values[:, channel], values[:, channel + 2], 0.02).split(0.7)
     fit = wiener_hammerstein(first, None, Options(static=ABS))
     assert unexplained(fit, second) < most
+
+
+@pytest.mark.recordings
+def test_orders_of_the_benchmark_circuit_are_found(recordings: Path) -> None:
+    """Two filters of third order; the response alone asks for eight poles."""
+    values = np.loadtxt(recordings / "wiener_hammerstein_2009" / "estimation.csv", delimiter=",", skiprows=1)
+    record = Record(values[:, 0], values[:, 1], 1 / 51_200)
+    fit = wiener_hammerstein(record[5200:35_000], None, Options(size=25))
+    assert [len(block.denominator) for block in fit.model.blocks if isinstance(block, Rational)] == [3, 3]
+    assert unexplained(fit, record[85_000:]) < 0.0015
 
 
 @pytest.mark.recordings

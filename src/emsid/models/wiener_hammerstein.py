@@ -72,6 +72,8 @@ LINEAR_SUFFICES = 0.5
 # A more complex alternative must be this much better on held-back data.
 WORTH = 0.98
 LARGEST_ORDER = 8
+# Where there are two filters, so many orders below that of the response are tried.
+LOWER = 2
 # Orders tried before and behind a map that loses the sign.
 FOLDED_FIRST, FOLDED_SECOND = (1, 2, 3, 4), (0, 1)
 # The longest delay looked for; one is as good as another within this part of the squared error and the noise of it.
@@ -402,7 +404,9 @@ def _starts(
         best_of_order = {_order(candidate.cascade): candidate for candidate in reversed(found)}
         ahead = [candidate for candidate in found if candidate in best_of_order.values()]
         behind_them = [candidate for candidate in found if candidate not in ahead]
-        return [candidate.cascade for candidate in (ahead + behind_them)[:REFINED]]
+        # With two filters it takes several starts of an order to find how its poles are shared out.
+        lower = len(ahead) - 1 if layout.first and layout.second else 0
+        return [candidate.cascade for candidate in (ahead + behind_them)[: REFINED + lower]]
     draws: list[Filters] = []
     for first, second in _shares(layout, orders, totals[-1]):
         draws += random_candidates((first, second), len(segments[0][0]), rng)
@@ -536,12 +540,13 @@ def _totals(
 ) -> list[int]:
     """Orders of the best linear approximation to try: what is given; or what describes the response most briefly.
 
-    To a response, a nonlinearity can look like poles and zeros. Where there is one filter only, all lower orders cost
-    little and are tried too.
+    To a response, a nonlinearity can look like poles and zeros, so lower orders are tried too: all of them where there
+    is one filter only, and some where there are two, as every one of them can be shared out in many ways.
     """
     most = _total(layout, segments, orders)
-    given = any(order is not None for order in orders)
-    return [most] if given or (layout.first and layout.second) else list(range(1, most + 1))
+    if any(order is not None for order in orders):
+        return [most]
+    return list(range(max(most - LOWER, 2) if layout.first and layout.second else 1, most + 1))
 
 
 def _total(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: tuple[int | None, int | None]) -> int:

@@ -6,7 +6,7 @@ import pytest
 import emsid
 from emsid.errors import DataError, ModelError
 from emsid.estimation.selection import coordinate_search
-from emsid.identification import CANDIDATES, Options, Regression, identify
+from emsid.identification import CANDIDATES, Options, Regression, identify, remarks
 from emsid.models.grey_box_datasheet import Given
 
 
@@ -126,6 +126,46 @@ def test_a_motor_is_recognised_from_its_record_alone(tmp_path):
     save(result.chosen.model, tmp_path / "motor.json")
     again = load(tmp_path / "motor.json")
     np.testing.assert_array_equal(again.simulate(record).output, result.chosen.model.simulate(record).output)
+
+
+def test_of_many_records_some_are_kept_unseen_and_not_the_last():
+    rng = np.random.default_rng(4)
+    steps = []
+    for k in range(8):
+        u = np.repeat(rng.uniform(-k - 1, k + 1, 20), 10)
+        y = np.zeros_like(u)
+        for t in range(1, len(u)):
+            y[t] = 0.8 * y[t - 1] + 0.5 * u[t - 1]
+        steps.append(emsid.Record(u, y, 0.01, name=f"step {k}"))
+    result = identify(steps, models=["arx"], unseen=0.25)
+    assert result.unseen.name == "one in 4 of 8 records"
+    assert np.array_equal(result.unseen.input, emsid.concatenate([steps[3], steps[7]]).input)
+    assert len(result.record.segments) == 6
+    assert not result.seen
+    few = identify(steps[:7], models=["arx"], unseen=0.25)
+    assert np.array_equal(few.unseen.input, emsid.concatenate(steps[:7]).split(0.75)[1].input)
+
+
+def test_several_outputs_are_said_each_in_its_unit():
+    from emsid.models.plant_parameters import Signal
+    from emsid.models.plants import DrivenMotor
+    from emsid.plant import Motor
+
+    rng = np.random.default_rng(5)
+    u = np.repeat(rng.uniform(-8, 8, 60), 10)
+    plant = DrivenMotor(Motor(inductance=0.0).rigid())
+    y = plant.simulate(u[:, None], 0.005, np.zeros(2), (Signal.SPEED, Signal.CURRENT))
+    y += np.std(y, axis=0) * 0.01 * rng.standard_normal(y.shape)
+    record = emsid.Record(u, y, 0.005, output_names=("speed", "current"), output_units=("rad/s", "A"))
+    result = identify(record, models=["rigid-motor"])
+    speed, current = result.verification.best.row.outputs
+    (sentence,) = [sentence for sentence in remarks(result) if "RMSE" in sentence]
+    assert sentence == (
+        f"rigid-motor: on unseen data, the RMSE of the free run is speed {speed.simulation_rmse:.4g} rad/s (a fit of "
+        f"{speed.fit_percent:.1f} %); current {current.simulation_rmse:.4g} A (a fit of {current.fit_percent:.1f} %)."
+    )
+    assert speed.fit_percent > 98
+    assert current.fit_percent > 98
 
 
 def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkeypatch):

@@ -647,31 +647,34 @@ def list_() -> None:
 
 
 def _table(rows: "list[Row] | tuple[Row, ...]", title: str, unit: str = "") -> "Table":
+    """A line for every row, or where it is of several outputs, for every output."""
+    from rich.markup import escape
     from rich.table import Table
 
+    from emsid.validation.comparison import OutputErrors
+
+    several = any(row.outputs for row in rows)
+    words = ("model", "method", "data", *("output",) * several)
+    rmse = "free-run RMSE" if several or not unit else f"free-run RMSE [{unit}]"
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    headings = (
-        "model",
-        "method",
-        "data",
-        f"free-run RMSE{f' [{unit}]' if unit else ''}",
-        "free-run MSE",
-        "fit %",
-        "one-step MSE",
-    )
-    for k, heading in enumerate(headings):
-        table.add_column(heading.replace("[", r"\["), justify="left" if k < 3 else "right", no_wrap=True)
+    for heading in words:
+        table.add_column(heading, no_wrap=True)
+    for heading in (rmse, "free-run MSE", "fit %", "one-step MSE"):
+        table.add_column(escape(heading), justify="right", no_wrap=True)
     for row in rows:
         note = "" if row.diverged_at is None else f" (diverged at sample {row.diverged_at})"
-        table.add_row(
-            row.model + note,
-            row.method,
-            row.data,
-            f"{row.simulation_rmse:.5g}",
-            f"{row.simulation_mse:.4g}",
-            f"{row.fit_percent:.2f}" if isfinite(row.fit_percent) else "–",
-            f"{row.one_step_mse:.4g}",
-        )
+        for errors in row.outputs or (row,):
+            names = [f"{errors.output} [{errors.unit}]".removesuffix(" []")] if isinstance(errors, OutputErrors) else []
+            table.add_row(
+                row.model + note,
+                row.method,
+                row.data,
+                *map(escape, names),
+                f"{errors.simulation_rmse:.5g}",
+                f"{errors.simulation_mse:.4g}",
+                f"{errors.fit_percent:.2f}" if isfinite(errors.fit_percent) else "–",
+                f"{errors.one_step_mse:.4g}",
+            )
     return table
 
 

@@ -390,7 +390,7 @@ def identify(
 
     Args:
         records: what to identify from.
-        validation: unseen data; without it, the last part of ``records`` is kept unseen.
+        validation: unseen data; without it, the last part of ``records`` is kept unseen, or of many every k-th.
         models: names of `CANDIDATES`.
         options: what the user fixes.
         transient: samples at the start of every segment that start a free run and are left out of every error.
@@ -411,7 +411,8 @@ def identify(
         for option in options.given
         if not any(option in CANDIDATES[name].uses for name in models)
     ]
-    record = _one(records)
+    several = (records,) if isinstance(records, Record) else tuple(records)
+    record = _one(several)
     asides += [sentence for plant in plants.values() for sentence in assumptions(plant, record)]
     if options.codes:
         values = ", ".join(f"{code:g}" for code, _ in options.codes)
@@ -420,11 +421,7 @@ def identify(
             for name in dict.fromkeys(models)
             if name not in plants
         ]
-    if validation is None:
-        train, rest = record.split(1 - unseen)
-        test = replace(rest, name=f"{record.name}, unseen part")
-    else:
-        train, test = record, _one(validation)
+    train, test = _set_apart(several, unseen) if validation is None else (record, _one(validation))
     fits: list[Fit[Any]] = []
     failed: dict[str, EmsidError] = {}
     interrupted = False
@@ -561,7 +558,10 @@ def remarks(result: Identification) -> list[str]:
         sentences.append(
             f"{result.unseen.name} is among what was identified from: these errors say nothing of unseen data."
         )
-    if np.isfinite(best.simulation_mse):
+    if np.isfinite(best.simulation_mse) and best.outputs:
+        each_output = "; ".join(each.error_in_words for each in best.outputs)
+        sentences.append(f"{best.model}: on {result.judged_on}, the RMSE of the free run is {each_output}.")
+    elif np.isfinite(best.simulation_mse):
         sentences.append(
             f"{best.model}: on {result.judged_on}, the free run has {best.fit_in_words}; its RMSE is "
             f"{best.simulation_rmse:.4g}{' ' * bool(unit)}{unit}."
@@ -577,9 +577,9 @@ def remarks(result: Identification) -> list[str]:
         if row.diverged_at is not None
     ]
     for fit in result.verification.fits:
-        words = [fit.message] * bool(fit.message)
+        words = [*fit.words, fit.ended] if isinstance(fit, GreyBoxFit) else [fit.message]
         words += advice(fit, result.record) if isinstance(fit.model, Cascade) else []
-        sentences += [f"{fit.model.name}: {each.rstrip('.')}." for each in words]
+        sentences += [f"{fit.model.name}: {each.rstrip('.')}." for each in words if each]
     sentences += [
         f"{name}: the profile of {each.name} has its {100 * each.level:g} % interval {each.in_words}."
         for name, profiles in result.profiles.items()
@@ -587,6 +587,21 @@ def remarks(result: Identification) -> list[str]:
     ]
     sentences += [f"{name} could not be fitted: {why}." for name, why in result.failed.items()]
     return [*sentences, *result.asides]
+
+
+def _set_apart(records: Sequence[Record], unseen: float) -> tuple[Record, Record]:
+    """What to identify from, and about this fraction of it that is kept unseen.
+
+    Of a series, such as steps of ascending height, it is every k-th record: the last part would be another experiment.
+    """
+    k = round(1 / unseen)
+    if k < 2 or len(records) < 2 * k:
+        whole = _one(records)
+        train, rest = whole.split(1 - unseen)
+        return train, replace(rest, name=f"{whole.name}, unseen part")
+    test = _one(records[k - 1 :: k])
+    train = _one([record for number, record in enumerate(records, 1) if number % k])
+    return train, replace(test, name=f"one in {k} of {len(records)} records")
 
 
 def _one(records: Record | Iterable[Record]) -> Record:

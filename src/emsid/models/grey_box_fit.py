@@ -97,6 +97,11 @@ class GreyBoxFit(Fit[GreyBox]):
     cost: float = float("nan")
     colour: Array = field(default_factory=lambda: np.ones(0))
 
+    @property
+    def ended(self) -> str:
+        """What the search itself has to say, without the words on its parameters."""
+        return self.message.removesuffix("; ".join(self.words)).removesuffix("; ")
+
     def simulated(self) -> tuple[Array, ...]:
         """The free run (Nᵢ, ny) of every segment from its estimated initial state."""
         model = self.model

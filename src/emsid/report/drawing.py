@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from threading import Thread
 
 from emsid.report.content import Figure
@@ -95,13 +95,16 @@ def draughtsman() -> Iterator[Draughtsman]:
     if (os.cpu_count() or 1) < 2:
         yield Draughtsman()
         return
+    others = active_children()
     with ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_make_ready) as pool:
         try:
             with _without_interrupts():
                 pool.submit(os.getpid)  # the first thing asked for starts it
             yield Draughtsman(pool)
         finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+            for child in set(active_children()).difference(others):
+                child.terminate()  # it has nothing to lose, and the pool is soon done without it
+            pool.shutdown(cancel_futures=True)
 
 
 @contextmanager

@@ -750,8 +750,7 @@ def model_section(fit: Fit[Any], record: Record, *, name: str = "", profiles: Se
     remarks: tuple[str, ...] = ()
     if isinstance(fit, GreyBoxFit):
         equations, tables = plant_equations(fit), physical_table(fit)
-        ended = fit.message.removesuffix("; ".join(fit.words)).removesuffix("; ")
-        paragraphs = tuple(filter(None, (sentence(ended), units_taken(fit))))
+        paragraphs = tuple(filter(None, (sentence(fit.ended), units_taken(fit))))
         remarks = tuple(map(sentence, fit.words))
         drawings: list[Callable[[], Figure | None]] = [
             lambda: sticking(fit, name=f"{prefix}-sticking"),

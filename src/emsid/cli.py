@@ -369,7 +369,10 @@ def identify(
         typer.Option(metavar="NAME,...", help="Candidates, by default the regressions and wiener-hammerstein."),
     ] = None,
     unseen: Annotated[
-        float, typer.Option(metavar="FRACTION", help="Part kept unseen, at the end, where nothing is --validate'd.")
+        float,
+        typer.Option(
+            metavar="FRACTION", help="Part kept unseen where nothing is --validate'd: the end, or some of many files."
+        ),
     ] = 0.3,
     transient: Transient = None,
     na: Annotated[int | None, typer.Option(metavar="N", help="Coefficients of past outputs.", min=0)] = None,

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from coverage_cascade import CASES as COVERED
 from emsid.errors import ModelError
@@ -22,6 +23,7 @@ from emsid.models.cascade import (
     fixed_gains,
     freedom,
     normalised,
+    search,
     static_band,
     unit_gain,
     unit_slope,
@@ -216,6 +218,30 @@ def test_intervals_cover_the_truth(name: str) -> None:
     shares = case.coverage(30 if case.system is case.model else 15)
     assert 0.89 <= np.mean(list(shares.values())) <= 0.995
     assert min(shares.values()) >= 0.7
+
+
+@pytest.mark.parametrize(
+    "name", ["wiener-hammerstein-spline", "hammerstein-wiener", "with a sign lost", "with friction"]
+)
+def test_scipy_finds_the_same_minimum(name: str) -> None:
+    truth = unit_gain(CASCADES[name])
+    records = [record_of(truth, samples, noise=0.02, seed=samples) for samples in (600, 400)]
+    minimum, problem = search(truth, records, tolerance=1e-8, max_iterations=100)
+
+    def residuals(theta: Array) -> Array:
+        try:
+            return np.concatenate(problem.residuals(theta))
+        except Infeasible:
+            return np.full(minimum.samples, 1e3)
+
+    def derivative(theta: Array) -> Array:
+        return np.concatenate([jacobian for _, jacobian in problem.linearised(theta)])
+
+    tight = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14}
+    found = least_squares(residuals, problem.start, jac=derivative, x_scale="jac", **tight)
+    assert minimum.cost == pytest.approx(found.cost, rel=1e-12)
+    own = len(problem.freedom.free)
+    np.testing.assert_allclose(minimum.estimate[:own], found.x[:own], rtol=1e-6, atol=1e-7)
 
 
 def test_covariance_follows_the_normalisation() -> None:

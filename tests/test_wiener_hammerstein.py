@@ -20,10 +20,10 @@ from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.frequency_response import fit_rational, frequency_response
 from emsid.estimation.gauss_newton import Iteration
 from emsid.io import read
-from emsid.models.cascade import Cascade, unit_gain
+from emsid.models.cascade import Cascade, FreeRun, unit_gain
 from emsid.models.families import ABS, COULOMB, DEAD_ZONE, FAMILIES, POLYNOMIAL, SPLINE, Family, given
 from emsid.models.filters import Rational, fir
-from emsid.models.starts import _splits, regression_candidate, scanned
+from emsid.models.starts import _splits, regression_candidate, scanned, unfolded_candidates
 from emsid.models.static_maps import Abs, CubicSpline, DeadZone, Polynomial, UserMap
 from emsid.models.wiener_hammerstein import (
     Layout,
@@ -327,6 +327,17 @@ def test_interruption_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> 
 
     with pytest.raises(KeyboardInterrupt):
         hammerstein(record_of(truth, 800), 2, replace(AT_RATE, progress=stop_at_once))
+
+
+def test_an_interruption_while_signs_are_given_back_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(self: FreeRun, theta: Array) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(FreeRun, "linearised", stop)
+    u = np.repeat(np.random.default_rng(0).uniform(-1, 1, 60), 10)
+    y = np.abs(Rational([0.0, 0.1], [-0.9]).output(u, np.zeros(1)))
+    with pytest.raises(KeyboardInterrupt):
+        list(unfolded_candidates([(u, y)], (1, None), np.random.default_rng(0)))
 
 
 def test_advice() -> None:

@@ -41,6 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.fit import Ending
 from emsid.estimation.frequency_response import fit_rational, frequency_response
 from emsid.estimation.gauss_newton import least_squares_step
 from emsid.estimation.information import Information
@@ -157,6 +158,8 @@ def unfolded_candidates(
         level = found.constant / (1 + found.denominator.sum())
         start = Cascade((_stable(Rational(found.numerator, found.denominator)),), output_offset=level)
         minimum, problem = search(start, Record(u, found.signal, 1.0), max_iterations=30, tolerance=0.2)
+        if minimum.ending is Ending.INTERRUPTED:  # there is no model yet that could be kept
+            raise KeyboardInterrupt
         for model in (start, problem.model(minimum.estimate)):
             (block,) = model.blocks
             assert isinstance(block, Rational)

@@ -495,6 +495,8 @@ def _searched(
     if skip is not None or free[0].ending is Ending.INTERRUPTED or missed(*free) <= before:
         return free
     minimum, problem = search(start, records, skip=start.memory, **budget)
+    if minimum.ending is Ending.INTERRUPTED:
+        return minimum, problem
     # Once more with the states that it has now.
     again = search(problem.model(minimum.estimate), records, skip=start.memory, **budget)
     return min((minimum, problem), again, key=lambda found: missed(*found))

@@ -4,6 +4,8 @@ Every message says what is wrong, where (column, sample, parameter, file), and w
 line prints the message as one line and exits with status 2; anything that is not an `EmsidError` is a defect.
 """
 
+from collections.abc import Sequence
+
 
 class EmsidError(Exception):
     """Base of every error that the user can do something about.
@@ -26,3 +28,8 @@ class ModelError(EmsidError):
 
 class FormatError(EmsidError):
     """A file cannot be read or is not what it claims to be."""
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words of a message with commas, and an "and" before the last."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import listed
 from emsid.estimation.fit import Fit
 from emsid.estimation.gauss_newton import Minimum
 from emsid.estimation.identifiability import Identifiability
@@ -156,11 +157,6 @@ def in_words(
                 f"intervals, and {advice}"
             )
     return words
-
-
-def listed(words: Sequence[str]) -> str:
-    """Words as a list in a sentence."""
-    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else words[0]
 
 
 def hardly_told(rows: Sequence[Estimate], plant: Plant) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from emsid.errors import listed
 from emsid.models.cascade import Cascade, check_channels, fixed_gains, static_band
 from emsid.models.filters import Rational
 from emsid.models.static_maps import (
@@ -23,7 +24,7 @@ from emsid.models.static_maps import (
     StaticMap,
 )
 from emsid.report.content import Axis, Band, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
-from emsid.report.wording import capital, listed, slug
+from emsid.report.wording import capital, slug
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from emsid.errors import listed
 from emsid.models.grey_box_findings import Curve, Profile, dead_zone_curve, friction_curve, stops
 from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.record import concatenate
@@ -31,7 +32,7 @@ from emsid.report.content import (
     readable_unit,
 )
 from emsid.report.timeline import TIME, timeline, with_gaps
-from emsid.report.wording import capital, listed, number, plain_unit, prefixed, sentence, share_of, slug, within
+from emsid.report.wording import capital, number, plain_unit, prefixed, sentence, share_of, slug, within
 
 if TYPE_CHECKING:
     from emsid.models.grey_box_fit import Estimate, GreyBoxFit

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emsid.errors import DataError, EmsidError
+from emsid.errors import DataError, EmsidError, listed
 from emsid.report.content import (
     Axis,
     Bars,
@@ -39,7 +39,6 @@ from emsid.report.timeline import TIME, timeline, with_gaps
 from emsid.report.wording import (
     capital,
     estimate,
-    listed,
     number,
     percent,
     plain_unit,

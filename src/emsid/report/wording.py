@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from math import floor, isfinite, isnan, log10
 
 from emsid.report.content import readable_unit
@@ -50,11 +49,6 @@ def percent(fit: float) -> str:
 def plain_unit(unit: str) -> str:
     """A unit as it is printed, nothing where there is none."""
     return "" if unit in ("", "1") else readable_unit(unit)
-
-
-def listed(words: Sequence[str]) -> str:
-    """Words with commas, and an "and" before the last."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def capital(text: str) -> str:

@@ -33,7 +33,15 @@ from emsid.estimation.gauss_newton import Iteration, Minimum
 from emsid.estimation.least_squares import check_excitation
 from emsid.estimation.losses import SQUARES, Loss
 from emsid.estimation.threads import one_blas_thread
-from emsid.models.cascade import Cascade, FreeRun, check_channels, conclude, fit_cascade, search
+from emsid.models.cascade import (
+    SAMPLES_PER_STATE,
+    Cascade,
+    FreeRun,
+    check_channels,
+    conclude,
+    fit_cascade,
+    search,
+)
 from emsid.models.families import COULOMB, DEAD_ZONE, PIECEWISE_LINEAR, POLYNOMIAL, SATURATION, SPLINE, Family
 from emsid.models.filters import Rational
 from emsid.models.starts import (
@@ -246,6 +254,7 @@ def estimate(
     _check_excitation(layout, several)
     _check_size(layout, several, orders, options)
     shown, rounds = _held_back(several, options)
+    _check_judges(layout, rounds, orders)
     delay = options.delay
     if delay is None:
         delay = 0 if options.families[0].folds else _delay(layout, _pairs(shown), orders)
@@ -706,6 +715,17 @@ def _check_size(
         raise ModelError(
             f"{layout.name}: about {parameters} parameters for {samples} samples; give smaller orders, fewer knots, or "
             "a longer record"
+        )
+
+
+def _check_judges(layout: Layout, rounds: Sequence[Round], orders: tuple[int | None, int | None]) -> None:
+    """Refuse orders whose free run takes longer to start than the data go on that are to judge it."""
+    needed = SAMPLES_PER_STATE * sum(order or 0 for order in orders)
+    longest = min(max((len(u) for u, _ in _pairs(unseen)), default=0) for _, unseen in rounds)
+    if needed >= longest:
+        raise ModelError(
+            f"{layout.name}: with these orders a free run takes {needed} samples to start, and what is held back to "
+            f"judge it has {longest}; give smaller orders or a longer record"
         )
 
 

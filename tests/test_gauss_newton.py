@@ -142,6 +142,17 @@ def test_rosenbrock_without_residual_ends_converged() -> None:
     np.testing.assert_allclose(found.estimate, 1, rtol=1e-10)
 
 
+def test_a_search_ends_where_rounding_hides_the_rest_of_the_way() -> None:
+    exact = gauss_newton(decay(noise=0.0), [1.0, 1.0, 0.0])
+    rounded = gauss_newton(decay(noise=0.0), [1.0, 1.0, 0.0], noise=1e-3)
+    assert rounded.ending is exact.ending is Ending.CONVERGED
+    assert rounded.iterations < exact.iterations
+    assert rounded.costs == exact.costs[: len(rounded.costs)]
+    jacobian = decay().jacobian(exact.estimate)[0]
+    away = float(np.linalg.norm(jacobian @ (rounded.estimate - exact.estimate))) / np.sqrt(3)
+    assert 0 < away < 1e-3 * 1e-3  # standard errors that such a noise makes, by the default tolerance
+
+
 def test_infeasible_steps_are_shortened() -> None:
     """log(θ) exists only for θ > 0, and the full step from 40 to its zero at 1 goes far below."""
 

@@ -94,6 +94,25 @@ def test_derivatives_are_one_sided_where_only_one_side_has_a_free_run(monkeypatc
     assert np.linalg.norm(one[:, 0] - both[:, 0]) < 1e-4 * np.linalg.norm(both[:, 0])
 
 
+def test_derivatives_are_exact_where_a_search_ends_and_cheap_where_it_passes(monkeypatch):
+    runs = []
+    simulate = DrivenMotor.simulate
+    monkeypatch.setattr(DrivenMotor, "simulate", lambda self, *rest: (runs.append(1), simulate(self, *rest))[1])
+    problem = problem_of(DrivenMotor(ONE_MASS), USUAL)
+    runs.clear()
+    cheap = problem.linearised(problem.start)[0][1]
+    assert len(runs) == 1 + len(USUAL)
+    exact = problem.exactly(problem.start)[0][1]
+    assert len(runs) == 1 + 3 * len(USUAL)
+    assert problem.linearised(problem.start)[0][1] is exact
+    assert len(runs) == 1 + 3 * len(USUAL)
+    near = problem.linearised(problem.start * (1 + 5e-5))[0][1]
+    assert len(runs) == 2 + 5 * len(USUAL)
+    lengths = np.linalg.norm(exact, axis=0)
+    assert np.all(np.linalg.norm(cheap - exact, axis=0) < 1e-3 * lengths)
+    assert np.all(np.linalg.norm(near - exact, axis=0) < 1e-2 * lengths)
+
+
 def test_a_parameter_that_cannot_be_moved_says_why(monkeypatch):
     simulate = DrivenMotor.simulate
 

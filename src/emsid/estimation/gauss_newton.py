@@ -216,6 +216,7 @@ def gauss_newton(
     max_seconds: float = np.inf,
     tolerance: float = 1e-3,
     damping: float = 1e-3,
+    noise: float = 0.0,
     names: Sequence[str] = (),
     progress: Callable[[Iteration], None] | None = None,
     inner: bool = False,
@@ -234,6 +235,8 @@ def gauss_newton(
         tolerance: length of the remaining step, in standard errors of the estimate, at which the search is
             over.
         damping: λ of the first step; the columns of J are of unit length to it.
+        noise: standard deviation that rounding alone gives a residual: standard errors are taken to be no smaller
+            than it makes them.
         names: (p,) names for messages, θ1, θ2, … by default.
         progress: called after every step taken.
         inner: whether the search is a part of another one, which Ctrl-C has to end: it is passed on.
@@ -261,7 +264,7 @@ def gauss_newton(
         while True:
             widest = np.maximum(widest, np.linalg.norm(point.information.factor[:-1, :-1], axis=0))
             remaining = _bounded_step(point.information, *box.room(point.theta))
-            offset = _relative_offset(point.information, remaining)
+            offset = _relative_offset(point.information, remaining, noise)
             if len(costs) > 1 and progress is not None:
                 progress(Iteration(len(costs) - 1, point.cost, offset, point.theta.copy()))
             # Here the cost can no longer tell two points apart, but the linearisation still can.
@@ -405,7 +408,7 @@ def _promised(information: Information, step: Array) -> float:
     return float(moved @ (projected - 0.5 * moved))
 
 
-def _relative_offset(information: Information, step: Array) -> float:
+def _relative_offset(information: Information, step: Array, noise: float) -> float:
     """Length of a step in standard errors, (‖Rp‖/√n)/(‖r‖/√(N − n)); infinite without a residual, or zero."""
     n = information.parameters
     moved = float(np.linalg.norm(information.factor[:n, :n] @ step))
@@ -414,7 +417,7 @@ def _relative_offset(information: Information, step: Array) -> float:
     if moved == 0.0:
         return 0.0
     with np.errstate(divide="ignore"):
-        return float(np.divide(moved / np.sqrt(n), residual / np.sqrt(freedom)))
+        return float(np.divide(moved / np.sqrt(n), max(residual / np.sqrt(freedom), noise)))
 
 
 def _is_rounding(scale: Array, step: Array, theta: Array) -> bool:

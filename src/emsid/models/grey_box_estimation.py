@@ -125,7 +125,7 @@ def simulation_error(
             problem = problem_for(_scan(rough, names, limits, problem_for), names, rough.states(rough.start))
     steps = 0
     while minimum is None:
-        ended = search(problem, max(max_iterations - steps, 1))
+        ended = _with_colour(problem, search(problem, max(max_iterations - steps, 1)))
         problem = problem.begun_at(ended.estimate)
         steps += ended.iterations
         inside = [name for name, free in zip(names, ended.free, strict=False) if free]
@@ -421,7 +421,7 @@ def _told(problem: FreeRunError, names: Sequence[str], minimum: Minimum | None) 
     noise = 0.0 if minimum is None else float(np.sqrt(minimum.noise_variance))
     states = range(len(problem.free), len(problem.sizes))
     places = [problem.free.index(name) for name in names]
-    jacobians = [jacobian[:, [*places, *states]] for _, jacobian in problem.linearised(problem.start)]
+    jacobians = [jacobian[:, [*places, *states]] for _, jacobian in problem.exactly(problem.start)]
     return identifiability(jacobians, problem.sizes[places], names, noise)
 
 
@@ -441,19 +441,17 @@ def _search(
     progress: Callable[[Iteration], None] | None,
 ) -> Minimum:
     lower, upper = problem.within(limits)
-    return _with_colour(
+    return gauss_newton(
         problem,
-        gauss_newton(
-            problem,
-            problem.start,
-            lower=lower,
-            upper=upper,
-            max_iterations=max_iterations,
-            max_seconds=max_seconds,
-            tolerance=1e-2,
-            names=problem.names,
-            progress=progress,
-        ),
+        problem.start,
+        lower=lower,
+        upper=upper,
+        max_iterations=max_iterations,
+        max_seconds=max_seconds,
+        tolerance=1e-2,
+        noise=problem.precision,
+        names=problem.names,
+        progress=progress,
     )
 
 
@@ -467,7 +465,7 @@ def _with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
     if minimum.rank < len(columns) or not len(columns):
         return minimum
     pieces, channels = [], len(problem.signals)
-    for residual, jacobian in problem.linearised(minimum.estimate):
+    for residual, jacobian in problem.exactly(minimum.estimate):
         parts = np.split(np.arange(len(residual)), channels)
         pieces += [(residual[part], jacobian[np.ix_(part, columns)]) for part in parts]
     covariance = coloured_covariance(pieces)

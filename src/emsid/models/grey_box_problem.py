@@ -8,9 +8,10 @@ The parameters θ of a plant and the initial state x₀ of every segment minimis
 sign a one-step prediction would be given by the measured speed. Every output is divided by its standard deviation
 where there are several, so that rad/s and A count alike. W may weigh errors by their age, see `Recent`.
 
-The derivative of ŷ is a central difference of free runs, its columns computed in parallel threads: the motion is a
-continuous function of θ, located events included, and a run costs microseconds. The initial states of all segments
-are moved at once, since no segment feels those of another.
+The derivative of ŷ is a difference of free runs, its columns computed in parallel threads: the motion is a continuous
+function of θ, located events included, and a run costs microseconds. It is one-sided as long as the search is far from
+its end, and central there, where intervals are taken from it. The initial states of all segments are moved at once,
+since no segment feels those of another.
 
 References:
     Ljung, *System Identification*, 2nd ed., sec. 3.3 and 7.5. Schoukens, Ljung, *Nonlinear System Identification: A
@@ -24,6 +25,7 @@ from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass
 from math import inf, isfinite
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,6 +120,16 @@ def _starts_at_rest(y: Array) -> bool:
 
 PRECISION = 1e-11
 """How exact a free run is, relative to its size: the tolerance of the simulation."""
+NEAR = 1e-4
+"""How far, relative to its size, a search may still move where its derivatives begin to count."""
+
+
+class _Linearised(NamedTuple):
+    """A θ, residuals and derivatives there, and whether those are central differences."""
+
+    theta: Array
+    blocks: list[Block]
+    central: bool
 
 
 class FreeRunError:
@@ -146,7 +158,7 @@ class FreeRunError:
         self.sizes = self._sizes()
         self.precision = PRECISION * float(np.sqrt(np.mean((whole / self._scale) ** 2)))
         self._residuals_at: tuple[Array, list[Array]] | None = None  # θ and what is there: a search asks again
-        self._linearised_at: tuple[Array, list[Block]] | None = None
+        self._linearised_at: _Linearised | None = None
 
     @property
     def start(self) -> Array:
@@ -200,10 +212,20 @@ class FreeRunError:
         return self._residuals_at[1]
 
     def linearised(self, theta: Array) -> list[Block]:
+        """Residuals and their derivative: one-sided differences where a search passes, `exactly` where it ends."""
+        known = self._linearised_at
+        if known is None or not np.array_equal(known.theta, theta):
+            central = known is not None and bool((np.abs(theta - known.theta) <= NEAR * self.sizes).all())
+            self._linearised_at = self._differentiated(theta, central)
+            return self._linearised_at.blocks
+        return known.blocks
+
+    def exactly(self, theta: Array) -> list[Block]:
         """Residuals and their derivative by central differences, one-sided where only one side has a free run."""
-        if self._linearised_at is None or not np.array_equal(self._linearised_at[0], theta):
-            self._linearised_at = (theta.copy(), self._differentiated(theta))
-        return self._linearised_at[1]
+        known = self._linearised_at
+        if known is None or not (known.central and np.array_equal(known.theta, theta)):
+            known = self._linearised_at = self._differentiated(theta, True)
+        return known.blocks
 
     def _simulated(self, theta: Array) -> list[Array]:
         try:
@@ -223,7 +245,7 @@ class FreeRunError:
         error = (run - segment.output) / self._scale
         return np.concatenate([self.weighting(error[:, k], segment.dt) for k in range(error.shape[1])])
 
-    def _differentiated(self, theta: Array) -> list[Block]:
+    def _differentiated(self, theta: Array, central: bool) -> _Linearised:
         p, here = len(self.free), self.residuals(theta)
         step = 1e-5 * np.maximum(np.abs(theta), 1e-2 * self.sizes)
         moves = [[k] for k in range(p)]
@@ -236,12 +258,15 @@ class FreeRunError:
             there = theta.copy()
             there[move] = np.clip(theta + by, self.lower, self.upper)[move]
             try:
-                return there, self._simulated(there), ""
+                return there, self._simulated(there) if (there != theta).any() else here, ""
             except Infeasible as problem:
                 return theta, here, str(problem)
 
         def difference(move: list[int]) -> tuple[Array, list[Array]]:
-            (below, before, _), (above, after, why) = moved(move, -step), moved(move, step)
+            above, after, why = moved(move, step)
+            below, before = theta, here
+            if central or not (above > below).any():
+                below, before, why = moved(move, -step)
             if not (above > below).any():
                 raise Infeasible(f"{self.names[move[0]]} cannot be moved from {theta[move[0]]:g}: {why}")
             return above - below, [b - a for a, b in zip(before, after, strict=True)]
@@ -254,7 +279,7 @@ class FreeRunError:
                 touched = range(len(here)) if k < p else [self._places[k - p][0]]
                 for segment in touched:
                     jacobians[segment][:, k] = columns[segment] / width[k]
-        return list(zip(here, jacobians, strict=True))
+        return _Linearised(theta.copy(), list(zip(here, jacobians, strict=True)), central)
 
     def _sizes(self) -> Array:
         """How large θ plausibly is: what it is, or what units and samples suggest."""

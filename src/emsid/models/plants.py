@@ -23,10 +23,13 @@ from emsid.errors import ModelError
 from emsid.models.drive import Bridge, Drive, Feed, Sensor, outer_handles
 from emsid.models.one_mass import Sliding, move
 from emsid.models.plant_parameters import TINY, Handle, Parametrised, Plant, Quantity, Signal, handles_of
-from emsid.plant import DeadZone, Friction, Motor, State, simulate
+from emsid.plant import DeadZone, Friction, Motor, State, Taylor, simulate
 from emsid.plant.motor import Parameter
 
 Array = NDArray[np.float64]
+
+LONG_STEPS = Taylor(order=20)
+"""Samples of a log are long beside electrical time constants and resonances: of a higher order, fewer steps do."""
 
 
 class Motion(NamedTuple):
@@ -161,7 +164,8 @@ class DrivenMotor(Parametrised):
                 raise ModelError("a bridge that coasts is simulated for a rigid motor without inductance only")
             across = made[0] if motor.voltage_dead_zone is None else float(motor.voltage_dead_zone(made[:1])[0])
             start = State((across - motor.motor_constant * speed) / motor.resistance, speed, speed, 0.0, angle)
-            whole = simulate(motor, *_pieces(made, dt, late), disturbance=self.load_torque, initial=start)
+            pieces = _pieces(made, dt, late)
+            whole = simulate(motor, *pieces, disturbance=self.load_torque, initial=start, method=LONG_STEPS)
             every = slice(None, None, 2 if 0 < late < 1 else 1)
             speeds, positions, current = whole.load_speed[every], whole.load_angle[every], whole.current[every]
             rotor_speeds, rotor_positions = whole.rotor_speed[every], whole.rotor_angle[every]

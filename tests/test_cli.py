@@ -181,7 +181,7 @@ BAD = {
     "orders in words": (("identify", "LOG", *IDENTIFY, "--orders", "two"), ("--orders",)),
     "orders for another structure": (
         ("identify", "LOG", *IDENTIFY, "--models", "wiener", "--orders", "2,2"),
-        ("wiener has 1 filter", "2 orders"),
+        ("wiener has 1 filter; --orders gives 2", "one for each"),
     ),
     "unknown static map": (("identify", "LOG", *IDENTIFY, "--static", "cubic"), ("cubic", "dead-zone")),
     "unknown physical parameter": (

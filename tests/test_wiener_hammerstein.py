@@ -19,6 +19,7 @@ from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.frequency_response import fit_rational, frequency_response
 from emsid.estimation.gauss_newton import Iteration
+from emsid.excitation import SIGNALS
 from emsid.io import read
 from emsid.models.cascade import Cascade, FreeRun, unit_gain
 from emsid.models.families import ABS, COULOMB, DEAD_ZONE, FAMILIES, POLYNOMIAL, SPLINE, Family, given
@@ -34,10 +35,11 @@ from emsid.models.wiener_hammerstein import (
     wiener,
     wiener_hammerstein,
 )
-from emsid.plant import Motor, simulate
+from emsid.plant import Bench, Motor, simulate
 from emsid.plant.dead_zone import DeadZone as PlantDeadZone
 from emsid.plant.friction import Friction
 from emsid.record import Record
+from emsid.validation.metrics import fit_percent
 
 Array = NDArray[np.float64]
 
@@ -471,3 +473,14 @@ def test_benchmark_circuit(recordings: Path) -> None:
     error = float(np.sqrt(np.mean((run.output - held.output)[run.counted] ** 2)))
     assert fit.model.oversampling == 2
     assert error < 0.26e-3
+
+
+@pytest.mark.parametrize("excitation", ["multisine", "sines"])
+def test_a_pole_that_a_response_puts_on_the_unit_circle_is_no_end(excitation: str) -> None:
+    rng = np.random.default_rng(1)
+    record = Bench.typical().run(Motor(), SIGNALS[excitation](1400, 0.005, 6.0, rng), 0.005, rng)
+    _, a, _ = fit_rational(frequency_response([(record.input[:, 0], record.output[:, 0])]), 5, 4)
+    assert np.max(np.abs(np.roots(np.append(1.0, a)))) < 1 - 1e-4
+    fit = wiener_hammerstein(record, (1, 1), Options(workers=1, static=SPLINE, size=7))
+    run = fit.model.simulate(record)
+    assert fit_percent(record.output[run.counted], run.output[run.counted]) > 90

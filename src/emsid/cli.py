@@ -387,8 +387,9 @@ def identify(
         str | None, typer.Option(metavar="N,...", help="Orders of the filters of a cascade of blocks.")
     ] = None,
     static: Annotated[
-        str, typer.Option(metavar="NAME", help="Static map of a cascade; `emsid list` names them.")
-    ] = "spline",
+        str | None,
+        typer.Option(metavar="NAME", help="Static map of a cascade, of those `emsid list` names; by default chosen."),
+    ] = None,
     ridge: Annotated[float, typer.Option(metavar="WEIGHT", help="Weight of the squared parameters.", min=0)] = 0.0,
     forgetting: Annotated[
         float | None, typer.Option(metavar="FACTOR", help="Estimate recursively with this forgetting factor.")
@@ -441,10 +442,19 @@ def identify(
     from emsid.models.families import FAMILIES
     from emsid.models.grey_box_fit import GreyBoxFit
 
-    if static not in FAMILIES:
+    if static is not None and static not in FAMILIES:
         raise DataError(f"no static map {static!r}; there are {', '.join(FAMILIES)}")
     options = identification.Options(
-        na, nb, nk, degree, taps, knots, _counts(orders, "--orders"), FAMILIES[static], ridge, forgetting
+        na,
+        nb,
+        nk,
+        degree,
+        taps,
+        knots,
+        _counts(orders, "--orders"),
+        None if static is None else FAMILIES[static],
+        ridge,
+        forgetting,
     )
     options = replace(
         options,

@@ -22,7 +22,7 @@ from emsid.estimation.recursive import recursive_least_squares
 from emsid.estimation.selection import coordinate_search
 from emsid.models.cascade import Cascade
 from emsid.models.drive import Bridge
-from emsid.models.families import SPLINE, Family
+from emsid.models.families import Family
 from emsid.models.grey_box import assumptions, signals_of
 from emsid.models.grey_box_choice import REFINEMENTS, STARTS, Mechanical, Refinement, choose
 from emsid.models.grey_box_datasheet import Given, applicable
@@ -56,7 +56,7 @@ class Options:
         taps: of its first filter.
         knots: hinges on either side of zero in a friction regression; knots, or the degree, of a static map.
         orders: of the filters of a cascade of blocks, as many as it has.
-        static: family of its static map.
+        static: family of its static map; by default a spline where knots are given, or chosen with everything else.
         ridge: weight of the squared parameters.
         forgetting: forgetting factor; recursive least squares is used where it is given.
         fix: physical parameters that are known, by name, in SI units.
@@ -76,7 +76,7 @@ class Options:
     taps: int | None = None
     knots: int | None = None
     orders: tuple[int, ...] = ()
-    static: Family = SPLINE
+    static: Family | None = None
     ridge: float = 0.0
     forgetting: float | None = None
     fix: Mapping[str, float] = field(default_factory=dict)
@@ -232,8 +232,8 @@ class Blocks:
             return None, None
         if len(options.orders) != wanted:
             raise ModelError(
-                f"{self.layout.name} has {wanted} filter{'s' if wanted > 1 else ''} and {len(options.orders)} orders "
-                "are given; give one for each"
+                f"{self.layout.name} has {wanted} filter{'s' * (wanted > 1)}; --orders gives {len(options.orders)}: "
+                "give one for each"
             )
         given = iter(options.orders)
         first = next(given) if self.layout.first else None

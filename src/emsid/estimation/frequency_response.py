@@ -105,7 +105,7 @@ def fit_rational(response: FrequencyResponse, nb: int, na: int, oversampling: in
     """
     problem = _Rational(response, nb, na, oversampling)
     found = gauss_newton(problem, problem.iterated(20), max_iterations=30, inner=True)
-    return found.estimate[:nb], found.estimate[nb:], 2 * found.cost
+    return found.estimate[:nb], _inside(found.estimate[nb:]), 2 * found.cost
 
 
 @dataclass(frozen=True, eq=False)

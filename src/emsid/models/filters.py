@@ -19,7 +19,7 @@ References:
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numba
@@ -239,17 +239,29 @@ def fir(taps: ArrayLike, delay: int = 0) -> Rational:
 def interpolated(u: Array, factor: int) -> Array:
     """(N·factor,) the band-limited signal through samples u (N,), taken to go on point-symmetrically at its ends.
 
-    Within `INTERPOLATION_REACH` samples of an end it is a guess.
+    Within `INTERPOLATION_REACH` samples of an end it is a guess. It is kept and cannot be written to: a search asks for
+    that of the same input thousands of times.
     """
-    from scipy.signal import firwin, resample_poly
+    return u if factor == 1 else _interpolated(np.asarray(u, dtype=float).tobytes(), factor)
 
-    if factor == 1:
-        return u
-    reach = INTERPOLATION_REACH
+
+@lru_cache(maxsize=16)
+def _interpolated(samples: bytes, factor: int) -> Array:
+    from scipy.signal import resample_poly
+
+    u, reach = np.frombuffer(samples), INTERPOLATION_REACH
     around = np.pad(u, reach, "reflect", reflect_type="odd") if len(u) > reach else np.pad(u, reach, "edge")
-    low_pass = firwin(2 * reach * factor + 1, 1 / factor, window=("kaiser", 9.0))
-    fine: Array = resample_poly(around, factor, 1, window=low_pass)
-    return fine[reach * factor : -reach * factor]
+    fine: Array = resample_poly(around, factor, 1, window=_low_pass(factor))[reach * factor : -reach * factor]
+    fine.flags.writeable = False
+    return fine
+
+
+@lru_cache
+def _low_pass(factor: int) -> Array:
+    from scipy.signal import firwin
+
+    low_pass: Array = firwin(2 * INTERPOLATION_REACH * factor + 1, 1 / factor, window=("kaiser", 9.0))
+    return low_pass
 
 
 def _shift_into(row: Array, source: Array, by: int) -> None:

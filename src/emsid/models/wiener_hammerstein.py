@@ -8,7 +8,7 @@ record says little; there each quarter is held back in turn:
 2. the input delay, the least with which that order fits the response;
 3. for each oversampling to be tried, pairs of filters from all sources of `starts`, each scored by one linear problem;
 4. the best few refined by `fit_cascade` on a part of the record, on all cores, and judged by their held-back free run;
-5. the family of the static map, where none is given, and its size (knots, degree) likewise;
+5. the family of the static map likewise, where none is given, and then its size (knots, degree);
 6. the winner fitted to all identification data.
 
 Free runs are compared throughout, never one-step predictions.
@@ -352,13 +352,19 @@ def _improving(
             best = choice
             yield best
     assert best is not None
-    others = [(family, size) for family in families for size in sizes[family]]
-    others.remove((families[0], best.size))
-    if others:
-        options.tell("family and size of the map" if len(families) > 1 else f"size of the {families[0].name}")
+
+    def better(best: Choice, others: Sequence[tuple[Family, int]]) -> Choice:
         plans = [Plan(_with_map(best.model, layout, family, size, part), family, size) for family, size in others]
-        found = _refined(plans, part, rounds, options.workers, needed=False)
-        yield _simplest([best, *found], _complexity)
+        found = _refined(plans, part, rounds, options.workers, needed=False) if plans else []
+        return _simplest([best, *found], _complexity)
+
+    if len(families) > 1:
+        options.tell("family of the static map")
+        best = better(best, [(family, sizes[family][len(sizes[family]) // 2]) for family in families[1:]])
+        yield best
+    assert best.family is not None
+    options.tell(f"size of the {best.family.name}")
+    yield better(best, [(best.family, size) for size in sizes[best.family] if size != best.size])
 
 
 def _simplest(choices: Sequence[Choice], complexity: Callable[[Choice], int]) -> Choice:

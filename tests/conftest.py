@@ -21,3 +21,8 @@ def recordings() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no folder of recordings at {folder}; name it in EMSID_RECORDINGS")
     return folder
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest test begins first, so that no process waits for it in the end."""
+    items.sort(key=lambda item: item.path.name != "test_readme.py")

@@ -41,8 +41,8 @@ def test_without_validation_the_end_of_the_record_is_kept_unseen():
 
 
 def test_validation_data_have_no_influence_on_the_models():
-    record = system(1000, 4)
-    fits = [identify(record, system(500, seed)).verification.fits for seed in (5, 6)]
+    record, blocks = system(1000, 4), Options(orders=(1, 1))
+    fits = [identify(record, system(500, seed), options=blocks).verification.fits for seed in (5, 6)]
     for fit in fits[0]:
         twin = next(other for other in fits[1] if other.model.name == fit.model.name)
         np.testing.assert_array_equal(fit.estimate, twin.estimate)

@@ -475,11 +475,11 @@ def test_benchmark_circuit(recordings: Path) -> None:
     assert error < 0.26e-3
 
 
-@pytest.mark.parametrize("excitation", ["multisine", "sines"])
-def test_a_pole_that_a_response_puts_on_the_unit_circle_is_no_end(excitation: str) -> None:
+@pytest.mark.parametrize(("excitation", "order"), [("multisine", 6), ("sines", 5)])
+def test_a_pole_that_a_response_puts_on_the_unit_circle_is_no_end(excitation: str, order: int) -> None:
     rng = np.random.default_rng(1)
     record = Bench.typical().run(Motor(), SIGNALS[excitation](1400, 0.005, 6.0, rng), 0.005, rng)
-    _, a, _ = fit_rational(frequency_response([(record.input[:, 0], record.output[:, 0])]), 5, 4)
+    _, a, _ = fit_rational(frequency_response([(record.input[:, 0], record.output[:, 0])]), order + 1, order)
     assert np.max(np.abs(np.roots(np.append(1.0, a)))) < 1 - 1e-4
     fit = wiener_hammerstein(record, (1, 1), Options(workers=1, static=SPLINE, size=7))
     run = fit.model.simulate(record)

@@ -38,7 +38,7 @@ from emsid.models.wiener_hammerstein import (
 from emsid.plant import Bench, Motor, simulate
 from emsid.plant.dead_zone import DeadZone as PlantDeadZone
 from emsid.plant.friction import Friction
-from emsid.record import Record
+from emsid.record import Record, concatenate
 from emsid.validation.metrics import fit_percent
 
 Array = NDArray[np.float64]
@@ -484,3 +484,25 @@ def test_a_pole_that_a_response_puts_on_the_unit_circle_is_no_end(excitation: st
     fit = wiener_hammerstein(record, (1, 1), Options(workers=1, static=SPLINE, size=7))
     run = fit.model.simulate(record)
     assert fit_percent(record.output[run.counted], run.output[run.counted]) > 90
+
+
+def test_of_a_series_of_steps_every_choice_sees_all_heights() -> None:
+    steps = [Record(np.repeat([0.0, height], [100, 900]), np.ones(1000), 0.01) for height in np.linspace(-6, 6, 26)]
+    series = concatenate(steps)
+    _, [(known, unseen)] = module._held_back([series], Options())
+    for records in (module._shortened([series]), known, unseen):
+        heights = np.concatenate([record.input[:, 0] for record in records])
+        assert heights.min() < -4
+        assert heights.max() > 4
+    assert sum(map(len, module._shortened([series]))) <= module.CHOICE_SAMPLES
+    assert not set(known[0].input[:, 0]) & set(unseen[0].input[:, 0]) - {0.0}
+    single = Record(series.input, series.output, 0.01)
+    assert len(module._shortened([single])[0]) == module.CHOICE_SAMPLES
+    assert np.array_equal(module._shortened([single])[0].input, series.input[: module.CHOICE_SAMPLES])
+
+
+def test_a_standstill_among_moving_segments_is_no_divergence() -> None:
+    moving = record_of(Cascade((BEND, SLOW)), 500)
+    still = replace(moving, input=np.zeros(500), output=np.full(500, 1e-9))
+    run = Cascade((BEND, SLOW), output_offset=0.1).simulate(concatenate([moving, still]))
+    assert run.diverged_at is None

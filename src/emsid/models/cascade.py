@@ -288,6 +288,7 @@ class Cascade:
         if all(len(segment) <= skip for segment in record.segments):
             raise ModelError(f"{record.name}: no segment is longer than the {skip} samples that start {self.name}")
         output, counted = record.output.copy(), np.zeros(len(record), dtype=bool)
+        bound = RUNAWAY * float(np.ptp(record.output) + np.max(np.abs(record.output)))  # a segment may be a standstill
         first, diverged = 0, None
         for segment in record.segments:
             u, y = segment.input[:, 0], segment.output[:, 0]
@@ -295,7 +296,6 @@ class Cascade:
             if len(segment) > skip:
                 with np.errstate(over="ignore", invalid="ignore"):
                     run = self.output(u, self.starting(u, y[:skip]))
-                bound = RUNAWAY * (np.ptp(y) + np.max(np.abs(y)))
                 away = np.flatnonzero(~(np.abs(run) <= bound)) if bound > 0 else np.flatnonzero(~np.isfinite(run))
                 if len(away):
                     run[away[0] :] = np.nan

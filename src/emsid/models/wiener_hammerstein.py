@@ -55,7 +55,7 @@ from emsid.models.starts import (
 )
 from emsid.models.static_maps import CubicSpline, DeadZone, PiecewiseLinear, Saturation, StaticMap
 from emsid.models.terms import check_whole
-from emsid.record import Record
+from emsid.record import Record, concatenate
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, Iteration | None], None]
@@ -69,6 +69,8 @@ IDENTIFY = 0.75
 SHORT, FOLDS = 4_000, 4
 # Refinements for a choice see no more samples than this, and take no more steps.
 CHOICE_SAMPLES, CHOICE_STEPS = 8_000, 25
+# So many segments of about one length are a series of experiments.
+SERIES = 8
 # Candidates refined per oversampling, and where chance had to help.
 REFINED, REFINED_RANDOM = 4, 24
 # Of these, how many go on with a map of the family asked for.
@@ -636,7 +638,7 @@ def _held_back(records: Sequence[Record], options: Options) -> tuple[list[Record
         return list(records), [(records, [record[:CHOICE_SAMPLES] for record in judge])]
     if sum(len(record) for record in records) < SHORT:
         return list(records), [_without_fold(records, k) for k in range(FOLDS)]
-    halves = [record.split(IDENTIFY) for record in records]
+    halves = [record.hold_back(1 - IDENTIFY) if _is_series(record) else record.split(IDENTIFY) for record in records]
     identify = [first for first, _ in halves]
     return identify, [(identify, [second[:CHOICE_SAMPLES] for _, second in halves])]
 
@@ -653,10 +655,20 @@ def _without_fold(records: Sequence[Record], k: int) -> Round:
     return rest, parts
 
 
+def _is_series(record: Record) -> bool:
+    """Whether a record is of many experiments, such as steps of ascending height, none of which stands for the rest."""
+    return len(record.segments) >= SERIES and max(map(len, record.segments)) * SERIES <= 2 * len(record)
+
+
 def _shortened(records: Sequence[Record]) -> list[Record]:
-    """The start of every record, together about as long as a choice needs."""
+    """The start of every record, or every few experiments of a series, together about as long as a choice needs."""
     share = max(CHOICE_SAMPLES // len(records), 1)
-    return [record[: max(share, min(len(record), 500))] for record in records]
+    return [
+        concatenate(record.segments[:: -(-len(record) // share)])
+        if _is_series(record)
+        else record[: max(share, min(len(record), 500))]
+        for record in records
+    ]
 
 
 def _pairs(records: Sequence[Record]) -> list[tuple[Array, Array]]:

@@ -242,9 +242,8 @@ def gauss_newton(
         inner: whether the search is a part of another one, which Ctrl-C has to end: it is passed on.
 
     Raises:
-        ModelError: for a start outside its bounds or without a finite residual, bounds that cross, blocks of
-        other shapes,
-            fewer residuals than free parameters.
+        ModelError: for a start outside its bounds or without a finite residual, bounds that cross, blocks of other
+            shapes, fewer residuals than free parameters.
     """
     theta, box = _check_start(start, lower, upper, names)
     varied = box.varied

@@ -17,23 +17,20 @@ state join. One pass gives the output and its derivative with respect to all par
 offset behind it, without a change outside. Two normalisations say where they are put:
 
 - `unit_gain`, in which models are fitted and given: every filter that can pass its gain to a map has a gain of one at
-DC
-  (at its peak, if it blocks DC). The map's input is then in the unit of u and its output in that of y.
-- `unit_slope`, the paper's λ₁ = 1 (5.3): in addition the map has a slope of one, and the last filter all the gain. (λ₁
-= 1 alone
-  does not suffice: b₁ → cb₁, λ₂ → λ₂/c, d → d/c leaves (5.8) as it is.)
+  DC (at its peak, if it blocks DC). The map's input is then in the unit of u and its output in that of y.
+- `unit_slope`, the paper's λ₁ = 1 (5.3): in addition the map has a slope of one, and the last filter all the gain.
+  (λ₁ = 1 alone does not suffice: b₁ → cb₁, λ₂ → λ₂/c, d → d/c leaves (5.8) as it is.)
 
 A unit DC gain is the linear constraint Σb = 1 + Σa. The fit therefore runs in the coordinates φ of `Freedom`, θ = θ₀ +
 Cφ, in which one numerator coefficient follows from the others, and what is redundant stays where it is; covariances go
 back through C exactly.
 
 **Sampling.** Between samples an input that was measured through an anti-alias filter is the band-limited signal through
-them, and a map of it makes harmonics beyond half the sampling rate. A real system's second filter removes them before
-they are sampled; a model that runs at the sampling rate folds them back. With ``oversampling`` L the input is
-interpolated to L times the rate, the blocks run there, and every L-th output counts. On the benchmark
-circuit of 2009 the held-back error of the same structure falls from 0.287 to 0.238 mV with L = 2.
-An input that is held between samples (a
-drive's command) needs none.
+its samples, and a map of it makes harmonics beyond half the sampling rate. A real system's second filter removes them
+before they are sampled; a model that runs at the sampling rate folds them back. With ``oversampling`` L the input is
+interpolated to L times the rate, the blocks run there, and every L-th output counts. On the benchmark circuit of 2009
+the held-back error of the same structure falls from 0.287 to 0.238 mV with L = 2. An input that is held between samples
+(a drive's command) needs none.
 
 **Transients.** What a filter held when a record began is not known. It is estimated along with the parameters, a few
 numbers per segment, or, by choice, the first samples are left out.
@@ -42,7 +39,7 @@ References:
     Kara, Abokoos, *A Simulation and Experimental Study on Identification of an Electromechanical System*.
     Schoukens, Tiels, *Identification of block-oriented nonlinear systems starting from linear approximations: a
     survey*, Automatica 85 (2017). Pintelon, Schoukens, *System Identification: A Frequency Domain Approach*, 2nd ed.
-    (2012). Ljung, *System Identification*, 2nd ed. (1999), sec. 10.2 on gradients.
+    (2012). Ljung, *System Identification*, 2nd ed. (1999), sec. 10.3 on gradients.
 """
 
 from __future__ import annotations
@@ -406,7 +403,11 @@ def check_channels(model: Cascade, record: Record) -> None:
 
 
 def unit_gain(cascade: Cascade) -> Cascade:
-    """The same model with a gain of one in every filter that can pass its gain to a map beside it."""
+    """The same model with a gain of one in every filter that can pass its gain to a map beside it.
+
+    Raises:
+        ModelError: for a filter of zeros.
+    """
     for k in fixed_gains(cascade):
         block = cascade.blocks[k]
         assert isinstance(block, Rational)

@@ -117,7 +117,7 @@ class Rational:
 
     @property
     def gain(self) -> float:
-        """The gain that a filter of unit gain has been divided by: at DC, or at its peak where it blocks DC."""
+        """What to divide it by for a unit gain: its gain at DC, or at its peak where it blocks DC."""
         response = self.response(np.linspace(0, 0.5, 513), 1.0)
         peak = int(np.argmax(np.abs(response)))
         return float(response[0].real if abs(response[0]) > 1e-3 * abs(response[peak]) else abs(response[peak]))

@@ -1,8 +1,8 @@
 r"""Starting values for cascades, without the user.
 
-The free-run cost of a cascade has many minima, and which one a search ends in is decided by where it starts. Three
-sources give candidates; `candidates` collects them, `scanned` tries each at the price of one linear problem, and the
-best go on to `fit_cascade`.
+The free-run cost of a cascade has many minima, and which one a search ends in is decided by where it starts. Four
+sources give candidates, a function each; `scanned` tries every one at the price of one linear problem, and the best go
+on to `fit_cascade`.
 
 **The best linear approximation.** Driven by a random input, filter–map–filter looks like the product of its two
 filters, up to a gain (Bussgang's theorem; Schoukens & Tiels 2017). So a rational function is fitted to the measured
@@ -61,8 +61,9 @@ Filters = tuple[Rational | None, Rational | None]
 TRIAL_KNOTS = 12
 # How many samples a trial looks at; enough to rank the candidates.
 TRIAL_SAMPLES = 12_000
-# More ways of sharing out poles and zeros than this are not tried; they come in order of chance.
+# More ways of sharing out poles and zeros than this are not tried.
 MOST_SPLITS = 2_000
+# Pairs of filters that chance draws.
 RANDOM_DRAWS = 300
 # Of the ways to give signs back, so many are followed.
 UNFOLDINGS = 3
@@ -209,15 +210,15 @@ def scanned(
 ) -> list[Candidate]:
     """Every pair of filters with the map that suits it best, best first; those that suit nothing are left out.
 
-    Raises:
-        ModelError: where there is none left, with what is wrong with the first.
-
     Args:
         filters: pairs, None where the structure has no such filter.
         segments: (u, y) of each; the longest is tried on.
         trial: for the signal x that enters the map, maps to try, each linear in its parameters.
         template: what offsets, delay, oversampling and name to give the candidates.
         workers: threads.
+
+    Raises:
+        ModelError: where there is none left, with what is wrong with the first.
     """
     u, y = max(segments, key=lambda pair: len(pair[0]))
     u, y = u[:TRIAL_SAMPLES], y[:TRIAL_SAMPLES]

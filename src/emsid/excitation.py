@@ -5,21 +5,18 @@ generator from one sample to the next. Nothing here keeps state: what is random 
 `numpy.random.Generator`, and equal arguments give equal samples.
 
 **How much a signal can tell.** A linear model with n input coefficients can be told from every other only if
-no FIR filter of length n silences the input: u is *persistently exciting of order n* when the rows [u(t), …,
-u(t−n+1)] span n dimensions [Ljung, def. 13.2]. A constant has order 1, a sine 2, a sum of m sines 2m, a
-maximal-length sequence of period M order M. `persistent_excitation_order` reads the order off the singular
-values of these rows.
+no FIR filter of length n silences the input: u is *persistently exciting of order n* when the rows [u(t), …, u(t−n+1)]
+span n dimensions [Ljung, def. 13.2]. A constant has order 1, a sine 2, a sum of m sines 2m, a maximal-length sequence
+of period M order M. `persistent_excitation_order` reads the order off the singular values of these rows.
 
-**How much power fits under a limit.** The crest factor C = max|u| / rms(u) is 1 for a binary signal, √2 for a
-sine, and 3 or more for sines with random phases. Two things bring it down without touching the amplitude
-spectrum:
+**How much power fits under a limit.** The crest factor C = max|u| / rms(u) is 1 for a binary signal, √2 for a sine, and
+3 or more for sines with random phases. Two things bring it down without touching the amplitude spectrum:
 
 - *Schroeder's phases.* A signal whose frequency sweeps has a flat envelope. At a phase φ(ω) the group delay
   is −dφ/dω; a sweep that stays in each band in proportion to its power p, Σp = 1, needs
   φₙ = φₙ₋₁ − 2π·(p₁ + … + pₙ₋₁) [Schroeder].
-- *Swapping between time and frequency.* Clip the signal, transform it, keep only the phases of its harmonics,
-  put the wanted amplitudes back, and repeat [Van der Ouderaa]. Clipping low at first and higher later gets
-  past poor optima.
+- *Swapping between time and frequency.* Clip the signal, transform it, keep only the phases of its harmonics, put the
+  wanted amplitudes back, and repeat [Van der Ouderaa]. Clipping low at first and higher later gets past poor optima.
 
 **Binary noise from a shift register.** The bits s(t+n) = ⊕ₑ s(t+e), e the lower exponents of a primitive
 polynomial of degree n over GF(2), pass through all 2ⁿ − 1 states but zero [Golomb]. Squaring over GF(2) only
@@ -256,9 +253,8 @@ PRIMITIVE_POLYNOMIALS: dict[int, tuple[int, ...]] = {
 def prbs(samples: int, order: int, amplitude: float = 1.0, *, hold: int = 1, start: int | None = None) -> Array:
     """Pseudo-random binary sequence: ±a by a maximal-length shift register, period (2ⁿ − 1)·hold samples.
 
-    Over a period of M = 2ⁿ − 1 clock ticks the mean is a/M and the circular autocorrelation a² at lag 0,
-    −a²/M at every other. Held for h samples, its power falls to one half at 0.44/(h·dt) Hz and
-    to nothing at 1/(h·dt).
+    Over a period of M = 2ⁿ − 1 clock ticks the mean is a/M and the circular autocorrelation a² at lag 0, −a²/M at every
+    other. Held for h samples, its power falls to one half at 0.44/(h·dt) Hz and to nothing at 1/(h·dt).
 
     Args:
         samples: N, the number of samples; the period is repeated, and cut, to fill them.
@@ -293,13 +289,11 @@ def amplitude_modulated_prbs(
 ) -> Array:
     """APRBS: the switching times of `prbs`, but a level of its own for each stretch between two switches.
 
-    With m stretches in the N samples the levels are the m equally spaced values from −amplitude to amplitude,
-    each used once, in random order. So the signal covers the range of a nonlinearity and not only its two
-    ends. It has no period.
+    With m stretches in the N samples the levels are the m equally spaced values from −amplitude to amplitude, each used
+    once, in random order. So the signal covers the range of a nonlinearity and not only its two ends. It has no period.
 
     Args:
-        samples, order, amplitude, hold, start: as for `prbs`; choose ``hold`` near the dominant time
-            constant.
+        samples, order, amplitude, hold, start: as for `prbs`; choose ``hold`` near the dominant time constant.
         rng: source of the order of the levels.
 
     Raises:
@@ -491,8 +485,7 @@ def crest_factor(signal: Record | ArrayLike) -> float:
     """C = max|u| / rms(u): 1 for a binary signal, √2 for a sine.
 
     Args:
-        signal: (N,) samples, (N, nu) channels, or a record, whose inputs count. Of several
-            channels, the worst.
+        signal: (N,) samples, (N, nu) channels, or a record, whose inputs count. Of several channels, the worst.
 
     Raises:
         DataError: for a signal without channels or samples, or one that is zero throughout.
@@ -529,8 +522,7 @@ def persistent_excitation_order(signal: Record | ArrayLike, max_order: int = 50,
     What has come back as `largest_order` may be of a higher order still. A mean adds one.
 
     Args:
-        signal: (N,) samples, (N, nu) channels, or a record, whose inputs count. Each channel is scaled to
-            peak 1.
+        signal: (N,) samples, (N, nu) channels, or a record, whose inputs count. Each channel is scaled to peak 1.
         max_order: where to stop looking; what is exciting of every order comes back as this.
         tolerance: smallest singular value, as a fraction of the largest, that counts; 1e-10 suits a computed
             signal, the noise-to-signal ratio a measured one, since noise excites everything: 1e-3 is above the rounding

@@ -34,8 +34,7 @@ class Record:
         input_names, output_names: a name for every channel, ``u1, u2, …`` and ``y1, y2, …`` by default.
         input_units, output_units: a unit for every channel, empty where unknown.
         breaks: the first sample of every further segment, ascending; empty for a record without gaps.
-        times: the time in seconds of the first sample of every segment; by default the segments follow each
-            other.
+        times: the time in seconds of the first sample of every segment; by default the segments follow each other.
         name: where the record comes from, for messages and figures.
         time_axis: what the time column that it was read with says about the sampling of the whole file; None where
             the sample time was given instead.
@@ -163,8 +162,7 @@ class Record:
         return concatenate([one for number, one in enumerate(self.segments, 1) if number % k]), concatenate(held)
 
     def mask(self, leave_out: ArrayLike) -> Record:
-        """The record without the samples where ``leave_out`` (N,) is true; what remains falls into
-        segments."""
+        """The record without the samples where ``leave_out`` (N,) is true; what remains falls into segments."""
         out = np.asarray(leave_out, dtype=bool)
         if out.shape != (len(self),):
             raise DataError(f"{self.name}: a mask of shape {out.shape} for {len(self)} samples")
@@ -197,8 +195,7 @@ class Record:
     def detrend(self, order: int = 0) -> Record:
         """The record less a polynomial in time of this order, fitted to every channel over the whole record.
 
-        Order 0 takes off the mean. The polynomial is common to all segments, so that they keep one operating
-        point.
+        Order 0 takes off the mean. The polynomial is common to all segments, so that they keep one operating point.
         """
         order = _whole(order, 0, f"{self.name}: detrending of order {order}; give 0 (mean), 1 (line) or more")
         powers = np.polynomial.legendre.legvander(_to_unit_interval(self.time), order)
@@ -441,8 +438,7 @@ def _simplest_step(t: Array) -> float:
 def resample(time: ArrayLike, record: Record, dt: float | None = None) -> Record:
     """The record brought from the time axis it was really sampled on to an equidistant one.
 
-    Inputs are held from sample to sample (they come from a digital output), outputs are interpolated
-    linearly. Where
+    Inputs are held from sample to sample (they come from a digital output), outputs are interpolated linearly. Where
     the new sample time is longer than the old one, decimate first: this function does not filter.
 
     Args:

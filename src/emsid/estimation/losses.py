@@ -4,9 +4,8 @@ A loss ℓ is given to `gauss_newton` as an object with three methods, ℓ itsel
 curvature ℓ″(r); any other object with these will do.
 
 References:
-    Huber, *Robust Statistics* (1981). Holland, Welsch, *Robust regression using iteratively reweighted
-    least-squares*, Communications in Statistics A6 (1977), for the scales that keep 95 % efficiency under
-    Gaussian noise.
+    Huber, *Robust Statistics* (1981). Holland, Welsch, *Robust regression using iteratively reweighted least-squares*,
+    Communications in Statistics A6 (1977), for the scales that keep 95 % efficiency under Gaussian noise.
 """
 
 from __future__ import annotations

@@ -5,22 +5,19 @@ being the derivative of the residual r (N,). Its covariance is a sandwich (Huber
 
     cov θ̂ = (JᵀJ)⁻¹ Ω (JᵀJ)⁻¹,      Ω = var Σₜ sₜ,      sₜ = Jₜ rₜ  the score of sample t.
 
-White noise makes Ω = σ²JᵀJ and the sandwich collapses to σ²(JᵀJ)⁻¹. A residual that holds model error or
-coloured noise does not, and the collapsed form can then be wrong by any factor. Ω is the long-run variance of
-the scores (Hjalmarsson & Ljung 1992, who derive this for undermodelled systems), estimated with Bartlett's
-weights (Newey & West 1987)
+White noise makes Ω = σ²JᵀJ and the sandwich collapses to σ²(JᵀJ)⁻¹. A residual that holds model error or coloured noise
+does not, and the collapsed form can then be wrong by any factor. Ω is the long-run variance of the scores (Hjalmarsson
+& Ljung 1992, who derive this for undermodelled systems), estimated with Bartlett's weights (Newey & West 1987)
 
     Ω = Σₖ (1 − |k|/L) Σₜ sₜ sₜ₊ₖᵀ,      |k| < L.
 
-That double sum is never formed: with the scores padded by zeros it is identically ``(1/L) Σₜ bₜbₜᵀ`` with
-``bₜ = sₜ + … + sₜ₊ₗ₋₁``, the overlapping batch sums, which a running sum gives for any L at the price of L =
-1.
+That double sum is never formed: with the scores padded by zeros it is identically ``(1/L) Σₜ bₜbₜᵀ`` with the
+overlapping batch sums ``bₜ = sₜ + … + sₜ₊ₗ₋₁``, which a running sum gives for any L at the price of L = 1.
 
-The window L follows Andrews (1991): ``L = 1.1447 (αN)^⅓`` where α = 4ρ²/((1 − ρ)²(1 + ρ)²) comes from an
-AR(1) model with pole ρ of each score, averaged over the scores with their variances squared. Scores are first
-brought to the coordinates in which J has orthonormal columns, so the choice does not depend on units or on
-how the parameters are mixed. A window of one keeps the variances only, White's form, which white residuals
-ask for.
+The window L follows Andrews (1991): ``L = 1.1447 (αN)^⅓`` where α = 4ρ²/((1 − ρ)²(1 + ρ)²) comes from an AR(1) model
+with pole ρ of each score, averaged over the scores with their variances squared. Scores are first brought to the
+coordinates in which J has orthonormal columns, so the choice does not depend on units or on how the parameters are
+mixed. A window of one keeps the variances only, White's form, which white residuals ask for.
 
 Bartlett's weights alone underestimate a long memory. The scores are therefore first whitened by a vector autoregression
 of order one, ``sₜ = A sₜ₋₁ + wₜ``, Ω is found for what is left, and coloured again, ``(I − A)⁻¹ Ω_w (I − A)⁻ᵀ``

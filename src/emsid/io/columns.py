@@ -1,5 +1,4 @@
-"""What every reader returns: the columns of a file, and enough about the rest of it to word a good
-message."""
+"""What every reader returns: the columns of a file, and enough about the rest of it to word a good message."""
 
 from __future__ import annotations
 
@@ -61,9 +60,8 @@ def nearest(name: str, candidates: Iterable[str]) -> str:
 def from_arrays(variables: Iterable[tuple[str, object]]) -> Columns:
     """The columns held by named arrays, as MAT and NPZ files store them.
 
-    A vector (N,), (N, 1) or (1, N) is a column; a matrix (N, k) with k ≤ N becomes ``name_1`` … ``name_k``.
-    Everything else is listed among `Columns.others`; a variable that could not be read comes as the reason,
-    in words.
+    A vector (N,), (N, 1) or (1, N) is a column; a matrix (N, k) with k ≤ N becomes ``name_1`` … ``name_k``. Everything
+    else is listed among `Columns.others`; a variable that could not be read comes as the reason, in words.
     """
     import polars as pl
 

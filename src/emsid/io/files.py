@@ -68,9 +68,8 @@ def looks_like(content: bytes) -> str:
 def atomic_write(path: str | os.PathLike[str], content: bytes | str) -> None:
     """Write a file so that at every moment it is the old one or the new one, whole.
 
-    The content goes to a temporary file beside it, is forced to disk, and takes the name in one step;
-    whatever interrupts this (an error, Ctrl-C) leaves the old file and no temporary one. Missing parent
-    folders are made.
+    The content goes to a temporary file beside it, is forced to disk, and takes the name in one step; whatever
+    interrupts this (an error, Ctrl-C) leaves the old file and no temporary one. Missing parent folders are made.
 
     Args:
         path: where to.

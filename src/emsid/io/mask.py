@@ -1,9 +1,8 @@
 """Masks: the samples to leave out of a record, said by an SQL condition on the columns of the file.
 
-``abs(PWM) > 255``, ``state = 'IDLE' OR "Speed (rpm)" IS NULL``. The condition is evaluated by polars, but its
-SQL could also open files (``… IN (SELECT … FROM read_csv('…'))``). So the text is first taken apart here,
-completely, and only plain words, numbers, quoted names and texts, operators and the functions listed below
-are let through.
+``abs(PWM) > 255``, ``state = 'IDLE' OR "Speed (rpm)" IS NULL``. The condition is evaluated by polars, but its SQL could
+also open files (``… IN (SELECT … FROM read_csv('…'))``). So the text is first taken apart here, completely, and only
+plain words, numbers, quoted names and texts, operators and the functions listed below are let through.
 
 polars plans an expression in a time that grows with the square of its depth, and ``a OR b OR c OR …`` is as deep as it
 is long. So conditions are divided here at their ORs and ANDs, and put together as a balanced tree.
@@ -59,8 +58,7 @@ def left_out(mask: str, columns: Mapping[str, pl.Series]) -> NDArray[np.bool_]:
     """(N,) true where the condition ``mask`` holds, or cannot be told because a value is missing.
 
     Args:
-        mask: an SQL condition; names with anything but letters, digits and ``_`` in them go into double
-            quotes.
+        mask: an SQL condition; names with anything but letters, digits and ``_`` in them go into double quotes.
         columns: every column of the file by name, equally long.
 
     Raises:

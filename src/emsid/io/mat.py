@@ -1,5 +1,4 @@
-"""MAT files: version 5 (and 7, which is the same compressed) by SciPy, version 7.3, which is HDF5, by
-h5py."""
+"""MAT files: version 5 (and 7, which is the same compressed) by SciPy, version 7.3, which is HDF5, by h5py."""
 
 from __future__ import annotations
 

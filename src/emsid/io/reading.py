@@ -1,9 +1,8 @@
 """From a file to a `Record`: which columns, which samples, which sample time, which units.
 
-The order of things is fixed, so that every option has one meaning: ``rows`` are taken; ``mask`` is evaluated
-on the columns as the file has them; a column becomes ``scale·x + offset``; samples that are masked out are
-never looked at again, and what remains is checked and falls into segments; derivatives are taken within each
-segment; units become SI.
+The order of things is fixed, so that every option has one meaning: ``rows`` are taken; ``mask`` is evaluated on the
+columns as the file has them; a column becomes ``scale·x + offset``; samples that are masked out are never looked at
+again, and what remains is checked and falls into segments; derivatives are taken within each segment; units become SI.
 """
 
 from __future__ import annotations
@@ -128,12 +127,10 @@ def read(
         dt: sample time in seconds (the first data row of the file is then at time 0); with ``resample``, the sample
             time to bring the record to.
         time: the time column, from which the sample time is taken if it is regular.
-        time_unit: unit of the time column; by default the one in its header (``Timestamp(ms)``), else
-            seconds.
+        time_unit: unit of the time column; by default the one in its header (``Timestamp(ms)``), else seconds.
         rows: the data rows to take, counted from 0, as in ``slice(5200, 105200)``.
-        mask: an SQL condition on the columns of the file, true for the samples to leave out, as in ``abs(PWM)
-            > 255``; what remains falls into segments. A sample for which it cannot be told (a missing value)
-            is left out.
+        mask: an SQL condition on the columns of the file, true for the samples to leave out, as in ``abs(PWM) > 255``;
+            what remains falls into segments. A sample for which it cannot be told (a missing value) is left out.
         scale, offset: by column, ``scale·x + offset`` takes the place of x.
         units: by column, the unit it is in after that; the channel is then converted to SI. A derivative has
             the unit of its column per second, if not given under its own name.

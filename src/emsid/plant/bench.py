@@ -35,8 +35,7 @@ class Sensor(Protocol):
     """Anything that measures the speed of a shaft."""
 
     def read(self, speed: Array, angle: Array, dt: float, rng: Random) -> Array:
-        """(N,) reading in rad/s of a shaft at ``speed`` (N,) in rad/s and ``angle`` (N,) in rad, every dt
-        seconds."""
+        """(N,) reading in rad/s of a shaft at ``speed`` (N,) in rad/s and ``angle`` (N,) in rad, every dt seconds."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +65,7 @@ class VoltageSource:
         _check_sizes(self, "voltage source", "resolution")
 
     def drive(self, command: Array, interval: float) -> Array:
-        """(M,) what it gives in V for commands (M,) that follow each other at ``interval`` seconds, from 0
-        V."""
+        """(M,) what it gives in V for commands (M,) that follow each other at ``interval`` seconds, from 0 V."""
         voltage = np.clip(command, -self.limit, self.limit)
         if isfinite(self.slew_rate):
             change, last = self.slew_rate * interval, 0.0
@@ -117,8 +115,7 @@ class Tachometer:
 
 @dataclass(frozen=True)
 class Encoder:
-    """An incremental encoder on the load shaft: the speed is the difference of two counts over the sample
-    time.
+    """An incremental encoder on the load shaft: the speed is the difference of two counts over the sample time.
 
     Args:
         counts_per_turn: counts in a turn, all edges counted.
@@ -146,8 +143,7 @@ class Bench:
     Args:
         source: the generator.
         sensor: a `Tachometer`, an `Encoder` or anything else that can ``read`` a trajectory.
-        delay: transport delay from the generator to the armature in s; need not be a multiple of the sample
-            time.
+        delay: transport delay from the generator to the armature in s; need not be a multiple of the sample time.
 
     Raises:
         ModelError: for a negative delay.
@@ -162,8 +158,7 @@ class Bench:
 
     @classmethod
     def typical(cls) -> Bench:
-        """A teaching laboratory: ±15 V generator and 12-bit converters, a noisy tachogenerator, half a
-        millisecond.
+        """A teaching laboratory: ±15 V generator and 12-bit converters, a noisy tachogenerator, half a millisecond.
 
         The tachogenerator ripples by 0.5 % eleven times a turn and is 0.05 rad/s off; its reading carries
         0.02 rad/s and 0.1 % of noise and goes through a converter of ±200 rad/s.

@@ -5,9 +5,8 @@ The torque that friction takes from a body turning at ω is, with sgn(0) = 0 (4.
     T_f(ω) = [α₀ + α₁·exp(−α₂·|ω|)]·sgn(ω)                                (4.7)
 
 a Coulomb level α₀ and a Stribeck excess α₁ that fades with speed at the rate α₂. At ω = 0 the law is a set,
-not a number: friction balances any torque up to the break-away level α₀ + α₁. The laws below give the sliding
-value; the set is what `emsid.plant.simulation` makes of `Friction.breakaway`. All of them work on arrays of
-any shape.
+not a number: friction balances any torque up to the break-away level α₀ + α₁. The laws below give the sliding value;
+the set is what `emsid.plant.simulation` makes of `Friction.breakaway`. All of them work on arrays of any shape.
 """
 
 from __future__ import annotations

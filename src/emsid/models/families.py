@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from emsid.models.static_maps import (
 )
 
 Array = NDArray[np.float64]
+M = TypeVar("M", bound=StaticMap)
 
 # A start needs a curve, not all its points.
 POINTS = 2_000
@@ -61,22 +63,17 @@ class Family:
 
 def start_spline(x: Array, z: Array, size: int) -> CubicSpline:
     """A spline with ``size`` knots between quantiles and even spacing."""
-    knots = spread_knots(x, size)
-    blank = CubicSpline(knots, np.zeros(size))
-    return blank.with_parameters(_least_squares(blank.parameter_gradient(x), z))
+    return _closest(CubicSpline(spread_knots(x, size), np.zeros(size)), x, z)
 
 
 def start_piecewise_linear(x: Array, z: Array, size: int) -> PiecewiseLinear:
     """Straight lines between ``size`` knots."""
-    knots = spread_knots(x, size)
-    blank = PiecewiseLinear(knots, np.zeros(size))
-    return blank.with_parameters(_least_squares(blank.parameter_gradient(x), z))
+    return _closest(PiecewiseLinear(spread_knots(x, size), np.zeros(size)), x, z)
 
 
 def start_polynomial(x: Array, z: Array, size: int) -> Polynomial:
     """A polynomial of degree ``size`` on the range of x."""
-    blank = Polynomial(np.zeros(size + 1), float(x.min()), float(x.max()))
-    return blank.with_parameters(_least_squares(blank.parameter_gradient(x), z))
+    return _closest(Polynomial(np.zeros(size + 1), float(x.min()), float(x.max())), x, z)
 
 
 def start_dead_zone(x: Array, z: Array, size: int) -> DeadZone:
@@ -104,10 +101,8 @@ def start_saturation(x: Array, z: Array, size: int) -> Saturation:
 
 
 def start_coulomb(x: Array, z: Array, size: int) -> CoulombLinear:
-    """Least squares on the sign, smooth over a twentieth of the spread of x, and x."""
-    blank = CoulombLinear(0.0, 1.0, width=0.05 * float(np.std(x)))
-    rows = np.concatenate([blank.parameter_gradient(x), np.ones((1, len(x)))])
-    return blank.with_parameters(_least_squares(rows, z)[:2])
+    """A sign that is smooth over a twentieth of the spread of x, and x."""
+    return _closest(CoulombLinear(0.0, 1.0, width=0.05 * float(np.std(x))), x, z)
 
 
 def start_abs(x: Array, z: Array, size: int) -> Abs | CubicSpline:
@@ -133,7 +128,16 @@ FAMILIES: dict[str, Family] = {
 }
 
 
+def _closest(blank: M, x: Array, z: Array) -> M:
+    """The map of this family, which is linear in its parameters, that comes closest to the points up to a constant."""
+    rows = blank.parameter_gradient(x)
+    if not blank.owns_level:
+        rows = np.vstack([rows, np.ones_like(x)])
+    return blank.with_parameters(_least_squares(rows, z)[: len(blank.parameters)])
+
+
 def _least_squares(rows: Array, z: Array) -> Array:
+    """(k,) the θ for which θ·rows (k, m) comes closest to z (m,)."""
     information = Information.empty(len(rows)).add_columns(np.ascontiguousarray(np.vstack([rows, z])))
     return information.solve(1e-9).estimate
 

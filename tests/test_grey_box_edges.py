@@ -7,6 +7,7 @@ import pytest
 
 from coverage_grey_box import FREE, MOTOR, simulated_record
 from emsid.errors import DataError, ModelError
+from emsid.estimation.fit import Ending
 from emsid.models.drive import Drive
 from emsid.models.grey_box_datasheet import Given
 from emsid.models.grey_box_estimation import simulation_error
@@ -178,6 +179,24 @@ def test_what_cannot_be_told_apart_is_said_with_what_can_and_what_would_help():
         sentence
     )
     assert sentence.endswith("fix what you know, or add the current")
+
+
+def test_what_turns_out_to_be_untold_is_held_at_its_start_not_where_the_search_strayed():
+    fit = simulation_error(Motor().rigid(), driven(noise=0.002))
+    held = {row.name: (row.value, row.start) for row in fit.table if row.status == "held"}
+    assert set(held) == {"resistance", "rotor_viscous"}
+    assert held == {"resistance": (2.0, 2.0), "rotor_viscous": (1e-5, 1e-5)}
+    assert fit.model.plant.value("motor_constant") == pytest.approx(0.05, rel=0.003)
+    assert fit.ending is Ending.CONVERGED
+
+
+def test_what_is_held_stays_where_the_search_has_it_where_its_start_would_not_do():
+    record = driven(noise=0.002)
+    weak, slow = DrivenMotor(replace(ONE_MASS, motor_constant=0.045)), {"motor_constant": (0.0, 0.047)}
+    fit = simulation_error(weak, record, fixed={"resistance": 2.0}, bounds=slow)
+    (viscous,) = [row for row in fit.table if row.name == "rotor_viscous"]
+    assert viscous.value > 5 * viscous.start == 5e-5
+    assert fit.cost / len(record) < 1.05 * 0.5 * (0.002 * np.std(record.output)) ** 2
 
 
 def test_the_current_is_not_asked_for_where_it_is_there():

@@ -69,7 +69,7 @@ def simulation_error(
         weighting: how errors count by their age: `all_alike`, `Recent`, or any other linear filter (error, dt) → error.
         look_around: whether to begin at the datasheet, or where a regression on the records says if that simulates
             better; otherwise the search begins with the plant as it is given.
-        max_iterations: of the search, all its rounds together.
+        max_iterations: of the search, all its rounds together; what is held only in the end adds a few.
         max_seconds: of every round.
         threads: how many, by default as many as there are cores.
         progress: called after every step.
@@ -123,18 +123,33 @@ def simulation_error(
             problem, names, minimum = rough, coarse, beginning
         else:
             problem = problem_for(_scan(rough, names, limits, problem_for), names, rough.states(rough.start))
-    steps = 0
+    steps, bar, stayed = 0, inf, problem
     while minimum is None:
-        ended = _with_colour(problem, search(problem, max(max_iterations - steps, 1)))
-        problem = problem.begun_at(ended.estimate)
+        share = min(LOOK, max(max_iterations - steps, min(LOOK, max_iterations)))
+        ended = search(problem, share)
         steps += ended.iterations
+        interrupted = ended.ending is Ending.INTERRUPTED
+        under_way = ended.ending is Ending.OUT_OF_BUDGET and ended.iterations == share and steps < max_iterations
+        if under_way and ended.costs[len(ended.costs) // 2] > (1 + FLAT) * ended.cost:
+            problem = problem.begun_at(ended.estimate)
+            continue
+        if ended.cost > bar and not interrupted:  # the start of what is held matters after all
+            problem, bar = stayed, inf
+            continue
+        ended = _with_colour(problem, ended)
+        problem = problem.begun_at(ended.estimate)
         inside = [name for name, free in zip(names, ended.free, strict=False) if free]
         kept = _hold(_told(problem, inside, ended), inside, preference)
-        if ended.ending is Ending.INTERRUPTED or len(kept) == len(inside):
-            minimum = ended
-        else:
+        if interrupted or (len(kept) == len(inside) and not under_way):
+            minimum = replace(ended, message=ended.message.replace(f"after {share} steps", f"after {steps} steps"))
+        elif len(kept) < len(inside):
             names = [name for name in names if name not in inside or name in kept]
-            problem = problem_for(_put_back(problem.plant, inside, kept, known), names, problem.states(problem.start))
+            bar = ended.cost + _tolerable(ended)
+            states, given = problem.states(problem.start), _put_back(problem.plant, inside, kept, known)
+            stayed = problem_for(given, names, states)
+            begun = {name: start.value(name) for name in inside} | known
+            problem = problem_for(_put_back(given, inside, kept, begun), names, states)
+            problem, bar = (problem, bar) if isfinite(_cost(problem)) else (stayed, inf)
     found, states = problem.plant, problem.states(problem.start)
     told = _told(problem if len(names) == len(asked) else problem_for(found, asked, states), asked, minimum)
     rows = table(found, start, names, asked, fixed, sheet, minimum, told)
@@ -160,6 +175,18 @@ def simulation_error(
         cost=minimum.cost,
         colour=_colour(minimum, len(names)),
     )
+
+
+LOOK = 20
+"""Steps after which it is looked what the records tell: a search along what they do not tell finds no end."""
+FLAT = 0.01
+"""A search whose later steps have not lowered V by more than this part is down in the valley."""
+
+
+def _tolerable(minimum: Minimum) -> float:
+    """By how much V may rise where what records do not tell is held at its start: three standard deviations' worth."""
+    colour = _colour(minimum, len(minimum.free))
+    return 4.5 * minimum.noise_variance * float(np.max(colour, initial=1.0))
 
 
 def _colour(minimum: Minimum, parameters: int) -> Array:

@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 
 from emsid.errors import DataError
 from emsid.excitation import (
-    PRIMITIVE_POLYNOMIALS,
     SIGNALS,
-    _covariance,
     amplitude_modulated_prbs,
     chirp,
     crest_factor,
@@ -33,6 +31,8 @@ from emsid.excitation import (
     sines,
     staircase,
 )
+from emsid.excitation.persistence import _covariance
+from emsid.excitation.pseudo_random import PRIMITIVE_POLYNOMIALS
 from emsid.record import Record, concatenate
 
 
@@ -379,7 +379,7 @@ def test_the_covariance_of_rows_is_their_product(samples, channels, n):
 def test_the_fast_way_to_an_order_finds_the_same_as_the_exact_one(name, monkeypatch):
     u = SIGNALS[name](3000, 5e-3, 6.0, seeded())
     fast = [persistent_excitation_order(u, tolerance=tolerance) for tolerance in (1e-4, 1e-3, 1e-2)]
-    monkeypatch.setattr("emsid.excitation._COARSE", 1.0)
+    monkeypatch.setattr("emsid.excitation.persistence._COARSE", 1.0)
     assert [persistent_excitation_order(u, tolerance=tolerance) for tolerance in (1e-4, 1e-3, 1e-2)] == fast
 
 

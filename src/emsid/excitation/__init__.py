@@ -1,0 +1,43 @@
+"""Test signals, one pure function each, and what any signal is worth.
+
+A signal is an array (N,) of samples, in whatever unit its amplitude has (volts for a drive), held by the generator from
+one sample to the next. Nothing here keeps state: what is random takes a `numpy.random.Generator`, and equal arguments
+give equal samples.
+"""
+
+from emsid.excitation.limits import crest_factor, limit
+from emsid.excitation.named import SIGNALS
+from emsid.excitation.persistence import largest_order, persistent_excitation_order
+from emsid.excitation.pseudo_random import amplitude_modulated_prbs, prbs
+from emsid.excitation.sines import (
+    full_harmonics,
+    low_crest_phases,
+    multisine,
+    odd_harmonics,
+    random_phases,
+    schroeder_phases,
+    sines,
+)
+from emsid.excitation.sweeps import chirp, linear_sweep, logarithmic_sweep, ramp, staircase
+
+__all__ = [
+    "SIGNALS",
+    "amplitude_modulated_prbs",
+    "chirp",
+    "crest_factor",
+    "full_harmonics",
+    "largest_order",
+    "limit",
+    "linear_sweep",
+    "logarithmic_sweep",
+    "low_crest_phases",
+    "multisine",
+    "odd_harmonics",
+    "persistent_excitation_order",
+    "prbs",
+    "ramp",
+    "random_phases",
+    "schroeder_phases",
+    "sines",
+    "staircase",
+]

@@ -8,7 +8,9 @@ import pytest
 from coverage_grey_box import FREE, MOTOR, simulated_record
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Ending
-from emsid.models.drive import Drive
+from emsid.models.drive import Drive, Sensor
+from emsid.models.grey_box import GreyBox
+from emsid.models.grey_box_choice import STARTS, choose, late_command, slow_sensor
 from emsid.models.grey_box_datasheet import Given
 from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_problem import FreeRunError, all_alike
@@ -68,6 +70,31 @@ def test_what_is_held_from_the_start_is_as_the_datasheet_has_it():
     assert held
     assert set(held) <= set(sheet)
     assert held == {name: sheet[name].value for name in held}
+
+
+LATE = DrivenMotor(ONE_MASS, Drive(delay=1.4 * DT), Sensor(ratio=30.0, lag=4 * DT))
+
+
+@pytest.mark.parametrize("signal", [Signal.SPEED, Signal.POSITION])
+def test_a_free_run_through_a_sensor_that_lags_may_begin_in_full_motion(signal):
+    inputs = LEVELS[:, None]
+    exact = Record(inputs, LATE.simulate(inputs, DT, np.zeros(2), (signal,)), DT)
+    rest = replace(exact[990:], output_units=("rad/s" if signal is Signal.SPEED else "rad",))
+    run = GreyBox(LATE, (signal,)).simulate(rest)
+    error = np.abs(run.output - rest.output)[run.counted]
+    assert len(error) == len(rest) - 20
+    assert np.max(error) < 1e-6 * np.max(np.abs(rest.output))
+
+
+def test_delay_and_lag_are_both_found_from_the_counts_of_an_encoder():
+    count = 2 * np.pi / 600
+    exact = LATE.simulate(LEVELS[:, None], DT, np.zeros(2), (Signal.POSITION,))
+    record = Record(LEVELS, np.round(exact / count) * count, DT, output_units=("rad",))
+    fit = choose(STARTS["rigid-motor"], record, fixed={"sensor.ratio": 30.0}, refinements=(late_command, slow_sensor))
+    found = {row.name: row for row in fit.table}
+    assert found["drive.delay"].value == pytest.approx(1.4 * DT, abs=0.1 * DT)
+    assert found["sensor.lag"].value == pytest.approx(4 * DT, abs=0.2 * DT)
+    assert np.std(fit.simulated()[0] - record.output) == pytest.approx(count / np.sqrt(12), rel=0.05)
 
 
 # --- where a free run ends ------------------------------------------------------------------------------------------
@@ -206,6 +233,19 @@ def test_the_current_is_not_asked_for_where_it_is_there():
     (sentence,) = fit.words
     assert sentence.startswith("from voltage and speed and current alone, load_inertia and rotor_inertia cannot")
     assert sentence.endswith("or add a channel")
+
+
+def test_an_axis_whose_force_is_not_known_is_known_by_its_command():
+    axis = LinearAxis(mass=2.0, viscous_friction=8.0, drive=Drive(gain=4.0))
+    exact = axis.simulate(LEVELS[:, None], DT, np.zeros(2), (Signal.POSITION,))
+    noisy = exact + 1e-3 * np.random.default_rng(5).standard_normal(exact.shape)
+    fit = simulation_error(axis, Record(LEVELS, noisy, DT, output_units=("m",)), free=("drive.gain", *axis.usual))
+    told = {c.quantity.name: (c.quantity.formula, c.quantity.unit, c.quantity.value) for c in fit.combinations}
+    assert told == {
+        "time constant": ("M/F_v", "s", pytest.approx(0.25, rel=1e-3)),
+        "acceleration per unit of command": ("k_u/M", "m/s^2", pytest.approx(2.0, rel=1e-3)),
+        "Coulomb friction in units of command": ("F_c/k_u", "1", pytest.approx(0.025, rel=0.1)),
+    }
 
 
 def test_an_interval_that_reaches_down_to_nothing_has_a_word():

@@ -163,19 +163,19 @@ class Sensor:
         if not (isfinite(self.lag) and self.lag >= 0):
             raise ModelError(f"sensor with a lag of {self.lag} s; it cannot be negative and must be finite")
 
-    def speed(self, speeds: Array, positions: Array, dt: float) -> Array:
-        """(N,) what it shows of a speed."""
+    def speed(self, speeds: Array, positions: Array, dt: float, shown: float) -> Array:
+        """(N,) what it shows of a speed, beginning with what it shows first, before ratio and offset."""
         seen = speeds
         if self.average:
             seen = np.concatenate([speeds[:1], np.diff(positions) / dt])
-        return self._lagging(seen, dt) / self.ratio + self.offset
+        return self._lagging(seen, dt, shown) / self.ratio + self.offset
 
-    def position(self, positions: Array, dt: float) -> Array:
-        """(N,) what it shows of a position."""
-        return self._lagging(positions, dt) / self.ratio + self.offset
+    def position(self, positions: Array, dt: float, shown: float) -> Array:
+        """(N,) what it shows of a position, given the speed that it shows first: it is lag·shown behind."""
+        return self._lagging(positions, dt, float(positions[0]) - self.lag * shown) / self.ratio + self.offset
 
-    def _lagging(self, values: Array, dt: float) -> Array:
-        """Through 1/(1 + lag·s), the value taken to be a straight line between samples, and settled at the start."""
+    def _lagging(self, values: Array, dt: float, first: float) -> Array:
+        """Through 1/(1 + lag·s), the value taken to be a straight line between samples, from what is shown first."""
         if self.lag < 1e-6 * dt:
             return values
         from scipy.signal import lfilter
@@ -183,8 +183,7 @@ class Sensor:
         z = dt / self.lag
         decay, gain = np.exp(-z), -np.expm1(-z) / z
         newest, before = 1.0 - gain, gain - decay
-        start = values[0] * (decay + before)
-        lagging: Array = lfilter([newest, before], [1.0, -decay], values, zi=[start])[0]
+        lagging: Array = lfilter([newest, before], [1.0, -decay], values, zi=[first - newest * values[0]])[0]
         return lagging
 
 

@@ -46,8 +46,10 @@ class GreyBox:
 
     @property
     def memory(self) -> int:
-        """One sample gives the start of a speed; of a position, twenty."""
-        return 20 if Signal.POSITION in self.signals or isinstance(self.plant, OwnPlant) else 1
+        """One sample gives the start of a speed; of a position, or where drive or sensor are late, twenty."""
+        if isinstance(self.plant, (DrivenMotor, LinearAxis)) and Signal.POSITION not in self.signals:
+            return 20 if self.plant.drive.delay > 0 or self.plant.sensor.lag > 0 else 1
+        return 20
 
     def simulate(self, record: Record, transient: int | None = None) -> Run:
         """Free run over every segment, from the state that fits its first samples best."""

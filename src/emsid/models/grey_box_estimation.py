@@ -93,7 +93,7 @@ def simulation_error(
     subject = subject.put((known if look_around else {}) | fixed)
     hidden = _hidden(subject, [name for name in asked if name not in (*sheet, *(bounds or {}))], segments)
     limits = _limits(subject, asked, {**hidden, **(bounds or {})}, sheet)
-    subject = _ready(subject, asked, segments, hidden)
+    subject = _ready(subject, asked, segments, hidden, limits)
     _check_start(subject, asked, limits)
 
     preference = _preference(subject, asked, sheet)
@@ -330,8 +330,8 @@ def _hidden(plant: Plant, asked: Sequence[str], segments: Sequence[Record]) -> L
     return {"inductance": (QUICKEST * segments[0].dt * plant.motor.resistance, inf)}
 
 
-def _ready(plant: Plant, asked: Sequence[str], segments: Sequence[Record], hidden: Limits) -> Plant:
-    """The plant with a supply, a knee and an inductance to begin with, where these are to be found and it has none."""
+def _ready(plant: Plant, asked: Sequence[str], segments: Sequence[Record], hidden: Limits, limits: Limits) -> Plant:
+    """The plant with what has no effect at first, such as a supply, a knee, or a lag, where it is to be found."""
     if isinstance(plant, OwnPlant):
         return plant
     assert isinstance(plant, (DrivenMotor, LinearAxis))
@@ -341,6 +341,10 @@ def _ready(plant: Plant, asked: Sequence[str], segments: Sequence[Record], hidde
         starts.setdefault("drive.supply", largest)  # the largest command is full duty
     if "drive.knee" in starts and "drive.beyond" in asked and plant.drive.beyond == 1.0:
         starts["drive.beyond"] = 0.8  # as long as it bends nothing, nobody can tell where it is
+    if "sensor.lag" in asked and plant.sensor.lag == 0:
+        starts["sensor.lag"] = min(
+            segments[0].dt, limits["sensor.lag"][1]
+        )  # what it shows at the start is then to be found too
     return plant.put(starts | {name: max(plant.value(name), low) for name, (low, _) in hidden.items()})
 
 

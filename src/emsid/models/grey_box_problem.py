@@ -83,7 +83,7 @@ class Recent:
 
 
 def guess_state(plant: Plant, signals: Sequence[Signal], segment: Record) -> Array:
-    """A first idea of the state at the first sample: (speed, position) of a motor or axis, zeros of another plant."""
+    """A first idea of the state at the first sample: of a motor or axis (speed, position, speed shown), else zeros."""
     state = np.zeros(plant.states)
     if isinstance(plant, OwnPlant):
         return state
@@ -99,6 +99,8 @@ def guess_state(plant: Plant, signals: Sequence[Signal], segment: Record) -> Arr
                 head = y[:20]
                 slope = np.polyfit(np.arange(len(head)) * segment.dt, head, 1)[0]
                 state[0] = 0.0 if _starts_at_rest(y) else slope * sensor.ratio
+    state[1] += sensor.lag * state[0]
+    state[2] = state[0]
     return state
 
 
@@ -106,8 +108,11 @@ def free_states(plant: Plant, signals: Sequence[Signal], segment: Record) -> tup
     """Which numbers of the initial state are estimated: what the outputs show and what is not plainly at rest."""
     if isinstance(plant, OwnPlant):
         return tuple(range(plant.states))
-    moving = not any(_starts_at_rest(segment.output[:, k]) for k, s in enumerate(signals) if s is not Signal.CURRENT)
-    return ((0,) if moving else ()) + ((1,) if Signal.POSITION in signals else ())
+    assert isinstance(plant, (DrivenMotor, LinearAxis))
+    sensed = [k for k, signal in enumerate(signals) if signal is not Signal.CURRENT]
+    moving = not any(_starts_at_rest(segment.output[:, k]) for k in sensed)
+    lags = moving and sensed and plant.sensor.lag > 0
+    return ((0,) if moving else ()) + ((1,) if Signal.POSITION in signals else ()) + ((2,) if lags else ())
 
 
 def _starts_at_rest(y: Array) -> bool:

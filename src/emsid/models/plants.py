@@ -75,7 +75,8 @@ _RIGID_HANDLES = {
 class DrivenMotor(Parametrised):
     """The motor (4.1)–(4.11) with its drive and its sensor; input a command, outputs speed, position or current.
 
-    An initial state is a speed in rad/s and an angle in rad, of rotor and load alike, the current settled.
+    An initial state is a speed in rad/s and an angle in rad, of rotor and load alike, the current settled; after them
+    may come the speed in rad/s that a sensor with a lag shows at the start, by default the true one.
 
     Args:
         motor: the motor; `Motor.rigid` with no inductance is by far the fastest.
@@ -134,8 +135,8 @@ class DrivenMotor(Parametrised):
 
     @property
     def states(self) -> int:
-        """Speed and angle."""
-        return 2
+        """Speed, angle, and the speed that the sensor shows."""
+        return 3
 
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
         """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), from speed and angle."""
@@ -169,10 +170,11 @@ class DrivenMotor(Parametrised):
             every = slice(None, None, 2 if 0 < late < 1 else 1)
             speeds, positions, current = whole.load_speed[every], whole.load_angle[every], whole.current[every]
             rotor_speeds, rotor_positions = whole.rotor_speed[every], whole.rotor_angle[every]
+        first = float(state[2] if len(state) > 2 else state[0])
         shown = {
-            Signal.SPEED: lambda: self.sensor.speed(speeds, positions, dt),
-            Signal.POSITION: lambda: self.sensor.position(positions, dt),
-            Signal.ROTOR_SPEED: lambda: self.sensor.speed(rotor_speeds, rotor_positions, dt),
+            Signal.SPEED: lambda: self.sensor.speed(speeds, positions, dt, first),
+            Signal.POSITION: lambda: self.sensor.position(positions, dt, first),
+            Signal.ROTOR_SPEED: lambda: self.sensor.speed(rotor_speeds, rotor_positions, dt, first),
             Signal.CURRENT: lambda: current,
         }
         return np.column_stack([shown[signal]() for signal in signals])
@@ -301,7 +303,8 @@ _AXIS_HANDLES = {
 class LinearAxis(Parametrised):
     """A mass on a guide: M·dv/dt = D_F(f) − F_v·v − T_f(v) − offset; input a force, output position or speed.
 
-    An initial state is a speed in m/s and a position in m.
+    An initial state is a speed in m/s and a position in m; after them may come the speed in m/s that a sensor with a
+    lag shows at the start, by default the true one.
 
     Args:
         mass: in kg.
@@ -359,8 +362,8 @@ class LinearAxis(Parametrised):
 
     @property
     def states(self) -> int:
-        """Speed and position."""
-        return 2
+        """Speed, position, and the speed that the sensor shows."""
+        return 3
 
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
         """The outputs (N, ny) for a command (N, 1), from a speed and a position."""
@@ -381,9 +384,10 @@ class LinearAxis(Parametrised):
             float(state[0]),
             float(state[1]),
         )
+        first = float(state[2] if len(state) > 2 else state[0])
         shown = {
-            Signal.SPEED: lambda: self.sensor.speed(speeds, positions, dt),
-            Signal.POSITION: lambda: self.sensor.position(positions, dt),
+            Signal.SPEED: lambda: self.sensor.speed(speeds, positions, dt, first),
+            Signal.POSITION: lambda: self.sensor.position(positions, dt, first),
         }
         missing = [signal.value for signal in signals if signal not in shown]
         if missing:
@@ -413,8 +417,8 @@ class LinearAxis(Parametrised):
         viscous, (level, _) = self.viscous_friction, self.friction.coulomb  # type: ignore[misc]
         return (
             Quantity("time constant", "M/F_v", "s", self.mass / max(float(np.mean(viscous)), TINY)),
-            Quantity("acceleration per command", "k_u/M", "m/(V*s^2)", self.drive.gain / self.mass),
-            Quantity("Coulomb command", "F_c/k_u", "V", level / self.drive.gain),
+            Quantity("acceleration per unit of command", "k_u/M", "m/s^2", self.drive.gain / self.mass),
+            Quantity("Coulomb friction in units of command", "F_c/k_u", "1", level / self.drive.gain),
         )
 
 

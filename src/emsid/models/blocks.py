@@ -101,17 +101,9 @@ class Block(Protocol):
         ...
 
 
+_SAVED = (Rational, Polynomial, DeadZone, Saturation, CoulombLinear, PiecewiseLinear, CubicSpline, Abs)
 # Every block that a file may name; a new one is one class and one entry.
-KINDS: dict[str, Callable[[dict[str, Any]], Block]] = {
-    Rational.kind: Rational.from_data,
-    Polynomial.kind: Polynomial.from_data,
-    DeadZone.kind: DeadZone.from_data,
-    Saturation.kind: Saturation.from_data,
-    CoulombLinear.kind: CoulombLinear.from_data,
-    PiecewiseLinear.kind: PiecewiseLinear.from_data,
-    CubicSpline.kind: CubicSpline.from_data,
-    Abs.kind: Abs.from_data,
-}
+KINDS: dict[str, Callable[[dict[str, Any]], Block]] = {block.kind: block.from_data for block in _SAVED}
 
 
 def block_from_data(data: dict[str, Any]) -> Block:

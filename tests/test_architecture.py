@@ -113,12 +113,13 @@ def test_the_rule_itself(module: str, target: str, wrong: bool) -> None:
 @pytest.mark.parametrize(
     ("packages", "allowed"),
     [
-        ({"matplotlib", "plotly"}, r"report\.figures"),
+        ({"matplotlib"}, r"report\.figures"),
+        ({"plotly"}, r"report\.page_plots"),
         ({"typer", "rich", "click"}, r"cli"),
         ({"h5py", "polars", "tempfile", "shutil"}, r"io\..*"),
         ({"pickle", "marshal", "shelve", "dill", "joblib"}, r""),
     ],
-    ids=["plots", "terminal", "file formats", "pickle"],
+    ids=["printed plots", "plots of the page", "terminal", "file formats", "pickle"],
 )
 def test_only_one_place_imports(module: str, packages: set[str], allowed: str) -> None:
     found = {name for name in imports(tree_of(module)) if name.split(".")[0] in packages or name in packages}

@@ -55,8 +55,9 @@ from emsid.report.content import (
     Table,
     thin,
 )
-from emsid.report.figures import draw, interactive, plotly_source
+from emsid.report.figures import draw
 from emsid.report.page import page, write_report
+from emsid.report.page_plots import interactive, plotly_source
 from emsid.validation.comparison import Row, assess, assess_model, compare
 
 NASTY = '<script>alert("$x_1$")</script>'

@@ -1,8 +1,9 @@
 """What a report is made of, as plain data: no plotting library, no HTML, no file.
 
 A `Report` is a list of sections, a section has paragraphs, tables and figures, a `Figure` has plots, and a plot has
-marks on two axes. `emsid.report.views` turns results into these, `emsid.report.figures` draws them, and
-`emsid.report.page` sets them in a page. Arrays are kept whole here; who draws them thins them, by `thin`.
+marks on two axes. `emsid.report.views` turns results into these, `emsid.report.figures` draws them for print and
+`emsid.report.page_plots` for a screen, and `emsid.report.page` sets them in a page. Arrays are kept whole here; who
+draws them thins them, by `thin`.
 """
 
 from __future__ import annotations

@@ -1,22 +1,20 @@
-"""Figures drawn: by Matplotlib for print, as Plotly's JSON for the page. The only module that knows a plotting library.
+"""Figures for print, drawn by Matplotlib, which nothing else knows.
 
-A drawer for each kind of mark and library; everything else about a figure is said once, in `emsid.report.content`.
-Nothing global is touched: settings hold while a figure is drawn, and the same figure gives the same bytes. No text is
-ever read as mathematics or markup, so a column may be called ``$u$`` or ``<b>``.
+A drawer for each kind of mark; everything else about a figure is said once, in `emsid.report.content`. Nothing global
+is touched: settings hold while a figure is drawn, and the same figure gives the same bytes. No text is ever read as
+mathematics, so a column may be called ``$u$``.
 """
 
 from __future__ import annotations
 
 import re
-from base64 import b64encode
 from collections.abc import Sequence
 from functools import cache, partial, singledispatch
-from html import escape
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from emsid.report.content import (
     Axis,
@@ -43,16 +41,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Sheet
 
 Array = NDArray[np.float64]
-Trace = dict[str, Any]
 
-# Points of a line, in print (more than a printer's dots across it) and in the page (it can be zoomed).
-PRINT_POINTS, PAGE_POINTS = 2000, 4000
+# Points of a line: more than a printer's dots across it.
+PRINT_POINTS = 2000
 
 # A printed figure, in points: its width, the height of an ordinary plot, what the labels below, left and right of one
 # take (without those of the ticks at the left), the size of small letters.
 _WIDTH, _ROW, _FOOT, _LABEL, _RIGHT, _SMALL = 520.0, 120.0, 32.0, 16.0, 12.0, 7.5
-
-_PAGE_ROW = 250  # an ordinary plot of the page, in pixels
 
 _SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",  # comes with Matplotlib, so that figures are the same everywhere
@@ -120,8 +115,6 @@ def draw(figure: Figure) -> Drawing:
         FigureCanvasPdf(sheet).print_pdf(pdf, metadata=about | {"CreationDate": None})  # type: ignore[no-untyped-call]
     return Drawing(svg.getvalue(), pdf.getvalue())
 
-
-# --- Matplotlib -----------------------------------------------------------------------------------------------------
 
 _LINE_STYLES: dict[Dash, Any] = {
     Dash.SOLID: "-",
@@ -241,10 +234,10 @@ def _set_axes(axes: Axes, place: _Place) -> None:
         axes.set_ylim(plot.y.range)
     if plot.y.names:
         axes.yaxis.set_major_locator(NullLocator())
-        axes.set_ylim(_name_range(plot.y)[::-1])
+        axes.set_ylim(name_range(plot.y)[::-1])
         _name_bars(axes, plot)
     else:
-        title, size = _beside(plot.y, place.height, 8.0)
+        title, size = beside(plot.y, place.height, 8.0)
         axes.set_ylabel(title, size=size)
     if place.labelled:
         axes.set_xlabel(plot.x.title)
@@ -252,7 +245,7 @@ def _set_axes(axes: Axes, place: _Place) -> None:
         axes.tick_params(labelbottom=False)
 
 
-def _beside(axis: Axis, height: float, size: float) -> tuple[str, float]:
+def beside(axis: Axis, height: float, size: float) -> tuple[str, float]:
     """The title of an axis and the size of its letters beside a plot of this height; a long name is cut."""
     title, room = axis.title, height + 10
     smaller = size * room / _text_width(title, size)
@@ -273,7 +266,7 @@ def _name_bars(axes: Axes, plot: Plot) -> None:
                     axes.annotate(text, (0, k), (x, 7), ("axes fraction", "data"), "offset points", weight=weight)
 
 
-def _name_range(axis: Axis) -> tuple[float, float]:
+def name_range(axis: Axis) -> tuple[float, float]:
     """Where an axis of names begins, at the top, and ends: half a place beyond them and room for the first name."""
     return -0.75, len(axis.names) - 0.5
 
@@ -351,190 +344,5 @@ def _(mark: Level, axes: Axes) -> Artist | BarContainer:
 def _(mark: Spans, axes: Axes) -> Artist | BarContainer:
     stretches = [(float(a), float(b - a)) for a, b in mark.edges]
     over_all = axes.get_xaxis_transform()  # x of the data, y as a part of the height of the plot
-    shade: dict[str, Any] = {
-        "color": mark.ink.value,
-        "alpha": 0.22,
-        "linewidth": 0.5,
-    }  # with an edge, so that short ones are seen
-    return axes.broken_barh(stretches, (0, 1), transform=over_all, **shade)
-
-
-# --- Plotly ---------------------------------------------------------------------------------------------------------
-
-_PAGE_DASHES = {Dash.SOLID: "solid", Dash.DASHED: "dash", Dash.DOTTED: "2px,2px", Dash.DASH_DOTTED: "dashdot"}
-
-
-def interactive(plot: Plot) -> Trace:
-    """A plot as Plotly's JSON: ``data`` and ``layout``, in built-in types."""
-    named = any(mark.label for mark in plot.marks)
-    above, below = 30 if named else 10, 48
-    layout: Trace = {
-        "height": round(_PAGE_ROW * plot.height) + above + below - 30,
-        "margin": {"l": 66, "r": 16, "t": above, "b": below},
-        "font": {"family": "Segoe UI, system-ui, Helvetica Neue, Arial, sans-serif", "size": 12, "color": "#22262e"},
-        "paper_bgcolor": "#ffffff",
-        "plot_bgcolor": "#ffffff",
-        "hovermode": "closest" if plot.y.names else "x",
-        "dragmode": False if plot.y.names else "zoom",
-        "showlegend": named,
-        "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"},
-        "xaxis": _page_axis(plot.x),
-        "yaxis": _page_axis(plot.y, _PAGE_ROW * plot.height - 30),
-        "hoverlabel": {"font": {"size": 11}},
-        "shapes": [shape for mark in plot.marks for shape in _shapes(mark)],
-        "annotations": _bar_names(plot),
-    }
-    if plot.y.names:
-        layout["margin"] |= {"l": 16}
-    traces = [trace for mark in plot.marks for trace in _trace(mark)]
-    backdrop = next((m for m in plot.marks if isinstance(m, Histogram) and m.backdrop), None)
-    if backdrop is not None:
-        reach = 4 * float(np.max(backdrop.heights, initial=0)) or 1.0
-        layout["yaxis2"] = {"overlaying": "y", "visible": False, "range": [0, reach], "fixedrange": True}
-    return {"data": traces, "layout": layout}
-
-
-def _page_axis(axis: Axis, length: float = np.inf) -> Trace:
-    title, letters = (axis.title, 12.5) if np.isinf(length) or axis.names else _beside(axis, length, 12.5)
-    settings: Trace = {
-        "title": {"text": escape(title), "standoff": 8, "font": {"size": round(letters, 1)}},
-        "gridcolor": "#e4e7eb",
-        "linecolor": "#8a8f98",
-        "showline": True,
-        "zeroline": False,
-        "ticks": "outside",
-        "tickcolor": "#8a8f98",
-        "ticklen": 4,
-        "exponentformat": "power",
-    }
-    if axis.log:
-        settings |= {"type": "log", "dtick": 1, "tickformat": "~g"}
-    if axis.range:
-        settings["range"] = [float(v) for v in (np.log10(axis.range) if axis.log else axis.range)]
-    if axis.names:
-        hidden = {"showgrid": False, "showticklabels": False, "ticks": "", "title": {"text": ""}}
-        settings |= {"range": list(_name_range(axis)[::-1])} | hidden
-    return settings
-
-
-def _bar_names(plot: Plot) -> list[Trace]:
-    """Names and remarks of bars, above each and not beside it, so that they have room on a phone too."""
-    place = {"xref": "paper", "x": 0, "xanchor": "left", "yshift": 17, "showarrow": False}
-    return [
-        {"text": f"<b>{escape(name)}</b>&nbsp; {escape(remark)}", "y": k} | place
-        for mark in plot.marks
-        if isinstance(mark, Bars)
-        for k, (name, remark) in enumerate(zip(plot.y.names, mark.remarks, strict=True))
-    ]
-
-
-def _packed(values: ArrayLike) -> Trace:
-    """An array as Plotly reads it fastest: its bytes, in double precision only where single would show."""
-    array = np.asarray(values, dtype=np.float64)
-    return {"dtype": "f8", "bdata": b64encode(array.astype("<f8").tobytes()).decode("ascii")}
-
-
-def _packed_single(values: ArrayLike) -> Trace:
-    return {"dtype": "f4", "bdata": b64encode(np.asarray(values).astype("<f4").tobytes()).decode("ascii")}
-
-
-def _named(label: str) -> Trace:
-    return {"name": escape(label), "showlegend": True} if label else {"name": "", "showlegend": False}
-
-
-def _page_stroke(stroke: Stroke) -> Trace:
-    return {"color": stroke.ink.value, "width": 1.25 * stroke.width, "dash": _PAGE_DASHES[stroke.dash]}
-
-
-def _faint(colour: str, opacity: float) -> str:
-    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
-    return f"rgba({red},{green},{blue},{opacity})"
-
-
-@singledispatch
-def _trace(mark: Mark) -> list[Trace]:
-    raise TypeError(f"no trace of {type(mark).__name__}")
-
-
-@_trace.register(Line)
-def _(mark: Line) -> list[Trace]:
-    x, y = thin(mark.x, mark.y, PAGE_POINTS)
-    line = _page_stroke(mark.stroke) | {"shape": "hv" if mark.held else "linear", "simplify": False}
-    trace = {"type": "scatter", "mode": "lines", "x": _packed(x), "y": _packed_single(y), "line": line}
-    return [trace | _named(mark.label) | {"connectgaps": False, "hovertemplate": "%{y:.5g}"}]
-
-
-@_trace.register(Points)
-def _(mark: Points) -> list[Trace]:
-    marker = {"color": mark.ink.value, "size": 7}
-    trace = {"type": "scatter", "mode": "markers", "x": _packed(mark.x), "y": _packed(mark.y), "marker": marker}
-    return [trace | _named(mark.label) | {"cliponaxis": False, "hovertemplate": "%{x:.5g}, %{y:.5g}"}]
-
-
-@_trace.register(Band)
-def _(mark: Band) -> list[Trace]:
-    x = np.concatenate([mark.x, mark.x[::-1]])
-    y = np.concatenate([mark.upper, mark.lower[::-1]])
-    fill = {"fill": "toself", "fillcolor": _faint(mark.ink.value, 0.18), "line": {"width": 0}, "hoverinfo": "skip"}
-    return [{"type": "scatter", "mode": "lines", "x": _packed(x), "y": _packed(y)} | fill | _named(mark.label)]
-
-
-@_trace.register(Histogram)
-def _(mark: Histogram) -> list[Trace]:
-    trace: Trace = {
-        "type": "scatter",
-        "mode": "lines",
-        "x": _packed(mark.edges),
-        "y": _packed(np.append(mark.heights, mark.heights[-1:])),
-        "line": _page_stroke(mark.stroke) | {"shape": "hv"},
-        "hovertemplate": "%{y:.3g}",
-    }
-    if mark.backdrop:
-        trace |= {"yaxis": "y2", "fill": "tozeroy", "fillcolor": _faint(mark.stroke.ink.value, 0.25)}
-        trace |= {"line": {"width": 0, "shape": "hv"}, "hoverinfo": "skip"}
-        del trace["hovertemplate"]
-    return [trace | _named(mark.label)]
-
-
-@_trace.register(Bars)
-def _(mark: Bars) -> list[Trace]:
-    return [
-        {
-            "type": "bar",
-            "orientation": "h",
-            "x": [float(value) if np.isfinite(value) else None for value in mark.values],
-            "y": list(range(len(mark.values))),
-            "marker": {"color": mark.ink.value, "opacity": 0.75},
-            "width": 0.3,
-            "hoverinfo": "skip",
-        }
-        | _named(mark.label)
-    ]
-
-
-@_trace.register(Level)
-@_trace.register(Spans)
-def _(mark: Level | Spans) -> list[Trace]:
-    return []  # shapes, not traces: see `_shapes`
-
-
-def _shapes(mark: Mark) -> list[Trace]:
-    """What of a mark Plotly wants as shapes on the layout; the first of them stands in the legend."""
-    if isinstance(mark, Level):
-        ends = {"xref": "paper", "x0": 0, "x1": 1, "y0": mark.value, "y1": mark.value}
-        return [{"type": "line", "layer": "below"} | ends | {"line": _page_stroke(mark.stroke)} | _named(mark.label)]
-    if isinstance(mark, Spans):
-        fill = {"fillcolor": _faint(mark.ink.value, 0.22), "line": {"width": 1, "color": _faint(mark.ink.value, 0.22)}}
-        area = {"type": "rect", "layer": "below", "yref": "paper", "y0": 0, "y1": 1} | fill
-        return [
-            area | {"x0": float(a), "x1": float(b)} | _named("" if k else mark.label)
-            for k, (a, b) in enumerate(mark.edges)
-        ]
-    return []
-
-
-def plotly_source() -> str:
-    """The library that draws the page's plots, as JavaScript."""
-    from plotly.offline import get_plotlyjs
-
-    return str(get_plotlyjs())
+    # With an edge, so that short ones are seen.
+    return axes.broken_barh(stretches, (0, 1), transform=over_all, color=mark.ink.value, alpha=0.22, linewidth=0.5)

@@ -15,7 +15,8 @@ from pathlib import Path
 from emsid.io.files import atomic_write
 from emsid.report.content import Report
 from emsid.report.drawing import Draughtsman, Progress
-from emsid.report.figures import Drawing, interactive, plotly_source
+from emsid.report.figures import Drawing
+from emsid.report.page_plots import interactive, plotly_source
 
 
 def page(report: Report, drawings: Mapping[str, Drawing] | None = None) -> str:

@@ -195,6 +195,56 @@ def test_one_output_that_moves_is_enough():
     assert simulation_error(DrivenMotor(ONE_MASS), both, free=USUAL).names
 
 
+def test_steps_logged_from_the_edge_on_each_at_its_own_level_are_motion():
+    plant, rng = DrivenMotor(ONE_MASS), np.random.default_rng(6)
+    steps = []
+    for volts in (-12.0, -8.0, -4.0, 3.0, 6.0, 9.0):
+        inputs = np.full((150, 1), volts)
+        run = plant.simulate(inputs, DT, np.zeros(2), (Signal.SPEED,))
+        steps.append(Record(inputs, run + 0.1 * rng.standard_normal(run.shape), DT, output_units=("rad/s",)))
+    fit = simulation_error(plant, steps, free=("motor_constant", "rotor_inertia"))
+    assert fit.estimate == pytest.approx([ONE_MASS.motor_constant, ONE_MASS.rotor_inertia], rel=2e-3)
+    with pytest.raises(DataError, match="input u1 stays at -12 throughout; nothing drives it"):
+        simulation_error(plant, steps[:1])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"free": "resistance"}, "free is the text 'resistance'; give a list of names"),
+        ({"fixed": {"resistance": "2 V"}}, "rigid-motor resistance is '2 V', which is not in ohm"),
+        ({"fixed": {"resistance": "two"}}, "rigid-motor resistance is 'two'; give a number in ohm, or a text such as"),
+        ({"datasheet": {"resistance": "2 ohm"}}, "the datasheet has '2 ohm' for resistance; give a Given, or make it"),
+    ],
+)
+def test_values_of_another_kind_are_refused_in_words(arguments, message):
+    with pytest.raises(ModelError, match=message):
+        simulation_error(DrivenMotor(ONE_MASS), driven(), **arguments)
+
+
+def test_what_is_fixed_may_have_a_unit():
+    fits = [
+        simulation_error(DrivenMotor(ONE_MASS), driven(), free=USUAL[1:], fixed={"motor_constant": value})
+        for value in ("51 mN*m/A", 0.051)
+    ]
+    assert fits[0].estimate == pytest.approx(fits[1].estimate, rel=1e-9)
+    assert fits[0].table[-1].value == pytest.approx(0.051)
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.2])
+@pytest.mark.parametrize("plant", [DrivenMotor(ONE_MASS), LinearAxis()], ids=["motor", "axis"])
+def test_an_output_with_the_wrong_sign_is_no_slow_motor(plant, noise):
+    signal = Signal.SPEED if isinstance(plant, DrivenMotor) else Signal.POSITION
+    exact = plant.simulate(LEVELS[:, None], DT, np.zeros(2), (signal,))
+    measured = exact + noise * np.std(exact) * np.random.default_rng(4).standard_normal(exact.shape)
+    unit = "rad/s" if signal is Signal.SPEED else "m"
+    record = Record(LEVELS, measured, DT, output_units=(unit,), input_names=("v",), output_names=("w",), name="log")
+    assert simulation_error(plant, record).names
+    message = r"log: 'w' goes against 'v'; if that is how .* turn the sign of one of them \(--scale w=-1\)"
+    with pytest.raises(DataError, match=message):
+        simulation_error(plant, replace(record, output=-record.output))
+
+
 # --- where it says little -------------------------------------------------------------------------------------------
 
 

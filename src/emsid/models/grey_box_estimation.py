@@ -34,6 +34,7 @@ from emsid.models.own_plant import OwnPlant
 from emsid.models.plant_parameters import Handle, Plant, Signal, find_handle, refuse_overlap, without_overlap
 from emsid.models.plants import DrivenMotor, LinearAxis, Motion
 from emsid.plant import Motor
+from emsid.plant.motor import read_number
 from emsid.record import Record, check_same_channels
 
 Array = NDArray[np.float64]
@@ -45,7 +46,7 @@ def simulation_error(
     records: Record | Iterable[Record],
     *,
     free: Sequence[str] | None = None,
-    fixed: Mapping[str, float] | None = None,
+    fixed: Mapping[str, float | str] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     datasheet: Mapping[str, Given] | None = None,
     signals: Sequence[Signal] | None = None,
@@ -62,7 +63,7 @@ def simulation_error(
         plant: what to fit, with its parameters as the start; a bare `Motor` gets a drive and a sensor without effect.
         records: a record, or several experiments, all with one set of parameters.
         free: the parameters to estimate; by default what plants of this kind usually have unknown.
-        fixed: values that are known, by name, in SI units; they are not estimated.
+        fixed: values that are known, by name, in SI units or as texts with a unit; they are not estimated.
         bounds: (lower, upper) by name, in addition to what is physical.
         datasheet: what is known beforehand, see `Given`. A value is the start, and a tolerance bounds it.
         signals: what the outputs of the records are, by default judged by their units.
@@ -77,7 +78,7 @@ def simulation_error(
     Raises:
         ModelError: for names that the plant does not have, bounds that exclude a start, a datasheet that contradicts
             itself.
-        DataError: for records without motion, with other channels or in other units.
+        DataError: for records without motion, with other channels, in other units, or with an output of the wrong sign.
     """
     subject: Plant = DrivenMotor(plant) if isinstance(plant, Motor) else plant
     segments = _segments(records)
@@ -86,7 +87,7 @@ def simulation_error(
     for segment in segments:
         check_channels(subject, shown, segment)
     _check_motion(segments)
-    fixed, sheet = dict(fixed or {}), dict(datasheet or {})
+    fixed, sheet = _values(subject, fixed or {}), dict(datasheet or {})
     asked = _asked(subject, free, fixed, sheet)
     sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
     known = {name: given.value for name, given in sheet.items() if given.value is not None}
@@ -184,9 +185,12 @@ FLAT = 0.01
 
 
 def _tolerable(minimum: Minimum) -> float:
-    """By how much V may rise where what records do not tell is held at its start: three standard deviations' worth."""
-    colour = _colour(minimum, len(minimum.free))
-    return 4.5 * minimum.noise_variance * float(np.max(colour, initial=1.0))
+    """By how much V may rise where what records do not tell is held at its start: three standard deviations' worth.
+
+    Where the residual is coloured these are wider, but a loss that shows is none to be tolerated.
+    """
+    noise, colour = 4.5 * minimum.noise_variance, _colour(minimum, len(minimum.free))
+    return max(noise, min(noise * float(np.max(colour, initial=1.0)), FLAT * minimum.cost))
 
 
 def _colour(minimum: Minimum, parameters: int) -> Array:
@@ -208,7 +212,8 @@ def _check_motion(segments: Sequence[Record]) -> None:
     first = segments[0]
     for names, side in ((first.input_names, "input"), (first.output_names, "output")):
         values = [getattr(segment, side) for segment in segments]
-        if not any(np.ptp(v, axis=0).any() for v in values):
+        together = [np.concatenate(values)] if side == "input" else values  # of several steps each may have its level
+        if not any(np.ptp(v, axis=0).any() for v in together):
             what = "nothing drives it" if side == "input" else "nothing moves"
             raise DataError(
                 f"{first.name}: {side} {', '.join(names)} stays at {values[0][0, 0]:g} throughout; {what}, "
@@ -255,11 +260,24 @@ def _is_noise(segments: Sequence[Record], channel: int, lags: int = 20) -> bool:
     return bool(chi2.sf(samples * max(answers), 1) > CHANCE / len(answers))
 
 
+def _values(plant: Plant, fixed: Mapping[str, float | str]) -> dict[str, float]:
+    """What is fixed, in SI units, whether it was given so or as a text with a unit."""
+    return {
+        name: read_number(f"{plant.name} {name}", value, find_handle(plant, name).parameter.unit)
+        for name, value in fixed.items()
+    }
+
+
 def _asked(
     plant: Plant, free: Sequence[str] | None, fixed: Mapping[str, float], sheet: Mapping[str, Given]
 ) -> tuple[str, ...]:
+    if isinstance(free, str):
+        raise ModelError(f"free is the text {free!r}; give a list of names")
     for name in (*(free or ()), *fixed, *sheet):
         find_handle(plant, name)
+    for name, entry in sheet.items():
+        if not isinstance(entry, Given):
+            raise ModelError(f"the datasheet has {entry!r} for {name}; give a Given, or make it with `datasheet`")
     both = [name for name in free or () if name in fixed]
     if both:
         raise ModelError(f"{both[0]} is both free and fixed at {fixed[both[0]]:g}; choose one")
@@ -380,7 +398,7 @@ def _best_start(
         for segment in first.segments
     ]
 
-    def tried(motion: Motion) -> tuple[float, Plant]:
+    def tried(motion: Motion, plant: DrivenMotor | LinearAxis) -> tuple[float, Plant]:
         try:
             suggested = plant.put_motion(motion)
             moved = plant.put({n: float(np.clip(suggested.value(n), *limits[n])) for n in asked})
@@ -388,11 +406,25 @@ def _best_start(
         except EmsidError:
             return inf, plant
 
-    likely = motions(commanded, channel, is_position, zone, plant.drive.offset)
+    likely = list(motions(commanded, channel, is_position, zone, plant.drive.offset))
+    turned = replace(plant, drive=replace(plant.drive, gain=-plant.drive.gain))
+    forward = [(motion, plant) for motion in likely if motion.gain / plant.drive.gain > 0]
+    backward = [(motion, turned) for motion in likely if motion.gain / turned.drive.gain > 0]
     with ThreadPoolExecutor(first.threads) as pool:
-        costs = pool.map(tried, (motion for motion in likely if motion.gain / plant.drive.gain > 0))
-        return min([(_cost(first), plant), *costs], key=lambda one: one[0])[1]
+        costs = list(pool.map(lambda pair: tried(*pair), [*forward, *backward]))
+    best = min([(_cost(first), plant), *costs[: len(forward)]], key=lambda one: one[0])
+    if min((cost for cost, _ in costs[len(forward) :]), default=inf) < WRONG_WAY * best[0]:
+        record = first.segments[0]
+        command, shown = record.input_names[0], record.output_names[channel]
+        raise DataError(
+            f"{record.name}: {shown!r} goes against {command!r}; if that is how it was wired or logged, turn the sign "
+            f"of one of them (--scale {shown}=-1)"
+        )
+    return best[1]
 
+
+WRONG_WAY = 0.1
+"""A plant whose drive is turned round simulates a record that much better only where a sign is wrong."""
 
 SCAN = (0.12, 0.18, 0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0)
 """By what factors a fine parameter is moved before the search: the error has many minima over a resonance."""

@@ -58,7 +58,10 @@ from emsid.report.content import (
 from emsid.report.figures import draw
 from emsid.report.page import page, write_report
 from emsid.report.page_plots import interactive, plotly_source
+from emsid.report.residual_views import WHITE
+from emsid.report.timeline import timeline
 from emsid.validation.comparison import Row, assess, assess_model, compare
+from emsid.validation.correlation import autocorrelation, cross_correlation
 
 NASTY = '<script>alert("$x_1$")</script>'
 
@@ -516,7 +519,7 @@ def test_a_record_in_pieces_is_drawn_with_gaps():
 
 def test_a_gap_lies_where_the_samples_are_missing():
     record = drive(100).mask((np.arange(100) >= 40) & (np.arange(100) < 60))
-    time, samples = views.timeline(record)
+    time, samples = timeline(record)
     assert 0.39 < time[samples == -1].item() < 0.60
     assert np.allclose(time[samples >= 0], record.time)
 
@@ -606,7 +609,7 @@ def test_cross_correlation_is_that_of_pairs_in_one_segment():
         return sum(x[t] * x[t - k] for t in range(k, 50) if (t < 20) == (t - k < 20))
 
     spread = sum((1 - abs(k) / 6) * own(e, abs(k)) * own(v, abs(k)) for k in range(-5, 6)) / 49
-    assert views._cross_correlation(error, u, (20,), 5) == pytest.approx(sums / np.sqrt(spread))
+    assert cross_correlation(error, u, (20,), 5) == pytest.approx(sums / np.sqrt(spread))
 
 
 def test_cross_correlation_of_coloured_signals_that_are_independent_stays_within_its_limits():
@@ -615,18 +618,18 @@ def test_cross_correlation_of_coloured_signals_that_are_independent_stays_within
     rng = np.random.default_rng(1)
     noise = rng.standard_normal((2, 60, 2000))
     outside = [
-        np.mean(np.abs(views._cross_correlation(e, u, (), 100)) > views.WHITE)
+        np.mean(np.abs(cross_correlation(e, u, (), 100)) > WHITE)
         for e, u in zip(lfilter([1], [1, -0.9], noise[0]), lfilter([1], [1, -0.8], noise[1]), strict=True)
     ]
     assert 0.003 < np.mean(outside) < 0.03
     missed = lfilter([0, 0, 1], [1], noise[0, 0])
-    shown = views._cross_correlation(missed, noise[0, 0], (), 20)
+    shown = cross_correlation(missed, noise[0, 0], (), 20)
     assert np.argmax(shown) == 22  # two samples after the input
 
 
 @pytest.mark.parametrize("u", [np.ones(100), np.zeros(100)])
 def test_an_input_that_does_not_move_has_no_cross_correlation(u):
-    assert not views._cross_correlation(np.arange(100.0), u, (), 20).any()
+    assert not cross_correlation(np.arange(100.0), u, (), 20).any()
 
 
 # --- several outputs ------------------------------------------------------------------------------------------------
@@ -701,9 +704,9 @@ def test_residuals_of_every_output_are_tested():
         error = np.where(TWO_RUNS[0].simulation.counted, error_of(TWO_RUNS[0])[:, k], np.nan)
         over_time, _, own, crossed = plots[4 * k : 4 * k + 4]
         assert over_time.y.unit == TWO.output_units[k]
-        assert own.marks[0].y == pytest.approx(views._autocorrelation(error, TWO.breaks, len(own.marks[0].y) - 1))
+        assert own.marks[0].y == pytest.approx(autocorrelation(error, TWO.breaks, len(own.marks[0].y) - 1))
         lags = len(crossed.marks[0].y) // 2
-        assert crossed.marks[0].y == pytest.approx(views._cross_correlation(error, TWO.input[:, 0], TWO.breaks, lags))
+        assert crossed.marks[0].y == pytest.approx(cross_correlation(error, TWO.input[:, 0], TWO.breaks, lags))
         assert crossed.marks[0].x[[0, -1]] == pytest.approx([-lags * TWO.dt, lags * TWO.dt])
 
 
@@ -723,7 +726,7 @@ def test_every_input_has_its_plots():
 
 def test_autocorrelation_does_not_reach_across_gaps():
     error = np.array([1.0, -1.0, 1.0, -1.0, np.nan, np.nan, -1.0, 1.0, -1.0, 1.0])
-    inside = views._autocorrelation(error, (5,), 1)
+    inside = autocorrelation(error, (5,), 1)
     assert inside[1] == pytest.approx(-6 / 8)
 
 

@@ -227,6 +227,14 @@ def test_docstring_mentions_every_parameter(name: str) -> None:
 
 
 @every_name
+def test_docstring_of_a_function_says_what_it_raises(name: str) -> None:
+    thing = getattr(emsid, name)
+    if inspect.isfunction(thing):
+        raised = set(re.findall(r"\braise (\w+Error)\b", inspect.getsource(thing)))
+        assert [error for error in raised if error not in (thing.__doc__ or "").partition("Raises:")[2]] == []
+
+
+@every_name
 def test_public_methods_have_docstrings(name: str) -> None:
     thing = getattr(emsid, name)
     members = vars(thing).items() if isinstance(thing, type) else ()

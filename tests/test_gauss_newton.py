@@ -190,8 +190,10 @@ def test_honest_endings() -> None:
 def test_a_bound_that_holds_is_named() -> None:
     found = gauss_newton(decay(), [1, 1, 0.7], lower=[0, 0, 0.6], upper=9, names=("gain", "rate", "rest"))
     assert found.message == "rest is held at its lower bound 0.6"
+    fixed = gauss_newton(decay(), [1, 1, 0.6], lower=[0, 0, 0.6], upper=[9, 9, 0.6])
+    np.testing.assert_allclose(found.estimate, fixed.estimate, rtol=1e-6)
+    np.testing.assert_allclose(found.covariance, fixed.covariance, rtol=1e-4)
     assert found.covariance[2, 2] == 0
-    assert found.covariance[0, 0] > 0
 
 
 def test_interruption_keeps_the_best_so_far() -> None:
@@ -206,7 +208,8 @@ def test_interruption_keeps_the_best_so_far() -> None:
     assert found.ending is Ending.INTERRUPTED
     np.testing.assert_array_equal(found.estimate, seen[-1].estimate)
     assert found.cost == seen[-1].cost < found.costs[0]
-    assert found.covariance.shape == (3, 3)
+    there = gauss_newton(decay(), found.estimate, max_iterations=0)
+    np.testing.assert_array_equal(found.covariance, there.covariance)
 
 
 def test_an_inner_search_passes_an_interruption_on() -> None:

@@ -58,6 +58,9 @@ def check(path: Path, content: bytes) -> None:
         else:
             assert isinstance(record, Record)
             assert len(record) > 0
+            assert np.isfinite(record.dt)
+            assert np.isfinite(record.input).all()
+            assert np.isfinite(record.output).all()
 
 
 @pytest.mark.parametrize(("suffix", "content"), CASES)

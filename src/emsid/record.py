@@ -140,7 +140,11 @@ class Record:
         )
 
     def split(self, fraction: float) -> tuple[Record, Record]:
-        """The first ``fraction`` of the samples, to identify, and the rest, to verify."""
+        """The first ``fraction`` of the samples, to identify, and the rest, to verify.
+
+        Raises:
+            DataError: for a fraction that leaves either part without a sample.
+        """
         if not 0 < fraction < 1:
             raise DataError(f"{self.name}: cannot split at {fraction}; give a fraction between 0 and 1")
         at = round(fraction * len(self))
@@ -162,7 +166,11 @@ class Record:
         return concatenate([one for number, one in enumerate(self.segments, 1) if number % k]), concatenate(held)
 
     def mask(self, leave_out: ArrayLike) -> Record:
-        """The record without the samples where ``leave_out`` (N,) is true; what remains falls into segments."""
+        """The record without the samples where ``leave_out`` (N,) is true; what remains falls into segments.
+
+        Raises:
+            DataError: for a mask of another length, or one that leaves nothing.
+        """
         out = np.asarray(leave_out, dtype=bool)
         if out.shape != (len(self),):
             raise DataError(f"{self.name}: a mask of shape {out.shape} for {len(self)} samples")
@@ -184,7 +192,11 @@ class Record:
         )
 
     def channel(self, name: str) -> Array:
-        """(N,) the samples of one channel by name."""
+        """(N,) the samples of one channel by name.
+
+        Raises:
+            DataError: where there is no such channel.
+        """
         for names, values in ((self.input_names, self.input), (self.output_names, self.output)):
             if name in names:
                 return values[:, names.index(name)]
@@ -371,7 +383,11 @@ class TimeAxis(NamedTuple):
 
 
 def time_axis(time: ArrayLike) -> TimeAxis:
-    """The regularity of a time column (N,) in seconds."""
+    """The regularity of a time column (N,) in seconds.
+
+    Raises:
+        DataError: for times that are fewer than two, not finite, or never advance.
+    """
     t = np.asarray(time, dtype=float)
     if t.ndim != 1 or len(t) < 2:
         raise DataError(

@@ -239,6 +239,9 @@ def study(
         records: an identification and a verification record of a real drive, in place of the virtual bench.
         progress: called with what is being done and the fraction done of all.
         finished: called with either part as soon as it is done.
+
+    Raises:
+        DataError: for records whose channels differ, or whose input is the same.
     """
     settings = settings or Settings()
     rng = np.random.default_rng(settings.seed)

@@ -73,7 +73,11 @@ class Information:
 
     @classmethod
     def from_rows(cls, regression: ArrayLike, target: ArrayLike) -> Information:
-        """The information in Φ (N, n) and y (N,)."""
+        """The information in Φ (N, n) and y (N,).
+
+        Raises:
+            ModelError: for arrays of other shapes.
+        """
         phi = np.asarray(regression, dtype=float)
         if phi.ndim != 2:
             raise ModelError(f"a regression of shape {phi.shape}; give (N, n)")
@@ -85,7 +89,11 @@ class Information:
         return len(self.factor) - 1
 
     def add(self, regression: ArrayLike, target: ArrayLike) -> Information:
-        """With further rows Φ (m, n) and y (m,)."""
+        """With further rows Φ (m, n) and y (m,).
+
+        Raises:
+            ModelError: for arrays of other shapes.
+        """
         phi, y = np.asarray(regression, dtype=float), np.asarray(target, dtype=float)
         if phi.ndim != 2 or phi.shape[1] != self.parameters or y.shape != (len(phi),):
             raise ModelError(

@@ -152,7 +152,12 @@ def solve_rows(regression: ArrayLike, target: ArrayLike, refinements: int = 4) -
 def gather(
     structure: LinearStructure[object], records: Record | Iterable[Record], threads: int | None = None
 ) -> tuple[Information, Record]:
-    """All that the records say about a structure's parameters, and the first of the records."""
+    """All that the records say about a structure's parameters, and the first of the records.
+
+    Raises:
+        DataError: without a record, for one that `check_excitation` refuses, channels that differ, fewer samples than
+            parameters, regressors that overflow.
+    """
     first: Record | None = None
     information = Information.empty(len(structure.parameter_names))
     with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
@@ -203,7 +208,11 @@ def _listed(texts: Sequence[str], between: str = ", ", last: str = " and") -> st
 
 
 def check_excitation(record: Record) -> None:
-    """Refuse what cannot be identified from: a channel that never changes, or whose powers are no numbers any more."""
+    """Refuse what cannot be identified from: a channel that never changes, or whose powers are no numbers any more.
+
+    Raises:
+        DataError: naming the channel.
+    """
     for names, values, kind in (
         (record.input_names, record.input, "input"),
         (record.output_names, record.output, "output"),

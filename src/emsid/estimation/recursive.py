@@ -116,7 +116,11 @@ class RecursiveLeastSquares(Generic[M_co]):
         ).copy()
 
     def start(self) -> RecursiveState:
-        """Before the first sample."""
+        """Before the first sample.
+
+        Raises:
+            ModelError: for initial values of another number than the parameters.
+        """
         n = len(self.structure.parameter_names)
         estimate = np.asarray(self.initial_estimate or np.zeros(n), dtype=float)
         if estimate.shape != (n,):
@@ -130,6 +134,9 @@ class RecursiveLeastSquares(Generic[M_co]):
             state: as `start` or an earlier update gave it.
             record: further samples, one or many; later segments of it start without a past.
             history: a list to which the estimates after every sample, (m, n), are appended.
+
+        Raises:
+            DataError: for other channels than before, or where the recursion overflows.
         """
         ceiling = WINDUP * self._prior
         for k, piece in enumerate(record.segments):

@@ -96,6 +96,9 @@ def full_harmonics(period: int, dt: float, lowest: float, highest: float) -> Har
 def odd_harmonics(period: int, dt: float, lowest: float, highest: float) -> Harmonics:
     """The odd ones of `full_harmonics`.
 
+    Raises:
+        DataError: where the band holds none, or reaches the Nyquist frequency.
+
     >>> odd_harmonics(1000, 1e-3, 2.0, 7.0)
     array([3, 5, 7])
     """

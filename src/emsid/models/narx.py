@@ -129,7 +129,11 @@ class Narx:
 
     @classmethod
     def from_data(cls, data: dict[str, Any]) -> Narx:
-        """The model that `to_data` described."""
+        """The model that `to_data` described.
+
+        Raises:
+            ModelError: for data that describe none.
+        """
         try:
             stored = msgspec.convert(data, _Stored)
         except msgspec.ValidationError as problem:
@@ -165,7 +169,11 @@ class Narx:
         return Run(output, counted, diverged_at)
 
     def check(self, record: Record) -> None:
-        """Refuse a record of other channels or another sample time."""
+        """Refuse a record of other channels or another sample time.
+
+        Raises:
+            ModelError: saying what is different.
+        """
         self.structure.check(record)
         if not np.isclose(self.dt, record.dt, rtol=1e-3, atol=0.0):
             raise ModelError(

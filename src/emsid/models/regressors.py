@@ -295,7 +295,11 @@ class Structure:
 
 
 def parse_regressor(text: str) -> Regressor:
-    """The regressor a text stands for; see `Structure.parse`."""
+    """The regressor a text stands for; see `Structure.parse`.
+
+    Raises:
+        ModelError: for a text that stands for none.
+    """
     shown = text if len(text) <= 80 else f"{text[:80]}…"
     try:
         tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
@@ -427,6 +431,9 @@ def wiener_hammerstein_regression(
         taps: of the first filter, N_g.
         nk: delay in samples from the input to its first effect.
         cross_terms: whether products of differently lagged inputs are kept (in full, eq. 3.6) or only powers.
+
+    Raises:
+        ModelError: for counts that are none, or more regressors or higher powers than there may be.
     """
     _check_counts("wiener_hammerstein_regression", na=na, nb=nb - 1, degree=degree - 1, taps=taps - 1, nk=nk)
     # Every shift after the first adds the products that its newest lag is part of.
@@ -480,6 +487,9 @@ def friction_narx(
         sign: `Transform.SIGN`, or `Transform.TANH`, smooth over ``width``.
         width: scale of the smooth sign, in the output's unit.
         speeds: Stribeck speeds v, in the output's unit, each a regressor sign(y)·exp(−|y|/v).
+
+    Raises:
+        ModelError: for counts that are none, more regressors than there may be, a transform that is no sign.
     """
     _check_counts("friction_narx", na=na - 1, nb=nb - 1, nk=nk)
     size = na + nb * (1 + len(knots)) + len(speeds) + 2

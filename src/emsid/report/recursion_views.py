@@ -31,6 +31,9 @@ def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "co
         batch: the same structure by batch least squares.
         name: of the figure.
         at_most: how many parameters a plot shows; further ones of the same group are left out and counted.
+
+    Raises:
+        DataError: where the fit has no history.
     """
     if fit.history is None or not len(fit.history):
         raise DataError(f"{fit.model.name}: the estimates on the way were not kept; ask for the history when fitting")

@@ -248,6 +248,10 @@ def compare(
         transient: samples at the start of every segment that start the models and are left out of every error; by
             default as many as the most demanding model needs.
         experiment, data: what the rows are called.
+
+    Raises:
+        ModelError: without a model, or for a record of other channels or another sample time than theirs.
+        DataError: where no segment is longer than what starts the models.
     """
     candidates: Sequence[Fit[Any]] = tuple(fits)
     if not candidates:

@@ -8,7 +8,7 @@ import pytest
 from coverage_grey_box import FREE, MOTOR, simulated_record
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Ending
-from emsid.models.drive import Drive, Sensor
+from emsid.models.drive import Bridge, Drive, Sensor
 from emsid.models.grey_box import GreyBox
 from emsid.models.grey_box_choice import STARTS, choose, late_command, slow_sensor
 from emsid.models.grey_box_datasheet import Given
@@ -20,6 +20,7 @@ from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.plant import Motor
 from emsid.plant.motor import Parameter
 from emsid.record import Record
+from emsid.report.grey_box_views import plant_equations, units_taken
 
 DT = 5e-3
 LEVELS = np.repeat(np.random.default_rng(0).uniform(-12, 12, 80), 20)
@@ -315,6 +316,46 @@ def test_exact_data_leave_the_uncertainty_of_the_simulation():
     truth = np.array([ONE_MASS.motor_constant, ONE_MASS.rotor_inertia, ONE_MASS.rotor_friction.coulomb[0]])
     assert np.all(np.abs(fit.estimate - truth) < 1.96 * fit.standard_error)
     assert np.all(fit.standard_error < 1e-9 * truth)
+
+
+def test_without_refinements_to_choose_nothing_is_held_back(monkeypatch):
+    plain = simulation_error(STARTS["rigid-motor"], driven(noise=0.01))
+    monkeypatch.setattr(Record, "hold_back", lambda *arguments: pytest.fail("held back"))
+    chosen = choose(STARTS["rigid-motor"], driven(noise=0.01), refinements=())
+    assert np.array_equal(chosen.estimate, plain.estimate)
+    assert chosen.table == plain.table
+
+
+# --- what is said of it ---------------------------------------------------------------------------------------------
+
+
+def test_codes_need_no_unit():
+    plant = DrivenMotor(ONE_MASS, Drive(codes=((2.0, Bridge.BRAKE),)))
+    inputs = np.column_stack([LEVELS, np.where(np.arange(len(LEVELS)) % 400 < 50, 2.0, 0.0)])
+    record = Record(
+        inputs,
+        plant.simulate(inputs, DT, np.zeros(2), (Signal.SPEED,)),
+        DT,
+        input_names=("volts", "state"),
+        input_units=("V", ""),
+        output_names=("speed",),
+        output_units=("rad/s",),
+    )
+    fit = simulation_error(plant, record, free=USUAL)
+    assert units_taken(fit) == ""
+    said = units_taken(replace(fit, segments=(replace(record, input_units=("", "")),)))
+    assert said.startswith("The record does not say the unit of volts; physical units are right only as far as")
+
+
+def test_an_equation_has_no_more_than_there_is():
+    fit = simulation_error(STARTS["rigid-motor"], driven(noise=0.01), fixed={"resistance": 2.0})
+    assert "load_inertia" not in fit.model.equation()
+    assert "resistance = 2 ohm, motor_constant = " in fit.model.equation()
+    motion, numbers = plant_equations(fit)
+    assert motion.startswith("0 = D_v(v_a) − R_a·i − K_m·ω\n")
+    assert "resistance = 2 Ω" in numbers
+    assert "N*m" not in numbers
+    assert "kg·m²" in numbers
 
 
 # --- a plant of the user's that is not one --------------------------------------------------------------------------

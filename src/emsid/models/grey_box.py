@@ -111,7 +111,8 @@ class GreyBox:
         for name, handle in self.plant.handles.items():
             value = values[name]
             once = name in alike or not (len(handle.paths) > 1 or name in said_so)
-            if once and np.isfinite(value) and value not in (0.0, 1.0):
+            nothing = value == 0.0 or 0.0 < value <= handle.lower
+            if once and np.isfinite(value) and not nothing and value != 1.0:
                 shown.append(f"{name} = {handle.with_unit(value, 6)}")
         return f"{self.name}: " + ", ".join(shown)
 

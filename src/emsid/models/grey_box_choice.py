@@ -146,9 +146,13 @@ def choose(
     driven = fed(plant, record)
     assert isinstance(driven, (DrivenMotor, LinearAxis))
     plant = driven
-    train, rest = record.hold_back(held_back)
     sheet = applicable(datasheet or {}, plant)
     known: dict[str, Any] = {"fixed": fixed or {}, "datasheet": sheet, "weighting": weighting}
+    unknown = (name for name, given in sheet.items() if given.value is None)
+    usual = without_overlap(plant, (*plant.usual, *unknown), known["fixed"])
+    if not refinements:
+        return simulation_error(plant, record, free=usual, **known)
+    train, rest = record.hold_back(held_back)
 
     def tried(start: Mechanical, free: tuple[str, ...], **how: Any) -> _Trial:
         fit = simulation_error(start, train, free=free, max_iterations=TRIAL_ITERATIONS, **how, **known)
@@ -164,8 +168,7 @@ def choose(
         except EmsidError:
             return None  # a refinement that cannot be fitted is none
 
-    unknown = (name for name, given in sheet.items() if given.value is None)
-    plain = tried(plant, without_overlap(plant, (*plant.usual, *unknown), known["fixed"]))
+    plain = tried(plant, usual)
     best = plain
     try:
         progress(0.2)

@@ -287,7 +287,7 @@ def likelihood(fit: GreyBoxFit, profile: Profile, *, name: str = "") -> Figure:
 def plant_equations(fit: GreyBoxFit) -> tuple[str, ...]:
     """The equations of a plant that emsid knows, in symbols, and all its parameters in numbers."""
     plant = fit.model.plant
-    numbers = fit.model.equation()
+    numbers = readable_unit(fit.model.equation())
     if isinstance(plant, LinearAxis):
         return "M·dv/dt = D(f) − F_v·v − T_f(v) − F₀\ndx/dt = v", numbers
     if not isinstance(plant, DrivenMotor):
@@ -309,11 +309,14 @@ def plant_equations(fit: GreyBoxFit) -> tuple[str, ...]:
 
 def units_taken(fit: GreyBoxFit) -> str:
     """A warning where a record does not say its units; empty where it does."""
+    commands = 1 if isinstance(fit.model.plant, (DrivenMotor, LinearAxis)) else None  # codes have no unit
     unsaid = [
         name
         for segment in fit.segments[:1]
         for name, unit in zip(
-            (*segment.input_names, *segment.output_names), (*segment.input_units, *segment.output_units), strict=True
+            (*segment.input_names[:commands], *segment.output_names),
+            (*segment.input_units[:commands], *segment.output_units),
+            strict=True,
         )
         if not unit
     ]

@@ -8,6 +8,7 @@ import pytest
 from coverage_grey_box import FREE, MOTOR, simulated_record
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Ending
+from emsid.identification import Options, identify
 from emsid.models.drive import Bridge, Drive, Sensor
 from emsid.models.grey_box import GreyBox
 from emsid.models.grey_box_choice import STARTS, choose, late_command, slow_sensor
@@ -318,12 +319,50 @@ def test_exact_data_leave_the_uncertainty_of_the_simulation():
     assert np.all(fit.standard_error < 1e-9 * truth)
 
 
+def test_a_noisy_first_sample_chooses_no_lag():
+    plant, rng = DrivenMotor(ONE_MASS), np.random.default_rng(0)
+    exact = plant.simulate(LEVELS[:, None], DT, np.zeros(2), (Signal.SPEED,))
+    noisy = exact + 0.1 * rng.standard_normal(exact.shape)
+    cut = int(0.75 * len(LEVELS))
+    noisy[cut] += 60.0  # where the held-back part begins
+    fit = choose(STARTS["rigid-motor"], Record(LEVELS, noisy, DT, output_units=("rad/s",)), fixed={"resistance": 2.0})
+    assert {"sensor.lag", "drive.delay"} & {row.name for row in fit.table} == set()
+
+
 def test_without_refinements_to_choose_nothing_is_held_back(monkeypatch):
     plain = simulation_error(STARTS["rigid-motor"], driven(noise=0.01))
     monkeypatch.setattr(Record, "hold_back", lambda *arguments: pytest.fail("held back"))
     chosen = choose(STARTS["rigid-motor"], driven(noise=0.01), refinements=())
     assert np.array_equal(chosen.estimate, plain.estimate)
     assert chosen.table == plain.table
+
+
+@pytest.mark.parametrize(
+    ("plant", "units", "message"),
+    [
+        (
+            DrivenMotor(ONE_MASS),
+            ("V", ""),
+            r"; name the one that drives it, or say which values of a second are codes \(--b",
+        ),
+        (
+            DrivenMotor(ONE_MASS, Drive(codes=((2.0, Bridge.BRAKE),))),
+            ("V", "", ""),
+            "3 inputs .* and the one with its codes",
+        ),
+    ],
+)
+def test_inputs_too_many_are_refused_with_what_they_could_be(plant, units, message):
+    inputs = np.column_stack([LEVELS] * len(units))
+    with pytest.raises(DataError, match=message):
+        simulation_error(plant, Record(inputs, LEVELS, DT, input_units=units, output_units=("rad/s",)))
+
+
+def test_a_code_that_never_comes_is_said():
+    record, options = driven(noise=0.01), Options(codes=((999.0, Bridge.COAST), (LEVELS[5], Bridge.BRAKE)))
+    result = identify(record, models=("rigid-motor",), options=replace(options, free=USUAL))
+    assert "999 is a code that u1 never has: check --brake and --coast." in result.asides
+    assert sum("is a code that" in aside for aside in result.asides) == 1
 
 
 # --- what is said of it ---------------------------------------------------------------------------------------------

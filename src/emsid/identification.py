@@ -415,6 +415,10 @@ def identify(
     record = _one(several)
     asides += [sentence for plant in plants.values() for sentence in assumptions(plant, record)]
     if options.codes:
+        absent = [f"{code:g}" for code, _ in options.codes if code not in record.input[:, -1]]
+        asides += [
+            f"{code} is a code that {record.input_names[-1]} never has: check --brake and --coast." for code in absent
+        ]
         values = ", ".join(f"{code:g}" for code, _ in options.codes)
         asides += [
             f"{name}: takes the codes {values} for commands; leave these samples out for it (--mask)."

@@ -27,6 +27,10 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 
 
+BEGINNING = 20
+"""Samples that tell the start of what one sample does not show."""
+
+
 @dataclass(frozen=True, eq=False)
 class GreyBox:
     """A plant as a model of records.
@@ -48,8 +52,8 @@ class GreyBox:
     def memory(self) -> int:
         """One sample gives the start of a speed; of a position, or where drive or sensor are late, twenty."""
         if isinstance(self.plant, (DrivenMotor, LinearAxis)) and Signal.POSITION not in self.signals:
-            return 20 if self.plant.drive.delay > 0 or self.plant.sensor.lag > 0 else 1
-        return 20
+            return BEGINNING if self.plant.drive.delay > 0 or self.plant.sensor.lag > 0 else 1
+        return BEGINNING
 
     def simulate(self, record: Record, transient: int | None = None) -> Run:
         """Free run over every segment, from the state that fits its first samples best."""
@@ -186,7 +190,7 @@ def check_channels(plant: Plant, signals: Sequence[Signal], record: Record) -> N
         if unit and unit != fitting[signal]:
             raise DataError(
                 f"{record.name}: output {name!r} is in {unit}, {plant.name} gives a {signal.value} in "
-                f"{fitting[signal]}; convert it (--units) or choose another model"
+                f"{fitting[signal]}; convert it (--unit) or choose another model"
             )
 
 
@@ -225,9 +229,11 @@ def _check_command(plant: Plant, record: Record) -> None:
     """Refuse inputs that do not drive a plant."""
     coded = isinstance(plant, (DrivenMotor, LinearAxis)) and bool(plant.drive.codes)
     if record.input.shape[1] > (2 if coded else 1):
+        codes = (
+            " and the one with its codes" if coded else ", or say which values of a second are codes (--brake, --coast)"
+        )
         raise DataError(
-            f"{record.name}: {record.input.shape[1]} inputs for {plant.name}; name the one that drives it"
-            f"{' and the one with its codes' * coded}"
+            f"{record.name}: {record.input.shape[1]} inputs for {plant.name}; name the one that drives it{codes}"
         )
     feed = plant.feed if isinstance(plant, DrivenMotor) else None
     name, unit = record.input_names[0], record.input_units[0]

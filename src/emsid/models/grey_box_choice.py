@@ -21,7 +21,7 @@ import numpy as np
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
 from emsid.models.drive import Feed
-from emsid.models.grey_box import fed
+from emsid.models.grey_box import BEGINNING, fed
 from emsid.models.grey_box_datasheet import Given, applicable
 from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_fit import GreyBoxFit
@@ -203,7 +203,9 @@ class _Trial(NamedTuple):
 
 
 def _held_back_error(fit: GreyBoxFit, rest: Record) -> float:
-    run = fit.model.simulate(rest)
+    """All trials begin alike, whatever they need for it: a better beginning is no better plant."""
+    longest = max(len(segment) for segment in rest.segments)
+    run = fit.model.simulate(rest, BEGINNING if longest > 2 * BEGINNING else None)
     error = float(np.mean((rest.output - run.output)[run.counted] ** 2)) if run.counted.any() else np.inf
     return error if isfinite(error) else np.inf
 

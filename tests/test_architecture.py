@@ -26,6 +26,7 @@ LAYERS = (
     {"validation"},
     {"io", "report", "live"},
     {"identification", "study"},
+    {"interruption", "terminal"},
     {"cli"},
     {"__main__"},
 )
@@ -34,6 +35,7 @@ NEIGHBOURS = {
     **{room: {"errors", "record", "units"} for room in ("errors", "record", "units")},
     "study": {"identification"},
     "report": {"io.files"},
+    "terminal": {"interruption"},
 }
 LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
 
@@ -115,11 +117,12 @@ def test_the_rule_itself(module: str, target: str, wrong: bool) -> None:
     [
         ({"matplotlib"}, r"report\.figures"),
         ({"plotly"}, r"report\.page_plots"),
-        ({"typer", "rich", "click"}, r"cli"),
+        ({"typer", "click"}, r"cli"),
+        ({"rich"}, r"terminal"),
         ({"h5py", "polars", "tempfile", "shutil"}, r"io\..*"),
         ({"pickle", "marshal", "shelve", "dill", "joblib"}, r""),
     ],
-    ids=["printed plots", "plots of the page", "terminal", "file formats", "pickle"],
+    ids=["printed plots", "plots of the page", "command line", "terminal", "file formats", "pickle"],
 )
 def test_only_one_place_imports(module: str, packages: set[str], allowed: str) -> None:
     found = {name for name in imports(tree_of(module)) if name.split(".")[0] in packages or name in packages}

@@ -13,22 +13,19 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from io import StringIO, TextIOWrapper
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar
 
 import typer
 
 from emsid.errors import DataError, EmsidError
+from emsid.interruption import INTERRUPTION
+from emsid.terminal import error_table, physical_table, progress_bar, show
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from emsid.identification import Identification
-    from emsid.models.grey_box_fit import GreyBoxFit
     from emsid.record import Record
     from emsid.study import Study
-    from emsid.validation.comparison import Row
 
 app = typer.Typer(
     help="Identify electromechanical systems: from a record of voltage and speed to a model you can trust.",
@@ -44,53 +41,13 @@ Result = TypeVar("Result", "Study", "Identification")
 USER_ERROR, INTERRUPTED = 2, 130
 
 
-class _Interruption:
-    """Whether Ctrl-C was pressed since the work at hand began.
-
-    An interrupt within an import or in the middle of a library's work may come out as any other exception, or be lost
-    in a callback; this remembers it.
-    """
-
-    def __init__(self) -> None:
-        self.pressed = self.deferred = False
-        self.words = "interrupted before anything was found"
-
-    def __call__(self, *_: object) -> None:
-        self.pressed = True
-        if not self.deferred:
-            raise KeyboardInterrupt
-
-    def raise_again(self) -> None:
-        """Whatever swallowed Ctrl-C, it ends the work at hand."""
-        if self.pressed:
-            raise KeyboardInterrupt
-
-    @contextmanager
-    def put_off(self) -> Iterator[None]:
-        """What is short and belongs together is done to its end."""
-        self.deferred = True
-        try:
-            yield
-        finally:
-            self.deferred = False
-
-    def end(self) -> NoReturn:
-        """Say what became of it."""
-        self.pressed = False
-        _end(self.words, INTERRUPTED)
-
-
-_interruption = _Interruption()
-
-
 def main() -> None:
     """Run the command line; what a user can mend is one line on standard error and exit status 2."""
-    global _interruption
-    _interruption = _Interruption()
+    INTERRUPTION.begin()
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # they speak to programmers
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as a shell does for what runs in the background
-        signal.signal(signal.SIGINT, _interruption)
+        signal.signal(signal.SIGINT, INTERRUPTION)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # with all that is cleaned up on leaving
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
@@ -113,9 +70,15 @@ def main() -> None:
             sys.exit(1)
         _end(f"the output cannot be written ({(problem.strerror or str(problem)).lower()})", USER_ERROR)
     except BaseException:
-        if _interruption.pressed:
-            _interruption.end()
+        if INTERRUPTION.pressed:
+            _end_interrupted()
         raise
+
+
+def _end_interrupted() -> NoReturn:
+    """Say what became of what was interrupted."""
+    INTERRUPTION.pressed = False
+    _end(INTERRUPTION.words, INTERRUPTED)
 
 
 def _end(words: str, status: int) -> NoReturn:
@@ -341,19 +304,19 @@ def study(
     records = None if record is None or verify is None else (reader(record), reader(verify))
     with _draughtsman() as draughtsman:
         draughtsman.begin(paper.motor_section(settings).figures)
-        with _progress() as report_progress:
+        with progress_bar() as report_progress:
             result = paper.study(
                 settings, records, report_progress, lambda part: draughtsman.begin(paper.part_section(part).figures)
             )
         with _kept(result, "the study") as result:
             _write(out, {"study.json": result.to_data()})
             for part in result.parts:
-                _print(_table(part.rows, f"{part.name} study"))
+                show(error_table(part.rows, f"{part.name} study"))
             print("\n".join(paper.findings(result)), flush=True)
         drawn = _draw(out, lambda: paper.report(result), draughtsman)
     _say_where(out, drawn, "study.json")
     if result.interrupted or not drawn:
-        _interruption.end()
+        _end_interrupted()
 
 
 @app.command()
@@ -445,19 +408,16 @@ def identify(
     if static is not None and static not in FAMILIES:
         raise DataError(f"no static map {static!r}; there are {', '.join(FAMILIES)}")
     options = identification.Options(
-        na,
-        nb,
-        nk,
-        degree,
-        taps,
-        knots,
-        _counts(orders, "--orders"),
-        None if static is None else FAMILIES[static],
-        ridge,
-        forgetting,
-    )
-    options = replace(
-        options,
+        na=na,
+        nb=nb,
+        nk=nk,
+        degree=degree,
+        taps=taps,
+        knots=knots,
+        orders=_counts(orders, "--orders"),
+        static=None if static is None else FAMILIES[static],
+        ridge=ridge,
+        forgetting=forgetting,
         fix=_numbers(fix, "--fix"),
         datasheet={} if datasheet is None else read_datasheet(datasheet),
         codes=(*((code, Bridge.BRAKE) for code in brake), *((code, Bridge.COAST) for code in coast)),
@@ -471,7 +431,7 @@ def identify(
     _check_folder(out)
     records, tests = [reader(path) for path in files], [reader(path) for path in validate]
     with _draughtsman() as draughtsman:
-        with _progress() as report_progress:
+        with progress_bar() as report_progress:
             result = identification.identify(
                 records,
                 tests or None,
@@ -484,10 +444,10 @@ def identify(
         with _kept(result, "identification") as result:
             _write(out, {"result.json": result.to_data()}, result.verification.fits, result.record)
             title = f"on {result.judged_on} ({result.unseen.name})"
-            _print(_table(result.verification.rows, title, result.unseen.output_units[0]))
+            show(error_table(result.verification.rows, title, result.unseen.output_units[0]))
             for fit in result.verification.fits:
                 if isinstance(fit, GreyBoxFit):
-                    _print(_physical_table(fit))
+                    show(physical_table(fit))
             print(f"chosen: {result.chosen.model.name}")
             if not isinstance(result.chosen, GreyBoxFit):
                 print(result.chosen.model.equation())
@@ -497,7 +457,7 @@ def identify(
     possible = [f"{name}.json" for name in identification.CANDIDATES]
     _say_where(out, drawn, "result.json", *written, possible=possible)
     if result.interrupted or not drawn:
-        _interruption.end()
+        _end_interrupted()
 
 
 @app.command()
@@ -520,13 +480,9 @@ def validate(
     from emsid.validation.metrics import mean_squared_error
 
     loaded, source = load(model), origin(model)
-    rows = []
-    for path in files:
-        record = reader(path)
-        row = assess_model(loaded, record, transient).row
-        rows.append((record, row))
+    rows = [(record, assess_model(loaded, record, transient).row) for record in map(reader, files)]
     for record, row in rows:
-        _print(_table([row], record.name, record.output_units[0]))
+        show(error_table([row], record.name, record.output_units[0]))
         for difference in () if source is None else source.differences(record):
             print(f"{model}: {difference}")
         if horizon > 1:
@@ -656,97 +612,7 @@ def list_() -> None:
     print(f"files written: {', '.join(WRITERS)}")
 
 
-# --- printing --------------------------------------------------------------------------------------------------------
-
-
-def _table(rows: "list[Row] | tuple[Row, ...]", title: str, unit: str = "") -> "Table":
-    """A line for every row, or where it is of several outputs, for every output."""
-    from rich.markup import escape
-    from rich.table import Table
-
-    from emsid.validation.comparison import OutputErrors
-
-    several = any(row.outputs for row in rows)
-    words = ("model", "method", "data", *("output",) * several)
-    rmse = "free-run RMSE" if several or not unit else f"free-run RMSE [{unit}]"
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    for heading in words:
-        table.add_column(heading, no_wrap=True)
-    for heading in (rmse, "free-run MSE", "fit %", "one-step MSE"):
-        table.add_column(escape(heading), justify="right", no_wrap=True)
-    for row in rows:
-        note = "" if row.diverged_at is None else f" (diverged at sample {row.diverged_at})"
-        for errors in row.outputs or (row,):
-            names = [f"{errors.output} [{errors.unit}]".removesuffix(" []")] if isinstance(errors, OutputErrors) else []
-            table.add_row(
-                row.model + note,
-                row.method,
-                row.data,
-                *map(escape, names),
-                f"{errors.simulation_rmse:.5g}",
-                f"{errors.simulation_mse:.4g}",
-                f"{errors.fit_percent:.2f}" if isfinite(errors.fit_percent) else "–",
-                f"{errors.one_step_mse:.4g}",
-            )
-    return table
-
-
-def _physical_table(fit: "GreyBoxFit") -> "Table":
-    """What a record says of a plant: its parameters, and where some had to be held, what it tells all the same."""
-    from rich.table import Table
-
-    table = Table(title=f"{fit.model.name}, with 95 % intervals", title_justify="left", box=None, pad_edge=False)
-    for column, heading in enumerate(("quantity", "", "value", "±", "unit", "")):
-        table.add_column(heading, justify="right" if column in (2, 3) else "left", no_wrap=True)
-    rows = [(row.name, row.symbol, row.value, row.standard_error, row.unit, row.status) for row in fit.table]
-    if any(row.status in ("held", "conditional") for row in fit.table):
-        rows += [
-            (
-                each.quantity.name,
-                each.quantity.formula,
-                each.quantity.value,
-                each.standard_error,
-                each.quantity.unit,
-                "told",
-            )
-            for each in fit.combinations
-        ]
-    for name, symbol, value, error, unit, status in rows:
-        width = "" if error is None or not isfinite(error) else f"{1.96 * error:.2g}"
-        table.add_row(name, symbol, f"{value:.5g}", width, unit if unit != "1" else "", status)
-    return table
-
-
-def _print(table: "Table") -> None:
-    from rich.console import Console
-
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=160)
-    console.print(table)
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[str, float], None]]:
-    """A bar on standard error that names what is being done."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-    task = bar.add_task("starting", total=1.0)
-
-    def advance(what: str, fraction: float) -> None:
-        _interruption.raise_again()
-        bar.update(task, description=what, completed=fraction)
-
-    bar.start()
-    try:
-        yield advance
-    finally:
-        with _interruption.put_off():  # the work is done or has been left, and nothing of it may be lost
-            bar.stop()
+# --- what is written -------------------------------------------------------------------------------------------------
 
 
 def _draughtsman() -> Any:
@@ -780,23 +646,23 @@ def _kept(result: "Result", what: str) -> Iterator["Result"]:
 
     Then Ctrl-C means what comes next: the drawing.
     """
-    stopped = result.interrupted or _interruption.pressed
-    _interruption.pressed = False
-    with _interruption.put_off():
+    stopped = result.interrupted or INTERRUPTION.pressed
+    INTERRUPTION.pressed = False
+    with INTERRUPTION.put_off():
         yield replace(result, interrupted=stopped)
-    _interruption.words = f"{what} was interrupted; what had been found by then is above and written"
+    INTERRUPTION.words = f"{what} was interrupted; what had been found by then is above and written"
 
 
 def _draw(folder: Path, report: Callable[[], Any], draughtsman: Any) -> bool:
     """Write the report with its figures; false where Ctrl-C was pressed meanwhile."""
     try:
-        _interruption.raise_again()
+        INTERRUPTION.raise_again()
         from emsid.report.page import write_report
 
-        with _progress() as report_progress:
+        with progress_bar() as report_progress:
             write_report(report(), folder, report_progress, draughtsman)
     except BaseException as problem:
-        if not (_interruption.pressed or isinstance(problem, KeyboardInterrupt)) or isinstance(problem, SystemExit):
+        if not (INTERRUPTION.pressed or isinstance(problem, KeyboardInterrupt)) or isinstance(problem, SystemExit):
             raise
         return False
     return True

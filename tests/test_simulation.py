@@ -55,7 +55,7 @@ def test_order_of_convergence_is_the_order_of_the_series(order):
         result = simulate(KINKED, voltage, dt, method=Taylor(order, inf, step))
         errors.append(np.sqrt(np.mean((result.load_speed - exact.load_speed) ** 2)))
     measured = np.log2(np.array(errors[:-1]) / errors[1:])
-    np.testing.assert_allclose(measured, order, atol=0.35)
+    np.testing.assert_allclose(measured, order, atol=0.05)
 
 
 @pytest.mark.parametrize("inductance", [0.0, 2e-3])

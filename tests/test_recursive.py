@@ -95,7 +95,9 @@ def test_without_forgetting_it_is_batch(structure: Structure) -> None:
     np.testing.assert_allclose(fit.covariance, batch.covariance, rtol=1e-6, atol=1e-10)
     assert fit.noise_variance == pytest.approx(batch.noise_variance, rel=1e-8)
     assert fit.samples == batch.samples
-    assert fit.condition == pytest.approx(batch.condition, rel=0.5 * len(structure))  # of P, scaled otherwise
+    deviation = np.sqrt(np.diag(batch.covariance))
+    correlation = batch.covariance / np.outer(deviation, deviation)
+    assert fit.condition == pytest.approx(np.sqrt(np.linalg.cond(correlation)), rel=1e-6)
     assert (fit.method, fit.rank, fit.history) == ("rls", len(structure), None)
 
 

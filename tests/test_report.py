@@ -58,7 +58,6 @@ from emsid.report.content import (
 from emsid.report.figures import draw
 from emsid.report.page import page, write_report
 from emsid.report.page_plots import interactive, plotly_source
-from emsid.report.residual_views import WHITE
 from emsid.report.timeline import timeline
 from emsid.validation.comparison import Row, assess, assess_model, compare
 from emsid.validation.correlation import autocorrelation, cross_correlation
@@ -595,43 +594,6 @@ def test_residuals_show_shares_and_autocorrelation():
     assert correlation.marks[1].value == pytest.approx(2.5758 / np.sqrt(len(error)))
 
 
-def test_cross_correlation_is_that_of_pairs_in_one_segment():
-    rng = np.random.default_rng(0)
-    error, u = rng.standard_normal((2, 50))
-    error[7] = np.nan
-    e, v = np.nan_to_num(error - np.nanmean(error)), u - np.delete(u, 7).mean()
-    pairs = [
-        [(t, t - lag) for t in range(50) if 0 <= t - lag < 50 and (t < 20) == (t - lag < 20)] for lag in range(-5, 6)
-    ]
-    sums = np.array([sum(e[a] * v[b] for a, b in some) for some in pairs])
-
-    def own(x, k):
-        return sum(x[t] * x[t - k] for t in range(k, 50) if (t < 20) == (t - k < 20))
-
-    spread = sum((1 - abs(k) / 6) * own(e, abs(k)) * own(v, abs(k)) for k in range(-5, 6)) / 49
-    assert cross_correlation(error, u, (20,), 5) == pytest.approx(sums / np.sqrt(spread))
-
-
-def test_cross_correlation_of_coloured_signals_that_are_independent_stays_within_its_limits():
-    from scipy.signal import lfilter
-
-    rng = np.random.default_rng(1)
-    noise = rng.standard_normal((2, 60, 2000))
-    outside = [
-        np.mean(np.abs(cross_correlation(e, u, (), 100)) > WHITE)
-        for e, u in zip(lfilter([1], [1, -0.9], noise[0]), lfilter([1], [1, -0.8], noise[1]), strict=True)
-    ]
-    assert 0.003 < np.mean(outside) < 0.03
-    missed = lfilter([0, 0, 1], [1], noise[0, 0])
-    shown = cross_correlation(missed, noise[0, 0], (), 20)
-    assert np.argmax(shown) == 22  # two samples after the input
-
-
-@pytest.mark.parametrize("u", [np.ones(100), np.zeros(100)])
-def test_an_input_that_does_not_move_has_no_cross_correlation(u):
-    assert not cross_correlation(np.arange(100.0), u, (), 20).any()
-
-
 # --- several outputs ------------------------------------------------------------------------------------------------
 
 
@@ -722,12 +684,6 @@ def test_every_input_has_its_plots():
     assert [plot.y.title for plot in FIGURES["two inputs"].plots] == ["u1 [V]", "u2 [A]"]
     titles = [plot.title for plot in FIGURES["two inputs, residuals"].plots]
     assert titles[-2:] == ["Cross-correlation with u1", "Cross-correlation with u2"]
-
-
-def test_autocorrelation_does_not_reach_across_gaps():
-    error = np.array([1.0, -1.0, 1.0, -1.0, np.nan, np.nan, -1.0, 1.0, -1.0, 1.0])
-    inside = autocorrelation(error, (5,), 1)
-    assert inside[1] == pytest.approx(-6 / 8)
 
 
 def test_residuals_of_a_perfect_model_can_be_drawn():

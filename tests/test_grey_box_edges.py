@@ -9,7 +9,8 @@ from coverage_grey_box import FREE, MOTOR, simulated_record
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Ending
 from emsid.identification import Options, identify
-from emsid.models.drive import Bridge, Drive, Sensor
+from emsid.models import grey_box_estimation
+from emsid.models.drive import Bridge, Drive, Feed, Sensor
 from emsid.models.grey_box import GreyBox
 from emsid.models.grey_box_choice import STARTS, choose, late_command, slow_sensor
 from emsid.models.grey_box_datasheet import Given
@@ -278,6 +279,25 @@ def test_what_is_held_stays_where_the_search_has_it_where_its_start_would_not_do
     assert fit.cost / len(record) < 1.05 * 0.5 * (0.002 * np.std(record.output)) ** 2
 
 
+def test_an_interruption_on_the_way_back_to_a_start_keeps_what_was_better(monkeypatch):
+    record, calls = driven(noise=0.002), []
+    search = grey_box_estimation._search
+
+    def interrupted(problem, limits, iterations, *rest):
+        calls.append(iterations)
+        ended = search(problem, limits, 1 if len(calls) == 2 else iterations, *rest)
+        words = "interrupted after 1 steps; the best so far is kept"
+        return replace(ended, ending=Ending.INTERRUPTED, message=words) if len(calls) == 2 else ended
+
+    monkeypatch.setattr(grey_box_estimation, "_search", interrupted)
+    weak, slow = DrivenMotor(replace(ONE_MASS, motor_constant=0.045)), {"motor_constant": (0.0, 0.047)}
+    fit = simulation_error(weak, record, fixed={"resistance": 2.0}, bounds=slow)
+    assert calls[2:] == [0]
+    assert fit.ending is Ending.INTERRUPTED
+    assert fit.ended == f"interrupted after {fit.iterations} steps; the best so far is kept"
+    assert fit.cost / len(record) < 1.05 * 0.5 * (0.002 * np.std(record.output)) ** 2
+
+
 def test_the_current_is_not_asked_for_where_it_is_there():
     record = driven(noise=0.01, signals=(Signal.SPEED, Signal.CURRENT))
     fit = simulation_error(DrivenMotor(ONE_MASS), record, free=("load_inertia", "resistance", *USUAL))
@@ -395,6 +415,22 @@ def test_an_equation_has_no_more_than_there_is():
     assert "resistance = 2 Ω" in numbers
     assert "N*m" not in numbers
     assert "kg·m²" in numbers
+
+
+@pytest.mark.parametrize(
+    ("unit", "motion", "without"),
+    [("A", "K_m·i", ["resistance", "inductance"]), ("N*m", "T", ["resistance", "inductance", "motor_constant"])],
+)
+def test_a_motor_that_no_voltage_drives_has_no_electrical_equation(unit, motion, without):
+    feed = Feed.CURRENT if unit == "A" else Feed.TORQUE
+    inputs = LEVELS[:, None] * (0.1 if unit == "A" else 0.005)
+    exact = DrivenMotor(ONE_MASS, feed=feed).simulate(inputs, DT, np.zeros(2), (Signal.SPEED,))
+    record = Record(inputs, exact, DT, input_units=(unit,), output_units=("rad/s",))
+    fit = simulation_error(DrivenMotor(ONE_MASS), record)
+    equation, numbers = plant_equations(fit)
+    assert equation == f"(J_m + J_L)·dω/dt = {motion} − (B_m + B_L)·ω − T_f(ω) − T_d"
+    assert "rotor_inertia = " in numbers
+    assert not any(f"{name} = " in numbers for name in without)
 
 
 # --- a plant of the user's that is not one --------------------------------------------------------------------------

@@ -113,12 +113,22 @@ class GreyBox:
         said_so = {part for some in alike.values() for part in some}
         shown = []
         for name, handle in self.plant.handles.items():
+            if name in self._idle:
+                continue
             value = values[name]
             once = name in alike or not (len(handle.paths) > 1 or name in said_so)
             nothing = value == 0.0 or 0.0 < value <= handle.lower
             if once and np.isfinite(value) and not nothing and value != 1.0:
                 shown.append(f"{name} = {handle.with_unit(value, 6)}")
         return f"{self.name}: " + ", ".join(shown)
+
+    @property
+    def _idle(self) -> tuple[str, ...]:
+        """Parameters of a motor without effect: electrical ones where what drives it is no voltage."""
+        if not isinstance(self.plant, DrivenMotor) or self.plant.feed is Feed.VOLTAGE:
+            return ()
+        constant = self.plant.feed is Feed.TORQUE and Signal.CURRENT not in self.signals
+        return ("resistance", "inductance", *(("motor_constant",) if constant else ()))
 
     def to_data(self) -> dict[str, Any]:
         """Kind of plant, its parameters, and what the outputs are."""

@@ -134,15 +134,20 @@ def simulation_error(
         if under_way and ended.costs[len(ended.costs) // 2] > (1 + FLAT) * ended.cost:
             problem = problem.begun_at(ended.estimate)
             continue
-        if ended.cost > bar and not interrupted:  # the start of what is held matters after all
+        if ended.cost > bar:  # the start of what is held matters after all
             problem, bar = stayed, inf
-            continue
+            if not interrupted:
+                continue
+            back = search(problem, 0)
+            ended = replace(back, ending=ended.ending, message=ended.message, iterations=ended.iterations)
         ended = _with_colour(problem, ended)
         problem = problem.begun_at(ended.estimate)
         inside = [name for name, free in zip(names, ended.free, strict=False) if free]
         kept = _hold(_told(problem, inside, ended), inside, preference)
         if interrupted or (len(kept) == len(inside) and not under_way):
-            minimum = replace(ended, message=ended.message.replace(f"after {share} steps", f"after {steps} steps"))
+            minimum = replace(
+                ended, message=ended.message.replace(f"after {ended.iterations} steps", f"after {steps} steps")
+            )
         elif len(kept) < len(inside):
             names = [name for name in names if name not in inside or name in kept]
             bar = ended.cost + _tolerable(ended)

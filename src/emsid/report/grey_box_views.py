@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from emsid.errors import listed
+from emsid.models.drive import Feed
 from emsid.models.grey_box_findings import Curve, Profile, dead_zone_curve, friction_curve, stops
 from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.record import concatenate
@@ -294,8 +295,11 @@ def plant_equations(fit: GreyBoxFit) -> tuple[str, ...]:
         return (numbers,)
     motor = plant.motor
     slope = "L_a·di/dt = " if motor.inductance > 0 else "0 = "
-    electrical = f"{slope}D_v(v_a) − R_a·i − K_m·ω{'' if motor.is_rigid else '_m'}"
-    torque = "K_m·i" if motor.torque_dead_zone is None else "D_T(K_m·i)"
+    electrical = [f"{slope}D_v(v_a) − R_a·i − K_m·ω{'' if motor.is_rigid else '_m'}"]
+    if plant.feed is not Feed.VOLTAGE:
+        electrical = []
+    made = "T" if plant.feed is Feed.TORQUE else "K_m·i"
+    torque = made if motor.torque_dead_zone is None else f"D_T({made})"
     if motor.is_rigid:
         mechanical = [f"(J_m + J_L)·dω/dt = {torque} − (B_m + B_L)·ω − T_f(ω) − T_d"]
     else:
@@ -304,7 +308,7 @@ def plant_equations(fit: GreyBoxFit) -> tuple[str, ...]:
             "J_L·dω_L/dt = T_s − B_L·ω_L − T_f(ω_L) − T_d",
             "T_s = K_s·φ + B_s·(ω_m − ω_L),  dφ/dt = ω_m − ω_L",
         ]
-    return "\n".join([electrical, *mechanical]), numbers
+    return "\n".join([*electrical, *mechanical]), numbers
 
 
 def units_taken(fit: GreyBoxFit) -> str:

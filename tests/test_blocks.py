@@ -186,11 +186,14 @@ def test_inverse_outside_the_fitted_range() -> None:
 
 
 def test_filter_rows_is_lfilter() -> None:
-    rows = np.random.default_rng(8).standard_normal((7, 300))
+    rng = np.random.default_rng(8)
+    rows = rng.standard_normal((7, 300))
     for block in FILTERS.values():
-        out = np.empty_like(rows)
-        filter_rows(*block.transfer, rows, out)
-        np.testing.assert_allclose(out, lfilter(*block.transfer, rows), rtol=1e-11, atol=1e-13)
+        out, start = np.empty_like(rows), rng.standard_normal((7, block.states))
+        filter_rows(*block.transfer, rows, out, start)
+        expected = lfilter(*block.transfer, rows, zi=start)[0] if block.states else lfilter(*block.transfer, rows)
+        np.testing.assert_allclose(out, expected, rtol=1e-11, atol=1e-13)
+        np.testing.assert_allclose(block.output(rows[3], start[3]), expected[3], rtol=1e-11, atol=1e-13)
 
 
 def test_resting_state_is_that_of_scipy() -> None:

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
-from emsid.estimation.gauss_newton import Infeasible, Iteration, gauss_newton
+from emsid.estimation.gauss_newton import PATIENCE, Infeasible, Iteration, gauss_newton
 from emsid.estimation.losses import SQUARES, Cauchy, Huber, Loss
 from emsid.estimation.sandwich import automatic_window, long_run_variance, weighted_variance
 
@@ -185,6 +185,22 @@ def test_honest_endings() -> None:
     assert deficient.ending is Ending.RANK_DEFICIENT
     assert "cannot tell these parameters apart: " in deficient.message
     assert np.isinf(np.diag(deficient.covariance)).sum() == 1
+
+
+def test_a_search_that_is_not_worth_it_ends_in_the_valley() -> None:
+    """Rosenbrock's, beside a residual of 100 that no parameter changes: all there is to gain is 0.24 % of the cost."""
+    problem = Curves(
+        lambda t: [np.array([10 * (t[1] - t[0] ** 2), 1 - t[0], 100.0])],
+        lambda t: [np.array([[-20 * t[0], 10], [-1, 0.0], [0.0, 0.0]])],
+    )
+    whole = gauss_newton(problem, [-1.2, 1.0], tolerance=1e-8)
+    assert whole.ending is Ending.CONVERGED
+    np.testing.assert_allclose(whole.estimate, 1, rtol=1e-4)
+    short = gauss_newton(problem, [-1.2, 1.0], tolerance=1e-8, worth=0.01)
+    assert short.ending is Ending.OUT_OF_BUDGET
+    assert short.message.startswith(f"the last {PATIENCE} steps lowered the cost by less than 1 %, ")
+    assert short.costs == whole.costs[: PATIENCE + 1]
+    assert gauss_newton(problem, [-1.2, 1.0], tolerance=1e-8, worth=1e-9).costs == whole.costs
 
 
 def test_a_bound_that_holds_is_named() -> None:

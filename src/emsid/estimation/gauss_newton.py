@@ -43,6 +43,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -64,6 +65,8 @@ M = TypeVar("M")
 ROUNDING = 1e-13
 # A singular value below so much (times n) of the largest is rounding; steps do not go along it.
 RANK = 4 * float(np.finfo(float).eps)
+# So many steps in a row have to be worth what is asked of them.
+PATIENCE = 4
 # With so much damping a step is a crumb along the gradient; where that fails the cost is not smooth here.
 LEAST_DAMPING, MOST_DAMPING = 1e-20, 1e16
 
@@ -215,6 +218,7 @@ def gauss_newton(
     max_iterations: int = 100,
     max_seconds: float = np.inf,
     tolerance: float = 1e-3,
+    worth: float = 0.0,
     damping: float = 1e-3,
     noise: float = 0.0,
     names: Sequence[str] = (),
@@ -234,6 +238,8 @@ def gauss_newton(
         max_seconds: time that may be used; looked at between steps.
         tolerance: length of the remaining step, in standard errors of the estimate, at which the search is
             over.
+        worth: part of the cost that `PATIENCE` steps together have to save for the search to go on; for those who
+            compare minima, and need not know where in a flat valley one is.
         damping: λ of the first step; the columns of J are of unit length to it.
         noise: standard deviation that rounding alone gives a residual: standard errors are taken to be no smaller
             than it makes them.
@@ -279,6 +285,10 @@ def gauss_newton(
                 break
             if time.monotonic() > deadline:
                 ending, message = Ending.OUT_OF_BUDGET, f"stopped after {max_seconds:g} s, {short}"
+                break
+            if worth > 0 and len(costs) > PATIENCE and costs[-1] > (1 - worth) * costs[-1 - PATIENCE]:
+                ending = Ending.OUT_OF_BUDGET
+                message = f"the last {PATIENCE} steps lowered the cost by less than {100 * worth:g} %, {short}"
                 break
             trial: Array | None = box.moved(point.theta, remaining)
             if not (polish and np.isfinite(_trial_cost(problem, box.moved(point.theta, remaining), loss))):
@@ -374,12 +384,23 @@ def _trial_cost(problem: Problem, theta: Array, loss: Loss) -> float:
 
 def least_squares_step(information: Information) -> Array:
     """The shortest p, in units of the columns' lengths, that minimises ‖z − Rp‖; bare, without covariance or rank."""
+    from scipy.linalg.lapack import dtrcon, dtrtrs
+
+    triangle, projected, length = _scaled(information)
+    smallest = RANK * len(length)
+    well_told = dtrcon(triangle)[0] > smallest * len(length)  # in the norm of columns, which is so much coarser
+    solve = dtrtrs if well_told else partial(np.linalg.lstsq, rcond=smallest)
+    step: Array = solve(triangle, projected)[0] / length
+    return step
+
+
+def _scaled(information: Information) -> tuple[Array, Array, Array]:
+    """R with columns of unit length, z, and the lengths that R's columns have."""
     n = information.parameters
     triangle, projected = information.factor[:n, :n], information.factor[:n, n]
-    length = np.linalg.norm(triangle, axis=0)
+    length = np.sqrt(np.einsum("ij,ij->j", triangle, triangle))
     length[length == 0] = 1.0
-    step: Array = np.linalg.lstsq(triangle / length, projected, rcond=RANK * n)[0] / length
-    return step
+    return triangle / length, projected, length
 
 
 def _bounded_step(information: Information, lower: Array, upper: Array) -> Array:
@@ -389,12 +410,9 @@ def _bounded_step(information: Information, lower: Array, upper: Array) -> Array
     step = least_squares_step(information)
     if np.all((lower <= step) & (step <= upper)):
         return step
-    n = information.parameters
-    triangle, projected = information.factor[:n, :n], information.factor[:n, n]
-    length = np.linalg.norm(triangle, axis=0)
-    length[length == 0] = 1.0
+    triangle, projected, length = _scaled(information)
     room = lower * length, upper * length
-    found = lsq_linear(triangle / length, projected, room, method="bvls", tol=1e-15, max_iter=10 * n)
+    found = lsq_linear(triangle, projected, room, method="bvls", tol=1e-15, max_iter=10 * len(length))
     bounded: Array = np.clip(found.x / length, lower, upper)
     return bounded
 

@@ -45,6 +45,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -78,7 +79,9 @@ REST = 1e-2
 CURVATURE_SAMPLES = 5_000
 # An offset this small, relative to the largest parameter, is rounding.
 ROUNDING = 1e-12
-# What finding a starting state may cost; a twentieth of its standard error is near enough.
+# What finding a starting state may cost; a twentieth of its standard error is near enough, and half of it for the first
+# look, which is after the variance of the residual.
+FIRST_LOOK: dict[str, Any] = {"max_iterations": 4, "tolerance": 0.5, "inner": True}
 START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05, "inner": True}
 # A search for it may begin at so many of the states that the input leads to.
 TRIAL_STATES = 64
@@ -143,7 +146,7 @@ class Cascade:
         edges = np.cumsum([0] + [len(block.parameters) for block in self.blocks])
         return tuple(slice(int(a), int(b)) for a, b in pairwise(edges))
 
-    @property
+    @cached_property
     def states(self) -> int:
         """How many numbers describe the start of all blocks together."""
         return sum(block.states for block in self.blocks)
@@ -161,9 +164,8 @@ class Cascade:
     def with_parameters(self, theta: Array) -> Cascade:
         """The same cascade with other parameters (p,)."""
         blocks = tuple(block.with_parameters(theta[span]) for block, span in zip(self.blocks, self.spans, strict=True))
-        new = replace(self, blocks=blocks, input_offset=float(theta[-2]), output_offset=float(theta[-1]))
-        for kept in ("names", "spans"):
-            new.__dict__[kept] = getattr(self, kept)
+        new = copy(self)  # of the same structure, which need not be checked again, and whose names and spans it keeps
+        vars(new).update(blocks=blocks, input_offset=float(theta[-2]), output_offset=float(theta[-1]))
         return new
 
     def check(self) -> None:
@@ -251,7 +253,7 @@ class Cascade:
         begin = trials[int(np.argmin(missed))]
         rows = self.gradient(self.signals(start, begin))[len(self.parameters) :, self.edge :]
         weak = np.diag(REST * np.linalg.norm(rows, axis=1))
-        free = gauss_newton(_Start(self, start, y, rest, weak), begin, **START_BUDGET)
+        free = gauss_newton(_Start(self, start, y, rest, weak), begin, **FIRST_LOOK)
         freedom = len(y) - self.edge - self.states
         variance = np.sum(free.residuals[0] ** 2) / freedom if freedom > 0 else 0.0
         centre, spread = cloud.mean(axis=1), np.atleast_2d(np.cov(cloud))
@@ -628,13 +630,10 @@ class FreeRun:
     segments: tuple[tuple[Array, Array], ...]
     skip: int
 
-    @property
+    @cached_property
     def start(self) -> Array:
-        """φ₀, and the states at rest under the first input, or those of a free run where its start is left out."""
-        if self.skip > self.cascade.edge:
-            states = [self.cascade.starting(u, y[: self.cascade.memory]) for u, y in self.segments]
-        else:
-            states = [self.cascade.resting(float(u[0])) for u, _ in self.segments]
+        """φ₀, and the states that a free run starts with."""
+        states = [self.cascade.starting(u, y[: self.cascade.memory]) for u, y in self.segments]
         return np.concatenate([self.freedom.start[self.freedom.free], *states])
 
     def check_values(self) -> None:
@@ -765,9 +764,10 @@ def search(
     max_iterations: int = 50,
     max_seconds: float = np.inf,
     tolerance: float = 0.05,
+    worth: float = 0.0,
     progress: Callable[[Iteration], None] | None = None,
 ) -> tuple[Minimum, FreeRun]:
-    """What `fit_cascade` does before it concludes; for those who go on from the minimum."""
+    """What `fit_cascade` does before it concludes; for those who go on from the minimum, or compare several."""
     if skip is not None:
         check_whole(f"{start.name}: skip", skip, 0, "these are samples to be left out")
     start.check()
@@ -791,6 +791,7 @@ def search(
         max_iterations=max_iterations,
         max_seconds=max_seconds,
         tolerance=tolerance,
+        worth=worth,
         names=names,
         progress=progress,
     )

@@ -85,7 +85,7 @@ class Rational:
         """The largest numerator coefficient, which fixes the gain."""
         return (int(np.argmax(np.abs(self.numerator))),)
 
-    @property
+    @cached_property
     def states(self) -> int:
         """Order of the filter, its delay included."""
         return max(len(self.numerator) + self.delay - 1, len(self.denominator))
@@ -93,10 +93,10 @@ class Rational:
     @cached_property
     def transfer(self) -> tuple[Array, Array]:
         """Numerator with its delay, and denominator with its one, of equal length in q⁻¹."""
-        b = np.concatenate([np.zeros(self.delay), self.numerator])
-        a = np.concatenate([[1.0], self.denominator])
-        length = max(len(a), len(b))
-        return np.pad(b, (0, length - len(b))), np.pad(a, (0, length - len(a)))
+        b, a = np.zeros((2, self.states + 1))
+        b[self.delay : self.delay + len(self.numerator)] = self.numerator
+        a[0], a[1 : 1 + len(self.denominator)] = 1.0, self.denominator
+        return b, a
 
     @property
     def poles(self) -> NDArray[np.complex128]:
@@ -146,17 +146,14 @@ class Rational:
 
     def output(self, x: Array, state: Array) -> Array:
         """(N,) the filtered signal."""
-        from scipy.signal import lfilter
-
-        b, a = self.transfer
-        if not self.states:
-            return np.asarray(b[0] * x)
-        y: Array = lfilter(b, a, x, zi=state)[0]
+        rows: Array = np.array([x], dtype=float)
+        filter_rows(*self.transfer, rows, rows, np.array([state], dtype=float))
+        y: Array = rows[0]
         return y
 
     def push(self, x: Array, rows: Array) -> None:
         """Every row (k, N), in place, filtered from a zero state."""
-        filter_rows(*self.transfer, rows, rows)
+        filter_rows(*self.transfer, rows, rows, np.zeros((len(rows), self.states)))
 
     def gradient(self, x: Array, y: Array) -> Array:
         """(nb + na, N) shifted copies of x and y filtered by 1/A."""
@@ -222,7 +219,10 @@ class Rational:
 
     def _all_pole(self, rows: Array) -> Array:
         out = np.empty_like(rows)
-        filter_rows(np.ones(1), np.concatenate([[1.0], self.denominator]), rows, out)
+        b, a = np.zeros((2, len(self.denominator) + 1))
+        b[0] = a[0] = 1.0
+        a[1:] = self.denominator
+        filter_rows(b, a, rows, out, np.zeros((len(rows), len(self.denominator))))
         return out
 
 
@@ -274,30 +274,33 @@ def _in_delays(coefficients: Array, first: int) -> str:
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
-def filter_rows(b: Array, a: Array, rows: Array, out: Array) -> None:
-    """Filter every row (k, N) by B/A from a zero state into ``out``, which may be ``rows``; a faster `lfilter`.
+def filter_rows(b: Array, a: Array, rows: Array, out: Array, start: Array) -> None:
+    """Filter every row (k, N) by B/A into ``out``, which may be ``rows``; a faster `lfilter`.
 
-    A recursion waits for itself; four rows side by side keep the processor busy meanwhile. ``a[0]`` is one.
+    A recursion waits for itself; four rows side by side keep the processor busy meanwhile.
+
+    Args:
+        b, a: (s + 1,) in q⁻¹; ``a[0]`` is one.
+        rows: (k, N) what is filtered.
+        out: (k, N) where it goes.
+        start: (k, s) the state, of the transposed direct form, in which each begins.
     """
     count, samples = rows.shape
-    order = max(len(a), len(b)) - 1
-    above, below = np.zeros(order + 1), np.zeros(order + 1)
-    for i in range(len(b)):
-        above[i] = b[i]
-    for i in range(len(a)):
-        below[i] = a[i]
-    state = np.empty((order + 1, 4))
+    order = len(a) - 1
+    state = np.zeros((order + 1, 4))
     x, y = np.zeros(4), np.zeros(4)
     for first in range(0, count, 4):
-        state[:, :] = 0.0
         width = min(4, count - first)
+        for j in range(width):
+            for i in range(order):
+                state[i, j] = start[first + j, i]
         for t in range(samples):
             for j in range(width):
                 x[j] = rows[first + j, t]
             for j in range(4):
-                y[j] = above[0] * x[j] + state[0, j]
+                y[j] = b[0] * x[j] + state[0, j]
             for i in range(order):
                 for j in range(4):
-                    state[i, j] = above[i + 1] * x[j] - below[i + 1] * y[j] + state[i + 1, j]
+                    state[i, j] = b[i + 1] * x[j] - a[i + 1] * y[j] + state[i + 1, j]
             for j in range(width):
                 out[first + j, t] = y[j]

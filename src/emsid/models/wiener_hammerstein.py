@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import Any, TypeVar
 
@@ -75,8 +76,8 @@ SERIES = 8
 REFINED, REFINED_RANDOM = 4, 24
 # Of these, how many go on with a map of the family asked for.
 REFINED_MAPS = 2
-# How many standard errors from the minimum a refinement for a choice may end.
-CHOICE_TOLERANCE = 0.2
+# How many standard errors from the minimum a refinement for a choice may end, and what a few more steps must save.
+CHOICE_TOLERANCE, CHOICE_WORTH = 0.2, 1e-3
 # Chance is not called in where a start leaves less than this part of the output unexplained.
 LINEAR_SUFFICES = 0.5
 # A more complex alternative must be this much better on held-back data.
@@ -270,7 +271,7 @@ def estimate(
             best = choice
         assert best is not None
         options.tell(f"fitting {layout.name} to all data")
-        minimum, problem = _searched(
+        found = _searched(
             _placed(best, several, options),
             several,
             skip=options.skip,
@@ -279,7 +280,7 @@ def estimate(
             max_seconds=options.max_seconds,
             progress=lambda iteration: options.tell(f"fitting {layout.name}", iteration),
         )
-        return conclude(minimum, problem, options.loss)
+        return conclude(found.minimum, found.problem, options.loss)
     except KeyboardInterrupt:
         if best is None:
             raise
@@ -357,7 +358,7 @@ def _improving(
 
     def better(best: Choice, others: Sequence[tuple[Family, int]]) -> Choice:
         plans = [Plan(_with_map(best.model, layout, family, size, part), family, size) for family, size in others]
-        found = _refined(plans, part, rounds, options.workers, needed=False) if plans else []
+        found = _refined(plans, part, rounds, options.workers, rival=best) if plans else []
         return _simplest([best, *found], _complexity)
 
     if len(families) > 1:
@@ -442,31 +443,45 @@ def _order(cascade: Cascade) -> int:
 
 
 def _refined(
-    plans: Sequence[Plan], part: Sequence[Record], rounds: Sequence[Round], workers: int, needed: bool = True
+    plans: Sequence[Plan],
+    part: Sequence[Record],
+    rounds: Sequence[Round],
+    workers: int,
+    rival: Choice | None = None,
 ) -> list[Choice]:
     """The plans refined on a part of the data and judged round by round, best first; failures are left out.
+
+    So are those that are no match for the rival, if there is one; then nothing need be left.
 
     Raises:
         ModelError: where one is needed and none is left.
     """
-    budget: dict[str, Any] = {"max_iterations": CHOICE_STEPS, "tolerance": CHOICE_TOLERANCE}
+    budget: dict[str, Any] = {"max_iterations": CHOICE_STEPS, "tolerance": CHOICE_TOLERANCE, "worth": CHOICE_WORTH}
 
     def refine(plan: Plan) -> Choice:
-        model = _fitted(plan.model, part, **budget)
-        return Choice(model, np.inf, _free_run_error(model, part), plan.size, plan.family)
+        found = _searched(plan.model, part, **budget)
+        return Choice(found.model, np.inf, found.error, plan.size, plan.family)
 
     def judge(choice: Choice) -> Choice:
-        models = [choice.model if len(rounds) == 1 else _fitted(choice.model, rest, **budget) for rest, _ in rounds]
+        models = [
+            choice.model if len(rounds) == 1 else _searched(choice.model, rest, **budget).model for rest, _ in rounds
+        ]
         held = [_free_run_error(model, unseen) for model, (_, unseen) in zip(models, rounds, strict=True)]
         return replace(choice, error=float(np.sqrt(np.mean(np.square(held)))))
 
     problems: list[Exception] = []
     refined = _successes(refine, plans, workers, problems)
+    judged: list[Choice] = []
     if len(rounds) > 1:  # every round costs a fit, which only the best of its kind is worth
         kinds = {(_kind(each.model), each.size): each for each in sorted(refined, key=lambda each: -each.known)}
-        refined = list(kinds.values())
-    judged = sorted(_successes(judge, refined, workers, problems), key=lambda choice: choice.error)
-    if needed and not judged:
+        refined = sorted(kinds.values(), key=lambda each: each.known)
+        if rival is None:
+            judged, refined = _successes(judge, refined[:1], workers, problems), refined[1:]
+        # All data judge in turn, so that what is worse than this even on what it was refined on has lost.
+        best = min((choice.error for choice in (*judged, rival) if choice), default=np.inf)
+        refined = [choice for choice in refined if choice.known < best / WORTH]
+    judged = sorted([*judged, *_successes(judge, refined, workers, problems)], key=lambda choice: choice.error)
+    if rival is None and not judged:
         name = plans[0].model.name if plans else "cascade"
         why = f" ({problems[0]})" if problems else ""
         raise ModelError(f"{name}: no start describes the record{why}; check channels, units, delay and length")
@@ -490,33 +505,51 @@ def _successes(
         return [choice for choice in pool.map(attempt, items) if choice is not None]
 
 
-def _fitted(start: Cascade, records: Sequence[Record], **budget: Any) -> Cascade:
-    minimum, problem = _searched(start, records, **budget)
-    return problem.model(minimum.estimate)
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a search found.
+
+    Attributes:
+        minimum, problem: as `search` gives them.
+        records: what it was fitted to.
+    """
+
+    minimum: Minimum
+    problem: FreeRun
+    records: Sequence[Record]
+
+    @cached_property
+    def model(self) -> Cascade:
+        """The cascade at the minimum."""
+        return self.problem.model(self.minimum.estimate)
+
+    @cached_property
+    def error(self) -> float:
+        """Root mean square of its free-run error on the records that it was fitted to."""
+        return _free_run_error(self.model, self.records)
+
+    @property
+    def drifts(self) -> bool:
+        """Whether its free run is further off than that of the start."""
+        before = np.concatenate(self.problem.residuals(self.problem.start))
+        return not self.error <= np.sqrt(np.mean(before**2))
 
 
-def _searched(
-    start: Cascade, records: Sequence[Record], *, skip: int | None = None, **budget: Any
-) -> tuple[Minimum, FreeRun]:
+def _searched(start: Cascade, records: Sequence[Record], *, skip: int | None = None, **budget: Any) -> Found:
     """`search`, but the free run on the records gets no worse than that of the start.
 
     States that are estimated along with a very slow pole describe a drift, which a free run, whose states are found
     from a few samples, cannot repeat. Where that has happened, the states are found as a free run finds them and held.
     """
-
-    def missed(minimum: Minimum, problem: FreeRun) -> float:
-        return _free_run_error(problem.model(minimum.estimate), records)
-
-    free = search(start, records, skip=skip, **budget)
-    before = _free_run_error(start, records)
-    if skip is not None or free[0].ending is Ending.INTERRUPTED or missed(*free) <= before:
+    free = Found(*search(start, records, skip=skip, **budget), records)
+    if skip is not None or free.minimum.ending is Ending.INTERRUPTED or not free.drifts:
         return free
-    minimum, problem = search(start, records, skip=start.memory, **budget)
-    if minimum.ending is Ending.INTERRUPTED:
-        return minimum, problem
+    held = Found(*search(start, records, skip=start.memory, **budget), records)
+    if held.minimum.ending is Ending.INTERRUPTED:
+        return held
     # Once more with the states that it has now.
-    again = search(problem.model(minimum.estimate), records, skip=start.memory, **budget)
-    return min((minimum, problem), again, key=lambda found: missed(*found))
+    again = Found(*search(held.model, records, skip=start.memory, **budget), records)
+    return min(held, again, key=lambda found: found.error)
 
 
 def _with_map(model: Cascade, layout: Layout, family: Family, size: int, part: Sequence[Record]) -> Cascade:

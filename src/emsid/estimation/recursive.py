@@ -148,12 +148,15 @@ class RecursiveLeastSquares(Generic[M_co]):
             estimate, factor, diagonal = (np.array(values) for values in (state.estimate, state.factor, state.diagonal))
             totals = np.array([state.samples, state.residual_sum_of_squares])
             for _, start, stop in self.structure.chunks(joined, len(joined)):
+                trace = np.empty((0 if history is None else stop - start, len(estimate)))
+                if history is not None:
+                    history.append(trace)
                 for block in self.structure.blocks(joined, start, stop):
                     if history is None:
                         update_by_tiles(estimate, factor, diagonal, totals, block, self.forgetting, ceiling)
                     else:
-                        history.append(np.empty((block.shape[1], len(estimate))))
-                        update(estimate, factor, diagonal, totals, block, self.forgetting, ceiling, history[-1])
+                        now, trace = np.split(trace, [block.shape[1]])
+                        update(estimate, factor, diagonal, totals, block, self.forgetting, ceiling, now)
             if not np.isfinite(estimate).all():
                 raise DataError(f"{record.name}: the recursion overflowed; scale the channels or raise the forgetting")
             memory = self.structure.memory
@@ -211,7 +214,8 @@ def recursive_least_squares(
         state = recursion.update(state.cut(), record, trace)
     if first is None:
         raise DataError("no record to identify from")
-    return recursion.fit(state, first, np.concatenate(trace) if trace else None)
+    kept = None if not trace else trace[0] if len(trace) == 1 else np.concatenate(trace)
+    return recursion.fit(state, first, kept)
 
 
 def paper_recursion(regression: ArrayLike, target: ArrayLike, forgetting: float, covariance: Array) -> Array:

@@ -228,12 +228,16 @@ def test_interruption_keeps_the_best_so_far() -> None:
     np.testing.assert_array_equal(found.covariance, there.covariance)
 
 
-def test_an_inner_search_passes_an_interruption_on() -> None:
+def test_an_inner_search_passes_an_interruption_on_and_works_out_no_covariance() -> None:
     def stop(iteration: Iteration) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         gauss_newton(decay(), [1, 9, 0.7], progress=stop, inner=True)
+    found, outer = (gauss_newton(decay(), [1, 9, 0.7], inner=inner) for inner in (True, False))
+    np.testing.assert_array_equal(found.estimate, outer.estimate)
+    assert np.isinf(np.diag(found.covariance)).all()
+    assert np.isfinite(outer.covariance).all()
 
 
 @pytest.mark.parametrize(

@@ -245,7 +245,8 @@ def gauss_newton(
             than it makes them.
         names: (p,) names for messages, θ1, θ2, … by default.
         progress: called after every step taken.
-        inner: whether the search is a part of another one, which Ctrl-C has to end: it is passed on.
+        inner: whether the search is a part of another one, which Ctrl-C has to end: it is passed on. Nobody asks for
+            its covariances then, which are given as infinite.
 
     Raises:
         ModelError: for a start outside its bounds or without a finite residual, bounds that cross, blocks of other
@@ -303,7 +304,7 @@ def gauss_newton(
             raise
         ending = Ending.INTERRUPTED
         message = f"interrupted after {len(costs) - 1} steps; the best so far is kept"
-    return _conclude(point, box, loss, labels, ending, message, tuple(costs))
+    return _conclude(point, box, None if inner else loss, labels, ending, message, tuple(costs))
 
 
 def _descend(
@@ -444,13 +445,13 @@ def _is_rounding(scale: Array, step: Array, theta: Array) -> bool:
 def _conclude(
     point: _Point,
     box: _Box,
-    loss: Loss,
+    loss: Loss | None,
     labels: tuple[str, ...],
     ending: Ending,
     message: str,
     costs: tuple[float, ...],
 ) -> Minimum:
-    """Covariances and words for the point at which the search ended."""
+    """Words for the point at which the search ended, and covariances if a loss is given."""
     theta, low, high, varied = point.theta, box.low, box.high, box.varied
     gradient = -point.information.factor[:-1, :-1].T @ point.information.factor[:-1, -1]
     pushed = np.zeros(len(theta))
@@ -464,7 +465,9 @@ def _conclude(
     samples = sum(len(r) for r in residuals)
     square = float(sum(np.sum(r**2) for r in residuals))
     freedom = samples - solution.rank
-    white, robust = _covariances(point.blocks, columns, information, solution, loss)
+    white = robust = np.diag(np.full(len(columns), np.inf))
+    if loss is not None:
+        white, robust = _covariances(point.blocks, columns, information, solution, loss)
     reached = [
         f"{labels[k]} is held at its {'lower' if theta[k] <= low[k] else 'upper'} bound {theta[k]:.4g}"
         for k in np.flatnonzero(held & (low < high))

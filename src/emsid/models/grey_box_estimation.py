@@ -240,7 +240,7 @@ SETTLING = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 def _is_noise(segments: Sequence[Record], channel: int, lags: int = 20) -> bool:
     """Whether an output is white (Ljung, Box, Biometrika 65, 1978) and uncorrelated with what could answer an input."""
     from scipy.signal import lfilter
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     long = [segment for segment in segments if len(segment) > 2 * lags]
     if not long:
@@ -257,12 +257,12 @@ def _is_noise(segments: Sequence[Record], channel: int, lags: int = 20) -> bool:
     y = centred([segment.output[:, channel] for segment in long])
     samples = sum(len(piece) for piece in y)
     colour = sum(correlation([p[:-lag] for p in y], [p[lag:] for p in y]) ** 2 for lag in range(1, lags + 1))
-    if chi2.sf(samples * colour, lags) < CHANCE:
+    if chdtrc(lags, samples * colour) < CHANCE:
         return False
     inputs = [centred([segment.input[:, k] for segment in long]) for k in range(long[0].input.shape[1])]
     decays = [np.exp(-1 / time) if time else 0.0 for time in SETTLING]
     answers = [correlation([lfilter([1.0], [1.0, -d], p) for p in u], y) ** 2 for u in inputs for d in decays]
-    return bool(chi2.sf(samples * max(answers), 1) > CHANCE / len(answers))
+    return bool(chdtrc(1, samples * max(answers)) > CHANCE / len(answers))
 
 
 def _values(plant: Plant, fixed: Mapping[str, float | str]) -> dict[str, float]:

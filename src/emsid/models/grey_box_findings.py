@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
-from scipy.stats import chi2
+from scipy.special import chdtri, ndtri
 
 from emsid.errors import ModelError
 from emsid.estimation.gauss_newton import gauss_newton
@@ -81,7 +80,7 @@ class Profile:
     @property
     def limit(self) -> float:
         """The quantile of χ² with one degree of freedom at the level."""
-        return float(chi2.ppf(self.level, 1))
+        return float(chdtri(1, 1 - self.level))
 
     @property
     def in_words(self) -> str:
@@ -181,7 +180,7 @@ def likelihood_profile(
     if not 0 < error < np.inf:
         raise ModelError(f"{name} has no finite standard error, so there is no range to take a profile over")
     low, high = fit.limits[name]
-    limit, unit = float(chi2.ppf(level, 1)), fit.noise_variance * float(fit.colour[k]) / 2
+    limit, unit = float(chdtri(1, 1 - level)), fit.noise_variance * float(fit.colour[k]) / 2
     costs = {best: fit.cost}
     for side, bound in ((-1, low), (1, high)):
         plant, value = fit.model.plant, best

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -53,6 +54,31 @@ def test_a_record_has_the_columns_asked_for(log: Path) -> None:
     np.testing.assert_array_equal(record.input[:, 0], np.arange(10))
     np.testing.assert_array_equal(record.output[:, 0], np.arange(10) ** 2)
     assert read(log, input="u", output=(), dt=0.1).output.shape == (10, 0)
+
+
+@pytest.mark.parametrize(
+    ("form", "separator"),
+    [
+        ("%Y-%m-%dT%H:%M:%S.%f", ","),
+        ("%Y-%m-%d %H:%M:%S,%f", ";"),
+        ("%Y-%m-%dT%H:%M:%S.%fZ", ","),
+        ("%Y-%m-%dT%H:%M:%S.%f+02:00", "\t"),
+        ("%d.%m.%Y %H:%M:%S.%f", ";"),
+        ("%m/%d/%Y %H:%M:%S.%f", ","),
+        ("%H:%M:%S.%f", ","),
+    ],
+)
+def test_a_time_column_may_hold_moments(write: Write, form: str, separator: str) -> None:
+    first = datetime(2026, 12, 31, 23, 59, 59)  # midnight, and the end of a year, are passed
+    moments = [(first + timedelta(milliseconds=5 * k)).strftime(form) for k in range(400)]
+    rows = [separator.join([moment, str(k), str(2 * k)]) for k, moment in enumerate(moments)]
+    header = separator.join(["when", "u", "y"])
+    record = read(write("\n".join([header, *rows])), input="u", output="y", time="when")
+    assert record.dt == pytest.approx(5e-3, rel=1e-12)
+    assert len(record) == 400
+    rows[300] = rows[300].replace(":", ".")
+    message = failure(write("\n".join([header, *rows])), input="u", output="y", time="when")
+    assert message.startswith("column 'when' has no value in row 302 of the file, not a number")
 
 
 def test_rows_are_data_rows(log: Path) -> None:

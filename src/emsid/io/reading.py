@@ -49,6 +49,9 @@ READERS: dict[str, Callable[[bytes], Columns]] = {
 BRIDGED = 10
 """Resampling interpolates across a gap of fewer sample times than this; a longer one ends a segment."""
 
+HALF_A_DAY = 12 * 3600 * 10**9
+"""In nanoseconds, in which times of day are counted."""
+
 _AGREEMENT = 0.01  # by how much of itself a given sample time may differ from that of the time column
 
 _SECONDS = {
@@ -126,7 +129,7 @@ def read(
         output: the column, or columns, that answer; likewise.
         dt: sample time in seconds (the first data row of the file is then at time 0); with ``resample``, the sample
             time to bring the record to.
-        time: the time column, from which the sample time is taken if it is regular.
+        time: the time column, from which the sample time is taken if it is regular; numbers, or dates and times.
         time_unit: unit of the time column; by default the one in its header (``Timestamp(ms)``), else seconds.
         rows: the data rows to take, counted from 0, as in ``slice(5200, 105200)``.
         mask: an SQL condition on the columns of the file, true for the samples to leave out, as in ``abs(PWM) > 255``;
@@ -435,13 +438,19 @@ def _as_tuple(names: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def _as_numbers(series: pl.Series) -> Array:
-    """(N,) the values as real numbers, NaN where there is none; dates and durations become seconds."""
+    """(N,) the values as real numbers, NaN where there is none; dates and durations become seconds.
+
+    Times of day that fall by more than half a day have passed midnight.
+    """
     import polars as pl
 
     if series.dtype == pl.Date:
         series = series.cast(pl.Datetime("ms"))
     if series.dtype.is_temporal():
         physical = series.to_physical()
+        if series.dtype == pl.Time:
+            nights = (physical.diff() < -HALF_A_DAY).fill_null(False).cum_sum()
+            physical = physical + 2 * HALF_A_DAY * nights.cast(pl.Int64)
         per_second = {"ms": 1e3, "us": 1e6, "ns": 1e9}[getattr(series.dtype, "time_unit", None) or "ns"]
         series = (physical - physical.min()).cast(pl.Float64) / per_second
     return series.cast(pl.Float64, strict=False).fill_null(np.nan).to_numpy().astype(np.float64)

@@ -5,7 +5,7 @@ stand. The last lines of what remains, which are data in any file, tell the sepa
 and the number of columns. The first line of this width that holds a number, and is followed by more, begins the data;
 the line above is the header if it has a name for every column (a row of units may stand between), and what is above
 that is preamble. Without a header the columns are called ``c1``, ``c2``, …. Decimal commas are recognised column by
-column.
+column, and so are dates with a time of day, and times of day alone.
 """
 
 from __future__ import annotations
@@ -50,6 +50,14 @@ _UNITS = {
     *("rad", "deg", "°", "rev", "rpm", "rad/s", "deg/s", "°/s", "rev/s", "rad/s^2", "m", "mm", "m/s", "mm/s"),
     *("n", "nm", "n*m", "n·m", "kg", "°c"),
 }
+# Of day and month, whichever comes first, only the difference of two moments counts.
+_MOMENTS = [
+    f"{date}{between}%H:%M:%S%.f{zone}"
+    for date in ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d/%m/%Y")
+    for between in ("T", " ")
+    for zone in ("", "Z", "%z")
+]
+_TIME_OF_DAY = "%H:%M:%S%.f"
 _CELL = "\x1f"  # stands between the cells of a split line; in a file it would be binary, and refused
 _TAIL = 100  # lines at the end of the file that tell its structure
 _BETWEEN_BLANKS = re.compile(r'"[^"]*"|[^\s"]+')
@@ -275,7 +283,7 @@ def _parse(texts: Sequence[str], names: Sequence[str]) -> dict[str, pl.Series]:
 
 
 def _numbers_or_text(column: pl.Series) -> pl.Series:
-    """The column as numbers where every filled cell is one, else as text with decimal points."""
+    """The column as numbers where every filled cell is one, as moments likewise, else as text with decimal points."""
     import polars as pl
 
     column = column.replace("", None)
@@ -283,4 +291,17 @@ def _numbers_or_text(column: pl.Series) -> pl.Series:
     if numbers.null_count() > column.null_count() and not column.str.contains(r"^[+-]?\d*\.\d").any():
         column = column.str.replace(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$", "${1}.${2}")
         numbers = column.cast(pl.Float64, strict=False)
-    return numbers if numbers.null_count() == column.null_count() else column
+    return numbers if numbers.null_count() == column.null_count() else _moments_or_text(column)
+
+
+def _moments_or_text(column: pl.Series) -> pl.Series:
+    """The column as moments where its first filled cell is one; what is none among them becomes missing."""
+    import polars as pl
+
+    pointed = column.str.replace(",", ".", literal=True)
+    first = pointed.drop_nulls()[:1]
+    kinds: list[tuple[type[pl.Datetime | pl.Time], str]] = [(pl.Datetime, form) for form in _MOMENTS]
+    for kind, form in [*kinds, (pl.Time, _TIME_OF_DAY)]:
+        if not first.str.strptime(kind, form, strict=False).has_nulls():
+            return pointed.str.strptime(kind, form, strict=False)
+    return column

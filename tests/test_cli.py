@@ -196,6 +196,13 @@ BAD = {
         ("identify", "LOG", *IDENTIFY, "--models", "rigid-motor", "--fix", "resistance=1", "--profile", "resistance"),
         ("resistance is fixed, so it has no profile", "rotor_inertia"),
     ),
+    "profile of a parameter that is not free": (
+        (
+            *("identify", "LOG", *IDENTIFY, "--models", "rigid-motor"),
+            *("--free", "rotor_inertia", "--profile", "motor_constant"),
+        ),
+        ("motor_constant is not free, so it has no profile; free are rotor_inertia: add it",),
+    ),
     "profile without a physical model": (
         ("identify", "LOG", *IDENTIFY, "--models", "arx", "--profile", "resistance"),
         ("resistance cannot be profiled", "rigid-motor, motor, linear-axis"),

@@ -233,6 +233,46 @@ def test_wishes_are_refused_before_anything_is_fitted(monkeypatch):
         identify(record, models=["arx"], options=Options(datasheet={"mass": Given(1.0)}))
 
 
+@pytest.mark.parametrize(
+    ("wishes", "message"),
+    [
+        (
+            {"free": ("mass", "offset"), "profile": ("viscous_friction",)},
+            "viscous_friction is not free, so it has no profile; free are mass, offset: add it, or take a profile of "
+            "one of these",
+        ),
+        (
+            {"free": ("friction.coulomb",), "profile": ("friction.coulomb.forward",)},
+            "friction.coulomb.forward is not free, so it has no profile; free are friction.coulomb: add it, or take a "
+            "profile of one of these",
+        ),
+        ({"free": ("mass",), "profile": ("weight",)}, "linear-axis has no parameter 'weight'; it has mass, "),
+        ({"free": ("weight",)}, "linear-axis has no parameter 'weight'; it has mass, "),
+        ({"fix": {"weight": 1.0}}, "linear-axis has no parameter 'weight'; it has mass, "),
+    ],
+)
+def test_a_profile_of_what_is_not_free_is_refused_before_anything_is_fitted(monkeypatch, wishes, message):
+    for search in ("choose", "simulation_error", "least_squares"):
+        monkeypatch.setattr(f"emsid.identification.{search}", lambda *_, **__: pytest.fail("fitted"))
+    with pytest.raises(ModelError) as refused:
+        identify(system(400, 14), models=["arx", "linear-axis"], options=Options(**wishes))
+    assert str(refused.value).startswith(message)
+
+
+def test_a_profile_may_be_asked_for_by_the_name_of_both_directions_where_one_is_free():
+    from emsid.models.plant_parameters import Signal
+    from emsid.models.plants import LinearAxis
+
+    force = np.repeat(np.random.default_rng(0).uniform(-10, 10, 60), 20)[:, None]
+    position = LinearAxis().simulate(force, 0.005, np.zeros(2), (Signal.POSITION,))
+    position += 1e-4 * np.random.default_rng(1).standard_normal(position.shape)
+    record = emsid.Record(force, position, 0.005, input_units=("N",), output_units=("m",))
+    options = Options(free=("mass", "friction.coulomb.forward"), profile=("friction.coulomb",))
+    (profile,) = identify(record, models=["linear-axis"], options=options).profiles["linear-axis"]
+    assert profile.name == "friction.coulomb.forward"
+    assert profile.interval == pytest.approx((0.1, 0.1), abs=5 * profile.standard_error)
+
+
 def test_coordinate_search_prefers_the_simpler_of_equals():
     def error(choice):
         return abs(choice["a"] - 2) + 0.001 * choice["b"]

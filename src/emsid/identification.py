@@ -502,13 +502,24 @@ def _check_physics(plants: Mapping[str, Mechanical], models: Sequence[str], opti
     def open_names(plant: Mechanical, names: Iterable[str]) -> tuple[str, ...]:
         return without_overlap(plant, names, [name for name in options.fix if name in plant.handles])
 
-    for name in options.profile:
+    def owners_of(name: str) -> list[Mechanical]:
         owners = [plant for plant in plants.values() if name in plant.handles]
-        plant = next(iter(owners or plants.values()))
-        find_handle(plant, name)
+        if not owners:
+            find_handle(next(iter(plants.values())), name)  # says so
+        return owners
+
+    for name in options.profile:
+        owners = owners_of(name)
         if not any(open_names(owner, [name]) for owner in owners):
-            others = [other for other in plant.handles if open_names(plant, [other])]
-            raise ModelError(f"{name} is fixed, so it has no profile; {plant.name} also has {', '.join(others)}")
+            others = [other for other in owners[0].handles if open_names(owners[0], [other])]
+            raise ModelError(f"{name} is fixed, so it has no profile; {owners[0].name} also has {', '.join(others)}")
+        if options.free and not any({name, *parts(owner, name)} & set(options.free) for owner in owners):
+            raise ModelError(
+                f"{name} is not free, so it has no profile; free are {', '.join(options.free)}: add it, or take a "
+                "profile of one of these"
+            )
+    for name in (*options.fix, *options.free):
+        owners_of(name)
     return [
         f"{name}: the datasheet says nothing of this model and was set aside for it."
         for name in plants

@@ -11,7 +11,7 @@ from emsid.estimation.fit import Ending
 from emsid.identification import Options, identify
 from emsid.models import grey_box_estimation
 from emsid.models.drive import Bridge, Drive, Feed, Sensor
-from emsid.models.grey_box import GreyBox
+from emsid.models.grey_box import GreyBox, assumptions, check_channels
 from emsid.models.grey_box_choice import STARTS, choose, late_command, slow_sensor
 from emsid.models.grey_box_datasheet import Given
 from emsid.models.grey_box_estimation import simulation_error
@@ -383,6 +383,43 @@ def test_a_code_that_never_comes_is_said():
     result = identify(record, models=("rigid-motor",), options=replace(options, free=USUAL))
     assert "999 is a code that u1 never has: check --brake and --coast." in result.asides
     assert sum("is a code that" in aside for aside in result.asides) == 1
+
+
+CODED = np.where(np.arange(len(LEVELS)) % 400 < 50, 999.0, LEVELS)
+
+
+@pytest.mark.parametrize(("model", "unit", "nothing"), [("linear-axis", "N", "force"), ("rigid-motor", "A", "torque")])
+def test_codes_where_there_is_no_bridge_are_no_drive_or_refused(model, unit, nothing):
+    plant = replace(STARTS[model], drive=Drive(codes=((999.0, Bridge.COAST),)))
+    if unit == "A":
+        plant = replace(plant, feed=Feed.CURRENT)
+    exact = plant.simulate(CODED[:, None], DT, np.zeros(2), (Signal.SPEED,))
+    stopped = plant.simulate(np.where(CODED == 999.0, 0.0, CODED)[:, None], DT, np.zeros(2), (Signal.SPEED,))
+    assert np.array_equal(exact, stopped)
+    shown = "m/s" if unit == "N" else "rad/s"
+    record = Record(CODED, exact, DT, input_units=(unit,), output_units=(shown,), name="log")
+    options = Options(free=plant.usual[1:], codes=((999.0, Bridge.COAST),))
+    result = identify(record, models=(model,), options=options)
+    assert f"{model}: has no bridge here; with 999 it is taken to be without {nothing}." in result.asides
+    assert result.chosen.model.plant.drive.codes == options.codes
+    with pytest.raises(ModelError, match=f"{model} has no bridge here that could brake with 999; say that nothing dri"):
+        identify(record, models=(model,), options=replace(options, codes=((999.0, Bridge.BRAKE),)))
+
+
+def test_a_bridge_is_not_spoken_of_where_there_is_one():
+    record = Record(CODED, LEVELS, DT, input_units=("V",), output_units=("rad/s",))
+    coded = replace(STARTS["rigid-motor"], drive=Drive(codes=((999.0, Bridge.BRAKE),)))
+    assert assumptions(coded, record) == []
+    check_channels(coded, (Signal.SPEED,), record)
+
+
+def test_a_motor_with_a_shaft_that_coasts_is_refused_with_what_to_do():
+    coded = replace(STARTS["motor"], drive=Drive(codes=((999.0, Bridge.COAST),)))
+    record = Record(CODED, LEVELS, DT, input_units=("V",), output_units=("rad/s",))
+    with pytest.raises(
+        ModelError, match=r"without inductance only; choose rigid-motor, or leave out where it does \(--m"
+    ):
+        simulation_error(coded, record)
 
 
 # --- what is said of it ---------------------------------------------------------------------------------------------

@@ -257,7 +257,7 @@ class Physical:
 
     def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
         """Choose the refinements on held-back data, unless it is said what is free, and fit to the whole record."""
-        plant = replace(self.plant, drive=replace(self.plant.drive, codes=options.codes))
+        plant = self.coded(options)
         weighting: Weighting = all_alike
         if options.recent is not None:
             integrals = 2 if Signal.POSITION in signals_of(plant, record) else 1
@@ -281,6 +281,10 @@ class Physical:
             refinements=self.refinements,
             progress=progress,
         )
+
+    def coded(self, options: Options) -> Mechanical:
+        """The plant to begin with, which knows what is no command."""
+        return replace(self.plant, drive=replace(self.plant.drive, codes=options.codes))
 
 
 # Every model that `emsid identify` knows by name.
@@ -405,7 +409,7 @@ def identify(
     unknown = [name for name in models if name not in CANDIDATES]
     if unknown or not models:
         raise ModelError(f"no model {', '.join(unknown) or 'is named'}; there are {', '.join(CANDIDATES)}")
-    plants = {name: each.plant for name in models if isinstance(each := CANDIDATES[name], Physical)}
+    plants = {name: each.coded(options) for name in models if isinstance(each := CANDIDATES[name], Physical)}
     asides = _check_physics(plants, models, options) + [
         f"{option} was given and is not used by {', '.join(dict.fromkeys(models))}."
         for option in options.given

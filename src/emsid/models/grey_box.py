@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import DataError, EmsidError, ModelError
+from emsid.errors import DataError, EmsidError, ModelError, listed
 from emsid.estimation.gauss_newton import gauss_newton
-from emsid.models.drive import Feed
+from emsid.models.drive import Bridge, Feed
 from emsid.models.grey_box_problem import FreeRunError, all_alike, free_states, guess_state
 from emsid.models.model import RUNAWAY, Run, check_samples
 from emsid.models.own_plant import OwnPlant
@@ -221,6 +221,10 @@ def assumptions(plant: Plant, record: Record) -> list[str]:
             f"{plant.name}: {record.input_names[0]} has no unit and is taken for {made}; if it is not, say what it is "
             "(--unit), or what one of it makes (drive.gain)."
         )
+    if isinstance(plant, (DrivenMotor, LinearAxis)) and plant.drive.codes and not _has_bridge(plant, record):
+        codes = listed([f"{code:g}" for code, _ in plant.drive.codes])
+        nothing = "force" if isinstance(plant, LinearAxis) else "torque"
+        sentences.append(f"{plant.name}: has no bridge here; with {codes} it is taken to be without {nothing}.")
     return sentences
 
 
@@ -235,6 +239,12 @@ def _units_of(plant: Plant) -> dict[Signal, str]:
     }
 
 
+def _has_bridge(plant: DrivenMotor | LinearAxis, record: Record) -> bool:
+    """Whether what drives a plant can short it or leave it open: that is, by a voltage."""
+    otherwise = (*_COMMANDS[Feed.CURRENT], *_COMMANDS[Feed.TORQUE])
+    return isinstance(plant, DrivenMotor) and plant.feed is Feed.VOLTAGE and record.input_units[0] not in otherwise
+
+
 def _check_command(plant: Plant, record: Record) -> None:
     """Refuse inputs that do not drive a plant."""
     coded = isinstance(plant, (DrivenMotor, LinearAxis)) and bool(plant.drive.codes)
@@ -245,6 +255,13 @@ def _check_command(plant: Plant, record: Record) -> None:
         raise DataError(
             f"{record.name}: {record.input.shape[1]} inputs for {plant.name}; name the one that drives it{codes}"
         )
+    if isinstance(plant, (DrivenMotor, LinearAxis)) and not _has_bridge(plant, record):
+        brakes = [f"{code:g}" for code, bridge in plant.drive.codes if bridge is Bridge.BRAKE]
+        if brakes:
+            raise ModelError(
+                f"{plant.name} has no bridge here that could brake with {listed(brakes)}; say that nothing drives it "
+                "there (--coast), or leave these samples out (--mask)"
+            )
     feed = plant.feed if isinstance(plant, DrivenMotor) else None
     name, unit = record.input_names[0], record.input_units[0]
     if unit.lower() not in _NO_QUANTITY and unit not in _COMMANDS[feed]:

@@ -162,7 +162,10 @@ class DrivenMotor(Parametrised):
             current = (torque - braking * speeds) / motor.motor_constant
         else:
             if np.any(conducts != 1.0):
-                raise ModelError("a bridge that coasts is simulated for a rigid motor without inductance only")
+                raise ModelError(
+                    "a bridge that coasts is simulated for a rigid motor without inductance only; choose rigid-motor, "
+                    "or leave out where it does (--mask)"
+                )
             across = made[0] if motor.voltage_dead_zone is None else float(motor.voltage_dead_zone(made[:1])[0])
             start = State((across - motor.motor_constant * speed) / motor.resistance, speed, speed, 0.0, angle)
             pieces = _pieces(made, dt, late)

@@ -19,7 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from emsid.models.cascade import Cascade, fit_cascade, unit_gain
+from emsid.models.cascade import Cascade
+from emsid.models.cascade_fit import fit_cascade
+from emsid.models.cascade_gain import unit_gain
 from emsid.models.filters import Rational
 from emsid.models.static_maps import DeadZone, Polynomial, UserMap
 from emsid.record import Record

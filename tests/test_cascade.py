@@ -16,18 +16,10 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.gauss_newton import Infeasible, Iteration
 from emsid.estimation.losses import Huber
-from emsid.models.cascade import (
-    Cascade,
-    FreeRun,
-    fit_cascade,
-    fixed_gains,
-    freedom,
-    normalised,
-    search,
-    static_band,
-    unit_gain,
-    unit_slope,
-)
+from emsid.models.cascade import Cascade
+from emsid.models.cascade_advice import advice
+from emsid.models.cascade_fit import FreeRun, fit_cascade, freedom, search, static_band
+from emsid.models.cascade_gain import fixed_gains, normalised, unit_gain, unit_slope
 from emsid.models.filters import Rational, fir
 from emsid.models.model import Model
 from emsid.models.static_maps import (
@@ -40,7 +32,6 @@ from emsid.models.static_maps import (
     Saturation,
     UserMap,
 )
-from emsid.models.wiener_hammerstein import advice
 from emsid.record import Record
 
 Array = NDArray[np.float64]

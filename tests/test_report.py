@@ -20,7 +20,8 @@ from hypothesis.extra.numpy import arrays
 import emsid
 from emsid.errors import DataError
 from emsid.estimation.fit import Ending, Fit
-from emsid.models.cascade import Cascade, fit_cascade, static_band
+from emsid.models.cascade import Cascade
+from emsid.models.cascade_fit import fit_cascade, static_band
 from emsid.models.drive import Sensor
 from emsid.models.filters import Rational
 from emsid.models.grey_box import GreyBox

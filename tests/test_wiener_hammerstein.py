@@ -14,22 +14,24 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-import emsid.models.wiener_hammerstein as module
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.frequency_response import fit_rational, frequency_response
 from emsid.estimation.gauss_newton import Iteration
 from emsid.excitation import SIGNALS
 from emsid.io import read
-from emsid.models.cascade import Cascade, FreeRun, unit_gain
+from emsid.models.cascade import Cascade
+from emsid.models.cascade_advice import advice
+from emsid.models.cascade_fit import FreeRun
+from emsid.models.cascade_gain import unit_gain
+from emsid.models.cascade_layouts import HAMMERSTEIN, WIENER, WIENER_HAMMERSTEIN, Layout, Options
+from emsid.models.cascade_orders import map_sizes, total_orders
+from emsid.models.cascade_rounds import CHOICE_SAMPLES, held_back, shortened
+from emsid.models.cascade_starts import _splits, regression_candidate, scanned, unfolded_candidates
 from emsid.models.families import ABS, COULOMB, DEAD_ZONE, FAMILIES, POLYNOMIAL, SPLINE, Family, given
 from emsid.models.filters import Rational, fir
-from emsid.models.starts import _splits, regression_candidate, scanned, unfolded_candidates
-from emsid.models.static_maps import Abs, CubicSpline, DeadZone, Polynomial, UserMap
+from emsid.models.static_maps import Abs, CubicSpline, DeadZone, Polynomial, Saturation, UserMap
 from emsid.models.wiener_hammerstein import (
-    Layout,
-    Options,
-    advice,
     hammerstein,
     hammerstein_wiener,
     wiener,
@@ -138,9 +140,9 @@ def test_the_family_of_the_map_is_chosen_where_none_is_given(
 
 def test_a_record_is_given_no_more_knots_than_it_can_carry() -> None:
     few, many = (record_of(Cascade((BEND, SLOW)), samples) for samples in (120, 4000))
-    sizes = [module._sizes(SPLINE, module.HAMMERSTEIN, [each], (None, 2), Options()) for each in (few, many)]
+    sizes = [map_sizes(SPLINE, HAMMERSTEIN, [each], (None, 2), Options()) for each in (few, many)]
     assert sizes == [(8, 12, 18), SPLINE.sizes]
-    assert module._sizes(SPLINE, module.HAMMERSTEIN, [few], (None, 2), Options(size=20)) == (20,)
+    assert map_sizes(SPLINE, HAMMERSTEIN, [few], (None, 2), Options(size=20)) == (20,)
 
 
 def test_a_pair_of_filters_that_fails_does_not_fail_the_others() -> None:
@@ -252,13 +254,13 @@ def test_a_sensor_that_bends_is_given_knots_and_one_that_does_not_is_not() -> No
 
 def test_every_sample_of_a_short_record_judges_once_and_a_long_one_keeps_its_end() -> None:
     short, long = (record_of(Cascade((SLOW,)), samples) for samples in (403, 6000))
-    _, rounds = module._held_back([short], Options())
+    _, rounds = held_back([short], Options())
     judged = np.concatenate([unseen.output[:, 0] for _, parts in rounds for unseen in parts])
     np.testing.assert_array_equal(judged, short.output[:, 0])
     for rest, (unseen,) in rounds:
         assert sum(len(piece) for record in rest for piece in record.segments) == 403 - len(unseen)
         assert not np.isin(unseen.output, np.concatenate([p.output for r in rest for p in r.segments])).any()
-    shown, [(rest, (unseen,))] = module._held_back([long], Options())
+    shown, [(rest, (unseen,))] = held_back([long], Options())
     assert rest is shown
     assert len(shown[0]) == 4500
     np.testing.assert_array_equal(unseen.output, long[4500:].output)
@@ -267,13 +269,13 @@ def test_every_sample_of_a_short_record_judges_once_and_a_long_one_keeps_its_end
 def test_orders_below_that_of_the_response_are_tried() -> None:
     def totals(layout: Layout, orders: tuple[int | None, int | None]) -> list[int]:
         record = record_of(Cascade((FAST, BEND, SLOW)), 8000, noise=0.001)
-        return module._totals(layout, [(record.input[:, 0], record.output[:, 0])], orders)
+        return total_orders(layout, [(record.input[:, 0], record.output[:, 0])], orders)
 
-    most = totals(module.WIENER_HAMMERSTEIN, (None, None))[-1]
+    most = totals(WIENER_HAMMERSTEIN, (None, None))[-1]
     assert most >= 3
-    assert totals(module.WIENER_HAMMERSTEIN, (None, None)) == list(range(max(most - 2, 2), most + 1))
-    assert totals(module.WIENER, (None, None)) == list(range(1, most + 1))
-    assert totals(module.WIENER_HAMMERSTEIN, (1, 2)) == [3]
+    assert totals(WIENER_HAMMERSTEIN, (None, None)) == list(range(max(most - 2, 2), most + 1))
+    assert totals(WIENER, (None, None)) == list(range(1, most + 1))
+    assert totals(WIENER_HAMMERSTEIN, (1, 2)) == [3]
 
 
 def test_a_delay_is_found() -> None:
@@ -355,7 +357,7 @@ def test_advice() -> None:
     assert "hardly any data around the knots at 30" in about(CubicSpline([-1.0, 0.0, 1.0, 30.0], np.ones(4)), SLOW)  # type: ignore[arg-type]
     assert "straight line" in about(CubicSpline([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), SLOW)  # type: ignore[arg-type]
     assert "all but cancels the pole at 0.9" in about(DeadZone(-0.5, 0.5), Rational([1.0, -0.899], [-0.9]))
-    assert "high limit" in about(module.Saturation(1.0, -1.0, 90.0), SLOW)
+    assert "high limit" in about(Saturation(1.0, -1.0, 90.0), SLOW)
     assert about(DeadZone(-0.5, 0.5), SLOW) == ""
 
 
@@ -489,16 +491,16 @@ def test_a_pole_that_a_response_puts_on_the_unit_circle_is_no_end(excitation: st
 def test_of_a_series_of_steps_every_choice_sees_all_heights() -> None:
     steps = [Record(np.repeat([0.0, height], [100, 900]), np.ones(1000), 0.01) for height in np.linspace(-6, 6, 26)]
     series = concatenate(steps)
-    _, [(known, unseen)] = module._held_back([series], Options())
-    for records in (module._shortened([series]), known, unseen):
+    _, [(known, unseen)] = held_back([series], Options())
+    for records in (shortened([series]), known, unseen):
         heights = np.concatenate([record.input[:, 0] for record in records])
         assert heights.min() < -4
         assert heights.max() > 4
-    assert sum(map(len, module._shortened([series]))) <= module.CHOICE_SAMPLES
+    assert sum(map(len, shortened([series]))) <= CHOICE_SAMPLES
     assert not set(known[0].input[:, 0]) & set(unseen[0].input[:, 0]) - {0.0}
     single = Record(series.input, series.output, 0.01)
-    assert len(module._shortened([single])[0]) == module.CHOICE_SAMPLES
-    assert np.array_equal(module._shortened([single])[0].input, series.input[: module.CHOICE_SAMPLES])
+    assert len(shortened([single])[0]) == CHOICE_SAMPLES
+    assert np.array_equal(shortened([single])[0].input, series.input[:CHOICE_SAMPLES])
 
 
 def test_a_standstill_among_moving_segments_is_no_divergence() -> None:

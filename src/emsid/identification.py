@@ -21,6 +21,9 @@ from emsid.estimation.least_squares import least_squares
 from emsid.estimation.recursive import recursive_least_squares
 from emsid.estimation.selection import coordinate_search
 from emsid.models.cascade import Cascade
+from emsid.models.cascade_advice import advice
+from emsid.models.cascade_layouts import HAMMERSTEIN, HAMMERSTEIN_WIENER, WIENER, WIENER_HAMMERSTEIN, Layout
+from emsid.models.cascade_layouts import Options as CascadeOptions
 from emsid.models.drive import Bridge
 from emsid.models.families import Family
 from emsid.models.grey_box import assumptions, signals_of
@@ -32,8 +35,6 @@ from emsid.models.grey_box_fit import GreyBoxFit
 from emsid.models.grey_box_problem import Recent, Weighting, all_alike
 from emsid.models.plant_parameters import Signal, find_handle, parts, without_overlap
 from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
-from emsid.models.wiener_hammerstein import HAMMERSTEIN, HAMMERSTEIN_WIENER, WIENER, WIENER_HAMMERSTEIN, Layout, advice
-from emsid.models.wiener_hammerstein import Options as CascadeOptions
 from emsid.models.wiener_hammerstein import estimate as estimate_cascade
 from emsid.record import Record, concatenate
 from emsid.validation.comparison import Comparison, assess, compare

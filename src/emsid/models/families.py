@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.information import Information
-from emsid.models.starts import spline_trial, spread_knots
+from emsid.models.cascade_starts import spline_trial, spread_knots
 from emsid.models.static_maps import (
     Abs,
     CoulombLinear,

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from emsid.errors import listed
-from emsid.models.cascade import Cascade, check_channels, fixed_gains, static_band
+from emsid.models.cascade import Cascade, check_channels
+from emsid.models.cascade_fit import static_band
+from emsid.models.cascade_gain import fixed_gains
 from emsid.models.filters import Rational
 from emsid.models.static_maps import (
     Abs,

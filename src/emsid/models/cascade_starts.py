@@ -46,7 +46,9 @@ from emsid.estimation.frequency_response import fit_rational, frequency_response
 from emsid.estimation.gauss_newton import least_squares_step
 from emsid.estimation.information import Information
 from emsid.estimation.least_squares import gather
-from emsid.models.cascade import Cascade, search, unit_gain
+from emsid.models.cascade import Cascade
+from emsid.models.cascade_fit import search
+from emsid.models.cascade_gain import unit_gain
 from emsid.models.filters import Rational
 from emsid.models.regressors import wiener_hammerstein_regression
 from emsid.models.static_maps import CubicSpline, Polynomial, Scaling, StaticMap

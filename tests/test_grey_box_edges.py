@@ -248,6 +248,42 @@ def test_an_output_with_the_wrong_sign_is_no_slow_motor(plant, noise):
         simulation_error(plant, replace(record, output=-record.output))
 
 
+@pytest.mark.parametrize("noise", [0.002, 0.5])
+@pytest.mark.parametrize(
+    ("signs", "words"),
+    [
+        ((1, -1), r"'i' goes against 'v'; .* turn the sign of i \(--scale i=-1\)"),
+        ((-1, 1), r"'w' goes against 'v'; .* turn the sign of w \(--scale w=-1\)"),
+        ((-1, -1), r"'w' and 'i' go against 'v'; .* turn the sign of v \(--scale v=-1\)"),
+    ],
+)
+def test_a_current_with_the_wrong_sign_is_told_from_a_speed_that_has_it(signs, words, noise):
+    record = driven(noise=noise, signals=(Signal.SPEED, Signal.CURRENT))
+    record = replace(record, input_names=("v",), output_names=("w", "i"), name="log")
+    right = simulation_error(DrivenMotor(ONE_MASS), record)
+    assert right.model.plant.value("motor_constant") == pytest.approx(ONE_MASS.motor_constant, rel=0.02)
+    with pytest.raises(DataError, match=f"log: {words}"):
+        simulation_error(DrivenMotor(ONE_MASS), replace(record, output=record.output * np.array(signs)))
+
+
+def test_a_current_alone_may_have_the_wrong_sign():
+    record = replace(driven(signals=(Signal.CURRENT,)), input_names=("v",), output_names=("i",))
+    with pytest.raises(DataError, match=r"'i' goes against 'v'; .* turn the sign of one of them \(--scale i=-1\)"):
+        simulation_error(DrivenMotor(ONE_MASS), replace(record, output=-record.output))
+
+
+def test_a_motor_that_lowers_a_load_gives_power_back_and_is_no_wrong_sign():
+    lowering = DrivenMotor(ONE_MASS, load_torque=-0.05)
+    volts = 3.0 + 0.25 * LEVELS
+    exact = lowering.simulate(volts[:, None], DT, np.zeros(2), (Signal.SPEED, Signal.CURRENT))
+    noisy = exact + 0.01 * np.std(exact, axis=0) * np.random.default_rng(1).standard_normal(exact.shape)
+    record = Record(volts, noisy, DT, output_units=("rad/s", "A"))
+    assert np.mean(volts * noisy[:, 1]) < -1.0
+    free = ("resistance", "load_torque", *USUAL[:2])  # of torques that never turn round only the sum is told
+    fit = simulation_error(lowering.put({"load_torque": 0.0}), record, free=free)
+    assert fit.model.plant.value("load_torque") == pytest.approx(-0.05, rel=0.02)
+
+
 # --- where it says little -------------------------------------------------------------------------------------------
 
 

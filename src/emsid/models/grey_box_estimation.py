@@ -18,7 +18,7 @@ from math import inf, isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import DataError, EmsidError, ModelError
+from emsid.errors import DataError, EmsidError, ModelError, listed
 from emsid.estimation.coloured import coloured_covariance
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.gauss_newton import Infeasible, Iteration, Minimum, gauss_newton
@@ -389,8 +389,10 @@ def _best_start(
     if isinstance(plant, OwnPlant):
         return plant
     assert isinstance(plant, (DrivenMotor, LinearAxis))
+    against = _currents_against(plant, first)
     channel, is_position = _motion_channel(first.signals)
     if channel is None:
+        _refuse_signs(first, against)
         return plant
     zone = any("dead_zone" in name for name in asked)
     commanded = [
@@ -403,13 +405,13 @@ def _best_start(
         for segment in first.segments
     ]
 
-    def tried(motion: Motion, plant: DrivenMotor | LinearAxis) -> tuple[float, Plant]:
+    def tried(motion: Motion, plant: DrivenMotor | LinearAxis) -> tuple[float, float, Plant]:
         try:
             suggested = plant.put_motion(motion)
-            moved = plant.put({n: float(np.clip(suggested.value(n), *limits[n])) for n in asked})
-            return _cost(problem_for(moved, asked)), moved
+            moved = problem_for(plant.put({n: float(np.clip(suggested.value(n), *limits[n])) for n in asked}), asked)
+            return _cost(moved), _cost(moved, channel), moved.plant
         except EmsidError:
-            return inf, plant
+            return inf, inf, plant
 
     likely = list(motions(commanded, channel, is_position, zone, plant.drive.offset))
     turned = replace(plant, drive=replace(plant.drive, gain=-plant.drive.gain))
@@ -417,19 +419,45 @@ def _best_start(
     backward = [(motion, turned) for motion in likely if motion.gain / turned.drive.gain > 0]
     with ThreadPoolExecutor(first.threads) as pool:
         costs = list(pool.map(lambda pair: tried(*pair), [*forward, *backward]))
-    best = min([(_cost(first), plant), *costs[: len(forward)]], key=lambda one: one[0])
-    if min((cost for cost, _ in costs[len(forward) :]), default=inf) < WRONG_WAY * best[0]:
-        record = first.segments[0]
-        command, shown = record.input_names[0], record.output_names[channel]
-        raise DataError(
-            f"{record.name}: {shown!r} goes against {command!r}; if that is how it was wired or logged, turn the sign "
-            f"of one of them (--scale {shown}=-1)"
-        )
-    return best[1]
+    straight = [(_cost(first), _cost(first, channel), plant), *costs[: len(forward)]]
+    turned_round = min((cost for _, cost, _ in costs[len(forward) :]), default=inf)
+    if turned_round < WRONG_WAY * min(cost for _, cost, _ in straight):
+        against.append(channel)
+    _refuse_signs(first, against)
+    return min(straight, key=lambda one: one[0])[-1]
+
+
+def _currents_against(plant: DrivenMotor | LinearAxis, problem: FreeRunError) -> list[int]:
+    """The currents that fall where the voltage rises: a motor takes power, whatever it is like."""
+    voltage = np.concatenate([plant.drive.gain * plant.drive.commands(segment.input) for segment in problem.segments])
+    found = []
+    for channel in (k for k, signal in enumerate(problem.signals) if signal is Signal.CURRENT):
+        current = np.concatenate([segment.output[:, channel] for segment in problem.segments])
+        size = float(np.std(voltage) * np.std(current))
+        if float(np.mean((voltage - np.mean(voltage)) * current)) < -PASSIVE * size:
+            found.append(channel)
+    return found
+
+
+def _refuse_signs(problem: FreeRunError, against: Sequence[int]) -> None:
+    """Refuse outputs that go against the command."""
+    if not against:
+        return
+    record = problem.segments[0]
+    command, shown = record.input_names[0], [record.output_names[channel] for channel in sorted(against)]
+    outputs = len(record.output_names)
+    turned = [command] if len(shown) == outputs > 1 else shown
+    raise DataError(
+        f"{record.name}: {listed([repr(name) for name in shown])} {'go' if len(shown) > 1 else 'goes'} against "
+        f"{command!r}; if that is how it was wired or logged, turn the sign of "
+        f"{'one of them' if outputs == 1 else listed(turned)} ({' '.join(f'--scale {name}=-1' for name in turned)})"
+    )
 
 
 WRONG_WAY = 0.1
 """A plant whose drive is turned round simulates a record that much better only where a sign is wrong."""
+PASSIVE = 0.2
+"""Voltage and current of what takes power are not correlated the wrong way, but for chance and delays."""
 
 SCAN = (0.12, 0.18, 0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0)
 """By what factors a fine parameter is moved before the search: the error has many minima over a resonance."""
@@ -462,11 +490,15 @@ def _motion_channel(signals: Sequence[Signal]) -> tuple[int | None, bool]:
     return None, False
 
 
-def _cost(problem: FreeRunError) -> float:
+def _cost(problem: FreeRunError, channel: int | None = None) -> float:
+    """The sum of squares of a problem at its start, or that of one output."""
     try:
-        cost = float(sum(np.sum(r**2) for r in problem.residuals(problem.start)))
+        residuals = problem.residuals(problem.start)
     except Infeasible:
         return inf
+    if channel is not None:
+        residuals = [np.split(residual, len(problem.signals))[channel] for residual in residuals]
+    cost = float(sum(np.sum(residual**2) for residual in residuals))
     return cost if isfinite(cost) else inf
 
 

@@ -20,6 +20,7 @@ from emsid.estimation.frequency_response import fit_rational, frequency_response
 from emsid.estimation.gauss_newton import Iteration
 from emsid.excitation import SIGNALS
 from emsid.io import read
+from emsid.models import cascade_choice
 from emsid.models.cascade import Cascade
 from emsid.models.cascade_advice import advice
 from emsid.models.cascade_fit import FreeRun
@@ -331,6 +332,25 @@ def test_interruption_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> 
 
     with pytest.raises(KeyboardInterrupt):
         hammerstein(record_of(truth, 800), 2, replace(AT_RATE, progress=stop_at_once))
+
+
+def test_a_sampling_rate_at_which_nothing_starts_does_not_undo_what_another_gave(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    record = record_of(Cascade((BEND, SLOW)), 800)
+    options = replace(AT_RATE, size=6, oversampling=None)
+    begin = cascade_choice._starts
+
+    def starts(*arguments: Any) -> list[Cascade]:
+        return begin(*arguments) if arguments[-1].oversampling == 1 else []
+
+    monkeypatch.setattr(cascade_choice, "_starts", starts)
+    fit = hammerstein(record, 2, options)
+    assert fit.model.oversampling == 1
+    assert np.sqrt(fit.noise_variance) == pytest.approx(0.01 * np.std(record.output), rel=0.1)
+    monkeypatch.setattr(cascade_choice, "_starts", lambda *arguments: [])
+    with pytest.raises(ModelError, match="hammerstein: no start describes the record"):
+        hammerstein(record, 2, options)
 
 
 def test_an_interruption_while_signs_are_given_back_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:

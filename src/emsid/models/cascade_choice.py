@@ -99,28 +99,27 @@ def improving(
         starts = _starts(layout, shown, orders, options, replace(template, oversampling=rate))
         options.tell(f"refining {len(starts)} of them")
         plans = [Plan(start, families[0], sizes[families[0]][0]) if direct else Plan(start) for start in starts]
-        refined = _refined(plans, part, rounds, options.workers)
-        if not refined:
-            continue
-        first = _simplest(refined, _complexity)
-        refined = [first, *(choice for choice in refined if choice is not first)]
-        if not direct:
+        refined = _refined(plans, part, rounds, options.workers, best)
+        if refined and not direct:
+            first = _simplest(refined, _complexity)
+            refined = [first, *(choice for choice in refined if choice is not first)]
             options.tell(f"static map: {families[0].name}")
             typical = sizes[families[0]][len(sizes[families[0]]) // 2]
             placed = [
                 Plan(_with_map(choice.model, layout, families[0], typical, part), families[0], typical)
                 for choice in refined[:REFINED_MAPS]
             ]
-            refined = _refined(placed, part, rounds, options.workers)
-        choice = _simplest(refined, _complexity)
-        if best is None or choice.error < WORTH * best.error:
-            best = choice
-            yield best
+            refined = _refined(placed, part, rounds, options.workers, best)
+        if refined:
+            choice = _simplest(refined, _complexity)
+            if best is None or choice.error < WORTH * best.error:
+                best = choice
+                yield best
     assert best is not None
 
     def better(best: Choice, others: Sequence[tuple[Family, int]]) -> Choice:
         plans = [Plan(_with_map(best.model, layout, family, size, part), family, size) for family, size in others]
-        found = _refined(plans, part, rounds, options.workers, rival=best) if plans else []
+        found = _refined(plans, part, rounds, options.workers, best) if plans else []
         return _simplest([best, *found], _complexity)
 
     if len(families) > 1:

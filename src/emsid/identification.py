@@ -37,6 +37,7 @@ from emsid.models.plant_parameters import Signal, find_handle, parts, without_ov
 from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
 from emsid.models.wiener_hammerstein import estimate as estimate_cascade
 from emsid.record import Record, concatenate
+from emsid.validation.agreement import disagreement
 from emsid.validation.comparison import Comparison, assess, compare
 
 if TYPE_CHECKING:
@@ -430,7 +431,8 @@ def identify(
             for name in dict.fromkeys(models)
             if name not in plants
         ]
-    train, test = _set_apart(several, unseen) if validation is None else (record, _one(validation))
+    judges = (validation,) if isinstance(validation, Record) else tuple(validation or ())
+    train, test = (record, _one(judges)) if judges else _set_apart(several, unseen)
     fits: list[Fit[Any]] = []
     failed: dict[str, EmsidError] = {}
     interrupted = False
@@ -458,6 +460,8 @@ def identify(
         except KeyboardInterrupt:  # what has been found is judged all the same
             stopped = True
             judged.append(compare(fits, data, transient, data=words))
+    if not (interrupted or stopped):
+        asides += _disagreements(judged[1], (*several, *judges))
     return Identification(
         train,
         test,
@@ -607,6 +611,15 @@ def remarks(result: Identification) -> list[str]:
     ]
     sentences += [f"{name} could not be fitted: {why}." for name, why in result.failed.items()]
     return [*sentences, *result.asides]
+
+
+def _disagreements(comparison: Comparison, records: Sequence[Record]) -> list[str]:
+    """What the records disagree in, in words of the best model that shows it."""
+    try:
+        found = (disagreement(fit.model, records) for fit in comparison.fits)
+        return [each.in_words for each in found if each][:1]
+    except KeyboardInterrupt:  # all that matters is known
+        return []
 
 
 def _set_apart(records: Sequence[Record], unseen: float) -> tuple[Record, Record]:

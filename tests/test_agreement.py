@@ -1,0 +1,130 @@
+"""What records disagree in comes back as it was put in, and nothing is said where they agree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from emsid import ModelError, Record, arx, concatenate, identify, least_squares
+from emsid.models.model import Run
+from emsid.validation.agreement import disagreement
+
+Array = NDArray[np.float64]
+
+DT, SAMPLES, NOISE = 0.01, 800, 0.01
+TIME = DT * np.arange(SAMPLES)
+
+
+def moved(delay: float) -> Array:
+    """(N,) an output of many frequencies, below a fifth of the sampling rate, this many seconds late."""
+    return np.sum([np.sin(2 * np.pi * f * (TIME - delay) + f**2) for f in (0.3, 0.7, 1.9, 3.1)], axis=0)
+
+
+def measured(name: str, delay: float = 0.0, gain: float = 1.0, level: float = 0.0, seed: int = 0) -> Record:
+    noise = NOISE * np.random.default_rng(seed).standard_normal(SAMPLES)
+    output = gain * moved(delay) + level + noise
+    return Record(TIME, output, DT, output_names=("speed",), output_units=("rad/s",), name=name)
+
+
+@dataclass(frozen=True)
+class Known:
+    """A model whose free run is known: a function of the input, which is the time."""
+
+    name: str = "known"
+    memory: int = 5
+    diverges: bool = False
+
+    def simulate(self, record: Record, transient: int | None = None) -> Run:
+        if len(record) <= self.memory:
+            raise ModelError("too short")
+        rows = np.rint(record.input[:, 0] / DT).astype(int)
+        counted = np.ones(len(record), dtype=bool)
+        for first in (0, *record.breaks):
+            counted[first : first + self.memory] = False
+        return Run(moved(0.0)[rows][:, None], counted, 7 if self.diverges else None)
+
+
+@pytest.mark.parametrize(
+    ("difference", "values", "words"),
+    [
+        ("delay", (-2e-3, 3e-3), "a.csv is 2 ms earlier and b.csv is 3 ms later"),
+        ("gain", (0.96, 1.05), "a.csv has 4 % less and b.csv has 5 % more"),
+        ("level", (-0.2, 0.1), "a.csv is 0.2 rad/s below and b.csv is 0.1 rad/s above"),
+    ],
+)
+def test_what_differs_comes_back(difference: str, values: tuple[float, float], words: str) -> None:
+    records = [
+        measured(name, seed=k, **{difference: value})
+        for k, (name, value) in enumerate(zip(("a.csv", "b.csv"), values, strict=True))
+    ]
+    found = disagreement(Known(), records)  # type: ignore[arg-type]
+    assert found is not None
+    assert found.difference.name == difference
+    assert found.records == ("a.csv", "b.csv")
+    expected = np.subtract(values, 1.0) if difference == "gain" else values
+    standard_error = {"delay": NOISE / 20, "gain": NOISE / 1.4, "level": NOISE}[difference] / np.sqrt(SAMPLES)
+    np.testing.assert_allclose(found.values, expected, rtol=0.02, atol=4 * standard_error)
+    # The common part is the model's: what is left of the squared error is noise.
+    spread = np.var(expected) / np.mean(np.square(expected))
+    assert found.share == pytest.approx(spread, abs=0.05)
+    roughly = replace(found, values=tuple(float(f"{value:.1g}") for value in found.values))
+    assert (
+        f"known: the records do not agree on one {difference} of speed: compared with the model, " in roughly.in_words
+    )
+    assert words in roughly.in_words
+
+
+def test_a_record_cut_into_segments_says_the_same() -> None:
+    whole = [measured("a", delay=-2e-3), measured("b", delay=3e-3, seed=1)]
+    cut = [concatenate([record[:300], record[300:]], record.name) for record in whole]
+    one, other = (disagreement(Known(), records) for records in (whole, cut))  # type: ignore[arg-type]
+    assert one is not None
+    assert other is not None
+    np.testing.assert_allclose(other.values, one.values, rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    "records",
+    [
+        [measured("a"), measured("b", seed=1)],
+        [measured("a", delay=5e-3), measured("b", delay=5e-3, seed=1)],  # the model is wrong, and they agree
+        [measured("a", gain=1.2)],
+        [measured("a", gain=0.9), measured("b", gain=1.2, seed=1)[:40]],  # too short to say so
+        [measured("a", gain=0.9), measured("b", gain=1.2, seed=1)[:4]],  # too short to be run
+    ],
+)
+def test_where_records_agree_or_say_too_little_nothing_is_found(records: list[Record]) -> None:
+    assert disagreement(Known(), records) is None  # type: ignore[arg-type]
+
+
+def test_a_run_that_diverges_says_nothing() -> None:
+    apart = [measured("a", gain=0.9), measured("b", gain=1.2)]
+    assert disagreement(Known(), apart) is not None  # type: ignore[arg-type]
+    assert disagreement(Known(diverges=True), apart) is None  # type: ignore[arg-type]
+
+
+def test_identify_says_which_records_differ() -> None:
+    """A motor of first order whose load, and so its gain, is another in the second of three records."""
+    rng = np.random.default_rng(4)
+
+    def logged(name: str, gain: float) -> Record:
+        u = np.repeat(rng.uniform(-2, 2, 100), 6)
+        y = np.zeros(len(u))
+        for t in range(1, len(u)):
+            y[t] = 0.9 * y[t - 1] + 0.1 * gain * u[t - 1]
+        return Record(u, y + 0.01 * rng.standard_normal(len(u)), DT, name=name)
+
+    records = [logged("one.csv", 1.0), logged("two.csv", 0.8), logged("three.csv", 1.0)]
+    said = [each for each in identify(records, models=["arx"]).asides if "do not agree" in each]
+    assert len(said) == 1
+    assert said[0].startswith("arx: the records do not agree on one gain of y1: compared with the model, two.csv has ")
+    assert " % less and three.csv has " in said[0]
+    same = [logged(record.name, 1.0) for record in records]
+    assert not [each for each in identify(same, models=["arx"]).asides if "do not agree" in each]
+    model = least_squares(arx(na=1, nb=1), records[0]).model
+    found = disagreement(model, [records[0], records[1]])
+    assert found is not None
+    assert found.values[1] == pytest.approx(-0.2, abs=0.02)

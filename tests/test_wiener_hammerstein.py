@@ -349,7 +349,7 @@ def test_a_sampling_rate_at_which_nothing_starts_does_not_undo_what_another_gave
     assert fit.model.oversampling == 1
     assert np.sqrt(fit.noise_variance) == pytest.approx(0.01 * np.std(record.output), rel=0.1)
     monkeypatch.setattr(cascade_choice, "_starts", lambda *arguments: [])
-    with pytest.raises(ModelError, match="hammerstein: no start describes the record"):
+    with pytest.raises(ModelError, match="no start describes the record"):
         hammerstein(record, 2, options)
 
 

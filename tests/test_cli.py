@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import pytest
 import emsid
 from emsid.cli import main
 from emsid.identification import CANDIDATES
+from emsid.interruption import Interruption
 from emsid.models.drive import Bridge, Drive
 from emsid.models.plant_parameters import Signal
 
@@ -471,6 +473,16 @@ def in_a_callback(module, name, sent):  # where exceptions are lost
         return real(*given, **named)
     setattr(home, name, signalled)
 
+def in_turn(module, names, sent):
+    for name in names.split("+"):
+        at(module, name, sent)
+
+def leaving(module, name, sent):
+    import atexit
+    atexit.register(lambda: (os.killpg(0, sent), str(sent)))
+    if name:
+        at(module, name, sent)
+
 def importing(module, name, sent):
     class Finder:
         def find_spec(self, wanted, *_):
@@ -531,6 +543,52 @@ def test_ctrl_c_keeps_what_was_found(moment, drawn, log, tmp_path):
         "result.json"
     }
     assert (tmp_path / "out" / "report.html").exists() == drawn
+
+
+REGRESSIONS = ("--models", "arx, wiener-hammerstein-regression", "--na", 1, "--nb", 1, "--nk", 1, "--degree", 2)
+
+
+@pytest.mark.parametrize("then", ["_held", "compare", "_held+compare"])
+def test_ctrl_c_twice_within_a_moment_is_ctrl_c_once(then, log, tmp_path):
+    words = ("identify", log, *IDENTIFY, *REGRESSIONS, "--taps", 1, "--out", "out")
+    moments = ("in_turn", "emsid.identification", f"wiener_hammerstein_regression+{then}")
+    status, out, err = signalled(tmp_path, (*moments, "SIGINT"), *words)
+    assert (status, err) == (130, FOUND)
+    assert "chosen: arx" in out
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["chosen"] == "arx"
+    assert {path.suffix for path in (tmp_path / "out").rglob("*.*")} == {".json", ".html", ".svg", ".pdf"}
+
+
+def test_a_grey_box_interrupted_twice_keeps_its_search(motor_log, tmp_path):
+    words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", "--free", "motor_constant,rotor_inertia")
+    moments = ("in_turn", "emsid.estimation.gauss_newton", "_promised+_conclude")
+    status, out, err = signalled(tmp_path, (*moments, "SIGINT"), *words, "--out", "out")
+    assert (status, err) == (130, FOUND)
+    assert "rigid-motor: interrupted after 0 steps; the best so far is kept." in out
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["chosen"] == "rigid-motor"
+
+
+def test_ctrl_c_while_leaving_says_no_more(log, tmp_path):
+    status, out, err = signalled(tmp_path, ("leaving", "", "", "SIGINT"), "list")
+    assert (status, err) == (130, "")
+    assert out.splitlines()[-1].startswith("files written: ")
+    words = ("identify", log, *IDENTIFY, *REGRESSIONS, "--taps", 1, "--out", "out")
+    moment = ("leaving", "emsid.identification", "wiener_hammerstein_regression", "SIGINT")
+    status, out, err = signalled(tmp_path, moment, *words)
+    assert (status, err) == (130, FOUND)
+    assert out.splitlines()[-1] == "written to out/: report.html, result.json, arx.json, figures/"
+
+
+def test_ctrl_c_after_a_moment_is_another_one(monkeypatch):
+    clock = iter([0.0, 0.4, 1.3, 2.5, 3.0])
+    monkeypatch.setattr("emsid.interruption.monotonic", lambda: next(clock))
+    pressed = Interruption()
+    for counts in (True, False, False, True):  # the third comes 0.9 s after the second
+        with pytest.raises(KeyboardInterrupt) if counts else nullcontext():
+            pressed()
+    pressed.begin()
+    with pytest.raises(KeyboardInterrupt):
+        pressed()
 
 
 @pytest.mark.parametrize("module", ["emsid.cli", "typer", "polars", "numpy.linalg"])

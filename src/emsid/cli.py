@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar
 import typer
 
 from emsid.errors import DataError, EmsidError
-from emsid.interruption import INTERRUPTION
+from emsid.interruption import INTERRUPTED, INTERRUPTION, leave_quietly
 from emsid.terminal import error_table, physical_table, progress_bar, show
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ app = typer.Typer(
 Command = TypeVar("Command", bound=Callable[..., None])
 Result = TypeVar("Result", "Study", "Identification")
 
-USER_ERROR, INTERRUPTED = 2, 130
+USER_ERROR = 2
 
 
 def main() -> None:
@@ -73,6 +73,8 @@ def main() -> None:
         if INTERRUPTION.pressed:
             _end_interrupted()
         raise
+    finally:
+        leave_quietly()
 
 
 def _end_interrupted() -> NoReturn:

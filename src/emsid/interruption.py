@@ -4,8 +4,18 @@ An interrupt within an import or in the middle of a library's work may come out 
 callback. What is here knows that it was pressed, and what has been found by then.
 """
 
+import os
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import inf
+from time import monotonic
+
+INTERRUPTED = 130
+"""The exit status of what was interrupted."""
+
+MOMENT = 1.0
+"""Seconds in which Ctrl-C pressed again is the same wish once more, not another one."""
 
 
 class Interruption:
@@ -17,9 +27,15 @@ class Interruption:
     """
 
     def __init__(self) -> None:
+        self._when = -inf
         self.begin()
 
     def __call__(self, *_: object) -> None:
+        now = monotonic()
+        again = now - self._when < MOMENT
+        self._when = now
+        if again:  # what the first one has ended is being brought home
+            return
         self.pressed = True
         if not self._deferred:
             raise KeyboardInterrupt
@@ -27,6 +43,7 @@ class Interruption:
     def begin(self) -> None:
         """Nothing has been pressed yet, and nothing found."""
         self.pressed = self._deferred = False
+        self._when = -inf
         self.words = "interrupted before anything was found"
 
     def raise_again(self) -> None:
@@ -42,6 +59,12 @@ class Interruption:
             yield
         finally:
             self._deferred = False
+
+
+def leave_quietly() -> None:
+    """From now on Ctrl-C only hastens the end: all has been written and said."""
+    if signal.getsignal(signal.SIGINT) is INTERRUPTION:
+        signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED))
 
 
 INTERRUPTION = Interruption()

@@ -528,3 +528,10 @@ def test_a_standstill_among_moving_segments_is_no_divergence() -> None:
     still = replace(moving, input=np.zeros(500), output=np.full(500, 1e-9))
     run = Cascade((BEND, SLOW), output_offset=0.1).simulate(concatenate([moving, still]))
     assert run.diverged_at is None
+
+
+def test_filters_of_order_zero_leave_the_map_alone() -> None:
+    truth = Cascade((DeadZone(-0.5, 0.7, 1.2, 0.8),))
+    fit = wiener_hammerstein(record_of(truth, 1500, noise=0.001), (0, 0), Options(static=DEAD_ZONE))
+    np.testing.assert_allclose(fit.model.blocks[1].parameters, [-0.5, 0.7, 1.2, 0.8], atol=0.01)
+    assert fit.model.delay == 0

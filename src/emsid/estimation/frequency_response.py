@@ -164,5 +164,5 @@ def _inside(denominator: Array) -> Array:
     poles = np.where(size > 1, poles / np.maximum(size, 1e-300) ** 2, poles)
     size = np.abs(poles)
     poles = np.where(size > LARGEST_RADIUS, poles * LARGEST_RADIUS / np.maximum(size, 1e-300), poles)
-    mirrored = np.real(np.poly(poles))[1:]
+    mirrored = np.real(np.atleast_1d(np.poly(poles)))[1:]  # of no poles, np.poly makes a bare 1
     return np.concatenate([mirrored, np.zeros(len(denominator) - len(mirrored))])

@@ -7,6 +7,7 @@ import emsid
 from emsid.errors import DataError, ModelError
 from emsid.estimation.selection import coordinate_search
 from emsid.identification import CANDIDATES, Options, Regression, identify, remarks
+from emsid.models.families import FAMILIES
 from emsid.models.grey_box_datasheet import Given
 
 
@@ -290,3 +291,57 @@ def test_models_of_one_input_leave_none_of_several_out_in_silence():
     assert [fit.model.name for fit in result.verification.fits] == ["arx"]
     assert result.failed["friction-narx"].startswith("friction-narx has one input and")
     assert "left, right" in result.failed["wiener-hammerstein-regression"]
+
+
+def test_unseen_data_in_which_the_input_never_changes_are_said_to_judge_nothing():
+    record = system(600, 15)
+    held = emsid.Record(np.full(200, 2.0), system(200, 16).output, 0.01, input_names=("PWM",))
+    words = remarks(identify(record, held, models=["arx"]))
+    assert (
+        "PWM is 2 throughout the unseen data, which tell no more than where a model comes to rest: judge on data in "
+        "which it changes (--validate, --unseen)." in words
+    )
+    assert not any("models guess" in sentence for sentence in words)
+
+
+@pytest.mark.parametrize(("factor", "said"), [(0.9, False), (1.05, False), (2.0, True)])
+def test_unseen_data_beyond_what_was_identified_from_are_said_to_make_models_guess(factor, said):
+    def driven(seed, largest):
+        u = np.random.default_rng(seed).uniform(-1, 1, 300)
+        u[100], u[200] = -1, 1
+        u *= largest
+        y = np.zeros(300)
+        for t in range(1, 300):
+            y[t] = 0.8 * y[t - 1] + 0.5 * u[t - 1]
+        return emsid.Record(u, y, 0.01, input_names=("PWM",))
+
+    words = remarks(identify(driven(0, 100), driven(1, 100 * factor), models=["arx"]))
+    sentence = (
+        "PWM goes from -200 to 200 in the unseen data, and from -100 to 100 in what was identified from: beyond that, "
+        "models guess."
+    )
+    assert [each for each in words if "models guess" in each] == [sentence] * said
+
+
+def test_a_best_model_that_is_no_better_than_the_mean_is_said_to_be_none():
+    rng = np.random.default_rng(17)
+    noise = emsid.Record(rng.uniform(-1, 1, 400), rng.standard_normal(400), 0.01, output_names=("speed",))
+    sentence = "No model is better on unseen data than the mean of speed."
+    result = identify(noise, models=["arx"])
+    assert result.verification.best.row.fit_percent < 0
+    assert remarks(result)[1] == sentence
+    assert sentence not in remarks(identify(system(600, 18), models=["arx"]))
+
+
+def test_knots_are_set_aside_for_a_map_that_has_none():
+    options = Options(static=FAMILIES["dead-zone"], knots=5, orders=(1,))
+    result = identify(system(600, 19), models=["hammerstein", "friction-narx"], options=options)
+    sentence = "hammerstein: a map of the family dead-zone has no knots; knots was set aside for it."
+    assert result.asides == (sentence,)
+
+
+def test_a_failure_names_its_model_once():
+    record = system(600, 20)
+    two_levels = emsid.Record(np.sign(record.input), record.output, 0.01)
+    words = remarks(identify(two_levels, models=["arx", "hammerstein"]))
+    assert words[-1].startswith("hammerstein could not be fitted: the input takes two values only, -1 and 1; ")

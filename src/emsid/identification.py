@@ -320,6 +320,9 @@ CANDIDATES: dict[str, Candidate] = {
 # More records than so many are counted, not named.
 NAMED = 4
 
+# An input that leaves the range identified from by more than this part of it asks models for a guess.
+BEYOND = 0.1
+
 # What is tried when nobody names a model: what any record of one input and one output can be described by.
 USUAL = ("arx", "wiener-hammerstein-regression", "friction-narx", "wiener-hammerstein")
 
@@ -417,6 +420,12 @@ def identify(
         for option in options.given
         if not any(option in CANDIDATES[name].uses for name in models)
     ]
+    if options.static is not None and not options.static.sizes and options.knots is not None:
+        asides += [
+            f"{name}: a map of the family {options.static.name} has no knots; knots was set aside for it."
+            for name in dict.fromkeys(models)
+            if isinstance(CANDIDATES[name], Blocks)
+        ]
     several = (records,) if isinstance(records, Record) else tuple(records)
     record = _one(several)
     asides += [sentence for plant in plants.values() for sentence in assumptions(plant, record)]
@@ -590,6 +599,11 @@ def remarks(result: Identification) -> list[str]:
             f"{best.model}: on {result.judged_on}, the free run has {best.fit_in_words}; its RMSE is "
             f"{best.simulation_rmse:.4g}{' ' * bool(unit)}{unit}."
         )
+        if best.fit_percent <= 0:
+            sentences.append(
+                f"No model is better on {result.judged_on} than the mean of {result.unseen.output_names[0]}."
+            )
+    sentences += _beyond(result)
     if 0 < 2 * best.one_step_mse < best.simulation_mse < np.inf:
         sentences.append(
             f"{best.model}: one step ahead its MSE is {best.simulation_mse / best.one_step_mse:,.3g} times smaller; "
@@ -609,8 +623,32 @@ def remarks(result: Identification) -> list[str]:
         for name, profiles in result.profiles.items()
         for each in profiles
     ]
-    sentences += [f"{name} could not be fitted: {why}." for name, why in result.failed.items()]
+    sentences += [
+        f"{name} could not be fitted: {why.removeprefix(f'{name}: ')}." for name, why in result.failed.items()
+    ]
     return [*sentences, *result.asides]
+
+
+def _beyond(result: Identification) -> list[str]:
+    """What unseen data cannot judge, or ask of models that have seen nothing like it, in sentences."""
+    u = result.unseen.input
+    if np.all(np.ptp(u, axis=0) == 0):
+        levels = " and ".join(
+            f"{name} is {level:g}" for name, level in zip(result.unseen.input_names, u[0], strict=True)
+        )
+        return [
+            f"{levels} throughout the {result.judged_on}, which tell no more than where a model comes to rest: judge "
+            "on data in which it changes (--validate, --unseen)."
+        ]
+    sentences = []
+    for name, new, known in zip(result.unseen.input_names, u.T, result.record.input.T, strict=True):
+        slack = BEYOND * np.ptp(known)
+        if new.min() < known.min() - slack or new.max() > known.max() + slack:
+            sentences.append(
+                f"{name} goes from {new.min():g} to {new.max():g} in the {result.judged_on}, and from {known.min():g} "
+                f"to {known.max():g} in what was identified from: beyond that, models guess."
+            )
+    return sentences
 
 
 def _disagreements(comparison: Comparison, records: Sequence[Record]) -> list[str]:

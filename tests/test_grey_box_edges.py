@@ -57,6 +57,17 @@ def test_limits_of_the_drive_are_found_where_none_are_given(drive, names):
     assert fit.estimate == pytest.approx(truth, rel=0.01)
 
 
+@pytest.mark.parametrize("noise", [0.002, 0.1])
+@pytest.mark.parametrize(("knee", "beyond"), [(5.0, 0.5), (9.0, 0.0), (5.0, 1.5), (9.0, 2.0), (4.0, 3.0)])
+def test_a_knee_is_found_whichever_way_the_command_bends_there(knee, beyond, noise):
+    record = driven(Drive(knee=knee, beyond=beyond), noise)
+    fit = simulation_error(DrivenMotor(ONE_MASS), record, free=(*USUAL, "drive.knee", "drive.beyond"))
+    assert fit.names[-2:] == ("drive.knee", "drive.beyond")
+    assert fit.estimate[-2:] == pytest.approx([knee, beyond], abs=0.01 if noise < 0.1 else 0.25)
+    assert np.all(np.abs(fit.estimate[-2:] - [knee, beyond]) < 4 * fit.standard_error[-2:])
+    assert 2 * fit.cost == pytest.approx(len(record) * noise**2 * np.var(record.output), rel=0.03)
+
+
 def test_a_supply_that_no_command_reaches_is_not_told():
     fit = simulation_error(DrivenMotor(ONE_MASS), driven(noise=0.002), free=(*USUAL, "drive.supply"))
     assert fit.names == USUAL

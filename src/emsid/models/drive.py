@@ -112,14 +112,17 @@ class Drive:
         """The largest voltage (force) that inputs (N, 1 or 2) command, in V (N), whatever limits it."""
         return float(np.max(np.abs(self.gain * (self.commands(inputs) + self.offset))))
 
+    def bent(self, wanted: Array) -> Array:
+        """What becomes of voltages (forces) beyond the knee, in V (N)."""
+        extra = wanted - np.clip(wanted, -self.knee, self.knee)
+        return wanted + (self.beyond - 1.0) * extra
+
     def terminals(self, inputs: Array, dt: float) -> tuple[Array, Array, float]:
         """Voltage (N + 1,) and conducting part (N + 1,) of every sample, and the part of a sample they come late by.
 
         The first value is what acted before the first sample; a command is taken to have stood there for ever.
         """
-        wanted = self.gain * (self.commands(inputs) + self.offset)
-        extra = wanted - np.clip(wanted, -self.knee, self.knee)
-        voltage = np.clip(wanted + (self.beyond - 1.0) * extra, -self.supply, self.supply)
+        voltage = np.clip(self.bent(self.gain * (self.commands(inputs) + self.offset)), -self.supply, self.supply)
         duty = np.abs(voltage) / self.supply if isfinite(self.supply) else 1.0
         conducts = np.broadcast_to(1.0 - self.freewheel * (1.0 - duty), voltage.shape)
         for code, bridge in self.codes:

@@ -94,7 +94,7 @@ def simulation_error(
     subject = subject.put((known if look_around else {}) | fixed)
     hidden = _hidden(subject, [name for name in asked if name not in (*sheet, *(bounds or {}))], segments)
     limits = _limits(subject, asked, {**hidden, **(bounds or {})}, sheet)
-    subject = _ready(subject, asked, segments, hidden, limits)
+    straight, subject = subject, _ready(subject, asked, segments, hidden, limits)
     _check_start(subject, asked, limits)
 
     preference = _preference(subject, asked, sheet)
@@ -109,7 +109,10 @@ def simulation_error(
     def search(problem: FreeRunError, iterations: int) -> Minimum:
         return _search(problem, limits, iterations, max_seconds, progress)
 
-    start = _best_start(subject, asked, limits, problem_for) if look_around else subject
+    start = subject
+    if look_around:
+        starts = [_best_start(each, asked, limits, problem_for) for each in _bent(straight, subject, asked, limits)]
+        start = min(starts, key=lambda each: _cost(problem_for(each, asked))) if len(starts) > 1 else starts[0]
     problem = problem_for(start, asked)
     names = _hold(_told(problem, asked, None), asked, preference)
     if len(names) < len(asked):
@@ -371,6 +374,25 @@ def _ready(plant: Plant, asked: Sequence[str], segments: Sequence[Record], hidde
     return plant.put(starts | {name: max(plant.value(name), low) for name, (low, _) in hidden.items()})
 
 
+KNEES, SLOPES = (0.45, 0.75, 1.0), (0.5, 0.8, 1.25, 2.0)
+"""Where a knee is looked for, as a part of its usual start, and how the command may count beyond it: less, or more."""
+
+
+def _bent(straight: Plant, ready: Plant, asked: Sequence[str], limits: Limits) -> list[Plant]:
+    """The plant made ready, or where nothing is known of a knee that is asked for, bent either way at several places.
+
+    No search finds from a command that counts less beyond its knee to one that counts more: between them is one without
+    a knee, which may be anywhere.
+    """
+    if isinstance(straight, OwnPlant) or "drive.knee" not in asked or isfinite(straight.value("drive.knee")):
+        return [ready]
+    knees = [knee * ready.value("drive.knee") for knee in KNEES]
+    either = "drive.beyond" in asked and straight.value("drive.beyond") == 1.0
+    slopes = SLOPES if either else (ready.value("drive.beyond"),)
+    pairs = [{"drive.knee": knee, "drive.beyond": slope} for knee in knees for slope in slopes]
+    return [ready.put({n: float(np.clip(v, *limits.get(n, (v, v)))) for n, v in pair.items()}) for pair in pairs]
+
+
 def _check_start(plant: Plant, asked: Sequence[str], limits: Limits) -> None:
     for name in asked:
         value, (low, high) = plant.value(name), limits[name]
@@ -398,7 +420,7 @@ def _best_start(
     commanded = [
         replace(
             segment,
-            input=plant.drive.commands(segment.input)[:, None],
+            input=plant.drive.bent(plant.drive.gain * plant.drive.commands(segment.input))[:, None] / plant.drive.gain,
             input_names=segment.input_names[:1],
             input_units=segment.input_units[:1],
         )

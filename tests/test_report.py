@@ -900,6 +900,37 @@ def test_long_maps_are_counted_in_the_equation_and_listed_in_the_table():
     assert "value at -2.5 (block 2)" in [row[1] for row in TABLES["blocks"].rows]
 
 
+def test_every_parameter_of_a_map_is_said_to_be_what_it_is():
+    def meanings(*blocks):
+        return cascade_views.block_column(of_cascade(Cascade(blocks))[0])["Meaning"]
+
+    assert meanings(DeadZoneMap(-1.5, 1.0, 0.5, 1.0), SECOND)[:4] == (
+        "dead-zone: left end of the zone (block 1)",
+        "dead-zone: right end of the zone (block 1)",
+        "dead-zone: slope on the left (block 1)",
+        "dead-zone: slope on the right (block 1)",
+    )
+    assert meanings(FIRST, Saturation(0.8, -2.0, 1.5))[3:6] == (
+        "saturation: slope (block 2)",
+        "saturation: lower limit (block 2)",
+        "saturation: upper limit (block 2)",
+    )
+    assert meanings(FIRST, CoulombLinear(0.5, 1.0, 0.1))[3:5] == (
+        "coulomb: height of the sign (block 2)",
+        "coulomb: slope (block 2)",
+    )
+    assert meanings(Polynomial(np.array([0.1, 1.0, 0.5]), -6, 5), SECOND)[2] == (
+        "× Legendre polynomial 2, of -6 … 5 (block 1)"
+    )
+
+
+def test_numbers_of_many_digits_get_room_beside_an_interactive_plot():
+    x = np.arange(3.0)
+    layout = interactive(Plot((Line(x, 1e-4 * x),), Axis("Time", "s"), Axis("Residual", "V")))["layout"]
+    assert layout["yaxis"]["automargin"] == "left"
+    assert layout["margin"]["l"] == 66
+
+
 # --- physical models ------------------------------------------------------------------------------------------------
 
 

@@ -21,6 +21,7 @@ from emsid.models.static_maps import (
     CubicSpline,
     DeadZone,
     PiecewiseLinear,
+    Polynomial,
     Saturation,
     Scaling,
     StaticMap,
@@ -45,6 +46,17 @@ UNTOLD = 10.0
 LISTED_KNOTS = 6
 # A unit of signals between blocks whose scale is a matter of convention.
 CONVENTIONAL = "scale of its own"
+# What the letters of the laws stand for.
+_LETTERS = {
+    "b_l": "left end of the zone",
+    "b_r": "right end of the zone",
+    "m_l": "slope on the left",
+    "m_r": "slope on the right",
+    "m": "slope",
+    "low": "lower limit",
+    "high": "upper limit",
+    "c": "height of the sign",
+}
 
 _STROKES = (Stroke(Ink.BLUE, width=1.4), Stroke(Ink.RED, Dash.DASHED, 1.3), Stroke(Ink.GREEN, Dash.DASH_DOTTED, 1.3))
 
@@ -185,7 +197,11 @@ def _meaning(block: Block, j: int) -> str:
         return f"× input(t-{lag})" if lag else "× input(t)"
     if isinstance(block, (CubicSpline, PiecewiseLinear)):
         return f"value at {block.knots[j]:.4g}"
-    return block.kind if isinstance(block, StaticMap) else "own block"
+    if isinstance(block, Polynomial):
+        return f"× Legendre polynomial {j}, of {block.low:.4g} … {block.high:.4g}"
+    if isinstance(block, StaticMap):
+        return f"{block.kind}: {_LETTERS[block.names[j]]}" if block.names[j] in _LETTERS else block.kind
+    return "own block"
 
 
 def _entering(model: Cascade, record: Record, at: Sequence[int]) -> list[Array]:

@@ -56,13 +56,13 @@ def interactive(plot: Plot) -> Trace:
         "showlegend": named,
         "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"},
         "xaxis": _axis(plot.x),
-        "yaxis": _axis(plot.y, _ROW * plot.height - 30),
+        "yaxis": _axis(plot.y, _ROW * plot.height - 30) | {"automargin": "left"},  # for numbers of many digits
         "hoverlabel": {"font": {"size": 11}},
         "shapes": [shape for mark in plot.marks for shape in _shapes(mark)],
         "annotations": _bar_names(plot),
     }
     if plot.y.names:
-        layout["margin"] |= {"l": 16}
+        layout["margin"] |= {"l": 26}  # half the first number below
     traces = [trace for mark in plot.marks for trace in _trace(mark)]
     backdrop = next((m for m in plot.marks if isinstance(m, Histogram) and m.backdrop), None)
     if backdrop is not None:

@@ -246,6 +246,20 @@ def test_a_user_map_is_printed_under_its_name_if_it_has_one() -> None:
     assert UserMap(lambda x, p: x, lambda x, p: x).expression("x") == "f(x)"
 
 
+def test_a_users_map_cannot_change_the_signal_that_it_is_given() -> None:
+    def clipped(x: Array, p: Array) -> Array:
+        x[x < 0] = 0
+        return x
+
+    x = signal()
+    before = x.copy()
+    block = UserMap(clipped, lambda x, p: (x > 0).astype(float))
+    with pytest.raises(ModelError, match="function of a user's map failed: ValueError: assignment destination is read"):
+        block.value(x)
+    np.testing.assert_array_equal(x, before)
+    assert x.flags.writeable
+
+
 def test_a_sum_that_begins_with_a_minus() -> None:
     assert Rational([-0.5, 0.1]).equation("u", "y") == "y(t) = (-0.5 + 0.1*q^-1) u(t)"
 

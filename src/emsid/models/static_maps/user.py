@@ -124,9 +124,12 @@ class UserMap(StaticMap):
         raise ModelError("a user's own map is a function and cannot be saved; save its parameters instead")
 
     def _called(self, law: Callable[[Array, Array], Array], x: Array, shape: tuple[int, ...], what: str) -> Array:
-        """What the user's code returns, or what is wrong with it."""
+        """What the user's code returns, or what is wrong with it; it gets views that it cannot write into."""
+        shown = x.view(), self.parameters_now.view()
+        for each in shown:
+            each.flags.writeable = False
         try:
-            array = np.asarray(law(x, self.parameters_now), dtype=float)
+            array = np.asarray(law(*shown), dtype=float)
         except EmsidError:
             raise
         except Exception as problem:  # whatever a user's code may raise

@@ -281,7 +281,7 @@ def test_a_profile_is_printed_drawn_and_written(run, motor_log, tmp_path, bare):
     assert low < profile["estimate"] < high
     assert high - low == pytest.approx(2 * 1.96 * profile["standard_error"], rel=0.2)
     assert len(profile["values"]) == len(profile["deviance"]) >= 9
-    said = f"the profile of motor_constant has its 95 % interval from {low:.6g} to {high:.6g} N*m/A."
+    said = f"the profile of motor_constant has its 95 % interval from {low:.6g} to {high:.6g} N·m/A."
     missing = "rigid-motor: no profile of drive.delay: drive.delay was not estimated; profiles can be had of "
     assert said in out
     assert missing in out
@@ -677,10 +677,24 @@ def test_an_output_that_cannot_be_written_is_one_line():
     assert done.stderr == "emsid: the output cannot be written (no space left on device)\n"
 
 
-def test_a_terminal_with_few_characters_gets_question_marks():
+def test_a_terminal_with_few_characters_gets_what_one_types():
     done = subprocess.run([*EMSID, "list"], capture_output=True, env={**os.environ, "PYTHONIOENCODING": "ascii"})
     assert (done.returncode, done.stderr) == (0, b"")
-    assert b"kg?m?" in done.stdout
+    assert b"ohms, kg*m^2 and N*m with intervals" in done.stdout
+
+
+def test_units_are_shown_as_they_are_printed_and_without_the_signs_for_it_as_they_are_typed(motor_log, tmp_path):
+    known = ("--fix", "resistance=2", "--free", "motor_constant,rotor_inertia,rotor_friction.coulomb")
+    words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", *known, "--out", "out")
+    units = {"resistance": ("ohm", "Ω"), "rotor_inertia": ("kg*m^2", "kg·m²"), "rotor_friction.coulomb": ("N*m", "N·m")}
+    for k, coding in enumerate(("ascii", "utf-8")):
+        environment = {**os.environ, "PYTHONIOENCODING": coding}
+        done = subprocess.run([*EMSID, *map(str, words)], capture_output=True, env=environment, cwd=tmp_path)
+        assert (done.returncode, done.stderr) == (0, b"")
+        lines = done.stdout.decode(coding).splitlines()
+        rows = {name: next(line for line in lines if line.startswith(f"{name} ")) for name in units}
+        assert {name: row.split()[-2] for name, row in rows.items()} == {name: pair[k] for name, pair in units.items()}
+        assert len({row.rindex(row.split()[-1]) for row in rows.values()}) == 1  # the columns stand
 
 
 def test_parameters_are_printed_as_files_to_edit(run, tmp_path):

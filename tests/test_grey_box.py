@@ -506,9 +506,9 @@ def test_names_that_share_a_value_give_way_to_each_other():
     [
         ({"resistence": 2.0}, "motor has no parameter 'resistence'; it has resistance, "),
         ({"rotor_friction": {"columb": 2.0}}, r"motor has no parameter 'rotor_friction\.columb'"),
-        ({"resistance": -2.0}, "motor resistance is -2 ohm; it must be positive and finite"),
+        ({"resistance": -2.0}, "motor resistance is -2 Ω; it must be positive and finite"),
         ({"resistance": "inf"}, "motor resistance is 'inf'; give a number in ohm"),
-        ({"resistance": float("inf")}, "motor resistance is inf ohm; it must be positive and finite"),
+        ({"resistance": float("inf")}, "motor resistance is inf Ω; it must be positive and finite"),
         ({"rotor_viscous": -2.0}, "it cannot be negative and must be finite"),
         ({"drive": {"freewheel": 2.0}}, "it must be from 0 to 1 and finite"),
         ({"resistance": "2 V"}, "motor resistance is '2 V', which is not in ohm"),
@@ -776,7 +776,7 @@ GOOD = record_of(MOTOR)
             "rotor_friction.coulomb and rotor_friction.coulomb.forward are the same thing in part",
         ),
         ({"free": []}, "no parameter of rigid-motor is free"),
-        ({"fixed": {"resistance": -1.0}}, "motor resistance is -1 ohm; it must be positive"),
+        ({"fixed": {"resistance": -1.0}}, "motor resistance is -1 Ω; it must be positive"),
     ],
 )
 def test_impossible_wishes_are_refused_in_words(arguments, message):

@@ -302,7 +302,7 @@ def test_what_cannot_be_told_apart_is_said_with_what_can_and_what_would_help():
     free = ("resistance", "rotor_viscous", *FREE)
     (sentence,) = simulation_error(MOTOR, simulated_record(np.random.default_rng(0)), free=free).words
     assert sentence.startswith("from voltage and speed alone, resistance, rotor_viscous, motor_constant, rotor_inertia")
-    assert "cannot be told apart, only J/(B + K²/R), K/(K² + R·B), K/(R·J) and R·T_c/K; held: resistance = 2 ohm" in (
+    assert "cannot be told apart, only J/(B + K²/R), K/(K² + R·B), K/(R·J) and R·T_c/K; held: resistance = 2 Ω" in (
         sentence
     )
     assert sentence.endswith("fix what you know, or add the current")
@@ -493,7 +493,7 @@ def test_codes_need_no_unit():
 def test_an_equation_has_no_more_than_there_is():
     fit = simulation_error(STARTS["rigid-motor"], driven(noise=0.01), fixed={"resistance": 2.0})
     assert "load_inertia" not in fit.model.equation()
-    assert "resistance = 2 ohm, motor_constant = " in fit.model.equation()
+    assert "resistance = 2 Ω, motor_constant = " in fit.model.equation()
     motion, numbers = plant_equations(fit)
     assert motion.startswith("0 = D_v(v_a) − R_a·i − K_m·ω\n")
     assert "resistance = 2 Ω" in numbers

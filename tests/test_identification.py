@@ -213,9 +213,9 @@ def test_what_a_choice_of_free_parameters_leaves_as_it_is_built_in_is_said():
         return identify(record, models=["linear-axis"], options=Options(free=("mass",), **options)).asides
 
     words = "linear-axis: held at what is built in: "
-    assert said() == (f"{words}viscous_friction 1 N*s/m, friction.coulomb 0.1 N; give --fix or --datasheet.",)
+    assert said() == (f"{words}viscous_friction 1 N·s/m, friction.coulomb 0.1 N; give --fix or --datasheet.",)
     sheet = {"friction.coulomb": Given(0.1), "viscous_friction": Given(None)}
-    assert said(datasheet=sheet) == (f"{words}viscous_friction 1 N*s/m; give --fix or --datasheet.",)
+    assert said(datasheet=sheet) == (f"{words}viscous_friction 1 N·s/m; give --fix or --datasheet.",)
     one_way = {"viscous_friction": 2.0, "friction.coulomb.forward": 0.1}
     assert said(fix=one_way) == (f"{words}friction.coulomb.backward 0.1 N; give --fix or --datasheet.",)
     assert said(fix={"viscous_friction": 2.0, "friction.coulomb": 0.1}) == ()

@@ -62,7 +62,7 @@ def test_a_motor_comes_back_from_its_table(motor):
         ({"rotor_inertia": "3 ohm"}, "rotor_inertia is '3 ohm', which is not in kg"),
         ({"rotor_inertia": "3 furlongs"}, "rotor_inertia is '3 furlongs', which is not in kg"),
         ({"rotor_inertia": "heavy"}, "rotor_inertia is 'heavy'; give a number in kg"),
-        ({"rotor_inertia": -1e-5}, "rotor_inertia is -1e-05 kg.m.2; it must be positive"),
+        ({"rotor_inertia": -1e-5}, "motor rotor_inertia is -1e-05 kg·m²; it must be positive"),
         ({"rotor_inertia": True}, "rotor_inertia is True"),
         ({"resistance": float("nan")}, "resistance is nan"),
         ({"motor_constant": 0}, "motor_constant is 0"),

@@ -20,7 +20,7 @@ import typer
 
 from emsid.errors import DataError, EmsidError
 from emsid.interruption import INTERRUPTED, INTERRUPTION, leave_quietly
-from emsid.terminal import error_table, physical_table, progress_bar, show
+from emsid.terminal import SPELT_OUT, error_table, physical_table, progress_bar, show
 
 if TYPE_CHECKING:
     from emsid.identification import Identification
@@ -51,7 +51,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # with all that is cleaned up on leaving
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal that has no ² or Ω gets a question mark
+            stream.reconfigure(errors=SPELT_OUT)  # a terminal that has no ² or Ω gets ^2 and ohm
     try:
         try:
             status = app(sys.argv[1:] or ["--help"], prog_name="emsid", standalone_mode=False)
@@ -551,6 +551,7 @@ def describe(
       emsid describe log.csv --input voltage --output speed --time t
     """
     from emsid.excitation import crest_factor, largest_order, persistent_excitation_order
+    from emsid.units import with_unit
 
     for path in files:
         record = reader(path)
@@ -563,7 +564,7 @@ def describe(
             record.input_names + record.output_names, record.input_units + record.output_units, strict=True
         ):
             x = record.channel(name)
-            span = f"{x.min():.5g} … {x.max():.5g}{' ' * bool(unit)}{unit}"
+            span = with_unit(f"{x.min():.5g} … {x.max():.5g}", unit)
             print(f"  {name}: {span}, mean {x.mean():.5g}, deviation {x.std():.5g}")
         print(f"  input crest factor {crest:.2f}")
         counted = f"singular values of the lagged input above {tolerance:g} of the largest"

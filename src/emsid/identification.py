@@ -37,6 +37,7 @@ from emsid.models.plant_parameters import Signal, find_handle, parts, without_ov
 from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
 from emsid.models.wiener_hammerstein import estimate as estimate_cascade
 from emsid.record import Record, concatenate
+from emsid.units import with_unit
 from emsid.validation.agreement import disagreement
 from emsid.validation.comparison import Comparison, assess, compare
 
@@ -597,7 +598,7 @@ def remarks(result: Identification) -> list[str]:
     elif np.isfinite(best.simulation_mse):
         sentences.append(
             f"{best.model}: on {result.judged_on}, the free run has {best.fit_in_words}; its RMSE is "
-            f"{best.simulation_rmse:.4g}{' ' * bool(unit)}{unit}."
+            f"{with_unit(f'{best.simulation_rmse:.4g}', unit)}."
         )
         if best.fit_percent <= 0:
             sentences.append(

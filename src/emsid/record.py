@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError
+from emsid.units import readable_unit
 
 Array = NDArray[np.float64]
 
@@ -99,7 +100,7 @@ class Record:
 
     def __repr__(self) -> str:
         channels = ", ".join(
-            f"{name} [{unit}]" if unit else name
+            f"{name} [{readable_unit(unit)}]" if unit else name
             for name, unit in zip(
                 self.input_names + self.output_names, self.input_units + self.output_units, strict=True
             )

@@ -26,6 +26,35 @@ _ENDLESS = re.compile(r"(?:\^|\*\*)(?!\s*[-+]?\d(?![\d.eE]))|\)\s*(?:\^|\*\*)|(?
 MOST_LETTERS = 80
 
 
+def readable_unit(unit: str) -> str:
+    """A unit as it is printed: a dot for ``*``, raised powers, a dash for a number, a question where unknown.
+
+    >>> readable_unit("kg*m^2"), readable_unit("1"), readable_unit("")
+    ('kg·m²', '–', 'unit?')
+    """
+    if not unit:
+        return "unit?"
+    raised = re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_RAISED), unit)
+    return "–" if unit == "1" else raised.replace("*", "·").replace("ohm", "Ω")
+
+
+def plain_unit(unit: str) -> str:
+    """A unit as it is printed, nothing where there is none."""
+    return "" if unit in ("", "1") else readable_unit(unit)
+
+
+def with_unit(number: str, unit: str) -> str:
+    """A number with its unit as it is printed.
+
+    >>> with_unit("2", "ohm"), with_unit("2", "1")
+    ('2 Ω', '2')
+    """
+    return f"{number} {plain_unit(unit)}".rstrip()
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
 class Conversion(NamedTuple):
     """``converted = gain * value + offset``, in ``unit``."""
 

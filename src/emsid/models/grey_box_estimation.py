@@ -36,6 +36,7 @@ from emsid.models.plants import DrivenMotor, LinearAxis, Motion
 from emsid.plant import Motor
 from emsid.plant.motor import read_number
 from emsid.record import Record, check_same_channels
+from emsid.units import with_unit
 
 Array = NDArray[np.float64]
 
@@ -323,12 +324,12 @@ def _limits(
             raise ModelError(f"bounds for {name}, which is not free; free are {', '.join(asked)}")
     for name in asked:
         handle: Handle = plant.handles[name]
-        low, high = handle.lower, handle.upper
+        low, high, unit = handle.lower, handle.upper, handle.parameter.unit
         if name in bounds:
             given_low, given_high = bounds[name]
             if not given_low <= given_high or given_high < low or given_low > high:
                 raise ModelError(
-                    f"bounds of {name} are [{given_low:g}, {given_high:g}] {handle.parameter.unit}; they must ascend "
+                    f"bounds of {name} are {with_unit(f'[{given_low:g}, {given_high:g}]', unit)}; they must ascend "
                     f"within [{low:g}, {high:g}]"
                 )
             low, high = max(low, given_low), min(high, given_high)
@@ -338,7 +339,7 @@ def _limits(
             if sheet_low > high or sheet_high < low:
                 raise ModelError(
                     f"the datasheet has {name} within [{sheet_low:g}, {sheet_high:g}] and its bounds are "
-                    f"[{low:g}, {high:g}] {handle.parameter.unit}; they contradict each other"
+                    f"{with_unit(f'[{low:g}, {high:g}]', unit)}; they contradict each other"
                 )
             low, high = max(low, sheet_low), min(high, sheet_high)
         limits[name] = (low, high)
@@ -397,10 +398,8 @@ def _check_start(plant: Plant, asked: Sequence[str], limits: Limits) -> None:
     for name in asked:
         value, (low, high) = plant.value(name), limits[name]
         if not low <= value <= high:
-            unit = plant.handles[name].parameter.unit
-            raise ModelError(
-                f"bounds [{low:g}, {high:g}] {unit} of {name} exclude its start {value:g}; widen them or move the start"
-            )
+            bounds = with_unit(f"[{low:g}, {high:g}]", plant.handles[name].parameter.unit)
+            raise ModelError(f"bounds {bounds} of {name} exclude its start {value:g}; widen them or move the start")
 
 
 def _best_start(

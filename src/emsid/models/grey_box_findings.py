@@ -20,6 +20,7 @@ from emsid.models.grey_box_problem import FreeRunError, free_states
 from emsid.models.plant_parameters import Plant, Signal
 from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.plant import DeadZone
+from emsid.units import with_unit
 
 Array = NDArray[np.float64]
 
@@ -86,12 +87,13 @@ class Profile:
     def in_words(self) -> str:
         """The interval with its unit; an end that was not found is open."""
         low, high = self.interval
-        unit = "" if self.unit in ("", "1") else f" {self.unit}"
         if np.isfinite(low) and np.isfinite(high):
-            return f"from {low:.6g} to {high:.6g}{unit}"
+            return f"from {low:.6g} to {with_unit(f'{high:.6g}', self.unit)}"
         if np.isfinite(low):
-            return f"from {low:.6g}{unit} up, without an end"
-        return f"up to {high:.6g}{unit}, without a beginning" if np.isfinite(high) else "without ends"
+            return f"from {with_unit(f'{low:.6g}', self.unit)} up, without an end"
+        if np.isfinite(high):
+            return f"up to {with_unit(f'{high:.6g}', self.unit)}, without a beginning"
+        return "without ends"
 
     def between(self, x: Array) -> Array:
         """The deviance at (m,) values, its signed root taken to be straight between those tried."""

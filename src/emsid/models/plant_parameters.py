@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.plant import DeadZone
 from emsid.plant.motor import Parameter
+from emsid.units import with_unit
 
 Array = NDArray[np.float64]
 
@@ -51,8 +52,7 @@ class Handle(NamedTuple):
 
     def with_unit(self, value: float, digits: int = 4) -> str:
         """A value of it as text."""
-        unit = self.parameter.unit
-        return f"{value:.{digits}g}" if unit == "1" else f"{value:.{digits}g} {unit}"
+        return with_unit(f"{value:.{digits}g}", self.parameter.unit)
 
     @property
     def allowed(self) -> str:

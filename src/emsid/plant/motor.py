@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from emsid.errors import DataError, ModelError
 from emsid.plant.dead_zone import DeadZone
 from emsid.plant.friction import Friction
-from emsid.units import conversion
+from emsid.units import conversion, with_unit
 
 Array = NDArray[np.float64]
 
@@ -135,7 +135,9 @@ class Motor:
                 raise ModelError(f"motor {part.name} is {value!r}; give a number in {part.metadata['unit']}")
             if value < 0 or (value == 0 and part.name in positive):
                 needed = "positive" if part.name in positive else "zero or positive"
-                raise ModelError(f"motor {part.name} is {value:g} {part.metadata['unit']}; it must be {needed}")
+                raise ModelError(
+                    f"motor {part.name} is {with_unit(f'{value:g}', part.metadata['unit'])}; it must be {needed}"
+                )
             if not isfinite(value) and part.name != "shaft_stiffness":
                 raise ModelError(f"motor {part.name} is {value}; only shaft_stiffness may be infinite")
             object.__setattr__(self, part.name, float(value))

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from emsid.units import readable_unit
+
 Array = NDArray[np.float64]
 
 
@@ -349,21 +351,6 @@ class Report:
     def figures(self) -> Iterator[Figure]:
         """All figures of all sections, in order."""
         return (figure for section in self.sections for figure in section.figures)
-
-
-def readable_unit(unit: str) -> str:
-    """A unit as it is printed: a dot for ``*``, raised powers, a dash for a number, a question where unknown.
-
-    >>> readable_unit("kg*m^2"), readable_unit("1"), readable_unit("")
-    ('kg·m²', '–', 'unit?')
-    """
-    if not unit:
-        return "unit?"
-    raised = re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_RAISED), unit)
-    return "–" if unit == "1" else raised.replace("*", "·").replace("ohm", "Ω")
-
-
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def thin(x: ArrayLike, y: ArrayLike, limit: int) -> tuple[Array, Array]:

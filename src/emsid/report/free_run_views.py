@@ -14,7 +14,8 @@ from emsid.errors import listed
 from emsid.report.content import Axis, Bars, Figure, Ink, Line, Plot, Points, Stroke
 from emsid.report.conventions import MEASURED, MODELS, channels, labels, of_output, output_axis
 from emsid.report.timeline import TIME, timeline, with_gaps
-from emsid.report.wording import capital, number, percent, plain_unit
+from emsid.report.wording import capital, number, percent
+from emsid.units import with_unit
 
 if TYPE_CHECKING:
     from emsid.validation.comparison import Assessment, Comparison, OutputErrors, Row
@@ -93,7 +94,7 @@ def measured_and_simulated(assessment: Assessment, *, name: str = "free-run") ->
             Plot((residual,), TIME, Axis("Residual", axis.unit), height=0.7),
         ]
         of: Row | OutputErrors = row.outputs[channel] if row.outputs else row
-        rmse = f"RMSE {number(of.simulation_rmse)} {plain_unit(axis.unit)}".rstrip()
+        rmse = f"RMSE {with_unit(number(of.simulation_rmse), axis.unit)}"
         errors.append(f"{of_output(record, channel, '')} fit {percent(of.fit_percent)}, {rmse}".lstrip())
     return Figure(
         name,

@@ -30,10 +30,10 @@ from emsid.report.content import (
     Spans,
     Stroke,
     Table,
-    readable_unit,
 )
 from emsid.report.timeline import TIME, timeline, with_gaps
-from emsid.report.wording import capital, number, plain_unit, prefixed, sentence, share_of, slug, within
+from emsid.report.wording import capital, number, prefixed, sentence, share_of, slug, within
+from emsid.units import readable_unit, with_unit
 
 if TYPE_CHECKING:
     from emsid.models.grey_box_fit import Estimate, GreyBoxFit
@@ -259,24 +259,23 @@ def likelihood(fit: GreyBoxFit, profile: Profile, *, name: str = "") -> Figure:
     shown = profile.deviance <= top
     parameter = fit.model.plant.handles[profile.name].parameter
     percent = f"{100 * profile.level:g} %"
-    marks = (
+    marks: list[Mark] = [
         Spans(np.clip(profile.interval, *reach).reshape(1, 2), f"{percent} interval"),
         Line(x, curve, "profile", Stroke(Ink.BLUE, width=1.4)),
         Line(x, quadratic, "quadratic approximation", Stroke(Ink.RED, Dash.DASHED)),
         Points(profile.values[shown], profile.deviance[shown], "fits of all other parameters"),
         Level(profile.limit, f"{percent} threshold"),
-    )
+    ]
     half = float(np.sqrt(profile.limit)) * profile.standard_error
-    found = replace(profile, unit=plain_unit(profile.unit))
-    approximate = replace(found, interval=(profile.estimate - half, profile.estimate + half))
+    approximate = replace(profile, interval=(profile.estimate - half, profile.estimate + half))
     return Figure(
         name or f"{slug(fit.model.name)}-profile-{slug(profile.name)}",
         f"Likelihood profile of {profile.name} of {fit.model.name}, all other parameters at their best for each of its "
-        f"values: its {percent} interval is {found.in_words}; the standard error alone gives one "
+        f"values: its {percent} interval is {profile.in_words}; the standard error alone gives one "
         f"{approximate.in_words}.",
         (
             Plot(
-                marks,
+                tuple(marks),
                 Axis(_first_up(parameter.description), parameter.unit, range=reach),
                 Axis("Deviance", "1", range=(-0.03 * top, top)),
                 height=1.6,
@@ -288,7 +287,7 @@ def likelihood(fit: GreyBoxFit, profile: Profile, *, name: str = "") -> Figure:
 def plant_equations(fit: GreyBoxFit) -> tuple[str, ...]:
     """The equations of a plant that emsid knows, in symbols, and all its parameters in numbers."""
     plant = fit.model.plant
-    numbers = readable_unit(fit.model.equation())
+    numbers = fit.model.equation()
     if isinstance(plant, LinearAxis):
         return "M·dv/dt = D(f) − F_v·v − T_f(v) − F₀\ndx/dt = v", numbers
     if not isinstance(plant, DrivenMotor):
@@ -444,7 +443,7 @@ def _given(fit: GreyBoxFit) -> str:
 
 
 def _values(rows: Sequence[Estimate]) -> str:
-    return listed([f"{row.name} = {_plain(row.value)} {plain_unit(row.unit)}".rstrip() for row in rows])
+    return listed([f"{row.name} = {with_unit(_plain(row.value), row.unit)}" for row in rows])
 
 
 def _reaching(axis: Axis, curve: Curve) -> Axis:

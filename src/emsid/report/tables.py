@@ -8,8 +8,9 @@ from itertools import groupby
 from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
-from emsid.report.content import Table, readable_unit
-from emsid.report.wording import estimate, number, plain_unit, sentence, share_of
+from emsid.report.content import Table
+from emsid.report.wording import estimate, number, sentence, share_of
+from emsid.units import plain_unit, readable_unit
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit

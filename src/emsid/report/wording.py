@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from math import floor, isfinite, isnan, log10
 
-from emsid.report.content import readable_unit
-
 
 def number(value: float) -> str:
     """Four digits; a dash for what is not a finite number.
@@ -44,11 +42,6 @@ def share_of(half_width: float, value: float) -> str:
 def percent(fit: float) -> str:
     """A fit in percent; not a number where the measured output is constant, infinite after a run that diverged."""
     return f"{fit:.1f} %" if isfinite(fit) else "none (constant output)" if isnan(fit) else "none (diverged)"
-
-
-def plain_unit(unit: str) -> str:
-    """A unit as it is printed, nothing where there is none."""
-    return "" if unit in ("", "1") else readable_unit(unit)
 
 
 def capital(text: str) -> str:

@@ -16,6 +16,7 @@ from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.models.model import Model, Run
 from emsid.record import Record
+from emsid.units import with_unit
 from emsid.validation.metrics import Array, fit_percent, mean_squared_error
 
 
@@ -40,8 +41,8 @@ class OutputErrors:
     @property
     def error_in_words(self) -> str:
         """RMSE and fit, with the name of the output, for a sentence."""
-        unit = f" {self.unit}" * bool(self.unit)
-        return f"{self.output} {self.simulation_rmse:.4g}{unit} ({_fit_in_words(self.fit_percent)})"
+        rmse = with_unit(f"{self.simulation_rmse:.4g}", self.unit)
+        return f"{self.output} {rmse} ({_fit_in_words(self.fit_percent)})"
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from coverage_grey_box import FREE, MOTOR, simulated_record
+from coverage_grey_box import EXCESS, FREE, MOTOR, STICTION, coverage_of_an_excess, simulated_record
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Ending
 from emsid.identification import Options, identify
@@ -15,6 +15,7 @@ from emsid.models.grey_box import GreyBox, assumptions, check_channels
 from emsid.models.grey_box_choice import STARTS, choose, late_command, slow_sensor
 from emsid.models.grey_box_datasheet import Given
 from emsid.models.grey_box_estimation import simulation_error
+from emsid.models.grey_box_findings import likelihood_profile
 from emsid.models.grey_box_problem import FreeRunError, all_alike
 from emsid.models.own_plant import OwnPlant
 from emsid.models.plant_parameters import Signal
@@ -22,7 +23,7 @@ from emsid.models.plants import DrivenMotor, LinearAxis
 from emsid.plant import Motor
 from emsid.plant.motor import Parameter
 from emsid.record import Record
-from emsid.report.grey_box_views import plant_equations, units_taken
+from emsid.report.grey_box_views import likelihood, plant_equations, units_taken
 
 DT = 5e-3
 LEVELS = np.repeat(np.random.default_rng(0).uniform(-12, 12, 80), 20)
@@ -377,6 +378,30 @@ def test_an_interval_that_reaches_down_to_nothing_has_a_word():
         "the 95 % interval of rotor_friction.stribeck reaches down to nothing: fix it if you can, or leave it out",
     )
     assert all(row.value > 1.96 * row.standard_error for row in fit.table[:-1])
+
+
+def test_an_excess_that_noise_takes_for_nothing_has_the_interval_of_its_profile():
+    free = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb", EXCESS)
+    rng = np.random.default_rng(1)
+    records = (simulated_record(rng, noise=3.0, motor=STICTION) for _ in range(100))
+    fit = next(fit for fit in (simulation_error(STICTION, r, free=free) for r in records) if fit.estimate[-1] == 0)
+    assert fit.table[-1].status == "at a bound"
+    assert fit.words[0].endswith("how far off it may be, its profile says (--profile)")
+    profile = likelihood_profile(fit, EXCESS)
+    low, high = profile.interval
+    assert low == 0 < high
+    others = simulation_error(STICTION, fit.segments, free=free[:-1], fixed={EXCESS: high})
+    unit = fit.noise_variance * np.max(fit.colour) / 2
+    assert (others.cost - fit.cost) / unit == pytest.approx(profile.limit, rel=0.02)
+    figure = likelihood(fit, profile)
+    assert "; the search ended at a bound, so there is no standard error." in figure.caption
+    assert "quadratic approximation" not in [mark.label for mark in figure.plots[0].marks]
+
+
+def test_intervals_of_an_excess_hold_the_truth_in_heavy_noise():
+    found = coverage_of_an_excess(25)  # 300 records by `make coverage`
+    assert found["covered"] >= 0.85
+    assert found["untold"] <= 0.2
 
 
 def test_exact_data_leave_the_uncertainty_of_the_simulation():

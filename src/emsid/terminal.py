@@ -89,7 +89,7 @@ def physical_table(fit: GreyBoxFit) -> Table:
         told = [(each.quantity, each.standard_error) for each in fit.combinations]
         rows += [(each.name, each.formula, each.value, error, each.unit, "told") for each, error in told]
     for name, symbol, value, error, unit, status in rows:
-        width = "" if error is None or not isfinite(error) else f"{1.96 * error:.2g}"
+        width = "" if not error or not isfinite(error) else f"{1.96 * error:.2g}"  # none where a bound holds it
         table.add_row(*map(_shown, (name, symbol, f"{value:.5g}", width, plain_unit(unit), status)))
     return table
 

@@ -62,6 +62,7 @@ class Profile:
     Attributes:
         name, unit: of the parameter.
         estimate, standard_error: of the fit; near the estimate the deviance is ((value − estimate)/standard error)².
+            Where a bound holds the estimate, the standard error is the one that it would have without.
         values: (n,) the values tried, the estimate among them, ascending.
         deviance: (n,) 2·(log L_max − log L), corrected for colour of the residual; χ² with one degree of freedom.
         interval: where the deviance stays below the limit, up to a bound of the parameter; infinite where it still does
@@ -163,7 +164,8 @@ def likelihood_profile(
 
     Every point is a fit of all other parameters and the initial states, begun where the one before it ended. The
     deviance 2·(V − V_min)/σ² is divided by how much colour inflates the variance, the ratio of the sandwich to the
-    white variance. Venzon, Moolgavkar, *A method for computing profile-likelihood-based confidence intervals*, Applied
+    white variance; where a bound holds the parameter it has none, and the largest of the others stands for it. Venzon,
+    Moolgavkar, *A method for computing profile-likelihood-based confidence intervals*, Applied
     Statistics 37 (1988).
 
     Args:
@@ -173,16 +175,18 @@ def likelihood_profile(
         progress: called with the fraction done.
 
     Raises:
-        ModelError: for a parameter that was not estimated or is held by a bound.
+        ModelError: for a parameter that was not estimated, or that moves nothing where it is.
     """
     if name not in fit.names:
         raise ModelError(f"{name} was not estimated; profiles can be had of {', '.join(fit.names) or 'none'}")
     k = fit.names.index(name)
-    best, error = float(fit.estimate[k]), float(fit.standard_error[k])
+    best, error, colour = float(fit.estimate[k]), float(fit.standard_error[k]), float(fit.colour[k])
+    if error == 0 and best in fit.limits[name]:
+        error, colour = _error_if_free(fit, k), float(np.max(fit.colour))
     if not 0 < error < np.inf:
         raise ModelError(f"{name} has no finite standard error, so there is no range to take a profile over")
     low, high = fit.limits[name]
-    limit, unit = float(chdtri(1, 1 - level)), fit.noise_variance * float(fit.colour[k]) / 2
+    limit, unit = float(chdtri(1, 1 - level)), fit.noise_variance * colour / 2
     costs = {best: fit.cost}
     for side, bound in ((-1, low), (1, high)):
         plant, value = fit.model.plant, best
@@ -202,6 +206,23 @@ def likelihood_profile(
     return Profile(name, fit.model.plant.handles[name].parameter.unit, best, error, values, deviance, interval, level)
 
 
+def _error_if_free(fit: GreyBoxFit, k: int) -> float:
+    """The standard error of an estimate that a bound holds, were it free: how far from there a profile looks."""
+    problem = _problem(fit, fit.model.plant, fit.names, fit.states)
+    slopes = np.vstack([jacobian for _, jacobian in problem.exactly(problem.start)]) * problem.sizes
+    others = np.delete(slopes, k, axis=1)
+    alone = slopes[:, k] - others @ np.linalg.lstsq(others, slopes[:, k])[0]
+    size = float(np.linalg.norm(alone))
+    return float(np.sqrt(fit.noise_variance)) * float(problem.sizes[k]) / size if size > 0 else np.inf
+
+
+def _problem(fit: GreyBoxFit, plant: Plant, free: Sequence[str], states: Sequence[Array]) -> FreeRunError:
+    """That of the fit, begun elsewhere, with some of its parameters."""
+    signals = fit.model.signals
+    unknown = [free_states(plant, signals, segment) for segment in fit.segments]
+    return FreeRunError(plant, signals, fit.segments, free, states, unknown, fit.weighting, os.cpu_count() or 1)
+
+
 def _profile(costs: Mapping[float, float], unit: float) -> tuple[Array, Array]:
     """Values, ascending, and their deviance, from V at each of them."""
     values = np.array(sorted(costs))
@@ -213,10 +234,7 @@ def _others_at_their_best(
     fit: GreyBoxFit, plant: Plant, name: str, states: Sequence[Array]
 ) -> tuple[float, Plant, Sequence[Array]]:
     """V, plant and initial states where all that was estimated is estimated again, but for one parameter."""
-    signals, segments = fit.model.signals, fit.segments
-    others = [other for other in fit.names if other != name]
-    unknown = [free_states(plant, signals, segment) for segment in segments]
-    problem = FreeRunError(plant, signals, segments, others, states, unknown, fit.weighting, os.cpu_count() or 1)
+    problem = _problem(fit, plant, [other for other in fit.names if other != name], states)
     lower, upper = problem.within(fit.limits)
     found = gauss_newton(problem, problem.start, lower=lower, upper=upper, names=problem.names, inner=True)
     return found.cost, problem.plant_at(found.estimate), problem.states(found.estimate)

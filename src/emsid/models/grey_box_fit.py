@@ -195,7 +195,10 @@ def at_bounds(
         elif value in hidden.get(name, ()):
             words.append(f"{wanted} their sample time shows: fix it at 0")
         elif value in (handle.lower, handle.upper):
-            words.append(f"{wanted} is physical: fix it there, or check units, signs and what else is fixed")
+            words.append(
+                f"{wanted} is physical: fix it there, or check units, signs and what else is fixed; how far off it "
+                "may be, its profile says (--profile)"
+            )
         else:
             words.append(f"{wanted} its bounds allow: widen them, or check units and what is fixed")
     return words

@@ -268,11 +268,14 @@ def likelihood(fit: GreyBoxFit, profile: Profile, *, name: str = "") -> Figure:
     ]
     half = float(np.sqrt(profile.limit)) * profile.standard_error
     approximate = replace(profile, interval=(profile.estimate - half, profile.estimate + half))
+    beside = f"the standard error alone gives one {approximate.in_words}"
+    if profile.estimate in fit.limits[profile.name]:
+        beside = "the search ended at a bound, so there is no standard error"
+        del marks[2]
     return Figure(
         name or f"{slug(fit.model.name)}-profile-{slug(profile.name)}",
         f"Likelihood profile of {profile.name} of {fit.model.name}, all other parameters at their best for each of its "
-        f"values: its {percent} interval is {profile.in_words}; the standard error alone gives one "
-        f"{approximate.in_words}.",
+        f"values: its {percent} interval is {profile.in_words}; {beside}.",
         (
             Plot(
                 tuple(marks),

@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TypeVar, Unpack
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.gauss_newton import Minimum
 from emsid.models.cascade import Cascade
-from emsid.models.cascade_fit import FreeRun, search
+from emsid.models.cascade_fit import FreeRun, Search, search
 from emsid.models.cascade_layouts import Layout, Options, Orders
 from emsid.models.cascade_orders import folded_order_shares, map_sizes, order_shares, oversamplings, total_orders
 from emsid.models.cascade_rounds import Round, as_arrays, delayed, shortened
@@ -217,7 +217,7 @@ def _refined(
     Raises:
         ModelError: where one is needed and none is left.
     """
-    budget: dict[str, Any] = {"max_iterations": CHOICE_STEPS, "tolerance": CHOICE_TOLERANCE, "worth": CHOICE_WORTH}
+    budget: Search = {"max_iterations": CHOICE_STEPS, "tolerance": CHOICE_TOLERANCE, "worth": CHOICE_WORTH}
 
     def refine(plan: Plan) -> Choice:
         found = searched(plan.model, part, **budget)
@@ -296,20 +296,21 @@ class Found:
         return not self.error <= np.sqrt(np.mean(before**2))
 
 
-def searched(start: Cascade, records: Sequence[Record], *, skip: int | None = None, **budget: Any) -> Found:
+def searched(start: Cascade, records: Sequence[Record], **how: Unpack[Search]) -> Found:
     """`search`, but the free run on the records gets no worse than that of the start.
 
     States that are estimated along with a very slow pole describe a drift, which a free run, whose states are found
     from a few samples, cannot repeat. Where that has happened, the states are found as a free run finds them and held.
     """
-    free = Found(*search(start, records, skip=skip, **budget), records)
-    if skip is not None or free.minimum.ending is Ending.INTERRUPTED or not free.drifts:
+    free = Found(*search(start, records, **how), records)
+    if how.get("skip") is not None or free.minimum.ending is Ending.INTERRUPTED or not free.drifts:
         return free
-    held = Found(*search(start, records, skip=start.memory, **budget), records)
+    how["skip"] = start.memory
+    held = Found(*search(start, records, **how), records)
     if held.minimum.ending is Ending.INTERRUPTED:
         return held
     # Once more with the states that it has now.
-    again = Found(*search(held.model, records, skip=start.memory, **budget), records)
+    again = Found(*search(held.model, records, **how), records)
     return min(held, again, key=lambda found: found.error)
 
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -187,28 +188,24 @@ class FreeRun:
         return theta[first : first + self.cascade.states]
 
 
-def fit_cascade(
-    start: Cascade,
-    records: Record | Sequence[Record],
-    *,
-    skip: int | None = None,
-    hold: Sequence[str] = (),
-    loss: Loss = SQUARES,
-    max_iterations: int = 50,
-    max_seconds: float = np.inf,
-    tolerance: float = 0.05,
-    progress: Callable[[Iteration], None] | None = None,
-) -> Fit[Cascade]:
+class Search(TypedDict, total=False):
+    """What may be said of a search, as `search` says it."""
+
+    skip: int | None
+    hold: Sequence[str]
+    loss: Loss
+    max_iterations: int
+    max_seconds: float
+    tolerance: float
+    worth: float
+    progress: Callable[[Iteration], None] | None
+
+
+def fit_cascade(start: Cascade, records: Record | Sequence[Record], **how: Unpack[Search]) -> Fit[Cascade]:
     """The cascade whose free run is closest to one or several records, from a start.
 
     Args:
-        start: blocks with start values; it is brought to `unit_gain` first.
-        records: one input and one output each; every segment of each is an experiment.
-        skip: samples left out at the start of every segment, whose states keep what the start finds from them; None
-            estimates the states along with the parameters.
-        hold: names of parameters that keep their (normalised) start values.
-        loss: `Squares`, `Huber` or `Cauchy`.
-        max_iterations, max_seconds, tolerance, progress: as `gauss_newton` has them.
+        start, records, how: as in `search`.
 
     Returns:
         The fit, in the normalisation `unit_gain`; its covariance allows for coloured residuals and for model error.
@@ -216,18 +213,7 @@ def fit_cascade(
     Raises:
         ModelError: for records of other channels or too short, a start that is unstable.
     """
-    minimum, problem = search(
-        start,
-        records,
-        skip=skip,
-        hold=hold,
-        loss=loss,
-        max_iterations=max_iterations,
-        max_seconds=max_seconds,
-        tolerance=tolerance,
-        progress=progress,
-    )
-    return conclude(minimum, problem, loss)
+    return conclude(*search(start, records, **how), how.get("loss", SQUARES))
 
 
 def search(
@@ -243,7 +229,20 @@ def search(
     worth: float = 0.0,
     progress: Callable[[Iteration], None] | None = None,
 ) -> tuple[Minimum, FreeRun]:
-    """What `fit_cascade` does before it concludes; for those who go on from the minimum, or compare several."""
+    """What `fit_cascade` does before it concludes; for those who go on from the minimum, or compare several.
+
+    Args:
+        start: blocks with start values; it is brought to `unit_gain` first.
+        records: one input and one output each; every segment of each is an experiment.
+        skip: samples left out at the start of every segment, whose states keep what the start finds from them; None
+            estimates the states along with the parameters.
+        hold: names of parameters that keep their (normalised) start values.
+        loss: `Squares`, `Huber` or `Cauchy`.
+        max_iterations, max_seconds, tolerance, worth, progress: as `gauss_newton` has them.
+
+    Raises:
+        ModelError: for records of other channels or too short, a start that is unstable.
+    """
     if skip is not None:
         check_whole(f"{start.name}: skip", skip, 0, "these are samples to be left out")
     start.check()

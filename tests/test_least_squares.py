@@ -26,8 +26,8 @@ from emsid import (
 )
 from emsid.estimation import least_squares as module
 from emsid.estimation.least_squares import gather
-from emsid.models import regressors
-from emsid.models.regressors import Transform
+from emsid.models import structures
+from emsid.models.regressors import Factor, Regressor, Transform
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ def response(structure: Structure, theta: Array, samples: int = 600, seed: int =
     if not noise:
         return replace(Record(u, y, 0.01), output=Narx(structure, theta, 0.01).simulate(Record(u, y, 0.01)).output)
     disturbed = Structure(
-        (*structure.regressors, regressors.Regressor((regressors.Factor(structure.inputs + 1, 0),))),
+        (*structure.regressors, Regressor((Factor(structure.inputs + 1, 0),))),
         inputs=structure.inputs + 1,
     )
     extended = Record(np.column_stack([u, noise * rng.standard_normal(samples)]), y, 0.01)
@@ -145,7 +145,7 @@ def test_result_depends_on_sizes_of_chunks_and_blocks_by_rounding_only(
     record = response(structure, some_parameters(structure), samples=900, noise=0.1)
     expected = least_squares(structure, record)
     monkeypatch.setattr(module, "CHUNK", chunk)
-    monkeypatch.setattr(regressors, "BLOCK", block)
+    monkeypatch.setattr(structures, "BLOCK", block)
     fit = least_squares(structure, record)
     np.testing.assert_allclose(fit.estimate, expected.estimate, rtol=1e-11)
     assert fit.noise_variance == pytest.approx(expected.noise_variance, rel=1e-11)

@@ -25,7 +25,8 @@ from emsid import (
 )
 from emsid.models.model import RUNAWAY
 from emsid.models.narx import free_run_reference
-from emsid.models.regressors import Transform, regression_reference
+from emsid.models.regressors import Transform
+from emsid.models.structures import regression_reference
 
 Array = NDArray[np.float64]
 

@@ -30,10 +30,10 @@ from .models.narx import Narx as Narx
 from .models.own_plant import OwnPlant as OwnPlant
 from .models.plants import DrivenMotor as DrivenMotor
 from .models.plants import LinearAxis as LinearAxis
-from .models.regressors import Structure as Structure
-from .models.regressors import arx as arx
-from .models.regressors import friction_narx as friction_narx
-from .models.regressors import wiener_hammerstein_regression as wiener_hammerstein_regression
+from .models.structures import Structure as Structure
+from .models.structures import arx as arx
+from .models.structures import friction_narx as friction_narx
+from .models.structures import wiener_hammerstein_regression as wiener_hammerstein_regression
 from .models.wiener_hammerstein import hammerstein as hammerstein
 from .models.wiener_hammerstein import hammerstein_wiener as hammerstein_wiener
 from .models.wiener_hammerstein import wiener as wiener

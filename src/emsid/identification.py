@@ -34,7 +34,7 @@ from emsid.models.grey_box_findings import Profile, likelihood_profile
 from emsid.models.grey_box_fit import GreyBoxFit
 from emsid.models.grey_box_problem import Recent, Weighting, all_alike
 from emsid.models.plant_parameters import Signal, find_handle, parts, without_overlap
-from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
+from emsid.models.structures import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
 from emsid.models.wiener_hammerstein import estimate as estimate_cascade
 from emsid.record import Record, concatenate
 from emsid.units import with_unit

@@ -28,7 +28,7 @@ from emsid.models.families import DEAD_ZONE
 from emsid.models.grey_box_estimation import simulation_error
 from emsid.models.grey_box_fit import GreyBoxFit
 from emsid.models.plants import DrivenMotor
-from emsid.models.regressors import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
+from emsid.models.structures import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
 from emsid.models.wiener_hammerstein import wiener_hammerstein
 from emsid.plant import Bench, Friction, Motor
 from emsid.record import Record, check_same_channels

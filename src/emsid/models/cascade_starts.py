@@ -50,8 +50,8 @@ from emsid.models.cascade import Cascade
 from emsid.models.cascade_fit import search
 from emsid.models.cascade_gain import unit_gain
 from emsid.models.filters import Rational
-from emsid.models.regressors import wiener_hammerstein_regression
 from emsid.models.static_maps import CubicSpline, Polynomial, Scaling, StaticMap
+from emsid.models.structures import wiener_hammerstein_regression
 from emsid.models.unfolding import unfoldings
 from emsid.record import Record
 

@@ -23,18 +23,9 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.estimation.information import TILE, add_multiple
 from emsid.models.model import RUNAWAY, Run, check_samples
-from emsid.models.regressors import (
-    Factor,
-    Integers,
-    Regressor,
-    Structure,
-    Tables,
-    fill,
-    multiply,
-    parse_regressor,
-    tables,
-    transformed,
-)
+from emsid.models.regression_kernels import fill, multiply, transformed
+from emsid.models.regressors import Factor, Integers, Regressor, Tables, parse_regressor, tables
+from emsid.models.structures import Structure
 from emsid.record import Record
 
 Array = NDArray[np.float64]

@@ -368,6 +368,23 @@ def test_an_axis_whose_force_is_not_known_is_known_by_its_command():
     }
 
 
+@pytest.mark.parametrize("noise", [0.002, 0.05])
+def test_a_shaft_that_no_record_shows_is_said_to_be_none(noise):
+    fit = simulation_error(STARTS["motor"], driven(noise=noise), max_iterations=20)
+    assert fit.words[0] == grey_box_estimation.NO_SHAFT
+    rigid = simulation_error(STARTS["rigid-motor"], driven(noise=noise))
+    assert 2 * (rigid.cost - fit.cost) < 12.0 * fit.noise_variance
+    assert rigid.noise_variance == pytest.approx(noise**2 * np.var(driven(noise=0.0).output), rel=0.1)
+
+
+def test_a_shaft_that_a_record_shows_is_not_talked_away():
+    record = driven(noise=0.002, motor=Motor())
+    fit = simulation_error(STARTS["motor"], record, max_iterations=20)
+    assert {"shaft_stiffness", "shaft_damping"} <= set(fit.names)
+    assert grey_box_estimation.NO_SHAFT not in fit.words
+    assert simulation_error(STARTS["rigid-motor"], record).cost > 20 * fit.cost
+
+
 def test_an_interval_that_reaches_down_to_nothing_has_a_word():
     free = (*USUAL, "rotor_friction.stribeck")
     plant = DrivenMotor(replace(ONE_MASS, rotor_friction=replace(ONE_MASS.rotor_friction, stribeck_rate=0.3)))

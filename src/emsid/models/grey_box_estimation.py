@@ -164,7 +164,11 @@ def simulation_error(
     told = _told(problem if len(names) == len(asked) else problem_for(found, asked, states), asked, minimum)
     rows = table(found, start, names, asked, fixed, sheet, minimum, told)
     known_together = combinations(found, names, asked, minimum, told)
+    unseen = minimum.ending is not Ending.INTERRUPTED and _shaft_unseen(
+        minimum, found, names, lambda rigid, left: search(problem_for(rigid, left, states), LOOK)
+    )
     words = [
+        *([NO_SHAFT] if unseen else []),
         *at_bounds(minimum, names, found, limits, hidden, sheet),
         *in_words(told, names, found, shown, known_together),
         *hardly_told(rows, found),
@@ -200,6 +204,28 @@ def _tolerable(minimum: Minimum) -> float:
     """
     noise, colour = 4.5 * minimum.noise_variance, _colour(minimum, len(minimum.free))
     return max(noise, min(noise * float(np.max(colour, initial=1.0)), FLAT * minimum.cost))
+
+
+NO_SHAFT = "no shaft is seen in the records: one mass, rigid-motor, describes them as well; choose that"
+
+
+def _shaft_unseen(
+    minimum: Minimum, found: Plant, names: Sequence[str], search: Callable[[Plant, Sequence[str]], Minimum]
+) -> bool:
+    """Whether one mass without inductance is as good: what the others gain is what noise gives them (χ², at 95 %)."""
+    from scipy.special import chdtri
+
+    left = [name for name in names if not name.startswith("shaft_") and name != "inductance"]
+    if "rotor_inertia" in left and "load_inertia" in left:  # only their sum is left
+        left.remove("load_inertia")
+    if not left or not any(name.startswith("shaft_") for name in names) or not isinstance(found, DrivenMotor):
+        return False
+    try:
+        rigid = search(replace(found, motor=replace(found.motor, inductance=0.0).rigid()), left)
+    except EmsidError:  # one mass is not even simulated
+        return False
+    noise = minimum.noise_variance * float(np.max(_colour(minimum, len(names))))
+    return rigid.cost - minimum.cost <= 0.5 * noise * float(chdtri(len(names) - len(left), 0.05))
 
 
 def _colour(minimum: Minimum, parameters: int) -> Array:

@@ -6,7 +6,7 @@ import pytest
 import emsid
 from emsid.errors import DataError, ModelError
 from emsid.estimation.selection import coordinate_search
-from emsid.identification import CANDIDATES, Options, Regression, identify, remarks
+from emsid.identification import CANDIDATES, Options, Regression, identify, remarks, stribeck_speeds
 from emsid.models.families import FAMILIES
 from emsid.models.grey_box_datasheet import Given
 
@@ -345,3 +345,8 @@ def test_a_failure_names_its_model_once():
     two_levels = emsid.Record(np.sign(record.input), record.output, 0.01)
     words = remarks(identify(two_levels, models=["arx", "hammerstein"]))
     assert words[-1].startswith("hammerstein could not be fitted: the input takes two values only, -1 and 1; ")
+
+
+def test_speeds_of_a_stribeck_excess_are_numbers_to_be_read():
+    record = emsid.Record(np.arange(40.0), np.linspace(-56.0, 28.7695, 40), 0.01)
+    assert stribeck_speeds(record) == (1.68, 5.6)

@@ -183,7 +183,7 @@ def _friction_narx(record: Record, choice: Mapping[str, int]) -> Structure:
 def stribeck_speeds(record: Record) -> tuple[float, float]:
     """Two speeds over which a Stribeck excess may decay: 3 and 10 % of the largest output."""
     top = float(abs(record.output).max())
-    return 0.03 * top, 0.1 * top
+    return float(f"{0.03 * top:.3g}"), float(f"{0.1 * top:.3g}")  # to be read by people
 
 
 class Candidate(Protocol):

@@ -928,7 +928,7 @@ def test_numbers_of_many_digits_get_room_beside_an_interactive_plot():
     x = np.arange(3.0)
     layout = interactive(Plot((Line(x, 1e-4 * x),), Axis("Time", "s"), Axis("Residual", "V")))["layout"]
     assert layout["yaxis"]["automargin"] == "left"
-    assert layout["margin"]["l"] == 66
+    assert layout["margin"]["l"] == 76
 
 
 # --- physical models ------------------------------------------------------------------------------------------------

@@ -47,7 +47,7 @@ def interactive(plot: Plot) -> Trace:
     above, below = 30 if named else 10, 48
     layout: Trace = {
         "height": round(_ROW * plot.height) + above + below - 30,
-        "margin": {"l": 66, "r": 16, "t": above, "b": below},
+        "margin": {"l": 76, "r": 16, "t": above, "b": below},
         "font": {"family": "Segoe UI, system-ui, Helvetica Neue, Arial, sans-serif", "size": 12, "color": "#22262e"},
         "paper_bgcolor": "#ffffff",
         "plot_bgcolor": "#ffffff",

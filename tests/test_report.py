@@ -1242,3 +1242,11 @@ def test_everything_is_frozen():
         if isinstance(kind, type) and hasattr(kind, "__dataclass_fields__"):
             assert kind.__dataclass_params__.frozen
             assert all(field.name in kind.__doc__ for field in fields(kind))
+
+
+def test_lines_of_an_equation_end_between_its_words():
+    equation = "x1(t) = max(u(t-1)-0.5, 0)\ny(t) = 0.9*y(t-1) + x1(t) + e(t)"
+    text = page(Report("One", (), (Section("One", equations=(equation,)),)))
+    (printed,) = re.findall(r"<pre>(.*?)</pre>", text, re.DOTALL)
+    assert re.sub(r"</?span>", "", printed) == equation
+    assert re.findall(r"<span>(.*?)</span>", printed) == equation.split()

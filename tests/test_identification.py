@@ -350,3 +350,15 @@ def test_a_failure_names_its_model_once():
 def test_speeds_of_a_stribeck_excess_are_numbers_to_be_read():
     record = emsid.Record(np.arange(40.0), np.linspace(-56.0, 28.7695, 40), 0.01)
     assert stribeck_speeds(record) == (1.68, 5.6)
+
+
+def test_data_of_another_sample_time_judge_no_model_that_counts_samples(monkeypatch):
+    monkeypatch.setattr("emsid.identification.estimate_cascade", lambda *_: pytest.fail("fitted"))
+    record = system(400, 21)
+    other = emsid.Record(record.input[::2], record.output[::2], 0.02, name="slow log")
+    with pytest.raises(DataError) as refused:
+        identify(record, other, models=["hammerstein", "rigid-motor"])
+    assert str(refused.value) == (
+        "slow log is sampled every 0.02 s and record every 0.01 s, so it cannot judge hammerstein; resample one of "
+        "them, or check the unit of its times"
+    )

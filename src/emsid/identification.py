@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
-from emsid.errors import EmsidError, ModelError
+from emsid.errors import DataError, EmsidError, ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.gauss_newton import Iteration
 from emsid.estimation.least_squares import least_squares
@@ -443,6 +443,12 @@ def identify(
         ]
     judges = (validation,) if isinstance(validation, Record) else tuple(validation or ())
     train, test = (record, _one(judges)) if judges else _set_apart(several, unseen)
+    timeless = [name for name in dict.fromkeys(models) if name not in plants]
+    if timeless and not np.isclose(train.dt, test.dt, rtol=1e-3, atol=0.0):
+        raise DataError(
+            f"{test.name} is sampled every {test.dt:g} s and {train.name} every {train.dt:g} s, so it cannot judge "
+            f"{', '.join(timeless)}; resample one of them, or check the unit of its times"
+        )
     fits: list[Fit[Any]] = []
     failed: dict[str, EmsidError] = {}
     interrupted = False

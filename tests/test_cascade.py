@@ -284,18 +284,19 @@ def test_equation_of_a_cascade() -> None:
     model = Cascade((fir([2.0]), DeadZone(-0.5, 0.5), Rational([0.1], [-0.9])), output_offset=0.25, delay=1)
     assert model.equation().splitlines() == [
         "v(t) = u(t-1)",
-        "x1(t) = (2) v(t)",
+        "x1(t) = 2*v(t)",
         "x2(t) = 1*max(x1(t)-0.5, 0) + 1*min(x1(t)+0.5, 0)",
-        "y(t) = (0.1)/(1 - 0.9*q^-1) x2(t) + (0.25) + e(t)",
+        "y(t) = (0.1)/(1 - 0.9*q^-1) x2(t) + 0.25 + e(t)",
     ]
 
 
 @pytest.mark.parametrize(
     ("input_offset", "output_offset", "first", "last"),
     [
-        (0.0, 0.0, "x1(t) = (2) u(t)", "y(t) = abs(x1(t)) + e(t)"),
-        (1e-16, -7.5e-16, "x1(t) = (2) u(t)", "y(t) = abs(x1(t)) + e(t)"),
-        (0.5, 1e-9, "v(t) = u(t) - (0.5)", "y(t) = abs(x1(t)) + (1e-09) + e(t)"),
+        (0.0, 0.0, "x1(t) = 2*u(t)", "y(t) = abs(x1(t)) + e(t)"),
+        (1e-16, -7.5e-16, "x1(t) = 2*u(t)", "y(t) = abs(x1(t)) + e(t)"),
+        (-0.5, -2.0, "v(t) = u(t) + 0.5", "y(t) = abs(x1(t)) - 2 + e(t)"),
+        (0.5, 1e-9, "v(t) = u(t) - 0.5", "y(t) = abs(x1(t)) + 1e-09 + e(t)"),
     ],
 )
 def test_offsets_that_are_rounding_are_not_printed(

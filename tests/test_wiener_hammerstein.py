@@ -26,7 +26,7 @@ from emsid.models.cascade_advice import advice
 from emsid.models.cascade_fit import FreeRun
 from emsid.models.cascade_gain import unit_gain
 from emsid.models.cascade_layouts import HAMMERSTEIN, WIENER, WIENER_HAMMERSTEIN, Layout, Options
-from emsid.models.cascade_orders import map_sizes, total_orders
+from emsid.models.cascade_orders import map_sizes, order_shares, total_orders
 from emsid.models.cascade_rounds import CHOICE_SAMPLES, held_back, shortened
 from emsid.models.cascade_starts import _splits, regression_candidate, scanned, unfolded_candidates
 from emsid.models.families import ABS, COULOMB, DEAD_ZONE, FAMILIES, POLYNOMIAL, SPLINE, Family, given
@@ -277,6 +277,21 @@ def test_orders_below_that_of_the_response_are_tried() -> None:
     assert totals(WIENER_HAMMERSTEIN, (None, None)) == list(range(max(most - 2, 2), most + 1))
     assert totals(WIENER, (None, None)) == list(range(1, most + 1))
     assert totals(WIENER_HAMMERSTEIN, (1, 2)) == [3]
+    assert totals(WIENER_HAMMERSTEIN, (None, 2)) == list(range(max(most - 2, 3), most + 1))
+
+
+def test_an_order_that_is_given_is_kept_where_the_other_is_open() -> None:
+    assert order_shares(WIENER_HAMMERSTEIN, (None, None), 3) == [(1, 2), (2, 1)]
+    assert order_shares(WIENER_HAMMERSTEIN, (None, 2), 3) == [(1, 2)]
+    assert order_shares(WIENER_HAMMERSTEIN, (0, None), 3) == [(0, 3)]
+    assert order_shares(WIENER_HAMMERSTEIN, (2, 0), 2) == [(2, 0)]
+    record = record_of(Cascade((FAST, BEND, SLOW)), 2000)
+    for orders in ((None, 2), (1, None)):
+        fit = wiener_hammerstein(record, orders, replace(AT_RATE, size=9, delay=0))  # type: ignore[arg-type]
+        first, second = (len(block.denominator) for block in fit.model.blocks if isinstance(block, Rational))
+        assert orders[0] in (None, first)
+        assert orders[1] in (None, second)
+        assert unexplained(fit, record_of(Cascade((FAST, BEND, SLOW)), 2000, noise=0.0, seed=1)) < 0.02
 
 
 def test_a_delay_is_found() -> None:
@@ -387,7 +402,14 @@ def test_advice() -> None:
         (record_of(Cascade((BEND, SLOW)), 100), (9, 9), {}, "parameters for 100 samples"),
         (record_of(Cascade((BEND, SLOW)), 500), (-1, 2), {}, "order -1"),
         (record_of(Cascade((BEND, SLOW)), 500), (1.5, 2), {}, r"order 1\.5.* whole number"),
-        (record_of(Cascade((BEND, SLOW)), 500), (1, 2, 3), {}, "3 orders; give one for each filter"),
+        (record_of(Cascade((BEND, SLOW)), 500), (1, 2, 3), {}, r"orders \(1, 2, 3\); give one for each filter"),
+        (record_of(Cascade((BEND, SLOW)), 500), 2, {}, "orders 2; give one for each filter"),
+        (
+            record_of(Cascade((BEND, SLOW)), 500),
+            None,
+            {"static": "dead-zone"},
+            "static 'dead-zone' is no family of maps",
+        ),
         (record_of(Cascade((BEND, SLOW)), 900), (30, 30), {"size": 6}, r"takes 480 samples to start, .* has 225"),
         (record_of(Cascade((BEND, SLOW)), 500), (1, 1), {"delay": 500}, "a delay of 500 in a stretch of"),
         (record_of(Cascade((BEND, SLOW)), 45), None, {}, "10 parameters for 45 samples"),
@@ -435,6 +457,13 @@ def test_no_record_and_a_validation_that_is_too_short() -> None:
     record = record_of(Cascade((BEND, SLOW)), 800)
     with pytest.raises(ModelError, match=r"takes 16 samples to start, .* has 5; give"):
         hammerstein(record, 2, replace(AT_RATE, size=6, validation=record[:5]))
+
+
+def test_a_single_step_tells_no_map_from_a_filter() -> None:
+    u = np.repeat([0.0, 1.0], [20, 480])
+    step = Record(u, SLOW.output(u, np.zeros(2)), 1.0)
+    with pytest.raises(ModelError, match="wiener: the input changes 1 time between two values, which tells no static"):
+        wiener(step, 2, AT_RATE)
 
 
 def test_a_map_of_two_levels_cannot_be_told_from_a_gain() -> None:

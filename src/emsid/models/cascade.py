@@ -293,8 +293,8 @@ class Cascade:
         """One line per block; an offset that is rounding beside the other parameters is left out."""
         rounding = ROUNDING * float(np.max(np.abs(self.parameters)))
         before, behind = (
-            f"{sign} ({offset:.6g})" if abs(offset) > rounding else ""
-            for sign, offset in ((" -", self.input_offset), (" +", self.output_offset))
+            f" {'-' if offset < 0 else '+'} {abs(offset):.6g}" if abs(offset) > rounding else ""
+            for offset in (-self.input_offset, self.output_offset)
         )
         late = f"-{self.delay}" if self.delay else ""
         enters = [f"v(t) = u(t{late}){before}"] if late or before else []

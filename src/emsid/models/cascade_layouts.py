@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from emsid.errors import ModelError
 from emsid.estimation.gauss_newton import Iteration
 from emsid.estimation.losses import SQUARES, Loss
 from emsid.models.families import COULOMB, DEAD_ZONE, PIECEWISE_LINEAR, POLYNOMIAL, SATURATION, SPLINE, Family
@@ -62,7 +63,7 @@ class Options:
         progress: called with what is being done, and with every step of the final fit.
 
     Raises:
-        ModelError: for numbers that are no counts.
+        ModelError: for numbers that are no counts, a static map that is no family.
     """
 
     static: Family | None = SPLINE
@@ -79,6 +80,8 @@ class Options:
     progress: Progress | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.static, Family | None):
+            raise ModelError(f"static {self.static!r} is no family of maps; give one of emsid.models.families")
         for what, value, least, why in (
             ("delay", self.delay, 0, "a model cannot look ahead"),
             ("oversampling", self.oversampling, 1, "blocks run at least as fast as the record"),

@@ -41,18 +41,15 @@ def total_orders(layout: Layout, segments: Sequence[tuple[Array, Array]], orders
     To a response, a nonlinearity can look like poles and zeros, so lower orders are tried too: all of them where there
     is one filter only, and some where there are two, as every one of them can be shared out in many ways.
     """
-    most = _total(layout, segments, orders)
-    if any(order is not None for order in orders):
-        return [most]
-    return list(range(max(most - LOWER, 2) if layout.first and layout.second else 1, most + 1))
+    least, most = _least(layout, orders), _total(layout, segments, orders)
+    return list(range(max(most - LOWER, least) if layout.first and layout.second else least, most + 1))
 
 
 def _total(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: Orders) -> int:
     """The order that is given, or that describes the frequency response most briefly."""
-    given_orders = [order for order in orders if order is not None]
-    if given_orders:
-        return sum(given_orders)
-    least = 2 if layout.first and layout.second else 1
+    least = _least(layout, orders)
+    if not _open(layout, orders):
+        return least
     try:
         response = frequency_response(segments)
     except ModelError:
@@ -62,6 +59,16 @@ def _total(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: Orde
     costs = {n: fit_rational(response, n + 1, n)[2] for n in range(least, max(largest, least) + 1)}
     scale = max(min(costs.values()) / points, 1e-12)
     return min(costs, key=lambda n: costs[n] / scale + (2 * n + 1) * np.log(points))
+
+
+def _open(layout: Layout, orders: Orders) -> int:
+    """How many of the filters have no order given."""
+    return sum(order is None for order, wanted in zip(orders, (layout.first, layout.second), strict=True) if wanted)
+
+
+def _least(layout: Layout, orders: Orders) -> int:
+    """The orders given, and one for every filter without."""
+    return sum(order or 0 for order in orders) + _open(layout, orders)
 
 
 def oversamplings(records: Sequence[Record]) -> tuple[int, ...]:
@@ -76,9 +83,12 @@ def order_shares(layout: Layout, orders: Orders, total: int) -> list[Orders]:
         return [(None, total)]
     if not layout.second:
         return [(total, None)]
-    if orders[0] is not None and orders[1] is not None:
-        return [(orders[0], orders[1])]
-    return [(first, total - first) for first in range(1, total)]
+    pairs = [(first, total - first) for first in range(total + 1)]
+
+    def allowed(pair: Orders) -> bool:
+        return all(order == given if given is not None else order for order, given in zip(pair, orders, strict=True))
+
+    return [pair for pair in pairs if allowed(pair)]
 
 
 def folded_order_shares(layout: Layout, orders: Orders) -> list[tuple[int, int | None]]:

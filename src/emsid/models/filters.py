@@ -200,6 +200,8 @@ class Rational:
         """``y(t) = (b0 + b1*q^-1)/(1 + a1*q^-1) x(t)``."""
         above = _in_delays(self.numerator, self.delay)
         below = _in_delays(np.concatenate([[1.0], self.denominator]), 0)
+        if self.states == 0:
+            return f"{y}(t) = {above}*{x}(t)"
         tail = f"/({below})" if len(self.denominator) else ""
         return f"{y}(t) = ({above}){tail} {x}(t)"
 

@@ -39,6 +39,9 @@ from emsid.models.filters import Rational
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
+# An input of two levels has to change so often to tell anything of a map behind a filter.
+CHANGES = 5
+
 
 def wiener_hammerstein(
     records: Record | Sequence[Record], orders: tuple[int, int] | None = None, options: Options = DEFAULTS
@@ -145,6 +148,12 @@ def _check_excitation(layout: Layout, records: Sequence[Record]) -> None:
     for record in records:
         check_excitation(record)
     levels = np.unique(np.concatenate([record.input[:, 0] for record in records]))
+    changes = sum(int(np.count_nonzero(np.diff(u))) for u, _ in as_arrays(records))
+    if len(levels) == 2 and changes < CHANGES:
+        raise ModelError(
+            f"{layout.name}: the input changes {changes} time{'s' * (changes != 1)} between two values, which tells no "
+            "static map from a filter. Use an input of many levels, or of many changes"
+        )
     if len(levels) == 2 and not layout.first:
         raise ModelError(
             f"{layout.name}: the input takes two values only, {levels[0]:g} and {levels[1]:g}; a static map of it "
@@ -153,8 +162,8 @@ def _check_excitation(layout: Layout, records: Sequence[Record]) -> None:
 
 
 def _check_size(layout: Layout, records: Sequence[Record], orders: Orders, options: Options) -> None:
-    if len(orders) != 2:
-        raise ModelError(f"{layout.name}: {len(orders)} orders; give one for each filter")
+    if not (isinstance(orders, tuple | list) and len(orders) == 2):
+        raise ModelError(f"{layout.name}: orders {orders!r}; give one for each filter, such as (1, 2)")
     least = 0 if layout.first and layout.second else 1
     for order in orders:
         if order is not None:

@@ -154,6 +154,8 @@ def stops(fit: GreyBoxFit) -> tuple[Stop, ...]:
 STEPS = (0.75, 1.5, 2.25, 3.0, 6.0, 12.0, 24.0)
 """How far from the estimate a profile is taken, in standard errors; beyond `REACH` only until the limit is passed."""
 REACH = 3.0
+PATIENT = 0.01
+"""A point of a profile is good enough where several more steps would move its deviance by this part of the limit."""
 
 
 @one_blas_thread()
@@ -187,6 +189,7 @@ def likelihood_profile(
         raise ModelError(f"{name} has no finite standard error, so there is no range to take a profile over")
     low, high = fit.limits[name]
     limit, unit = float(chdtri(1, 1 - level)), fit.noise_variance * colour / 2
+    worth = PATIENT * limit * unit / fit.cost if fit.cost > 0 else 0.0
     costs = {best: fit.cost}
     for side, bound in ((-1, low), (1, high)):
         plant, value = fit.model.plant, best
@@ -197,10 +200,10 @@ def likelihood_profile(
                 break
             progress((done / len(STEPS) + (side > 0)) / 2)
             value = float(np.clip(best + side * step * error, low, high))
-            costs[value], plant, states = _others_at_their_best(fit, plant.put({name: value}), name, states)
+            costs[value], plant, states = _others_at_their_best(fit, plant.put({name: value}), name, states, worth)
     for end in _below(*_profile(costs, unit), limit, (low, high)):  # between points far apart it is but a first guess
         if np.isfinite(end) and end not in costs:
-            costs[end] = _others_at_their_best(fit, fit.model.plant.put({name: end}), name, fit.states)[0]
+            costs[end] = _others_at_their_best(fit, fit.model.plant.put({name: end}), name, fit.states, worth)[0]
     values, deviance = _profile(costs, unit)
     interval = _below(values, deviance, limit, (low, high))
     return Profile(name, fit.model.plant.handles[name].parameter.unit, best, error, values, deviance, interval, level)
@@ -231,12 +234,12 @@ def _profile(costs: Mapping[float, float], unit: float) -> tuple[Array, Array]:
 
 
 def _others_at_their_best(
-    fit: GreyBoxFit, plant: Plant, name: str, states: Sequence[Array]
+    fit: GreyBoxFit, plant: Plant, name: str, states: Sequence[Array], worth: float
 ) -> tuple[float, Plant, Sequence[Array]]:
     """V, plant and initial states where all that was estimated is estimated again, but for one parameter."""
     problem = _problem(fit, plant, [other for other in fit.names if other != name], states)
     lower, upper = problem.within(fit.limits)
-    found = gauss_newton(problem, problem.start, lower=lower, upper=upper, names=problem.names, inner=True)
+    found = gauss_newton(problem, problem.start, lower=lower, upper=upper, worth=worth, names=problem.names, inner=True)
     return found.cost, problem.plant_at(found.estimate), problem.states(found.estimate)
 
 

@@ -24,6 +24,7 @@ LAYERS = (
     {"excitation", "plant", "estimation"},
     {"models"},
     {"validation"},
+    {"candidates"},
     {"io", "report", "live"},
     {"identification", "study"},
     {"interruption", "terminal"},
@@ -33,7 +34,6 @@ LAYERS = (
 # Within a layer a room knows itself, and besides:
 NEIGHBOURS = {
     **{room: {"errors", "record", "units"} for room in ("errors", "record", "units")},
-    "study": {"identification"},
     "report": {"io.files"},
     "terminal": {"interruption"},
 }

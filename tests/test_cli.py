@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import emsid
+from emsid.candidates import CANDIDATES
 from emsid.cli import main
-from emsid.identification import CANDIDATES
 from emsid.interruption import Interruption
 from emsid.models.drive import Bridge, Drive
 from emsid.models.plant_parameters import Signal
@@ -134,8 +134,8 @@ def test_quantisation_is_no_excitation_unless_it_is_asked_for(run, tmp_path):
 
 
 def test_list_names_every_model_and_signal(run):
+    from emsid.candidates import CANDIDATES
     from emsid.excitation import SIGNALS
-    from emsid.identification import CANDIDATES
 
     status, out, _ = run("list")
     assert status == 0
@@ -315,7 +315,7 @@ def test_a_datasheet_of_another_plant_is_said_to_be_set_aside(run, motor_log, tm
 def test_a_datasheet_that_no_model_can_use_is_refused_before_anything_is_fitted(
     kind, models, usable, run, motor_log, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("emsid.identification.choose", None)
+    monkeypatch.setattr("emsid.candidates.choose", None)
     sheet = tmp_path / "sheet.toml"
     sheet.write_text(SHEETS[kind])
     out = tmp_path / "out"
@@ -473,9 +473,10 @@ def in_a_callback(module, name, sent):  # where exceptions are lost
         return real(*given, **named)
     setattr(home, name, signalled)
 
-def in_turn(module, names, sent):
-    for name in names.split("+"):
-        at(module, name, sent)
+def in_turn(package, places, sent):
+    for place in places.split("+"):
+        module, name = place.split(".")
+        at(f"{package}.{module}", name, sent)
 
 def leaving(module, name, sent):
     import atexit
@@ -508,7 +509,7 @@ FOUND = "emsid: identification was interrupted; what had been found by then is a
 MOMENTS = {
     "reading": ("at", "emsid.io", "read"),
     "importing": ("importing", "emsid.models", "wiener_hammerstein"),
-    "the first candidate": ("at", "emsid.identification", "least_squares"),
+    "the first candidate": ("at", "emsid.candidates", "least_squares"),
     "a process being started": ("at", "emsid.report.drawing", "get_context"),
 }
 
@@ -524,8 +525,8 @@ def test_ctrl_c_before_anything_is_found(moment, log, tmp_path):
 @pytest.mark.parametrize(
     ("moment", "drawn"),
     {
-        ("at", "emsid.identification", "wiener_hammerstein_regression"): True,
-        ("in_a_callback", "emsid.identification", "wiener_hammerstein_regression"): True,
+        ("at", "emsid.candidates", "wiener_hammerstein_regression"): True,
+        ("in_a_callback", "emsid.candidates", "wiener_hammerstein_regression"): True,
         ("at", "emsid.identification", "compare"): True,
         ("at", "emsid.io", "save"): False,
         ("importing", "matplotlib", "figure"): False,
@@ -548,10 +549,12 @@ def test_ctrl_c_keeps_what_was_found(moment, drawn, log, tmp_path):
 REGRESSIONS = ("--models", "arx, wiener-hammerstein-regression", "--na", 1, "--nb", 1, "--nk", 1, "--degree", 2)
 
 
-@pytest.mark.parametrize("then", ["_held", "compare", "_held+compare"])
+@pytest.mark.parametrize(
+    "then", ["identification._held", "identification.compare", "identification._held+identification.compare"]
+)
 def test_ctrl_c_twice_within_a_moment_is_ctrl_c_once(then, log, tmp_path):
     words = ("identify", log, *IDENTIFY, *REGRESSIONS, "--taps", 1, "--out", "out")
-    moments = ("in_turn", "emsid.identification", f"wiener_hammerstein_regression+{then}")
+    moments = ("in_turn", "emsid", f"candidates.wiener_hammerstein_regression+{then}")
     status, out, err = signalled(tmp_path, (*moments, "SIGINT"), *words)
     assert (status, err) == (130, FOUND)
     assert "chosen: arx" in out
@@ -561,7 +564,7 @@ def test_ctrl_c_twice_within_a_moment_is_ctrl_c_once(then, log, tmp_path):
 
 def test_a_grey_box_interrupted_twice_keeps_its_search(motor_log, tmp_path):
     words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", "--free", "motor_constant,rotor_inertia")
-    moments = ("in_turn", "emsid.estimation.gauss_newton", "_promised+_conclude")
+    moments = ("in_turn", "emsid.estimation", "gauss_newton._promised+gauss_newton._conclude")
     status, out, err = signalled(tmp_path, (*moments, "SIGINT"), *words, "--out", "out")
     assert (status, err) == (130, FOUND)
     assert "rigid-motor: interrupted after 0 steps; the best so far is kept." in out
@@ -573,7 +576,7 @@ def test_ctrl_c_while_leaving_says_no_more(log, tmp_path):
     assert (status, err) == (130, "")
     assert out.splitlines()[-1].startswith("files written: ")
     words = ("identify", log, *IDENTIFY, *REGRESSIONS, "--taps", 1, "--out", "out")
-    moment = ("leaving", "emsid.identification", "wiener_hammerstein_regression", "SIGINT")
+    moment = ("leaving", "emsid.candidates", "wiener_hammerstein_regression", "SIGINT")
     status, out, err = signalled(tmp_path, moment, *words)
     assert (status, err) == (130, FOUND)
     assert out.splitlines()[-1] == "written to out/: report.html, result.json, arx.json, figures/"

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from coverage_grey_box import EXCESS, FREE, MOTOR, STICTION, coverage_of_an_excess, simulated_record
+from emsid.candidates import Options
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Ending
-from emsid.identification import Options, identify
+from emsid.identification import identify
 from emsid.models import grey_box_estimation
 from emsid.models.drive import Bridge, Drive, Feed, Sensor
 from emsid.models.grey_box import GreyBox, assumptions, check_channels

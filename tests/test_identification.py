@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import emsid
+from emsid.candidates import CANDIDATES, Options, Regression, stribeck_speeds
 from emsid.errors import DataError, ModelError
 from emsid.estimation.selection import coordinate_search
-from emsid.identification import CANDIDATES, Options, Regression, identify, remarks, stribeck_speeds
+from emsid.identification import identify, remarks
 from emsid.models.families import FAMILIES
 from emsid.models.grey_box_datasheet import Given
 
@@ -222,7 +223,7 @@ def test_what_a_choice_of_free_parameters_leaves_as_it_is_built_in_is_said():
 
 
 def test_wishes_are_refused_before_anything_is_fitted(monkeypatch):
-    monkeypatch.setattr("emsid.identification.choose", None)
+    monkeypatch.setattr("emsid.candidates.choose", None)
     record = system(400, 14)
     with pytest.raises(ModelError, match=r"motor has no parameter 'mass'; it has resistance, "):
         identify(record, models=["arx", "rigid-motor"], options=Options(profile=("mass",)))
@@ -254,7 +255,7 @@ def test_wishes_are_refused_before_anything_is_fitted(monkeypatch):
 )
 def test_a_profile_of_what_is_not_free_is_refused_before_anything_is_fitted(monkeypatch, wishes, message):
     for search in ("choose", "simulation_error", "least_squares"):
-        monkeypatch.setattr(f"emsid.identification.{search}", lambda *_, **__: pytest.fail("fitted"))
+        monkeypatch.setattr(f"emsid.candidates.{search}", lambda *_, **__: pytest.fail("fitted"))
     with pytest.raises(ModelError) as refused:
         identify(system(400, 14), models=["arx", "linear-axis"], options=Options(**wishes))
     assert str(refused.value).startswith(message)
@@ -353,7 +354,7 @@ def test_speeds_of_a_stribeck_excess_are_numbers_to_be_read():
 
 
 def test_data_of_another_sample_time_judge_no_model_that_counts_samples(monkeypatch):
-    monkeypatch.setattr("emsid.identification.estimate_cascade", lambda *_: pytest.fail("fitted"))
+    monkeypatch.setattr("emsid.candidates.estimate_cascade", lambda *_: pytest.fail("fitted"))
     record = system(400, 21)
     other = emsid.Record(record.input[::2], record.output[::2], 0.02, name="slow log")
     with pytest.raises(DataError) as refused:

@@ -1,3 +1,4 @@
+from .candidates import Options as Options
 from .errors import DataError as DataError
 from .errors import EmsidError as EmsidError
 from .errors import FormatError as FormatError
@@ -14,7 +15,6 @@ from .excitation import crest_factor as crest_factor
 from .excitation import largest_order as largest_order
 from .excitation import persistent_excitation_order as persistent_excitation_order
 from .identification import Identification as Identification
-from .identification import Options as Options
 from .identification import identify as identify
 from .io import load as load
 from .io import read as read

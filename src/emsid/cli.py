@@ -401,7 +401,7 @@ def identify(
       emsid identify arm.mat -u vir -y "d(qm)" --time t --scale vir=35.15065 --models friction-narx --knots 8
       emsid identify arm.csv -u force -y x --time t --models linear-axis --free mass,offset --datasheet arm.toml
     """
-    from emsid import identification
+    from emsid import candidates, identification
     from emsid.io import read_datasheet
     from emsid.models.drive import Bridge
     from emsid.models.families import FAMILIES
@@ -409,7 +409,7 @@ def identify(
 
     if static is not None and static not in FAMILIES:
         raise DataError(f"no static map {static!r}; there are {', '.join(FAMILIES)}")
-    options = identification.Options(
+    options = candidates.Options(
         na=na,
         nb=nb,
         nk=nk,
@@ -427,7 +427,7 @@ def identify(
         recent=recent,
         profile=_names(profile, "--profile"),
     )
-    candidates = _names(models, "--models") or identification.USUAL
+    asked = _names(models, "--models") or candidates.USUAL
     if not 0 < unseen < 1:
         raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
     _check_folder(out)
@@ -437,7 +437,7 @@ def identify(
             result = identification.identify(
                 records,
                 tests or None,
-                models=candidates,
+                models=asked,
                 options=options,
                 transient=transient,
                 unseen=unseen,
@@ -456,7 +456,7 @@ def identify(
             print("\n".join(identification.remarks(result)), flush=True)
         drawn = _draw(out, lambda: identification.report(result), draughtsman)
     written = [f"{fit.model.name}.json" for fit in result.verification.fits]
-    possible = [f"{name}.json" for name in identification.CANDIDATES]
+    possible = [f"{name}.json" for name in candidates.CANDIDATES]
     _say_where(out, drawn, "result.json", *written, possible=possible)
     if result.interrupted or not drawn:
         _end_interrupted()
@@ -599,8 +599,8 @@ def parameters(
 @app.command(name="list")
 def list_() -> None:
     """Everything that has a name: candidate models, test signals, file formats."""
+    from emsid.candidates import CANDIDATES
     from emsid.excitation import SIGNALS
-    from emsid.identification import CANDIDATES
     from emsid.io import READERS, WRITERS
     from emsid.models.families import FAMILIES
 

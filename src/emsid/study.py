@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from emsid.candidates import Progress, fit_or_problem, stribeck_speeds
 from emsid.errors import DataError, EmsidError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.least_squares import least_squares
 from emsid.estimation.recursive import recursive_least_squares
 from emsid.excitation import sines
-from emsid.identification import Progress, fit_or_problem, stribeck_speeds
 from emsid.models.cascade_layouts import Options as CascadeOptions
 from emsid.models.families import DEAD_ZONE
 from emsid.models.grey_box_estimation import simulation_error

@@ -165,6 +165,7 @@ def test_start_is_fast_because_nothing_heavy_is_imported(command: str) -> None:
     assert done.stdout.splitlines()[-1] == "LOADED set()"
 
 
+@cache
 def compiled(module: str) -> dict[str, str]:
     """The compiled functions of a module and what they return."""
     functions = [node for node in ast.walk(tree_of(module)) if isinstance(node, ast.FunctionDef)]

@@ -285,7 +285,7 @@ def test_an_order_that_is_given_is_kept_where_the_other_is_open() -> None:
     assert order_shares(WIENER_HAMMERSTEIN, (None, 2), 3) == [(1, 2)]
     assert order_shares(WIENER_HAMMERSTEIN, (0, None), 3) == [(0, 3)]
     assert order_shares(WIENER_HAMMERSTEIN, (2, 0), 2) == [(2, 0)]
-    record = record_of(Cascade((FAST, BEND, SLOW)), 2000)
+    record = record_of(Cascade((FAST, BEND, SLOW)), 1000)
     for orders in ((None, 2), (1, None)):
         fit = wiener_hammerstein(record, orders, replace(AT_RATE, size=9, delay=0))  # type: ignore[arg-type]
         first, second = (len(block.denominator) for block in fit.model.blocks if isinstance(block, Rational))

@@ -11,7 +11,7 @@ study: $(VENV)/installed
 	$(BIN)/emsid study
 
 test: $(VENV)/tested-with
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 3
 
 lint: $(VENV)/tested-with
 	$(BIN)/ruff check .

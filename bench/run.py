@@ -207,7 +207,7 @@ def plant() -> None:
 def wiener_hammerstein() -> None:
     """Three blocks: a simulated circuit, and the benchmark of SYSID 2009 where its file is."""
     from emsid.io import read
-    from emsid.models.cascade_layouts import Options
+    from emsid.models.blocks.search.topologies import Options
 
     def held_back(record: emsid.Record, at: int, orders: tuple[int, int], knots: int, what: str, scale: float) -> None:
         began = time.perf_counter()

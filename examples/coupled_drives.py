@@ -30,10 +30,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 import emsid
-from emsid.models.grey_box_estimation import simulation_error
-from emsid.models.grey_box_fit import GreyBoxFit
-from emsid.models.own_plant import OwnPlant
-from emsid.models.plant_parameters import Signal
+from emsid.models.plants.own_plant import OwnPlant
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.result import GreyBoxFit
 from emsid.plant.motor import Parameter
 from emsid.record import Record
 

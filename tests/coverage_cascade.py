@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from emsid.models.cascade import Cascade
-from emsid.models.cascade_fit import fit_cascade
-from emsid.models.cascade_gain import unit_gain
-from emsid.models.filters import Rational
-from emsid.models.static_maps import DeadZone, Polynomial, UserMap
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.fitting import fit_cascade
+from emsid.models.blocks.gain import unit_gain
+from emsid.models.blocks.static_maps import DeadZone, Polynomial, UserMap
 from emsid.record import Record
 
 Array = NDArray[np.float64]

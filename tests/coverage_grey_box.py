@@ -11,10 +11,10 @@ import sys
 import numpy as np
 from scipy.signal import lfilter
 
-from emsid.models.grey_box_estimation import simulation_error
-from emsid.models.grey_box_findings import likelihood_profile
-from emsid.models.plant_parameters import Signal
-from emsid.models.plants import DrivenMotor
+from emsid.models.plants.motors import DrivenMotor
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.search.diagnostics import likelihood_profile
+from emsid.models.plants.search.estimation import simulation_error
 from emsid.plant import DeadZone, Friction, Motor
 from emsid.record import Record
 

@@ -9,10 +9,10 @@ from scipy.interpolate import CubicSpline as ScipySpline
 from scipy.signal import lfilter, lfilter_zi
 
 from emsid.errors import ModelError
-from emsid.estimation.gauss_newton import Infeasible
-from emsid.models.blocks import KINDS, Block, block_from_data
-from emsid.models.filters import Rational, filter_rows, fir
-from emsid.models.static_maps import (
+from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.models.blocks.block import KINDS, Block, block_from_data
+from emsid.models.blocks.filters import Rational, filter_rows, fir
+from emsid.models.blocks.static_maps import (
     Abs,
     CoulombLinear,
     CubicSpline,

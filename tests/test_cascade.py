@@ -14,15 +14,14 @@ from scipy.optimize import least_squares
 from coverage_cascade import CASES as COVERED
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
-from emsid.estimation.gauss_newton import Infeasible, Iteration
-from emsid.estimation.losses import Huber
-from emsid.models.cascade import Cascade
-from emsid.models.cascade_advice import advice
-from emsid.models.cascade_fit import FreeRun, fit_cascade, freedom, search, static_band
-from emsid.models.cascade_gain import fixed_gains, normalised, unit_gain, unit_slope
-from emsid.models.filters import Rational, fir
-from emsid.models.model import Model
-from emsid.models.static_maps import (
+from emsid.estimation.nonlinear.gauss_newton import Infeasible, Iteration
+from emsid.estimation.nonlinear.losses import Huber
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.diagnostics import advice
+from emsid.models.blocks.filters import Rational, fir
+from emsid.models.blocks.fitting import FreeRun, fit_cascade, freedom, search, static_band
+from emsid.models.blocks.gain import fixed_gains, normalised, unit_gain, unit_slope
+from emsid.models.blocks.static_maps import (
     Abs,
     CoulombLinear,
     CubicSpline,
@@ -32,6 +31,7 @@ from emsid.models.static_maps import (
     Saturation,
     UserMap,
 )
+from emsid.models.model import Model
 from emsid.record import Record
 
 Array = NDArray[np.float64]

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import emsid
-from emsid.candidates import CANDIDATES
 from emsid.cli import main
-from emsid.interruption import Interruption
-from emsid.models.drive import Bridge, Drive
-from emsid.models.plant_parameters import Signal
+from emsid.cli.interruption import Interruption
+from emsid.identification.candidates import CANDIDATES
+from emsid.models.plants.drive import Bridge, Drive
+from emsid.models.plants.parameters import Signal
 
 IDENTIFY = ("--input", "u", "--output", "y", "--dt", "0.01")
 
@@ -134,8 +134,8 @@ def test_quantisation_is_no_excitation_unless_it_is_asked_for(run, tmp_path):
 
 
 def test_list_names_every_model_and_signal(run):
-    from emsid.candidates import CANDIDATES
     from emsid.excitation import SIGNALS
+    from emsid.identification.candidates import CANDIDATES
 
     status, out, _ = run("list")
     assert status == 0
@@ -262,7 +262,7 @@ SHEETS = {"motor": "[motor]\nresistance = '2 ohm'\n", "axis": "[linear-axis]\nma
 @pytest.fixture
 def bare(monkeypatch):
     """Physical candidates without the search for refinements, which takes its time."""
-    from emsid import identification
+    from emsid.identification import workflow as identification
 
     for name in ("rigid-motor", "linear-axis"):
         plain = replace(identification.CANDIDATES[name], refinements=())
@@ -315,7 +315,7 @@ def test_a_datasheet_of_another_plant_is_said_to_be_set_aside(run, motor_log, tm
 def test_a_datasheet_that_no_model_can_use_is_refused_before_anything_is_fitted(
     kind, models, usable, run, motor_log, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("emsid.candidates.choose", None)
+    monkeypatch.setattr("emsid.identification.candidates.choose", None)
     sheet = tmp_path / "sheet.toml"
     sheet.write_text(SHEETS[kind])
     out = tmp_path / "out"
@@ -330,7 +330,7 @@ def test_interrupting_a_profile_keeps_the_fit(run, motor_log, tmp_path, bare, mo
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("emsid.identification.likelihood_profile", interrupted)
+    monkeypatch.setattr("emsid.identification.workflow.likelihood_profile", interrupted)
     words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", "--profile", "motor_constant")
     status, out, err = run(*words, "--out", tmp_path / "out")
     assert status == 130
@@ -340,7 +340,7 @@ def test_interrupting_a_profile_keeps_the_fit(run, motor_log, tmp_path, bare, mo
 
 
 def test_interrupting_keeps_what_was_found(run, log, tmp_path, monkeypatch):
-    from emsid import identification
+    from emsid.identification import workflow as identification
 
     def interrupted(*_):
         raise KeyboardInterrupt
@@ -356,7 +356,7 @@ def test_interrupting_keeps_what_was_found(run, log, tmp_path, monkeypatch):
 
 
 def test_interrupting_before_anything_is_found_writes_nothing(run, log, tmp_path, monkeypatch):
-    from emsid import identification
+    from emsid.identification import workflow as identification
 
     def interrupted(*_):
         raise KeyboardInterrupt
@@ -402,7 +402,7 @@ def test_what_follows_from_an_interrupt_is_one(run, log, tmp_path, monkeypatch):
         except KeyboardInterrupt:
             raise NameError("name '_half' is not defined") from None
 
-    monkeypatch.setattr("emsid.identification.identify", broken)
+    monkeypatch.setattr("emsid.identification.workflow.identify", broken)
     status, _, err = run("identify", log, "-u", "u", "-y", "y", "--dt", 0.01, "--out", tmp_path / "out")
     assert status == 130
     assert err == "emsid: interrupted before anything was found\n"
@@ -509,7 +509,7 @@ FOUND = "emsid: identification was interrupted; what had been found by then is a
 MOMENTS = {
     "reading": ("at", "emsid.io", "read"),
     "importing": ("importing", "emsid.models", "wiener_hammerstein"),
-    "the first candidate": ("at", "emsid.candidates", "least_squares"),
+    "the first candidate": ("at", "emsid.identification.candidates", "least_squares"),
     "a process being started": ("at", "emsid.report.drawing", "get_context"),
 }
 
@@ -525,9 +525,9 @@ def test_ctrl_c_before_anything_is_found(moment, log, tmp_path):
 @pytest.mark.parametrize(
     ("moment", "drawn"),
     {
-        ("at", "emsid.candidates", "wiener_hammerstein_regression"): True,
-        ("in_a_callback", "emsid.candidates", "wiener_hammerstein_regression"): True,
-        ("at", "emsid.identification", "compare"): True,
+        ("at", "emsid.identification.candidates", "wiener_hammerstein_regression"): True,
+        ("in_a_callback", "emsid.identification.candidates", "wiener_hammerstein_regression"): True,
+        ("at", "emsid.identification.workflow", "compare"): True,
         ("at", "emsid.io", "save"): False,
         ("importing", "matplotlib", "figure"): False,
         ("in_a_callback", "emsid.report.drawing", "draw"): False,
@@ -576,7 +576,7 @@ def test_ctrl_c_while_leaving_says_no_more(log, tmp_path):
     assert (status, err) == (130, "")
     assert out.splitlines()[-1].startswith("files written: ")
     words = ("identify", log, *IDENTIFY, *REGRESSIONS, "--taps", 1, "--out", "out")
-    moment = ("leaving", "emsid.candidates", "wiener_hammerstein_regression", "SIGINT")
+    moment = ("leaving", "emsid.identification.candidates", "wiener_hammerstein_regression", "SIGINT")
     status, out, err = signalled(tmp_path, moment, *words)
     assert (status, err) == (130, FOUND)
     assert out.splitlines()[-1] == "written to out/: report.html, result.json, arx.json, figures/"
@@ -584,7 +584,7 @@ def test_ctrl_c_while_leaving_says_no_more(log, tmp_path):
 
 def test_ctrl_c_after_a_moment_is_another_one(monkeypatch):
     clock = iter([0.0, 0.4, 1.3, 2.5, 3.0])
-    monkeypatch.setattr("emsid.interruption.monotonic", lambda: next(clock))
+    monkeypatch.setattr("emsid.cli.interruption.monotonic", lambda: next(clock))
     pressed = Interruption()
     for counts in (True, False, False, True):  # the third comes 0.9 s after the second
         with pytest.raises(KeyboardInterrupt) if counts else nullcontext():

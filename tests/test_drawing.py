@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from emsid.report import drawing
-from emsid.report.content import Axis, Figure, Line, Plot
+from emsid.report.document import Axis, Figure, Line, Plot
 from emsid.report.drawing import Draughtsman, draughtsman
 from emsid.report.figures import draw
 

@@ -12,9 +12,9 @@ from scipy.optimize import least_squares
 
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
-from emsid.estimation.gauss_newton import PATIENCE, Infeasible, Iteration, gauss_newton
-from emsid.estimation.losses import SQUARES, Cauchy, Huber, Loss
-from emsid.estimation.sandwich import automatic_window, long_run_variance, weighted_variance
+from emsid.estimation.nonlinear.gauss_newton import PATIENCE, Infeasible, Iteration, gauss_newton
+from emsid.estimation.nonlinear.losses import SQUARES, Cauchy, Huber, Loss
+from emsid.estimation.uncertainty.robust_covariance import automatic_window, long_run_variance, weighted_variance
 
 Array = NDArray[np.float64]
 

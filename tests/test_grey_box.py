@@ -11,20 +11,20 @@ from numba import njit
 from coverage_grey_box import FREE, MOTOR, coverage, simulated_record
 from emsid.errors import DataError, EmsidError, FormatError, ModelError
 from emsid.estimation.fit import Ending
-from emsid.estimation.identifiability import identifiability
+from emsid.estimation.uncertainty.identifiability import identifiability
 from emsid.io import read, read_datasheet
-from emsid.models.drive import Bridge, Drive, Feed, Sensor
-from emsid.models.grey_box import GreyBox
-from emsid.models.grey_box_choice import STARTS, by_direction, choose, coasting_bridge, late_command, stribeck
-from emsid.models.grey_box_datasheet import Given, applicable, datasheet
-from emsid.models.grey_box_estimation import simulation_error
-from emsid.models.grey_box_findings import dead_zone_curve, friction_curve, likelihood_profile, stops
-from emsid.models.grey_box_problem import Recent
 from emsid.models.model import Model
-from emsid.models.one_mass import Sliding, move
-from emsid.models.own_plant import OwnPlant
-from emsid.models.plant_parameters import Signal, parts, without_overlap
-from emsid.models.plants import DrivenMotor, LinearAxis
+from emsid.models.plants.datasheet import Given, applicable, datasheet
+from emsid.models.plants.drive import Bridge, Drive, Feed, Sensor
+from emsid.models.plants.grey_box import GreyBox
+from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.one_mass import Sliding, move
+from emsid.models.plants.own_plant import OwnPlant
+from emsid.models.plants.parameters import Signal, parts, without_overlap
+from emsid.models.plants.search.choice import STARTS, by_direction, choose, coasting_bridge, late_command, stribeck
+from emsid.models.plants.search.diagnostics import dead_zone_curve, friction_curve, likelihood_profile, stops
+from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.problem import Recent
 from emsid.plant import DeadZone, Friction, Motor, State, simulate
 from emsid.plant.motor import Parameter
 from emsid.record import Record, concatenate

@@ -6,25 +6,25 @@ import numpy as np
 import pytest
 
 from coverage_grey_box import EXCESS, FREE, MOTOR, STICTION, coverage_of_an_excess, simulated_record
-from emsid.candidates import Options
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Ending
-from emsid.identification import identify
-from emsid.models import grey_box_estimation
-from emsid.models.drive import Bridge, Drive, Feed, Sensor
-from emsid.models.grey_box import GreyBox, assumptions, check_channels
-from emsid.models.grey_box_choice import STARTS, choose, late_command, slow_sensor
-from emsid.models.grey_box_datasheet import Given
-from emsid.models.grey_box_estimation import simulation_error
-from emsid.models.grey_box_findings import likelihood_profile
-from emsid.models.grey_box_problem import FreeRunError, all_alike
-from emsid.models.own_plant import OwnPlant
-from emsid.models.plant_parameters import Signal
-from emsid.models.plants import DrivenMotor, LinearAxis
+from emsid.identification.candidates import Options
+from emsid.identification.workflow import identify
+from emsid.models.plants.datasheet import Given
+from emsid.models.plants.drive import Bridge, Drive, Feed, Sensor
+from emsid.models.plants.grey_box import GreyBox, assumptions, check_channels
+from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.own_plant import OwnPlant
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.search import estimation as grey_box_estimation
+from emsid.models.plants.search.choice import STARTS, choose, late_command, slow_sensor
+from emsid.models.plants.search.diagnostics import likelihood_profile
+from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.problem import FreeRunError, all_alike
 from emsid.plant import Motor
 from emsid.plant.motor import Parameter
 from emsid.record import Record
-from emsid.report.grey_box_views import likelihood, plant_equations, units_taken
+from emsid.report.views.grey_box import likelihood, plant_equations, units_taken
 
 DT = 5e-3
 LEVELS = np.repeat(np.random.default_rng(0).uniform(-12, 12, 80), 20)

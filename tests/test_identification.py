@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import emsid
-from emsid.candidates import CANDIDATES, Options, Regression, stribeck_speeds
 from emsid.errors import DataError, ModelError
-from emsid.estimation.selection import coordinate_search
-from emsid.identification import identify, remarks
-from emsid.models.families import FAMILIES
-from emsid.models.grey_box_datasheet import Given
+from emsid.identification.candidates import CANDIDATES, Options, Regression, stribeck_speeds
+from emsid.identification.workflow import identify, remarks
+from emsid.models.blocks.search.map_families import FAMILIES
+from emsid.models.plants.datasheet import Given
+from emsid.selection.coordinate_search import coordinate_search
 
 
 def system(samples, seed, noise=0.01):
@@ -149,8 +149,8 @@ def test_of_many_records_some_are_kept_unseen_and_not_the_last():
 
 
 def test_several_outputs_are_said_each_in_its_unit():
-    from emsid.models.plant_parameters import Signal
-    from emsid.models.plants import DrivenMotor
+    from emsid.models.plants.motors import DrivenMotor
+    from emsid.models.plants.parameters import Signal
     from emsid.plant import Motor
 
     rng = np.random.default_rng(5)
@@ -173,9 +173,9 @@ def test_several_outputs_are_said_each_in_its_unit():
 def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkeypatch):
     from dataclasses import replace
 
-    from emsid.models.grey_box_choice import by_direction
-    from emsid.models.plant_parameters import Signal
-    from emsid.models.plants import LinearAxis
+    from emsid.models.plants.motors import LinearAxis
+    from emsid.models.plants.parameters import Signal
+    from emsid.models.plants.search.choice import by_direction
     from emsid.plant import Friction
 
     rng = np.random.default_rng(0)
@@ -201,8 +201,8 @@ def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkey
 
 
 def test_what_a_choice_of_free_parameters_leaves_as_it_is_built_in_is_said():
-    from emsid.models.plant_parameters import Signal
-    from emsid.models.plants import LinearAxis
+    from emsid.models.plants.motors import LinearAxis
+    from emsid.models.plants.parameters import Signal
     from emsid.plant import Friction
 
     rng = np.random.default_rng(0)
@@ -223,7 +223,7 @@ def test_what_a_choice_of_free_parameters_leaves_as_it_is_built_in_is_said():
 
 
 def test_wishes_are_refused_before_anything_is_fitted(monkeypatch):
-    monkeypatch.setattr("emsid.candidates.choose", None)
+    monkeypatch.setattr("emsid.identification.candidates.choose", None)
     record = system(400, 14)
     with pytest.raises(ModelError, match=r"motor has no parameter 'mass'; it has resistance, "):
         identify(record, models=["arx", "rigid-motor"], options=Options(profile=("mass",)))
@@ -255,15 +255,15 @@ def test_wishes_are_refused_before_anything_is_fitted(monkeypatch):
 )
 def test_a_profile_of_what_is_not_free_is_refused_before_anything_is_fitted(monkeypatch, wishes, message):
     for search in ("choose", "simulation_error", "least_squares"):
-        monkeypatch.setattr(f"emsid.candidates.{search}", lambda *_, **__: pytest.fail("fitted"))
+        monkeypatch.setattr(f"emsid.identification.candidates.{search}", lambda *_, **__: pytest.fail("fitted"))
     with pytest.raises(ModelError) as refused:
         identify(system(400, 14), models=["arx", "linear-axis"], options=Options(**wishes))
     assert str(refused.value).startswith(message)
 
 
 def test_a_profile_may_be_asked_for_by_the_name_of_both_directions_where_one_is_free():
-    from emsid.models.plant_parameters import Signal
-    from emsid.models.plants import LinearAxis
+    from emsid.models.plants.motors import LinearAxis
+    from emsid.models.plants.parameters import Signal
 
     force = np.repeat(np.random.default_rng(0).uniform(-10, 10, 60), 20)[:, None]
     position = LinearAxis().simulate(force, 0.005, np.zeros(2), (Signal.POSITION,))
@@ -354,7 +354,7 @@ def test_speeds_of_a_stribeck_excess_are_numbers_to_be_read():
 
 
 def test_data_of_another_sample_time_judge_no_model_that_counts_samples(monkeypatch):
-    monkeypatch.setattr("emsid.candidates.estimate_cascade", lambda *_: pytest.fail("fitted"))
+    monkeypatch.setattr("emsid.identification.candidates.estimate_cascade", lambda *_: pytest.fail("fitted"))
     record = system(400, 21)
     other = emsid.Record(record.input[::2], record.output[::2], 0.02, name="slow log")
     with pytest.raises(DataError) as refused:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from emsid import Information, ModelError
-from emsid.estimation.information import TILE, fold, fold_reference
+from emsid.estimation.linear.information import TILE, fold, fold_reference
 
 Array = NDArray[np.float64]
 

@@ -25,9 +25,9 @@ from emsid import (
     wiener_hammerstein_regression,
 )
 from emsid.estimation import least_squares as module
-from emsid.estimation.least_squares import gather
-from emsid.models import structures
-from emsid.models.regressors import Factor, Regressor, Transform
+from emsid.estimation.linear.least_squares import gather
+from emsid.models.regression import structures
+from emsid.models.regression.regressors import Factor, Regressor, Transform
 
 Array = NDArray[np.float64]
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emsid.estimation.coloured import coloured_covariance
-from emsid.estimation.gauss_newton import gauss_newton
-from emsid.estimation.model_error import model_error_covariance, upper_bound
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance
+from emsid.estimation.uncertainty.model_error import model_error_covariance, upper_bound
 
 Array = NDArray[np.float64]
 BOTH, NONE = np.arange(2), np.arange(0)

@@ -24,9 +24,9 @@ from emsid import (
     wiener_hammerstein_regression,
 )
 from emsid.models.model import RUNAWAY
-from emsid.models.narx import free_run_reference
-from emsid.models.regressors import Transform
-from emsid.models.structures import regression_reference
+from emsid.models.regression.narx import free_run_reference
+from emsid.models.regression.regressors import Transform
+from emsid.models.regression.structures import regression_reference
 
 Array = NDArray[np.float64]
 

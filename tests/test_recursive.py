@@ -23,7 +23,7 @@ from emsid import (
     recursive_least_squares,
     wiener_hammerstein_regression,
 )
-from emsid.estimation.recursive import WINDUP, RecursiveState, paper_recursion, update_by_tiles
+from emsid.estimation.linear.recursive import WINDUP, RecursiveState, paper_recursion, update_by_tiles
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from emsid import ModelError, Record, Structure, arx, friction_narx, wiener_hammerstein_regression
-from emsid.models.regression_kernels import fill
-from emsid.models.regressors import HIGHEST_POWER, Factor, Regressor, Transform, parse_regressor
-from emsid.models.structures import regression_reference
+from emsid.models.regression.kernels import fill
+from emsid.models.regression.regressors import HIGHEST_POWER, Factor, Regressor, Transform, parse_regressor
+from emsid.models.regression.structures import regression_reference
 
 Array = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def test_parameters_are_read_back_to_the_last_bit(parameter: float, transform: T
 
 @pytest.mark.parametrize("block", [1, 7, 10_000])
 def test_blocks_cut_the_regression_anywhere(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
-    monkeypatch.setattr("emsid.models.structures.BLOCK", block)
+    monkeypatch.setattr("emsid.models.regression.structures.BLOCK", block)
     rng = np.random.default_rng(0)
     structure = friction_narx(2, 2, knots=(0.3,))
     record = Record(rng.uniform(-1, 1, 50), rng.uniform(-1, 1, 50), 0.1, breaks=(20, 21))

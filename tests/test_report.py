@@ -20,24 +20,25 @@ from hypothesis.extra.numpy import arrays
 import emsid
 from emsid.errors import DataError
 from emsid.estimation.fit import Ending, Fit
-from emsid.models.cascade import Cascade
-from emsid.models.cascade_fit import fit_cascade, static_band
-from emsid.models.drive import Sensor
-from emsid.models.filters import Rational
-from emsid.models.grey_box import GreyBox
-from emsid.models.grey_box_datasheet import Given
-from emsid.models.grey_box_estimation import simulation_error
-from emsid.models.grey_box_findings import likelihood_profile
-from emsid.models.own_plant import OwnPlant
-from emsid.models.plant_parameters import Signal
-from emsid.models.plants import DrivenMotor, LinearAxis
-from emsid.models.static_maps import Abs, CoulombLinear, CubicSpline, PiecewiseLinear, Polynomial, Saturation
-from emsid.models.static_maps import DeadZone as DeadZoneMap
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.fitting import fit_cascade, static_band
+from emsid.models.blocks.static_maps import Abs, CoulombLinear, CubicSpline, PiecewiseLinear, Polynomial, Saturation
+from emsid.models.blocks.static_maps import DeadZone as DeadZoneMap
+from emsid.models.plants.datasheet import Given
+from emsid.models.plants.drive import Sensor
+from emsid.models.plants.grey_box import GreyBox
+from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.own_plant import OwnPlant
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.search.diagnostics import likelihood_profile
+from emsid.models.plants.search.estimation import simulation_error
 from emsid.plant import DeadZone, Friction, Motor
 from emsid.plant.motor import Parameter
 from emsid.record import Record, concatenate
-from emsid.report import cascade_views, content, grey_box_views, views
-from emsid.report.content import (
+from emsid.report import document as content
+from emsid.report import views
+from emsid.report.document import (
     Axis,
     Band,
     Bars,
@@ -59,7 +60,9 @@ from emsid.report.content import (
 from emsid.report.figures import draw
 from emsid.report.page import page, write_report
 from emsid.report.page_plots import interactive, plotly_source
-from emsid.report.timeline import timeline
+from emsid.report.views import cascade as cascade_views
+from emsid.report.views import grey_box as grey_box_views
+from emsid.report.views.timeline import timeline
 from emsid.validation.comparison import Row, assess, assess_model, compare
 from emsid.validation.correlation import autocorrelation, cross_correlation
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from emsid.errors import DataError
-from emsid.models.plants import DrivenMotor
+from emsid.models.plants.motors import DrivenMotor
 from emsid.plant import Bench, Friction, Motor
-from emsid.study import (
+from emsid.study.workflow import (
     BLOCKS,
     FRICTION,
     FULL,

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from emsid.errors import ModelError
-from emsid.models.filters import Rational
-from emsid.models.unfolding import best_signs, lobe_of_sample, unfoldings
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.search.sign_recovery import best_signs, lobe_of_sample, unfoldings
 
 
 def test_the_cheapest_of_all_sequences_is_found() -> None:

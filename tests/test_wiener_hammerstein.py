@@ -16,28 +16,28 @@ from scipy.signal import lfilter
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Ending, Fit
-from emsid.estimation.frequency_response import fit_rational, frequency_response
-from emsid.estimation.gauss_newton import Iteration
+from emsid.estimation.linear.frequency_response import fit_rational, frequency_response
+from emsid.estimation.nonlinear.gauss_newton import Iteration
 from emsid.excitation import SIGNALS
 from emsid.io import read
-from emsid.models import cascade_choice
-from emsid.models.cascade import Cascade
-from emsid.models.cascade_advice import advice
-from emsid.models.cascade_fit import FreeRun
-from emsid.models.cascade_gain import unit_gain
-from emsid.models.cascade_layouts import HAMMERSTEIN, WIENER, WIENER_HAMMERSTEIN, Layout, Options
-from emsid.models.cascade_orders import map_sizes, order_shares, total_orders
-from emsid.models.cascade_rounds import CHOICE_SAMPLES, held_back, shortened
-from emsid.models.cascade_starts import _splits, regression_candidate, scanned, unfolded_candidates
-from emsid.models.families import ABS, COULOMB, DEAD_ZONE, FAMILIES, POLYNOMIAL, SPLINE, Family, given
-from emsid.models.filters import Rational, fir
-from emsid.models.static_maps import Abs, CubicSpline, DeadZone, Polynomial, Saturation, UserMap
-from emsid.models.wiener_hammerstein import (
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.diagnostics import advice
+from emsid.models.blocks.filters import Rational, fir
+from emsid.models.blocks.fitting import FreeRun
+from emsid.models.blocks.gain import unit_gain
+from emsid.models.blocks.search import choice as cascade_choice
+from emsid.models.blocks.search.cross_validation import CHOICE_SAMPLES, held_back, shortened
+from emsid.models.blocks.search.estimation import (
     hammerstein,
     hammerstein_wiener,
     wiener,
     wiener_hammerstein,
 )
+from emsid.models.blocks.search.map_families import ABS, COULOMB, DEAD_ZONE, FAMILIES, POLYNOMIAL, SPLINE, Family, given
+from emsid.models.blocks.search.orders import map_sizes, order_shares, total_orders
+from emsid.models.blocks.search.starts import _splits, regression_candidate, scanned, unfolded_candidates
+from emsid.models.blocks.search.topologies import HAMMERSTEIN, WIENER, WIENER_HAMMERSTEIN, Layout, Options
+from emsid.models.blocks.static_maps import Abs, CubicSpline, DeadZone, Polynomial, Saturation, UserMap
 from emsid.plant import Bench, Motor, simulate
 from emsid.plant.dead_zone import DeadZone as PlantDeadZone
 from emsid.plant.friction import Friction

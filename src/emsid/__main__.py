@@ -13,9 +13,9 @@ def main() -> None:
     sys.unraisablehook = _unraisable
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as a shell does for what runs in the background
         signal.signal(signal.SIGINT, _leave)
-    from emsid import cli
+    from emsid.cli import main
 
-    cli.main()
+    main()
 
 
 def _leave(*_: object) -> None:

@@ -11,11 +11,14 @@ class EmsidError(Exception):
     """Base of every error that the user can do something about.
 
     Args:
-        message: what is wrong, where, and what to do; put on one line, whatever a file has named its columns.
+        message: what is wrong, where, and what to do; put on one line, whatever a file has named its columns. It names
+            arguments as Python does, never as options of the command line.
+        arguments: the names of the arguments that mend it; the command line appends them as options.
     """
 
-    def __init__(self, message: str) -> None:
+    def __init__(self, message: str, *, arguments: Sequence[str] = ()) -> None:
         super().__init__(" ".join(message.splitlines()))
+        self.arguments = tuple(arguments)
 
 
 class DataError(EmsidError):

@@ -92,7 +92,7 @@ def save(model: Model, path: str | os.PathLike[str], origin: Record | None = Non
         origin: the record that it was identified from, whose channels and sample time `origin` then tells.
 
     Raises:
-        ModelError: for a model whose type has no name in `emsid.models.MODELS`, with a number that is not finite, or
+        ModelError: for a model whose type has no name in `MODELS`, with a number that is not finite, or
             with control characters in a text.
         FormatError: where the file cannot be written.
     """

@@ -31,7 +31,7 @@ from emsid.errors import FormatError, ModelError
 from emsid.io.files import read_bytes
 
 if TYPE_CHECKING:
-    from emsid.models.grey_box_datasheet import Given
+    from emsid.models.plants.datasheet import Given
     from emsid.plant import Motor
 
 
@@ -59,7 +59,7 @@ def read_datasheet(path: str | os.PathLike[str]) -> dict[str, Given]:
         ModelError: for a parameter that the plant does not have, a value in another unit or beyond what is physical,
             a tolerance without value, a parameter given twice.
     """
-    from emsid.models.grey_box_datasheet import KINDS, datasheet
+    from emsid.models.plants.datasheet import KINDS, datasheet
 
     kind, table = _one_table(path, tuple(KINDS))
     try:
@@ -94,9 +94,9 @@ def datasheet_template(kind: str) -> str:
     """A TOML file that `read_datasheet` reads with every parameter of a kind of plant, nothing yet known of it.
 
     Args:
-        kind: a key of `emsid.models.grey_box_datasheet.KINDS`.
+        kind: a key of `KINDS`.
     """
-    from emsid.models.grey_box_datasheet import KINDS, UNKNOWN
+    from emsid.models.plants.datasheet import KINDS, UNKNOWN
 
     lines = [
         f"# What is known of a {kind}, for --datasheet; the names are also those for --fix, --free and --profile.",

@@ -1,6 +1,6 @@
 """Reports: what they contain (plain data), how results become that, figures for print, and a page that zooms.
 
-What only cascades and physical models have is in `emsid.report.cascade_views` and `emsid.report.grey_box_views`, loaded
+What only cascades and physical models have is in `emsid.report.views.cascade` and `emsid.report.views.grey_box`, loaded
 where a section of such a model is asked for.
 
 >>> from emsid import report
@@ -9,7 +9,7 @@ where a section of such a model is asked for.
 True
 """
 
-from emsid.report.content import (
+from emsid.report.document import (
     Axis,
     Band,
     Bars,

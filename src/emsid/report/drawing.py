@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from multiprocessing import active_children, get_context
 from threading import Thread
 
-from emsid.report.content import Figure
+from emsid.report.document import Figure
 from emsid.report.figures import Drawing, draw, load
 
 Progress = Callable[[str, float], None]

@@ -1,6 +1,6 @@
 """Figures for print, drawn by Matplotlib, which nothing else knows.
 
-A drawer for each kind of mark; everything else about a figure is said once, in `emsid.report.content`. Nothing global
+A drawer for each kind of mark; everything else about a figure is said once, in `emsid.report.document`. Nothing global
 is touched: settings hold while a figure is drawn, and the same figure gives the same bytes. No text is ever read as
 mathematics, so a column may be called ``$u$``.
 """
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.report.content import (
+from emsid.report.document import (
     Axis,
     Band,
     Bars,

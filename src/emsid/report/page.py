@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from emsid.io.files import atomic_write
-from emsid.report.content import Report
+from emsid.report.document import Report
 from emsid.report.drawing import Draughtsman, Progress
 from emsid.report.figures import Drawing
 from emsid.report.page_plots import interactive, plotly_source

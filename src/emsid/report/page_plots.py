@@ -1,6 +1,6 @@
 """Plots for the page, as the JSON that Plotly draws in a browser. The only module that knows Plotly.
 
-A trace or a shape for each kind of mark; everything else about a figure is said once, in `emsid.report.content`. No
+A trace or a shape for each kind of mark; everything else about a figure is said once, in `emsid.report.document`. No
 text is ever read as markup, so a column may be called ``<b>``.
 """
 
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from emsid.report.content import (
+from emsid.report.document import (
     Axis,
     Band,
     Bars,

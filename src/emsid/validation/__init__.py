@@ -1,0 +1,1 @@
+"""How well a model runs on data that it has not seen."""

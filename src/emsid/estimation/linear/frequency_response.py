@@ -1,0 +1,168 @@
+r"""The frequency response of a system measured from records, and a rational transfer function through it.
+
+The response is the ratio of spectra averaged over overlapping windows (Welch 1967),
+
+    G(f) = S_yu(f)/S_uu(f),      var G = |G|² (1 − γ²)/(γ² M),      γ² = |S_yu|²/(S_uu S_yy),
+
+M being the number of independent averages. For a nonlinear system this is its best linear approximation, and the
+variance holds what is not linear in the output as well as noise (Pintelon & Schoukens 2012, ch. 3). That is its use
+here: a fit weighted with it ignores the frequencies where the nonlinearity dominates, which a time-domain fit does not.
+
+The rational function B/A is fitted by least squares weighted with 1/√var. It starts from iterated linear problems
+``min ‖(B − G·A)/A_previous‖`` (Sanathanan & Koerner 1963), poles outside the unit circle being mirrored inside, and
+goes on with `gauss_newton`.
+
+References:
+    Pintelon, Schoukens, *System Identification: A Frequency Domain Approach*, 2nd ed. (2012). Sanathanan, Koerner,
+    *Transfer function synthesis as a ratio of two complex polynomials*, IEEE TAC 8 (1963). Welch, *The use of fast
+    Fourier transform for the estimation of power spectra*, IEEE Trans. Audio Electroacoust. 15 (1967).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.linear.information import Information
+from emsid.estimation.nonlinear.gauss_newton import Infeasible, gauss_newton, least_squares_step
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+# Hann windows that overlap by half: so many independent averages per window.
+INDEPENDENT = 0.95
+# Poles are kept inside this circle while the linear problems are iterated.
+LARGEST_RADIUS = 0.9995
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponse:
+    """A measured frequency response.
+
+    Attributes:
+        frequency: (m,) in cycles per sample, zero left out.
+        value: (m,) G.
+        deviation: (m,) standard deviation of G, noise and nonlinear distortion together.
+    """
+
+    frequency: Array
+    value: ComplexArray
+    deviation: Array
+
+
+def frequency_response(segments: Sequence[tuple[Array, Array]], window: int | None = None) -> FrequencyResponse:
+    """The response from (u, y) segments by averaged spectra.
+
+    Args:
+        segments: (u (Nᵢ,), y (Nᵢ,)); those shorter than the window are not used.
+        window: samples; by default a sixteenth of the longest segment's, a power of two from 32 to 1024.
+
+    Raises:
+        ModelError: where no segment is as long as the window, or the input is constant.
+    """
+    from scipy.signal import csd, welch
+
+    longest = max(len(u) for u, _ in segments)
+    size = int(np.clip(2 ** int(np.log2(max(longest / 16, 1))), 32, 1024)) if window is None else window
+    total, power, response, cross = 0.0, 0.0, 0.0, 0.0
+    frequency = np.asarray(np.fft.rfftfreq(size), dtype=float)
+    for u, y in segments:
+        if len(u) < size:
+            continue
+        common = {"nperseg": size, "window": "hann", "detrend": "constant"}
+        power = power + len(u) * welch(u, **common)[1]
+        response = response + len(u) * welch(y, **common)[1]
+        cross = cross + len(u) * csd(u, y, **common)[1]
+        total += len(u)
+    if not total:
+        raise ModelError(f"a frequency response needs a segment of {size} samples; the longest has {longest}")
+    used = slice(1, None)
+    suu, syy, suy = (np.asarray(s)[used] for s in (power, response, cross))
+    if not np.all(suu > 0):
+        raise ModelError("the input is constant and excites nothing; use a record in which it moves")
+    value = suy / suu
+    coherence = np.clip(np.abs(suy) ** 2 / np.maximum(suu * syy, np.finfo(float).tiny), 1e-6, 1 - 1e-9)
+    averages = 2 * total / size * INDEPENDENT
+    deviation = np.abs(value) * np.sqrt((1 - coherence) / (coherence * averages))
+    return FrequencyResponse(frequency[used], value, np.maximum(deviation, 1e-9 * np.max(np.abs(value))))
+
+
+def fit_rational(response: FrequencyResponse, nb: int, na: int, oversampling: int = 1) -> tuple[Array, Array, float]:
+    """B/A through a measured response.
+
+    Args:
+        response: what is fitted.
+        nb, na: coefficients of B, and of A without its leading one.
+        oversampling: the filter runs at this many times the sampling rate.
+
+    Returns:
+        (nb,) B, (na,) A without its leading one, and the sum of squared weighted errors; about 2m − nb − na if the
+        orders suffice.
+    """
+    problem = _Rational(response, nb, na, oversampling)
+    found = gauss_newton(problem, problem.iterated(20), max_iterations=30, inner=True)
+    return found.estimate[:nb], _inside(found.estimate[nb:]), 2 * found.cost
+
+
+@dataclass(frozen=True, eq=False)
+class _Rational:
+    """Weighted error of B/A, real parts and then imaginary ones."""
+
+    response: FrequencyResponse
+    nb: int
+    na: int
+    oversampling: int
+
+    @property
+    def _powers(self) -> ComplexArray:
+        z = np.exp(-2j * np.pi * self.response.frequency / self.oversampling)
+        return np.asarray(z[:, None] ** np.arange(max(self.nb, self.na + 1)), dtype=complex)
+
+    def residuals(self, theta: Array) -> list[Array]:
+        if self.na and np.max(np.abs(np.roots(np.append(1.0, theta[self.nb :])))) >= 1:
+            raise Infeasible("a pole outside the unit circle")
+        powers = self._powers
+        b, a = powers[:, : self.nb] @ theta[: self.nb], 1 + powers[:, 1 : self.na + 1] @ theta[self.nb :]
+        return [self._parts(b / a - self.response.value)]
+
+    def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
+        powers = self._powers
+        b, a = powers[:, : self.nb] @ theta[: self.nb], 1 + powers[:, 1 : self.na + 1] @ theta[self.nb :]
+        slope = np.column_stack([powers[:, : self.nb] / a[:, None], -(b / a**2)[:, None] * powers[:, 1 : self.na + 1]])
+        return [(self._parts(b / a - self.response.value), self._parts(slope))]
+
+    def iterated(self, steps: int) -> Array:
+        """Sanathanan and Koerner's solution, the best of so many steps."""
+        powers, value = self._powers, self.response.value
+        a = np.ones(len(value), dtype=complex)
+        best, least = np.zeros(self.nb + self.na), np.inf
+        for _ in range(steps):
+            regression = np.column_stack([powers[:, : self.nb], -value[:, None] * powers[:, 1 : self.na + 1]])
+            rows, target = self._parts(regression / a[:, None]), self._parts(value / a)
+            theta = least_squares_step(Information.from_rows(rows, target))
+            theta[self.nb :] = _inside(theta[self.nb :])
+            a = 1 + powers[:, 1 : self.na + 1] @ theta[self.nb :]
+            cost = float(np.sum(self._parts(powers[:, : self.nb] @ theta[: self.nb] / a - value) ** 2))
+            if cost < least:
+                best, least = theta, cost
+        return best
+
+    def _parts(self, values: ComplexArray) -> Array:
+        weight = 1 / self.response.deviation
+        weighted = values * (weight if values.ndim == 1 else weight[:, None])
+        return np.concatenate([weighted.real, weighted.imag])
+
+
+def _inside(denominator: Array) -> Array:
+    """The denominator with poles outside the unit circle mirrored into it."""
+    poles = np.roots(np.append(1.0, denominator))
+    size = np.abs(poles)
+    poles = np.where(size > 1, poles / np.maximum(size, 1e-300) ** 2, poles)
+    size = np.abs(poles)
+    poles = np.where(size > LARGEST_RADIUS, poles * LARGEST_RADIUS / np.maximum(size, 1e-300), poles)
+    mirrored = np.real(np.atleast_1d(np.poly(poles)))[1:]  # of no poles, np.poly makes a bare 1
+    return np.concatenate([mirrored, np.zeros(len(denominator) - len(mirrored))])

@@ -1,0 +1,327 @@
+"""Batch least squares (paper, eqs. 3.6–3.10) by orthogonal triangularisation.
+
+A structure gives its regression [Φ y] in blocks; the blocks are folded into one `Information` (constant memory, any
+number of records, both cores), which is solved once at the end. Where the last digits matter, the estimate is refined
+(Björck, *Numerical Methods for Least Squares Problems*, sec. 2.9): the gradient Φᵀ(y − Φθ) is accumulated in doubled
+precision, with what the products in Φ have lost by rounding, and the correction solved with the factor already there,
+``RᵀR δ = Φᵀ(y − Φθ)``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from itertools import repeat
+from math import isfinite
+from typing import Protocol, TypeVar
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import DataError, ModelError
+from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.linear.information import Information, Solution
+from emsid.record import Record, check_same_channels
+
+Array = NDArray[np.float64]
+M_co = TypeVar("M_co", covariant=True)
+
+# Samples that one thread folds at a time. The chunks do not depend on the number of threads, so neither does a result.
+CHUNK = 1 << 17
+# A channel of larger values, or of none larger than the inverse, is no measurement; its powers would overflow.
+LARGEST = 1e60
+# Of what the data cannot tell apart, so many are named.
+LISTED = 4
+
+
+class LinearStructure(Protocol[M_co]):
+    """What least squares has to know about a structure that is linear in its parameters."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def parameter_names(self) -> tuple[str, ...]: ...
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Every regressor as text."""
+        ...
+
+    @property
+    def memory(self) -> int:
+        """How many samples it looks back."""
+        ...
+
+    def check(self, record: Record) -> None:
+        """Refuse a record that it cannot be fitted to."""
+        ...
+
+    def chunks(self, record: Record, size: int) -> Sequence[tuple[Record, int, int]]:
+        """The rows of the regression, in pieces (segment, start, stop) of at most ``size``."""
+        ...
+
+    def blocks(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
+        """[Φ y] of these rows as blocks of columns (n + 1, m)."""
+        ...
+
+    def rounding(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
+        """What Φ in these blocks has lost by rounding, (n, m) each."""
+        ...
+
+    def fold(self, factor: Array, segment: Record, start: int, stop: int) -> None:
+        """Fold [Φ y] of these rows into a triangular factor (n + 1, n + 1), in place, without the GIL."""
+        ...
+
+    def model(self, parameters: Array, record: Record) -> M_co:
+        """The model with these parameters, for records like this one."""
+        ...
+
+
+def least_squares(
+    structure: LinearStructure[M_co],
+    records: Record | Iterable[Record],
+    *,
+    ridge: float = 0.0,
+    refinements: int = 0,
+    rank_tolerance: float | None = None,
+    threads: int | None = None,
+) -> Fit[M_co]:
+    """The parameters that minimise the one-step prediction error over one or several records (3.10).
+
+    Args:
+        structure: what to fit, for instance ``emsid.arx(na=4, nb=4)``.
+        records: a record, or several experiments; a generator is read once, one record in memory at a time.
+        ridge: weight ρ ≥ 0 of ρ‖θ‖² added to the sum of squares.
+        refinements: passes over the data that correct the rounding of the estimate; each costs about as much as the
+            fit itself. Needs records that can be gone through again.
+        rank_tolerance: see `Information.solve`.
+        threads: how many, by default as many as there are cores; the result does not depend on it.
+
+    Returns:
+        A fit whose ``ending`` is `Ending.RANK_DEFICIENT`, and whose message names the regressors that cannot be told
+        apart, where the data do not determine every parameter; those are then zero.
+
+    Raises:
+        ModelError, DataError: for records that the structure cannot be fitted to.
+    """
+    if not (isfinite(ridge) and ridge >= 0):
+        raise ModelError(f"a ridge of {ridge}; give a finite weight that is not negative")
+    if refinements and not isinstance(records, Record):
+        records = list(records)
+    information, first = gather(structure, records, threads)
+    if ridge:
+        information = information.with_prior(ridge)
+    solution = information.solve(rank_tolerance)
+    estimate = solution.estimate
+    if refinements and solution.rank == information.parameters:
+        estimate = _refined(information, estimate, partial(_all_blocks, structure, records), refinements, ridge)
+    return Fit(
+        model=structure.model(estimate, first),
+        names=structure.parameter_names,
+        estimate=estimate,
+        covariance=solution.covariance,
+        noise_variance=solution.noise_variance,
+        samples=information.samples,
+        condition=solution.condition,
+        rank=solution.rank,
+        ending=Ending.SOLVED if solution.rank == information.parameters else Ending.RANK_DEFICIENT,
+        message=describe_aliases(solution, structure.labels),
+    )
+
+
+def solve_rows(regression: ArrayLike, target: ArrayLike, refinements: int = 4) -> Solution:
+    """Least squares on a ready-made matrix, refined to the last digits of double precision.
+
+    Args:
+        regression: Φ, (N, n).
+        target: y, (N,).
+        refinements: how many corrections at most; they end by themselves where they no longer shrink.
+    """
+    information = Information.from_rows(regression, target)
+    solution = information.solve()
+    if solution.rank < information.parameters:
+        return solution
+    columns = np.vstack([np.asarray(regression, dtype=float).T, np.asarray(target, dtype=float)])
+    blocks = [(columns, np.zeros_like(columns))]  # what the rows were made from is not known
+    return replace(solution, estimate=_refined(information, solution.estimate, lambda: blocks, refinements))
+
+
+def gather(
+    structure: LinearStructure[object], records: Record | Iterable[Record], threads: int | None = None
+) -> tuple[Information, Record]:
+    """All that the records say about a structure's parameters, and the first of the records.
+
+    Raises:
+        DataError: without a record, for one that `check_excitation` refuses, channels that differ, fewer samples than
+            parameters, regressors that overflow.
+    """
+    first: Record | None = None
+    information = Information.empty(len(structure.parameter_names))
+    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+        for record in (records,) if isinstance(records, Record) else records:
+            structure.check(record)
+            check_excitation(record)
+            first = first or record
+            check_same_channels(first, record)
+            chunks = structure.chunks(record, CHUNK)
+            in_turn = map if len(chunks) == 1 else pool.map  # a short record is done before a thread has started
+            for part in in_turn(_fold_chunk, repeat(structure), chunks):
+                information = information.merge(part)
+    if first is None:
+        raise DataError("no record to identify from")
+    if information.samples < information.parameters:
+        raise DataError(
+            f"{first.name}: {information.samples:g} usable samples for the {information.parameters} parameters of "
+            f"{structure.name}; record longer or choose a smaller structure"
+        )
+    if not np.isfinite(information.factor).all():
+        raise DataError(
+            f"{first.name}: the regressors of {structure.name} overflow; scale the channels or lower powers"
+        )
+    return information, first
+
+
+def describe_aliases(solution: Solution, labels: Sequence[str]) -> str:
+    """Which regressors the data cannot tell apart, in a sentence; empty where they can."""
+    if not solution.aliases:
+        return ""
+    silent = [labels[first] for first, *others in solution.aliases if not others]
+    alike = [
+        f"{labels[first]} from {_listed([labels[k] for k in others])}" for first, *others in solution.aliases if others
+    ]
+    found = [f"{_listed(silent)} {'are' if len(silent) > 1 else 'is'} zero throughout"] if silent else []
+    if alike:
+        found.append(f"the data cannot tell {_listed(alike, '; ', '; and')}")
+    return (
+        f"rank {solution.rank} of {len(labels)}: {'; '.join(found)}; remove regressors or excite the drive more richly"
+    )
+
+
+def _listed(texts: Sequence[str], between: str = ", ", last: str = " and") -> str:
+    """The texts one after the other, of many the first few and how many more there are."""
+    if len(texts) <= LISTED + 1:  # "and 1 more" would be no shorter
+        return between.join(texts)
+    return f"{between.join(texts[:LISTED])}{last} {len(texts) - LISTED} more"
+
+
+def check_excitation(record: Record) -> None:
+    """Refuse what cannot be identified from: a channel that never changes, or whose powers are no numbers any more.
+
+    Raises:
+        DataError: naming the channel.
+    """
+    for names, values, kind in (
+        (record.input_names, record.input, "input"),
+        (record.output_names, record.output, "output"),
+    ):
+        for k, name in enumerate(names):
+            x = values[:, k]
+            if np.ptp(x[:1000]) == 0 and np.ptp(x) == 0:
+                raise DataError(
+                    f"{record.name}: {kind} {name!r} is {x[0]:g} throughout; nothing can be identified from it: record "
+                    "while it changes, or name another column"
+                )
+            largest = float(max(x.max(), -x.min()))
+            if not 1 / LARGEST < largest < LARGEST:
+                raise DataError(
+                    f"{record.name}: {kind} {name!r} reaches {largest:.3g}, which cannot be computed with; bring it to "
+                    f"an ordinary size (--scale {name}=…)"
+                )
+
+
+def _fold_chunk(structure: LinearStructure[object], chunk: tuple[Record, int, int]) -> Information:
+    segment, start, stop = chunk
+    size = len(structure.parameter_names) + 1
+    factor = np.zeros((size, size))
+    structure.fold(factor, segment, start, stop)
+    return Information(factor, stop - start)
+
+
+def _all_blocks(
+    structure: LinearStructure[object], records: Record | Iterable[Record]
+) -> Iterator[tuple[Array, Array]]:
+    for record in (records,) if isinstance(records, Record) else records:
+        for chunk in structure.chunks(record, CHUNK):
+            yield from zip(structure.blocks(*chunk), structure.rounding(*chunk), strict=True)
+
+
+def _refined(
+    information: Information,
+    estimate: Array,
+    blocks: Callable[[], Iterable[tuple[Array, Array]]],
+    passes: int,
+    ridge: float = 0.0,
+) -> Array:
+    """θ after at most this many corrections δ with RᵀR δ = Φᵀ(y − Φθ) − ρθ, the columns of R scaled to unit length.
+
+    Between the passes θ is the sum of two doubles: the rounding of one would come back as a gradient that is large
+    where the data say much, and solving for it would disturb what they say little of. Corrections that no longer shrink
+    are rounding; the last of them is not made.
+    """
+    from scipy.linalg import solve_triangular
+
+    n = information.parameters
+    triangle = information.factor[:n, :n]
+    length = np.linalg.norm(triangle, axis=0)
+    unit = triangle / length
+    smallest, rest = np.inf, np.zeros(n)
+    for _ in range(passes):
+        gradient = np.zeros((2, n))
+        for block, lost in blocks():
+            accumulate_gradient(gradient, block, lost, estimate, rest)
+        half = solve_triangular(unit, (gradient[0] - ridge * estimate) / length, trans="T")
+        correction = solve_triangular(unit, half)
+        size = float(np.linalg.norm(correction))
+        if not size < smallest / 2:
+            break
+        rest = rest + correction / length
+        estimate, before = estimate + rest, estimate
+        rest, smallest = rest - (estimate - before), size
+    return estimate
+
+
+@numba.njit(cache=True, nogil=True)
+def accumulate_gradient(gradient: Array, block: Array, lost: Array, estimate: Array, rest: Array) -> None:
+    """Add Φᵀ(y − Φθ) of a block of columns [Φ y] to a gradient (2, n); it, Φ and θ are sums of two doubles.
+
+    Products and sums are exact to twice the working precision (Dekker's and Knuth's error-free transformations).
+    """
+    parameters, rows = len(estimate), block.shape[1]
+    for i in range(rows):
+        high, low = block[parameters, i], 0.0
+        for j in range(parameters):
+            product, error = two_product(-block[j, i], estimate[j])
+            high, carry = _two_sum(high, product)
+            low += carry + error - block[j, i] * rest[j] - lost[j, i] * estimate[j]
+        high, low = _two_sum(high, low)
+        for j in range(parameters):
+            product, error = two_product(block[j, i], high)
+            error += block[j, i] * low + lost[j, i] * high
+            gradient[0, j], carry = _two_sum(gradient[0, j], product)
+            gradient[1, j] += carry + error
+    for j in range(parameters):
+        gradient[0, j], gradient[1, j] = _two_sum(gradient[0, j], gradient[1, j])
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _two_sum(a: float, b: float) -> tuple[float, float]:
+    """a + b as its rounding and the error of that."""
+    total = a + b
+    part = total - a
+    return total, (a - (total - part)) + (b - part)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def two_product(a: float, b: float) -> tuple[float, float]:
+    """a·b as its rounding and the error of that, the factors split into halves of 26 bits."""
+    product = a * b
+    wide = 134217729.0 * a
+    a_high = wide - (wide - a)
+    a_low = a - a_high
+    wide = 134217729.0 * b
+    b_high = wide - (wide - b)
+    b_low = b - b_high
+    return product, ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low

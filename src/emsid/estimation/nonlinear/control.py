@@ -1,0 +1,89 @@
+"""`Control`: when a search has to stop, and whom it tells what it is doing.
+
+A search takes a `Control` and looks at it between steps. So it can be cancelled, or run out of time, only where it has
+a result that is whole; nothing in the mathematics knows of signals or of ``KeyboardInterrupt``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import inf
+
+from emsid.estimation.fit import Ending
+
+
+@dataclass(frozen=True)
+class Activity:
+    """What a search is doing.
+
+    Attributes:
+        doing: in a few words: ``rigid-motor: refining 4 starts``.
+        done: how many steps of it have been taken.
+        total: how many there are, None where nobody knows.
+    """
+
+    doing: str
+    done: int = 0
+    total: int | None = None
+
+
+class Stopped(Exception):
+    """Raised by `Control.check`: a search inside another one gives up, and the outer one keeps what it has.
+
+    Args:
+        ending: `Ending.INTERRUPTED` or `Ending.OUT_OF_BUDGET`.
+    """
+
+    def __init__(self, ending: Ending) -> None:
+        super().__init__(ending.value)
+        self.ending = ending
+
+
+@dataclass(frozen=True)
+class Control:
+    """When a search has to stop, and whom it tells what it is doing.
+
+    Args:
+        deadline: when the time is up, on the clock of `time.monotonic`.
+        cancelled: whether somebody has asked for an end.
+        report: called with every `Activity`.
+    """
+
+    deadline: float = inf
+    cancelled: Callable[[], bool] = lambda: False
+    report: Callable[[Activity], None] = lambda activity: None
+
+    def within(self, seconds: float) -> Control:
+        """The same with at most this much time from now on."""
+        return replace(self, deadline=min(self.deadline, time.monotonic() + seconds))
+
+    @property
+    def ending(self) -> Ending | None:
+        """How the search has to end now; None where it may go on."""
+        if self.cancelled():
+            return Ending.INTERRUPTED
+        return Ending.OUT_OF_BUDGET if time.monotonic() > self.deadline else None
+
+    def check(self) -> None:
+        """Go on, or not.
+
+        Raises:
+            Stopped: where the search has to end.
+        """
+        if (ending := self.ending) is not None:
+            raise Stopped(ending)
+
+    def doing(self, what: str, done: int = 0, total: int | None = None) -> None:
+        """Report an activity, and go on or not.
+
+        Raises:
+            Stopped: where the search has to end.
+        """
+        self.report(Activity(what, done, total))
+        self.check()
+
+
+FREE = Control()
+"""No limit, and nobody who listens."""

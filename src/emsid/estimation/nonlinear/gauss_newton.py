@@ -1,0 +1,532 @@
+r"""`gauss_newton`, the one engine of every model that is nonlinear in its parameters.
+
+Given residuals r(θ) ∈ ℝᴺ and their derivative J(θ) = ∂r/∂θ, wanted is
+
+    min V(θ) = Σₜ ℓ(rₜ(θ)),      lower ≤ θ ≤ upper,      ℓ(r) = ½r² or a loss that grows more slowly.
+
+**The step.** Around θ the residuals are nearly linear, r(θ + p) ≈ r + Jp, and each iteration solves the
+damped linear problem (Levenberg 1944, Marquardt 1963)
+
+    min over p   ½‖√w·(r + Jp)‖² + ½λ‖Dp‖²,      lower − θ ≤ p ≤ upper − θ.
+
+D holds the largest lengths that the columns of √w·J have had (Moré 1978), which makes the search blind to the
+units of the parameters. The weights w = ℓ′(r)/r are those of iteratively reweighted least squares; they are
+one for squares. Rows [√w·J, −√w·r] go through `Information`, experiment by experiment, and the damping enters
+as a prior of weight λD²: normal equations, which would square the condition number, are never formed, and
+nothing of length N is factored twice when λ changes. Where the step would leave the bounds, the small
+triangular problem is solved subject to them (BVLS, Stark & Parker 1995), so a bound that the minimum touches
+is found exactly and not merely approached.
+
+**The damping.** With ϱ the ratio of achieved to promised reduction, a step is taken when ϱ > 0. λ is then
+multiplied by max(1/10, 1 − (2ϱ − 1)³), and otherwise by 2, 4, 8, … (Nielsen 1999). A trial point without a
+residual (an unstable filter, a simulation that overflowed) is simply a step that failed: the next is shorter.
+
+**The end.** The search has converged when the undamped step to the linearised minimum is shorter than
+``tolerance`` standard errors, the relative offset of Bates & Watts (1981),
+
+    ‖J p‖/√n ≤ tolerance · ‖r‖/√(N − n),
+
+a criterion that knows neither units nor scale, or when the step is at the level of rounding, which is how a
+problem with an exact solution ends. Everything else is reported as what it is: see `Ending`.
+
+References:
+    Nocedal, Wright, *Numerical Optimization*, 2nd ed., ch. 10. Dennis, Schnabel, *Numerical Methods for
+    Unconstrained Optimization and Nonlinear Equations*, ch. 10. Moré, *The Levenberg–Marquardt algorithm:
+    implementation and theory* (1978). Nielsen, *Damping parameter in Marquardt's method*, IMM-REP-1999-05.
+    Bates, Watts, *A relative offset orthogonality convergence criterion for nonlinear least squares*,
+    Technometrics 23 (1981). Stark, Parker, *Bounded-variable least-squares*, Computational Statistics 10
+    (1995).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.linear.information import Information, Solution, inverse_triangle
+from emsid.estimation.nonlinear.losses import SQUARES, Loss
+from emsid.estimation.uncertainty.robust_covariance import long_run_variance
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Block = tuple[Array, Array]
+M = TypeVar("M")
+
+# A step that changes no parameter by more than this part of it, or promises less than this part of the cost,
+# is rounding.
+ROUNDING = 1e-13
+# A singular value below so much (times n) of the largest is rounding; steps do not go along it.
+RANK = 4 * float(np.finfo(float).eps)
+# So many steps in a row have to be worth what is asked of them.
+PATIENCE = 4
+# With so much damping a step is a crumb along the gradient; where that fails the cost is not smooth here.
+LEAST_DAMPING, MOST_DAMPING = 1e-20, 1e16
+
+
+class Infeasible(ModelError):
+    """Raised by a `Problem` where it has no residual: an unstable filter, a simulation that overflowed.
+
+    A trial step that raises it is shortened. At the start it is an error, and its message reaches the user.
+    """
+
+
+class Problem(Protocol):
+    """A nonlinear least-squares problem over one or several experiments."""
+
+    def residuals(self, theta: Array) -> Sequence[Array]:
+        """The residual (Nᵢ,) of every experiment at θ (p,).
+
+        Raises:
+            Infeasible: where there is none. Values that are not finite mean the same.
+        """
+        ...
+
+    def linearised(self, theta: Array) -> Sequence[Block]:
+        """The residual (Nᵢ,) and its derivative ∂r/∂θ (Nᵢ, p) for every experiment, where r exists.
+
+        Columns of parameters whose bounds coincide are not looked at. Fortran order saves a copy.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Iteration:
+    """What the progress callback sees after every step taken.
+
+    Attributes:
+        number: how many steps have been taken.
+        cost: V(θ), half the sum of squares for squares.
+        offset: length of the remaining step in standard errors, what is compared with the tolerance.
+        estimate: (p,) θ.
+    """
+
+    number: int
+    cost: float
+    offset: float
+    estimate: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Where a search ended, and how sure that is.
+
+    Attributes:
+        estimate: (p,) θ.
+        cost: V(θ), half the sum of squares for squares.
+        residuals: r(θ) of every experiment.
+        information: of the free parameters, rows [√w·J, −√w·r] at θ.
+        free: (p,) true where a parameter is neither fixed nor held by a bound; the covariances are given it.
+        covariance: (p, p), right for coloured residuals too (see `sandwich`); zero outside the free
+            parameters, infinite on the diagonal of what the data cannot tell.
+        white_covariance: (p, p), right if the residual is white.
+        noise_variance: of the residual, Σr²/(N − rank).
+        samples: N.
+        rank, condition: of the derivative with columns of unit length, in the free parameters.
+        ending: how the search ended.
+        message: one sentence where that needs one.
+        iterations: steps taken.
+        costs: V at the start and after every step.
+    """
+
+    estimate: Array
+    cost: float
+    residuals: tuple[Array, ...]
+    information: Information
+    free: NDArray[np.bool_]
+    covariance: Array
+    white_covariance: Array
+    noise_variance: float
+    samples: int
+    rank: int
+    condition: float
+    ending: Ending
+    message: str
+    iterations: int
+    costs: tuple[float, ...]
+
+    def fit(self, model: M, names: Sequence[str], method: str = "gn") -> Fit[M]:
+        """The `Fit` of a model whose first ``len(names)`` parameters these are.
+
+        What comes after them (initial states) served the estimation and is left out.
+        """
+        kept = len(names)
+        return Fit(
+            model=model,
+            names=tuple(names),
+            estimate=self.estimate[:kept],
+            covariance=self.covariance[:kept, :kept],
+            noise_variance=self.noise_variance,
+            samples=self.samples,
+            condition=self.condition,
+            rank=self.rank,
+            ending=self.ending,
+            message=self.message,
+            method=method,
+            iterations=self.iterations,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Box:
+    """The bounds, and which parameters they leave to vary."""
+
+    low: Array
+    high: Array
+    varied: Indices
+
+    def room(self, theta: Array) -> tuple[Array, Array]:
+        """How far down and up every varied parameter may still go."""
+        return (self.low - theta)[self.varied], (self.high - theta)[self.varied]
+
+    def moved(self, theta: Array, step: Array) -> Array:
+        """θ after a step of the varied parameters; one that uses all its room ends exactly on the bound."""
+        down, up = self.room(theta)
+        new = theta.copy()
+        new[self.varied] = np.where(
+            step <= down,
+            self.low[self.varied],
+            np.where(step >= up, self.high[self.varied], theta[self.varied] + step),
+        )
+        return new
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A θ with all that is known there; replaced as a whole, so that no interruption leaves half of one."""
+
+    theta: Array
+    cost: float
+    blocks: Sequence[Block]
+    information: Information  # of the parameters that are not fixed
+
+
+def gauss_newton(
+    problem: Problem,
+    start: ArrayLike,
+    *,
+    lower: ArrayLike = -np.inf,
+    upper: ArrayLike = np.inf,
+    loss: Loss = SQUARES,
+    max_iterations: int = 100,
+    max_seconds: float = np.inf,
+    tolerance: float = 1e-3,
+    worth: float = 0.0,
+    damping: float = 1e-3,
+    noise: float = 0.0,
+    names: Sequence[str] = (),
+    progress: Callable[[Iteration], None] | None = None,
+    inner: bool = False,
+) -> Minimum:
+    """The θ that minimises Σ ℓ(r(θ)) within bounds, from a start.
+
+    Ctrl-C ends the search with the best θ so far and `Ending.INTERRUPTED`, unless it is an inner one.
+
+    Args:
+        problem: residuals and their derivative.
+        start: (p,) θ to start from, within the bounds.
+        lower, upper: (p,) or a number; a parameter whose two bounds coincide is fixed.
+        loss: `SQUARES`, `Huber`, `Cauchy` or an object with the same three methods.
+        max_iterations: steps that may be taken.
+        max_seconds: time that may be used; looked at between steps.
+        tolerance: length of the remaining step, in standard errors of the estimate, at which the search is
+            over.
+        worth: part of the cost that `PATIENCE` steps together have to save for the search to go on; for those who
+            compare minima, and need not know where in a flat valley one is.
+        damping: λ of the first step; the columns of J are of unit length to it.
+        noise: standard deviation that rounding alone gives a residual: standard errors are taken to be no smaller
+            than it makes them.
+        names: (p,) names for messages, θ1, θ2, … by default.
+        progress: called after every step taken.
+        inner: whether the search is a part of another one, which Ctrl-C has to end: it is passed on. Nobody asks for
+            its covariances then, which are given as infinite.
+
+    Raises:
+        ModelError: for a start outside its bounds or without a finite residual, bounds that cross, blocks of other
+            shapes, fewer residuals than free parameters.
+    """
+    theta, box = _check_start(start, lower, upper, names)
+    varied = box.varied
+    labels = tuple(names) or tuple(f"θ{k + 1}" for k in range(len(theta)))
+    deadline = time.monotonic() + max_seconds
+    if not np.isfinite(_cost(problem, theta, loss)):
+        raise ModelError("the residual at the start is not finite; check the data and the start values")
+    point = _linearise(problem, theta, varied, loss)
+    if point.information.samples < len(varied):
+        raise ModelError(
+            f"{int(point.information.samples)} samples for {len(varied)} free parameters; "
+            "give more data or fix some parameters"
+        )
+    costs = [point.cost]
+    widest, last = np.zeros(len(varied)), np.inf
+    try:
+        while True:
+            widest = np.maximum(widest, np.linalg.norm(point.information.factor[:-1, :-1], axis=0))
+            remaining = _bounded_step(point.information, *box.room(point.theta))
+            offset = _relative_offset(point.information, remaining, noise)
+            if len(costs) > 1 and progress is not None:
+                progress(Iteration(len(costs) - 1, point.cost, offset, point.theta.copy()))
+            # Here the cost can no longer tell two points apart, but the linearisation still can.
+            polish = _promised(point.information, remaining) <= ROUNDING * point.cost
+            settled = polish and offset > 0.5 * last
+            if offset <= tolerance or settled or _is_rounding(widest, remaining, point.theta[varied]):
+                ending, message = Ending.CONVERGED, ""
+                break
+            last = offset
+            short = f"{offset:.2g} standard errors short of the linearised minimum"
+            if len(costs) > max_iterations:
+                ending, message = Ending.OUT_OF_BUDGET, f"stopped after {max_iterations} steps, {short}"
+                break
+            if time.monotonic() > deadline:
+                ending, message = Ending.OUT_OF_BUDGET, f"stopped after {max_seconds:g} s, {short}"
+                break
+            if worth > 0 and len(costs) > PATIENCE and costs[-1] > (1 - worth) * costs[-1 - PATIENCE]:
+                ending = Ending.OUT_OF_BUDGET
+                message = f"the last {PATIENCE} steps lowered the cost by less than {100 * worth:g} %, {short}"
+                break
+            trial: Array | None = box.moved(point.theta, remaining)
+            if not (polish and np.isfinite(_trial_cost(problem, box.moved(point.theta, remaining), loss))):
+                trial, damping = _descend(problem, point, box, widest, loss, damping)
+            if trial is None:
+                ending, message = Ending.STALLED, f"no step lowers the cost, {short}"
+                break
+            point = _linearise(problem, trial, varied, loss)
+            costs.append(point.cost)
+    except KeyboardInterrupt:
+        if inner:
+            raise
+        ending = Ending.INTERRUPTED
+        message = f"interrupted after {len(costs) - 1} steps; the best so far is kept"
+    return _conclude(point, box, None if inner else loss, labels, ending, message, tuple(costs))
+
+
+def _descend(
+    problem: Problem, point: _Point, box: _Box, scale: Array, loss: Loss, damping: float
+) -> tuple[Array | None, float]:
+    """A θ with a lower cost and the damping to go on with; none where no step lowers it."""
+    growth = 2.0
+    while damping < MOST_DAMPING:
+        step = _bounded_step(point.information.with_prior(damping * scale**2), *box.room(point.theta))
+        promised = _promised(point.information, step)
+        if promised <= ROUNDING * point.cost:
+            break
+        trial = box.moved(point.theta, step)
+        ratio = (point.cost - _trial_cost(problem, trial, loss)) / promised
+        if ratio > 0:
+            return trial, max(damping * max(0.1, 1 - (2 * min(ratio, 1.0) - 1) ** 3), LEAST_DAMPING)
+        damping *= growth
+        growth *= 2.0
+    return None, damping
+
+
+def _check_start(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Sequence[str]) -> tuple[Array, _Box]:
+    theta = np.array(start, dtype=float)
+    if theta.ndim != 1:
+        raise ModelError(f"start values of shape {theta.shape}; give (p,)")
+    if names and len(names) != len(theta):
+        raise ModelError(f"{len(names)} names for {len(theta)} parameters")
+    low = np.broadcast_to(np.asarray(lower, dtype=float), theta.shape)
+    high = np.broadcast_to(np.asarray(upper, dtype=float), theta.shape)
+    for k, (value, a, b) in enumerate(zip(theta, low, high, strict=True)):
+        what = names[k] if names else f"θ{k + 1}"
+        if not np.isfinite(value):
+            raise ModelError(f"start value of {what} is {value}; give a finite number")
+        if not a <= b:
+            raise ModelError(f"bounds of {what} are [{a:g}, {b:g}]; the lower one must not exceed the upper one")
+        if not a <= value <= b:
+            raise ModelError(f"start value {value:g} of {what} is outside its bounds [{a:g}, {b:g}]")
+    return theta, _Box(low, high, np.flatnonzero(low < high))
+
+
+def _linearise(problem: Problem, theta: Array, varied: Indices, loss: Loss) -> _Point:
+    """Everything known at θ, whose residual has been looked at before."""
+    blocks = tuple(problem.linearised(theta))
+    information = Information.empty(len(varied))
+    cost = 0.0
+    for residual, jacobian in blocks:
+        if residual.ndim != 1 or jacobian.shape != (len(residual), len(theta)):
+            raise ModelError(
+                f"a residual of shape {residual.shape} with a derivative of shape {jacobian.shape}; for "
+                f"{len(theta)} parameters give (N,) and (N, {len(theta)})"
+            )
+        root = np.sqrt(loss.weight(residual))
+        columns = np.empty((len(varied) + 1, len(residual)))
+        for row, k in enumerate(varied):
+            np.multiply(jacobian[:, k], root, out=columns[row])
+        np.multiply(residual, -root, out=columns[-1])
+        if not np.isfinite(columns.sum()):
+            bad = varied[~np.isfinite(columns[:-1]).all(axis=1)]
+            raise ModelError(f"the derivative with respect to parameters {bad.tolist()} is not finite")
+        information = information.add_columns(columns)
+        cost += float(np.sum(loss.cost(residual)))
+    return _Point(theta, cost, blocks, information)
+
+
+def _cost(problem: Problem, theta: Array, loss: Loss) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(sum(np.sum(loss.cost(residual)) for residual in problem.residuals(theta)))
+
+
+def _trial_cost(problem: Problem, theta: Array, loss: Loss) -> float:
+    """V(θ), infinite where there is no residual."""
+    try:
+        cost = _cost(problem, theta, loss)
+    except Infeasible:
+        return np.inf
+    return cost if np.isfinite(cost) else np.inf
+
+
+def least_squares_step(information: Information) -> Array:
+    """The shortest p, in units of the columns' lengths, that minimises ‖z − Rp‖; bare, without covariance or rank."""
+    from scipy.linalg.lapack import dtrcon, dtrtrs
+
+    triangle, projected, length = _scaled(information)
+    smallest = RANK * len(length)
+    well_told = dtrcon(triangle)[0] > smallest * len(length)  # in the norm of columns, which is so much coarser
+    solve = dtrtrs if well_told else partial(np.linalg.lstsq, rcond=smallest)
+    step: Array = solve(triangle, projected)[0] / length
+    return step
+
+
+def _scaled(information: Information) -> tuple[Array, Array, Array]:
+    """R with columns of unit length, z, and the lengths that R's columns have."""
+    n = information.parameters
+    triangle, projected = information.factor[:n, :n], information.factor[:n, n]
+    length = np.sqrt(np.einsum("ij,ij->j", triangle, triangle))
+    length[length == 0] = 1.0
+    return triangle / length, projected, length
+
+
+def _bounded_step(information: Information, lower: Array, upper: Array) -> Array:
+    """The p that minimises ‖z − Rp‖ within bounds, which contain zero."""
+    from scipy.optimize import lsq_linear
+
+    step = least_squares_step(information)
+    if np.all((lower <= step) & (step <= upper)):
+        return step
+    triangle, projected, length = _scaled(information)
+    room = lower * length, upper * length
+    found = lsq_linear(triangle, projected, room, method="bvls", tol=1e-15, max_iter=10 * len(length))
+    bounded: Array = np.clip(found.x / length, lower, upper)
+    return bounded
+
+
+def _promised(information: Information, step: Array) -> float:
+    """½‖z‖² − ½‖z − Rp‖²: how much lower the linearised cost is after the step."""
+    n = information.parameters
+    triangle, projected = information.factor[:n, :n], information.factor[:n, n]
+    moved = triangle @ step
+    return float(moved @ (projected - 0.5 * moved))
+
+
+def _relative_offset(information: Information, step: Array, noise: float) -> float:
+    """Length of a step in standard errors, (‖Rp‖/√n)/(‖r‖/√(N − n)); infinite without a residual, or zero."""
+    n = information.parameters
+    moved = float(np.linalg.norm(information.factor[:n, :n] @ step))
+    residual = float(np.linalg.norm(information.factor[:, n]))
+    freedom = max(information.samples - n, 1)
+    if moved == 0.0:
+        return 0.0
+    with np.errstate(divide="ignore"):
+        return float(np.divide(moved / np.sqrt(n), max(residual / np.sqrt(freedom), noise)))
+
+
+def _is_rounding(scale: Array, step: Array, theta: Array) -> bool:
+    return bool(np.linalg.norm(scale * step) <= ROUNDING * np.linalg.norm(scale * theta))
+
+
+def _conclude(
+    point: _Point,
+    box: _Box,
+    loss: Loss | None,
+    labels: tuple[str, ...],
+    ending: Ending,
+    message: str,
+    costs: tuple[float, ...],
+) -> Minimum:
+    """Words for the point at which the search ended, and covariances if a loss is given."""
+    theta, low, high, varied = point.theta, box.low, box.high, box.varied
+    gradient = -point.information.factor[:-1, :-1].T @ point.information.factor[:-1, -1]
+    pushed = np.zeros(len(theta))
+    pushed[varied] = gradient
+    held = ((theta <= low) & (pushed > 0)) | ((theta >= high) & (pushed < 0))
+    free = (low < high) & ~held
+    columns = np.flatnonzero(free)
+    information = point.information.select(np.flatnonzero(free[varied]))
+    solution = information.solve()
+    residuals = tuple(r for r, _ in point.blocks)
+    samples = sum(len(r) for r in residuals)
+    square = float(sum(np.sum(r**2) for r in residuals))
+    freedom = samples - solution.rank
+    white = robust = np.diag(np.full(len(columns), np.inf))
+    if loss is not None:
+        white, robust = _covariances(point.blocks, columns, information, solution, loss)
+    reached = [
+        f"{labels[k]} is held at its {'lower' if theta[k] <= low[k] else 'upper'} bound {theta[k]:.4g}"
+        for k in np.flatnonzero(held & (low < high))
+    ]
+    if ending is Ending.CONVERGED and solution.rank < len(columns):
+        ending = Ending.RANK_DEFICIENT
+        groups = "; ".join(", ".join(labels[columns[k]] for k in group) for group in solution.aliases)
+        message = f"the data cannot tell these parameters apart: {groups}"
+    message = "; ".join(filter(None, [message, *reached]))
+    full_white, full_robust = np.zeros((len(theta),) * 2), np.zeros((len(theta),) * 2)
+    full_white[np.ix_(columns, columns)] = white
+    full_robust[np.ix_(columns, columns)] = robust
+    return Minimum(
+        estimate=theta,
+        cost=point.cost,
+        residuals=residuals,
+        information=information,
+        free=free,
+        covariance=full_robust,
+        white_covariance=full_white,
+        noise_variance=square / freedom if freedom > 0 else np.nan,
+        samples=samples,
+        rank=solution.rank,
+        condition=solution.condition,
+        ending=ending,
+        message=message,
+        iterations=len(costs) - 1,
+        costs=costs,
+    )
+
+
+def _covariances(
+    blocks: Sequence[Block], columns: Indices, information: Information, solution: Solution, loss: Loss
+) -> tuple[Array, Array]:
+    """The covariance under white noise and the one that allows colour, for the parameters in ``columns``.
+
+    With a loss other than squares the bread of the sandwich is mean(ℓ″)·JᵀJ and the score Jₜℓ′(rₜ) (Huber
+    1981, ch. 7).
+    """
+    told = np.isfinite(np.diag(solution.covariance))
+    residual = np.concatenate([r for r, _ in blocks])
+    samples = len(residual)
+    mean_curvature = float(np.mean(loss.curvature(residual)))
+    spread = np.full((len(columns),) * 2, 0.0)
+    spread[~told, ~told] = np.inf
+    white, robust = spread.copy(), spread
+    kept = columns[told]
+    if samples <= len(kept) or not mean_curvature > 0:
+        white[told, told] = robust[told, told] = np.inf
+        return white, robust
+    bread = Information.empty(len(kept))
+    for r, jacobian in blocks:
+        bread = bread.add_columns(np.vstack([jacobian.T[kept], r]))
+    triangle = bread.factor[:-1, :-1]
+    inverse = inverse_triangle(triangle)
+    pull = loss.weight(residual) * residual
+    correction = samples / (samples - len(kept)) / mean_curvature**2
+    within = np.ix_(np.flatnonzero(told), np.flatnonzero(told))
+    white[within] = correction * np.mean(pull**2) * (inverse @ inverse.T)
+    scores = [(jacobian[:, kept] @ inverse) * (loss.weight(r) * r)[:, None] for r, jacobian in blocks]
+    robust[within] = correction * (inverse @ long_run_variance(scores) @ inverse.T)
+    return white, robust

@@ -1,0 +1,71 @@
+r"""The covariance of an estimate under stationary coloured noise, its colour taken from the residual.
+
+At a least-squares minimum ``cov θ̂ = (JᵀJ)⁻¹ JᵀΓJ (JᵀJ)⁻¹`` with Γ the covariance of the noise.
+`robust_covariance` estimates JᵀΓJ from the products of residual and derivative, which assumes nothing, but
+needs many samples in which the derivative is at work: a dead zone is told by the few around standstill. If the noise
+is stationary, all samples tell its colour. An autoregression A(q)e = w of the residual, var w = σ², has Γ = σ²HHᵀ with
+H = 1/A(q), so that
+
+    JᵀΓJ = σ²‖HᵀJ‖²,      HᵀJ: the columns of J through 1/A(q), backwards in time.
+
+The autoregression is Yule and Walker's (stable by construction), its order Schwarz's choice.
+
+References:
+    Söderström, Stoica, *System Identification*, sec. 7.5 (the covariance of output-error estimates in coloured noise)
+    and 3.3 (Yule–Walker). Schwarz, *Estimating the dimension of a model*, Annals of Statistics 6 (1978).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+MOST_POLES = 20
+
+
+def autoregression(pieces: Sequence[Array], most: int = MOST_POLES) -> tuple[Array, float]:
+    """A(q) = 1 + a₁q⁻¹ + … and the variance of what drives it, from stretches (Nᵢ,) of one stationary signal."""
+    samples = sum(len(piece) for piece in pieces)
+    most = min(most, *(len(piece) - 1 for piece in pieces), samples // 20)
+    lags = np.array([sum(float(p[k:] @ p[: len(p) - k]) for p in pieces) for k in range(max(most, 0) + 1)]) / samples
+    polynomial, variance = np.ones(1), float(lags[0])
+    if not variance > 0:
+        return polynomial, 0.0
+    best = (samples * np.log(variance), polynomial, variance)
+    for order in range(1, most + 1):  # Levinson and Durbin
+        reflection = -float(polynomial @ lags[order:0:-1]) / variance
+        longer = np.append(polynomial, 0.0)
+        polynomial = longer + reflection * longer[::-1]
+        variance *= 1 - reflection**2
+        if not variance > 0:
+            break
+        criterion = samples * np.log(variance) + order * np.log(samples)
+        if criterion < best[0]:
+            best = (criterion, polynomial, variance)
+    return best[1], best[2]
+
+
+def coloured_covariance(pieces: Sequence[tuple[Array, Array]]) -> Array:
+    """(p, p) covariance of the estimate.
+
+    Args:
+        pieces: residual (Nᵢ,) and derivative (Nᵢ, p) of every stretch of time of every channel; the derivatives
+            together of full rank.
+    """
+    from scipy.signal import lfilter
+
+    polynomial, variance = autoregression([residual for residual, _ in pieces])
+    triangle = np.linalg.qr(np.concatenate([jacobian for _, jacobian in pieces]), mode="r")
+    inverse = np.linalg.inv(triangle)
+    spread = np.zeros_like(triangle)
+    for _, jacobian in pieces:
+        backwards = lfilter([1.0], polynomial, (jacobian @ inverse)[::-1], axis=0)
+        spread += variance * backwards.T @ backwards
+    samples = sum(len(residual) for residual, _ in pieces)
+    freedom = samples / max(samples - len(triangle), 1)
+    covariance: Array = freedom * inverse @ spread @ inverse.T
+    return covariance

@@ -1,0 +1,126 @@
+r"""What a set of data can tell about parameters, read off the derivative of the residual.
+
+Let S = J·diag(s) be the derivative of the residual with respect to relative changes of the parameters, s being their
+sizes. Its Fisher information SᵀS/σ² says how precisely every direction of relative change is known: along a right
+singular vector of S with singular value ς the standard deviation is σ/ς. A direction is *untold* where
+
+    ς ≤ ROUNDED · ς_max  with the columns of S at unit length       the model cannot tell it, whatever the noise, or
+    σ/ς > 1                                                         the noise leaves it unknown by 100 % and more.
+
+A parameter, or any function of the parameters, is told if the untold directions bring less uncertainty into it than the
+others do. So combinations such as R·J/K² can be known to a percent while R, J and K can be anything.
+
+References:
+    Walter, Pronzato, *Identification of Parametric Models*, ch. 6. Stoica, Marzetta, *Parameter estimation problems
+    with singular information matrices*, IEEE TSP 49 (2001). Gutenkunst et al., *Universally sloppy parameter
+    sensitivities in systems biology models*, PLoS Computational Biology 3 (2007).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.estimation.linear.information import Information
+
+Array = NDArray[np.float64]
+
+# Below this part of the largest singular value a direction is rounding (of differences of simulations, mostly).
+ROUNDED = 1e-5
+# What the model cannot tell at all moves a function that has at least this share of its gradient in that direction.
+TAKES_PART = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """Which directions of relative change a set of data leaves open.
+
+    Args:
+        names: (p,) the parameters.
+        triangle: (p, p) a factor of the information on relative changes, SᵀS.
+        noise: standard deviation σ of the residual; 0 asks what the model can tell without noise.
+
+    Attributes:
+        spread: (p,) standard deviation, relative to the size, of every direction; infinite where the model cannot
+            tell it.
+        directions: (p, p) the directions as columns, orthonormal, in relative changes.
+    """
+
+    names: tuple[str, ...]
+    triangle: Array
+    noise: float
+    spread: Array = field(init=False)
+    directions: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        p = len(self.names)
+        length = np.linalg.norm(self.triangle, axis=0)
+        length = np.where(length > 0, length, 1.0)
+        _, values, turned = np.linalg.svd(self.triangle / length)
+        hidden = turned[values <= ROUNDED * max(float(np.max(values, initial=0.0)), np.finfo(float).tiny)].T
+        basis, _ = np.linalg.qr(hidden / length[:, None])
+        rest = np.linalg.qr(np.column_stack([basis, np.eye(p)]))[0][:, basis.shape[1] :]
+        _, values, turned = np.linalg.svd(self.triangle @ rest)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            told = np.where(values > 0, self.noise / values, np.inf)
+        object.__setattr__(self, "spread", np.concatenate([np.full(basis.shape[1], np.inf), told]))
+        object.__setattr__(self, "directions", np.column_stack([basis, rest @ turned.T]))
+
+    def without(self, held: Sequence[str]) -> Identifiability:
+        """The same data when these parameters are known."""
+        kept = [k for k, name in enumerate(self.names) if name not in held]
+        triangle: Array = np.asarray(np.linalg.qr(self.triangle[:, kept], mode="r"))
+        return Identifiability(tuple(self.names[k] for k in kept), triangle, self.noise)
+
+    def tells(self, gradient: Array) -> bool:
+        """Whether a function of the parameters is told, its gradient (p,) being with respect to relative changes."""
+        return bool(np.all(self._told_apart(gradient)))
+
+    @property
+    def groups(self) -> tuple[tuple[str, ...], ...]:
+        """The parameters that are not told, in groups that have nothing to do with each other."""
+        moved = ~np.array([self._told_apart(row) for row in np.eye(len(self.names))])  # (p, directions)
+        groups: list[set[int]] = []
+        for direction in moved.T:
+            mine = set(np.flatnonzero(direction).tolist())
+            if mine:
+                linked = [group for group in groups if group & mine]
+                groups = [group for group in groups if not group & mine] + [mine.union(*linked)]
+        return tuple(tuple(self.names[k] for k in sorted(group)) for group in groups)
+
+    def _told_apart(self, gradient: Array) -> NDArray[np.bool_]:
+        """(p,) for every direction, whether it leaves the function told."""
+        share = self.directions.T @ gradient
+        length = float(np.linalg.norm(gradient))
+        blind, untold = np.isinf(self.spread), self.spread > 1.0
+        known = float(np.linalg.norm(share[~untold] * self.spread[~untold]))
+        with np.errstate(invalid="ignore"):
+            brought = np.abs(share * self.spread)
+        hidden: NDArray[np.bool_] = (blind & (np.abs(share) > TAKES_PART * length)) | (
+            untold & ~blind & (brought > known)
+        )
+        return ~hidden
+
+
+def identifiability(jacobians: Sequence[Array], sizes: Array, names: Sequence[str], noise: float) -> Identifiability:
+    """What residuals with these derivatives tell.
+
+    Args:
+        jacobians: (Nᵢ, p + m) of every experiment; columns after the first p belong to parameters of no interest, such
+            as initial states, which are known no better than the data say.
+        sizes: (p,) what a relative change of every parameter refers to, positive.
+        names: (p,) the parameters.
+        noise: standard deviation σ of the residual; 0 asks what the model can tell without noise.
+    """
+    p = len(names)
+    width = jacobians[0].shape[1]
+    nuisance_first = [*range(p, width), *range(p)]
+    information = Information.empty(width)
+    for jacobian in jacobians:
+        columns = np.vstack([jacobian.T[nuisance_first], np.zeros(len(jacobian))])
+        information = information.add_columns(np.ascontiguousarray(columns))
+    triangle = information.factor[width - p : width, width - p : width] * sizes  # what the nuisance cannot explain
+    return Identifiability(tuple(names), triangle, noise)

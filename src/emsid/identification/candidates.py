@@ -1,0 +1,325 @@
+"""The models that `emsid identify` knows by name.
+
+Every candidate is a function from a record to a fit. What is not given (orders, delay, knots) it chooses on a part of
+the record that it holds back for that; then it is fitted to the whole record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+import numpy as np
+
+from emsid.errors import EmsidError, ModelError
+from emsid.estimation.fit import Fit
+from emsid.estimation.linear.least_squares import least_squares
+from emsid.estimation.linear.recursive import recursive_least_squares
+from emsid.estimation.nonlinear.gauss_newton import Iteration
+from emsid.models.blocks.search.estimation import estimate as estimate_cascade
+from emsid.models.blocks.search.map_families import Family
+from emsid.models.blocks.search.topologies import HAMMERSTEIN, HAMMERSTEIN_WIENER, WIENER, WIENER_HAMMERSTEIN, Layout
+from emsid.models.blocks.search.topologies import Options as CascadeOptions
+from emsid.models.plants.datasheet import Given, applicable
+from emsid.models.plants.drive import Bridge
+from emsid.models.plants.grey_box import signals_of
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.search.choice import REFINEMENTS, STARTS, Mechanical, Refinement, choose
+from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.problem import Recent, Weighting, all_alike
+from emsid.models.regression.structures import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
+from emsid.record import Record
+from emsid.selection.coordinate_search import coordinate_search
+from emsid.validation.comparison import assess
+
+if TYPE_CHECKING:
+    pass
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a user may fix; whatever is None is chosen on held-back data.
+
+    Args:
+        na: coefficients of past outputs.
+        nb: coefficients of past inputs.
+        nk: delay in samples.
+        degree: of the polynomial of a Wiener–Hammerstein regression.
+        taps: of its first filter.
+        knots: hinges on either side of zero in a friction regression; knots, or the degree, of a static map.
+        orders: of the filters of a cascade of blocks, as many as it has.
+        static: family of its static map; by default a spline where knots are given, or chosen with everything else.
+        ridge: weight of the squared parameters.
+        forgetting: forgetting factor; recursive least squares is used where it is given.
+        fix: physical parameters that are known, by name, in SI units.
+        datasheet: what is said of others: where to start, and how far off they may be.
+        codes: values of the input, or of a second one, that are no command, and what the bridge of a motor then does.
+        free: physical parameters to estimate, these and no others; by default what the plant usually has unknown, with
+            the refinements that held-back data ask for.
+        recent: s after which errors of physical models are forgotten; see `Recent`. By default they never are.
+        profile: physical parameters to take a likelihood profile of.
+        held_back: fraction of the record on which choices are made; see `Record.hold_back`.
+    """
+
+    na: int | None = None
+    nb: int | None = None
+    nk: int | None = None
+    degree: int | None = None
+    taps: int | None = None
+    knots: int | None = None
+    orders: tuple[int, ...] = ()
+    static: Family | None = None
+    ridge: float = 0.0
+    forgetting: float | None = None
+    fix: Mapping[str, float] = field(default_factory=dict)
+    datasheet: Mapping[str, Given] = field(default_factory=dict)
+    codes: tuple[tuple[float, Bridge], ...] = ()
+    free: tuple[str, ...] = ()
+    recent: float | None = None
+    profile: tuple[str, ...] = ()
+    held_back: float = 0.25
+
+    def __post_init__(self) -> None:
+        if self.ridge and self.forgetting is not None:
+            raise ModelError("ridge is for a batch estimate and forgetting for a recursive one; choose one of them")
+
+    @property
+    def given(self) -> list[str]:
+        """The names of those that differ from what they are by default."""
+        return [each.name for each in fields(self) if getattr(self, each.name) != getattr(_DEFAULTS, each.name)]
+
+    def estimate(self, structure: Structure, record: Record, history: bool = False) -> Fit[Any]:
+        """Fit a structure in the way that these options ask for."""
+        if self.forgetting is None:
+            return least_squares(structure, record, ridge=self.ridge)
+        return recursive_least_squares(structure, record, forgetting=self.forgetting, history=history)
+
+
+_DEFAULTS = Options()
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A family of linear-in-the-parameters structures as a candidate.
+
+    Args:
+        summary: what it is, in a few words.
+        build: the structure for a record and choices.
+        choices: for every option that the family has, what is tried, from simple to complex.
+    """
+
+    summary: str
+    build: Callable[[Record, Mapping[str, int]], Structure]
+    choices: Mapping[str, Sequence[int]]
+
+    @property
+    def uses(self) -> tuple[str, ...]:
+        """The options that make a difference to it."""
+        return (*self.choices, "ridge", "forgetting", "held_back")
+
+    def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
+        """Choose what is not fixed on held-back data and fit to the whole record."""
+        given = {name: getattr(options, name) for name in self.choices}
+        choices = {name: values if given[name] is None else (given[name],) for name, values in self.choices.items()}
+        chosen = {name: values[0] for name, values in choices.items()}
+        if any(len(values) > 1 for values in choices.values()):
+            train, rest = record.hold_back(options.held_back)
+            start = self.build(record, {name: values[-1] for name, values in choices.items()}).memory
+            exact = 1e-20 * float(np.var(rest.output))  # below, differences are rounding
+            problems: list[Exception] = []
+
+            def error(choice: Mapping[str, int]) -> float:
+                try:
+                    fit = options.estimate(self.build(record, choice), train)
+                    return max(assess(fit, rest, start).row.simulation_mse, exact)
+                except (EmsidError, ValueError, ArithmeticError) as problem:  # a choice that cannot be fitted is none
+                    problems.append(problem)
+                    return np.inf
+
+            chosen = coordinate_search(error, choices, progress=progress)
+            if problems and np.isinf(error(chosen)):
+                raise problems[0]
+        return options.estimate(self.build(record, chosen), record)
+
+
+def _arx(record: Record, choice: Mapping[str, int]) -> Structure:
+    return arx(**choice, inputs=record.input.shape[1])
+
+
+def _check_one_input(name: str, record: Record) -> None:
+    if record.input.shape[1] > 1:
+        raise ModelError(f"{name} has one input and {record.name} has {', '.join(record.input_names)}; choose one")
+
+
+def _wiener_hammerstein_regression(record: Record, choice: Mapping[str, int]) -> Structure:
+    _check_one_input("wiener-hammerstein-regression", record)
+    return wiener_hammerstein_regression(
+        choice["na"], choice["nb"], choice["degree"], taps=choice["taps"], nk=choice["nk"]
+    )
+
+
+def _friction_narx(record: Record, choice: Mapping[str, int]) -> Structure:
+    _check_one_input("friction-narx", record)
+    return friction_narx(
+        choice["na"],
+        choice["nb"],
+        knots=input_knots(record, choice["knots"]),
+        nk=choice["nk"],
+        speeds=stribeck_speeds(record),
+    )
+
+
+def stribeck_speeds(record: Record) -> tuple[float, float]:
+    """Two speeds over which a Stribeck excess may decay: 3 and 10 % of the largest output."""
+    top = float(abs(record.output).max())
+    return float(f"{0.03 * top:.3g}"), float(f"{0.1 * top:.3g}")  # to be read by people
+
+
+class Candidate(Protocol):
+    """A way from a record to a model."""
+
+    @property
+    def summary(self) -> str:
+        """What it is, in a few words."""
+        ...
+
+    @property
+    def uses(self) -> tuple[str, ...]:
+        """The options that make a difference to it."""
+        ...
+
+    def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
+        """Choose what the options leave open on data held back for that, and fit to the whole record."""
+        ...
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """A cascade of linear filters and static maps as a candidate.
+
+    Args:
+        summary: what it is, in a few words.
+        layout: which filters stand beside the map.
+    """
+
+    summary: str
+    layout: Layout
+    uses: ClassVar[tuple[str, ...]] = ("nk", "knots", "orders", "static")
+
+    def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
+        """Choose orders, knots and delay on held-back data and fit to the free run over the whole record."""
+        done = 0.0
+
+        def advance(what: str, iteration: Iteration | None) -> None:  # nobody knows how many steps there will be
+            nonlocal done
+            done += 0.05 * (1 - done)
+            progress(done)
+
+        settings = CascadeOptions(static=options.static, size=options.knots, delay=options.nk, progress=advance)
+        return estimate_cascade(self.layout, record, self._orders(options), settings)
+
+    def _orders(self, options: Options) -> tuple[int | None, int | None]:
+        wanted = self.layout.first + self.layout.second
+        if not options.orders:
+            return None, None
+        if len(options.orders) != wanted:
+            raise ModelError(
+                f"{self.layout.name} has {wanted} filter{'s' * (wanted > 1)}; --orders gives {len(options.orders)}: "
+                "give one for each"
+            )
+        given = iter(options.orders)
+        first = next(given) if self.layout.first else None
+        return first, next(given) if self.layout.second else None
+
+
+@dataclass(frozen=True)
+class Physical:
+    """A plant with physical parameters as a candidate, with those refinements that held-back data ask for.
+
+    Args:
+        summary: what it is, in a few words.
+        plant: to begin with.
+        refinements: what may be added to it.
+    """
+
+    summary: str
+    plant: Mechanical
+    refinements: tuple[Refinement, ...] = REFINEMENTS
+    uses: ClassVar[tuple[str, ...]] = ("fix", "datasheet", "codes", "free", "recent", "profile", "held_back")
+
+    def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
+        """Choose the refinements on held-back data, unless it is said what is free, and fit to the whole record."""
+        plant = self.coded(options)
+        weighting: Weighting = all_alike
+        if options.recent is not None:
+            integrals = 2 if Signal.POSITION in signals_of(plant, record) else 1
+            weighting = Recent(options.recent, integrals)
+        if options.free:
+            return simulation_error(
+                plant,
+                record,
+                free=options.free,
+                fixed=options.fix,
+                datasheet=applicable(options.datasheet, plant),
+                weighting=weighting,
+            )
+        return choose(
+            plant,
+            record,
+            fixed=options.fix,
+            datasheet=options.datasheet,
+            weighting=weighting,
+            held_back=options.held_back,
+            refinements=self.refinements,
+            progress=progress,
+        )
+
+    def coded(self, options: Options) -> Mechanical:
+        """The plant to begin with, which knows what is no command."""
+        return replace(self.plant, drive=replace(self.plant.drive, codes=options.codes))
+
+
+# Every model that `emsid identify` knows by name.
+CANDIDATES: dict[str, Candidate] = {
+    "arx": Regression(
+        "linear: past outputs and inputs", _arx, {"nk": (0, 1, 2, 3), "na": (1, 2, 3, 4), "nb": (1, 2, 3, 4)}
+    ),
+    "wiener-hammerstein-regression": Regression(
+        "the paper's: ARX with powers and products of inputs",
+        _wiener_hammerstein_regression,
+        {"nk": (0, 1, 2, 3), "na": (1, 2, 3, 4), "nb": (1, 2, 3), "degree": (2, 3, 5), "taps": (1, 2)},
+    ),
+    "friction-narx": Regression(
+        "ARX with dead-zone hinges, Coulomb and Stribeck friction",
+        _friction_narx,
+        {"nk": (0, 1, 2, 3), "na": (1, 2, 3), "nb": (1, 2, 3), "knots": (0, 4, 8, 12)},
+    ),
+    "wiener-hammerstein": Blocks("filter, static map, filter: three blocks that can be seen", WIENER_HAMMERSTEIN),
+    "hammerstein": Blocks("static map, filter", HAMMERSTEIN),
+    "wiener": Blocks("filter, static map", WIENER),
+    "hammerstein-wiener": Blocks("static map, filter, static map", HAMMERSTEIN_WIENER),
+    "rigid-motor": Physical(
+        "a motor with its load as one mass: ohms, kg·m² and N·m with intervals",
+        STARTS["rigid-motor"],
+    ),
+    "motor": Physical("a motor that turns its load through an elastic shaft", STARTS["motor"], ()),
+    "linear-axis": Physical("a mass on a rail: force to position, kg and N with intervals", STARTS["linear-axis"]),
+}
+
+# What is tried when nobody names a model: what any record of one input and one output can be described by.
+USUAL = ("arx", "wiener-hammerstein-regression", "friction-narx", "wiener-hammerstein")
+
+
+def fit_or_problem(search: Callable[[], Fit[Any]]) -> Fit[Any]:
+    """What a search finds.
+
+    Raises:
+        ModelError: also where numbers beyond all reason defeat the linear algebra in it.
+    """
+    try:
+        return search()
+    except (ValueError, ArithmeticError) as problem:
+        raise ModelError(f"the numbers are out of range ({problem}); scale the channels, check --dt") from problem

@@ -1,0 +1,1 @@
+"""Cascades of linear filters and static maps: Wiener–Hammerstein and its relatives."""

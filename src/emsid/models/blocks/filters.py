@@ -1,0 +1,308 @@
+r"""Linear filters as blocks of a cascade.
+
+``A(q)y(t) = B(q)x(t − nk)``, with A = 1 + a₁q⁻¹ + … and B = b₀ + b₁q⁻¹ + …; without A it is an FIR filter. The state
+is that of the transposed direct form, so that with zero signals before t = 0
+
+    A(q)y(t) = B(q)x(t − nk) + Σⱼ sⱼ δ(t − j),
+
+and differentiation gives the sensitivity filters (Ljung 1999, sec. 10.3)
+
+    ∂y/∂bₖ = q⁻ᵏ⁻ⁿᵏ A⁻¹(q) x,      ∂y/∂aₖ = −q⁻ᵏ A⁻¹(q) y,      ∂y/∂sⱼ = q⁻ʲ A⁻¹(q) δ:
+
+three filterings, however many parameters there are; all the rest is shifts. The filter itself, run from a
+zero state over every row δx, is where the time of a fit goes; `filter_rows` does four rows at a time.
+
+References:
+    Ljung, *System Identification: Theory for the User*, 2nd ed. (1999).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any, ClassVar
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.models.terms import check_whole, sum_of_terms, vector
+
+Array = NDArray[np.float64]
+
+# A pole this close to the unit circle, or outside, makes a filter unstable for every practical purpose.
+STABILITY_MARGIN = 1e-7
+# Interpolation between samples looks at so many on either side.
+INTERPOLATION_REACH = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Rational:
+    """A linear filter A(q)y(t) = B(q)x(t − nk), A = 1 + a₁q⁻¹ + …; an FIR filter where there is no a.
+
+    >>> Rational([0.2, 0.1], [-0.7]).equation("u", "x")
+    'x(t) = (0.2 + 0.1*q^-1)/(1 - 0.7*q^-1) u(t)'
+
+    Args:
+        numerator: (nb,) b₀, b₁, …
+        denominator: (na,) a₁, a₂, …, without the leading one.
+        delay: nk in samples.
+
+    Raises:
+        ModelError: for an empty numerator, values that are not finite, a delay that is negative or no whole number.
+    """
+
+    numerator: Array
+    denominator: Array = ()  # type: ignore[assignment]  # made an array below
+    delay: int = 0
+
+    kind: ClassVar[str] = "filter"
+
+    def __post_init__(self) -> None:
+        for field in ("numerator", "denominator"):
+            object.__setattr__(self, field, vector(getattr(self, field), f"filter {field}"))
+        if not len(self.numerator):
+            raise ModelError("a filter needs at least one numerator coefficient")
+        check_whole("filter delay", self.delay, 0, "a filter cannot look ahead")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """b0, b1, …, a1, a2, …"""
+        return (
+            *(f"b{k}" for k in range(len(self.numerator))),
+            *(f"a{k + 1}" for k in range(len(self.denominator))),
+        )
+
+    @property
+    def parameters(self) -> Array:
+        """(nb + na,) b₀, b₁, …, a₁, a₂, …"""
+        return np.concatenate([self.numerator, self.denominator])
+
+    @property
+    def anchors(self) -> tuple[int, ...]:
+        """The largest numerator coefficient, which fixes the gain."""
+        return (int(np.argmax(np.abs(self.numerator))),)
+
+    @cached_property
+    def states(self) -> int:
+        """Order of the filter, its delay included."""
+        return max(len(self.numerator) + self.delay - 1, len(self.denominator))
+
+    @cached_property
+    def transfer(self) -> tuple[Array, Array]:
+        """Numerator with its delay, and denominator with its one, of equal length in q⁻¹."""
+        b, a = np.zeros((2, self.states + 1))
+        b[self.delay : self.delay + len(self.numerator)] = self.numerator
+        a[0], a[1 : 1 + len(self.denominator)] = 1.0, self.denominator
+        return b, a
+
+    @property
+    def poles(self) -> NDArray[np.complex128]:
+        """(na,) roots of A."""
+        return np.roots(np.concatenate([[1.0], self.denominator])).astype(complex)
+
+    @property
+    def zeros(self) -> NDArray[np.complex128]:
+        """(≤ nb − 1,) roots of B."""
+        return np.roots(self.numerator).astype(complex)
+
+    def response(self, frequency: ArrayLike, dt: float) -> NDArray[np.complex128]:
+        """The frequency response at frequencies in Hz."""
+        delay = np.exp(-2j * np.pi * np.asarray(frequency, dtype=float) * dt)
+        b, a = self.transfer
+        above, below = np.polynomial.polynomial.polyval(delay, b), np.polynomial.polynomial.polyval(delay, a)
+        return np.asarray(above / below, dtype=complex)
+
+    @property
+    def gain(self) -> float:
+        """What to divide it by for a unit gain: its gain at DC, or at its peak where it blocks DC."""
+        response = self.response(np.linspace(0, 0.5, 513), 1.0)
+        peak = int(np.argmax(np.abs(response)))
+        return float(response[0].real if abs(response[0]) > 1e-3 * abs(response[peak]) else abs(response[peak]))
+
+    def amplified(self, factor: float) -> Rational:
+        """The filter with this many times the gain."""
+        return replace(self, numerator=self.numerator * factor)
+
+    def with_parameters(self, theta: Array) -> Rational:
+        """The filter with other coefficients."""
+        split = len(self.numerator)
+        return replace(self, numerator=theta[:split], denominator=theta[split:])
+
+    def check(self) -> None:
+        """Refuse an unstable filter.
+
+        Raises:
+            Infeasible: with the pole at fault.
+        """
+        if len(self.denominator):
+            largest = float(np.max(np.abs(self.poles)))
+            if largest >= 1 - STABILITY_MARGIN:
+                raise Infeasible(
+                    f"unstable filter: a pole of size {largest:.6g}; poles must lie inside the unit circle"
+                )
+
+    def output(self, x: Array, state: Array) -> Array:
+        """(N,) the filtered signal."""
+        rows: Array = np.array([x], dtype=float)
+        filter_rows(*self.transfer, rows, rows, np.array([state], dtype=float))
+        y: Array = rows[0]
+        return y
+
+    def push(self, x: Array, rows: Array) -> None:
+        """Every row (k, N), in place, filtered from a zero state."""
+        filter_rows(*self.transfer, rows, rows, np.zeros((len(rows), self.states)))
+
+    def gradient(self, x: Array, y: Array) -> Array:
+        """(nb + na, N) shifted copies of x and y filtered by 1/A."""
+        nb, na = len(self.numerator), len(self.denominator)
+        rows = np.zeros((nb + na, len(x)))
+        sources = self._all_pole(np.stack([x, y]))
+        for k in range(nb):
+            _shift_into(rows[k], sources[0], k + self.delay)
+        for k in range(na):
+            _shift_into(rows[nb + k], -sources[1], k + 1)
+        return rows
+
+    def state_gradient(self, samples: int) -> Array:
+        """(s, N) shifted copies of the impulse response of 1/A."""
+        impulse = np.zeros((1, samples))
+        impulse[0, 0] = 1.0
+        response = self._all_pole(impulse)[0]
+        rows = np.zeros((self.states, samples))
+        for j in range(self.states):
+            _shift_into(rows[j], response, j)
+        return rows
+
+    def visited(self, x: Array, y: Array) -> Array:
+        """(s, N) sⱼ(t) = Σ over k > j of bₖx(t + j − k) − aₖy(t + j − k), signals held before the first sample."""
+        b, a = self.transfer
+        flows = np.zeros((self.states, len(x)))
+        for j in range(self.states):
+            for k in range(j + 1, self.states + 1):
+                flow, late = b[k] * x - a[k] * y, k - j
+                flows[j, :late] += flow[0]
+                flows[j, late:] += flow[:-late]
+        return flows
+
+    def resting(self, level: float) -> tuple[Array, float]:
+        """The state and output for a constant input."""
+        b, a = self.transfer
+        output = level * b.sum() / a.sum()
+        # sⱼ = Σ over k > j of (bₖ·level − aₖ·output), the transposed direct form standing still.
+        flow = b[1:] * level - a[1:] * output
+        state: Array = np.cumsum(flow[::-1])[::-1].copy()
+        return state, float(output)
+
+    def equation(self, x: str, y: str) -> str:
+        """``y(t) = (b0 + b1*q^-1)/(1 + a1*q^-1) x(t)``."""
+        above = _in_delays(self.numerator, self.delay)
+        below = _in_delays(np.concatenate([[1.0], self.denominator]), 0)
+        if self.states == 0:
+            return f"{y}(t) = {above}*{x}(t)"
+        tail = f"/({below})" if len(self.denominator) else ""
+        return f"{y}(t) = ({above}){tail} {x}(t)"
+
+    def to_data(self) -> dict[str, Any]:
+        """Coefficients and delay."""
+        return {
+            "kind": self.kind,
+            "numerator": self.numerator.tolist(),
+            "denominator": self.denominator.tolist(),
+            "delay": self.delay,
+        }
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> Rational:
+        """The filter that `to_data` described."""
+        return cls(data["numerator"], data["denominator"], int(data["delay"]))
+
+    def _all_pole(self, rows: Array) -> Array:
+        out = np.empty_like(rows)
+        b, a = np.zeros((2, len(self.denominator) + 1))
+        b[0] = a[0] = 1.0
+        a[1:] = self.denominator
+        filter_rows(b, a, rows, out, np.zeros((len(rows), len(self.denominator))))
+        return out
+
+
+def fir(taps: ArrayLike, delay: int = 0) -> Rational:
+    """The FIR filter y(t) = Σₖ gₖ x(t − nk − k) (paper, eq. 3.1).
+
+    Args:
+        taps: (nb,) g₀, g₁, …
+        delay: nk in samples.
+    """
+    return Rational(np.asarray(taps, dtype=float), delay=delay)
+
+
+def interpolated(u: Array, factor: int) -> Array:
+    """(N·factor,) the band-limited signal through samples u (N,), taken to go on point-symmetrically at its ends.
+
+    Within `INTERPOLATION_REACH` samples of an end it is a guess. It is kept and cannot be written to: a search asks for
+    that of the same input thousands of times.
+    """
+    return u if factor == 1 else _interpolated(np.asarray(u, dtype=float).tobytes(), factor)
+
+
+@lru_cache(maxsize=16)
+def _interpolated(samples: bytes, factor: int) -> Array:
+    from scipy.signal import resample_poly
+
+    u, reach = np.frombuffer(samples), INTERPOLATION_REACH
+    around = np.pad(u, reach, "reflect", reflect_type="odd") if len(u) > reach else np.pad(u, reach, "edge")
+    fine: Array = resample_poly(around, factor, 1, window=_low_pass(factor))[reach * factor : -reach * factor]
+    fine.flags.writeable = False
+    return fine
+
+
+@lru_cache
+def _low_pass(factor: int) -> Array:
+    from scipy.signal import firwin
+
+    low_pass: Array = firwin(2 * INTERPOLATION_REACH * factor + 1, 1 / factor, window=("kaiser", 9.0))
+    return low_pass
+
+
+def _shift_into(row: Array, source: Array, by: int) -> None:
+    if by < len(row):
+        row[by:] = source[: len(row) - by]
+
+
+def _in_delays(coefficients: Array, first: int) -> str:
+    return sum_of_terms([(c, f"q^-{k}" if k else "") for k, c in enumerate(coefficients, start=first)])
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"})
+def filter_rows(b: Array, a: Array, rows: Array, out: Array, start: Array) -> None:
+    """Filter every row (k, N) by B/A into ``out``, which may be ``rows``; a faster `lfilter`.
+
+    A recursion waits for itself; four rows side by side keep the processor busy meanwhile.
+
+    Args:
+        b, a: (s + 1,) in q⁻¹; ``a[0]`` is one.
+        rows: (k, N) what is filtered.
+        out: (k, N) where it goes.
+        start: (k, s) the state, of the transposed direct form, in which each begins.
+    """
+    count, samples = rows.shape
+    order = len(a) - 1
+    state = np.zeros((order + 1, 4))
+    x, y = np.zeros(4), np.zeros(4)
+    for first in range(0, count, 4):
+        width = min(4, count - first)
+        for j in range(width):
+            for i in range(order):
+                state[i, j] = start[first + j, i]
+        for t in range(samples):
+            for j in range(width):
+                x[j] = rows[first + j, t]
+            for j in range(4):
+                y[j] = b[0] * x[j] + state[0, j]
+            for i in range(order):
+                for j in range(4):
+                    state[i, j] = b[i + 1] * x[j] - a[i + 1] * y[j] + state[i + 1, j]
+            for j in range(width):
+                out[first + j, t] = y[j]

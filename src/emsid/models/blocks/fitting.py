@@ -1,0 +1,383 @@
+"""The cascade whose free run is closest to one or several records, from a start.
+
+A unit DC gain is the linear constraint Σb = 1 + Σa. The fit therefore runs in the coordinates φ of `Freedom`, θ = θ₀ +
+Cφ, in which one numerator coefficient follows from the others, and what is redundant stays where it is; covariances go
+back through C exactly.
+
+What a filter held when a record began is not known. It is estimated along with the parameters, a few numbers per
+segment, or, by choice, the first samples are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import TypedDict, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.nonlinear.gauss_newton import Iteration, Minimum, gauss_newton
+from emsid.estimation.nonlinear.losses import SQUARES, Loss, Squares
+from emsid.estimation.uncertainty.model_error import model_error_covariance
+from emsid.models.blocks.cascade import Cascade, check_channels
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.gain import redundant, unit_gain
+from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.terms import check_whole
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+# So many samples say how the model error bends the cost.
+CURVATURE_SAMPLES = 5_000
+
+
+@dataclass(frozen=True, eq=False)
+class Freedom:
+    """The coordinates φ in which a cascade is fitted, θ = θ₀ + C(φ − φ₀), φ being a part of θ.
+
+    Attributes:
+        start: (p,) θ₀, a cascade of unit gain.
+        free: (f,) which parameters of θ are in φ.
+        tied: for every filter of unit DC gain, the coefficient that follows from its others: (anchor, others, signs),
+            with θ[anchor] = 1 + signs·θ[others], from Σb = 1 + Σa.
+    """
+
+    start: Array
+    free: NDArray[np.intp]
+    tied: tuple[tuple[int, NDArray[np.intp], Array], ...]
+
+    def parameters(self, phi: Array) -> Array:
+        """(p,) θ for φ (f,)."""
+        theta = self.start.copy()
+        theta[self.free] = phi
+        for anchor, others, signs in self.tied:
+            theta[anchor] = 1 + signs @ theta[others]
+        return theta
+
+    def tie(self, rows: Array) -> None:
+        """Turn rows of derivatives by θ, in place, into those by φ: what is tied moves with the others."""
+        for anchor, others, signs in self.tied:
+            rows[others] += signs[:, None] * rows[anchor]
+
+    @cached_property
+    def spread(self) -> Array:
+        """(p, f) C."""
+        matrix = np.zeros((len(self.start), len(self.free)))
+        matrix[self.free, np.arange(len(self.free))] = 1.0
+        for anchor, others, signs in self.tied:
+            matrix[anchor] = signs @ matrix[others]
+        return matrix
+
+
+def freedom(cascade: Cascade, hold: Sequence[str] = ()) -> Freedom:
+    """What is left free in a cascade of unit gain once redundant scales and levels, and ``hold``, are fixed.
+
+    Args:
+        cascade: as `unit_gain` gives it.
+        hold: names of parameters that keep their values.
+
+    Raises:
+        ModelError: for a name that is not a parameter's.
+    """
+    names = cascade.names
+    unknown = [name for name in hold if name not in names]
+    if unknown:
+        raise ModelError(f"{cascade.name} has no parameter {unknown[0]!r}; there are {', '.join(names)}")
+    held = {names.index(name) for name in hold}
+    tied = []
+    for k in redundant(cascade):
+        block, span = cascade.blocks[k], cascade.spans[k]
+        anchor = span.start + block.anchors[-1]
+        if isinstance(block, Rational) and np.isclose(block.resting(1.0)[1], 1.0) and anchor not in held:
+            others = np.array([j for j in range(span.start, span.stop) if j != anchor], dtype=np.intp)
+            signs = np.where(others < span.start + len(block.numerator), -1.0, 1.0)
+            tied.append((anchor, others, signs))
+        held.add(anchor)
+    maps = [(k, block) for k, block in enumerate(cascade.blocks) if isinstance(block, StaticMap)]
+    for (k, block), (_, behind) in pairwise(maps):
+        if block.owns_level and behind.absorbs_shift:
+            held.add(cascade.spans[k].start + block.anchors[0])
+    if not maps or maps[0][1].absorbs_shift:
+        held.add(len(names) - 2)
+    if maps and maps[-1][1].owns_level:
+        held.add(len(names) - 1)
+    free = np.array([k for k in range(len(names)) if k not in held], dtype=np.intp)
+    return Freedom(cascade.parameters, free, tuple(tied))
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRun:
+    """The free-run residuals of a cascade over several segments, as the Gauss–Newton engine wants them.
+
+    The parameters are φ (f,) and then the starting states (s,) of every segment.
+
+    Attributes:
+        cascade: of unit gain.
+        freedom: its coordinates.
+        segments: (u, y) of each.
+        skip: samples at the start of every segment whose residual is left out.
+    """
+
+    cascade: Cascade
+    freedom: Freedom
+    segments: tuple[tuple[Array, Array], ...]
+    skip: int
+
+    @cached_property
+    def start(self) -> Array:
+        """φ₀, and the states that a free run starts with."""
+        states = [self.cascade.starting(u, y[: self.cascade.memory]) for u, y in self.segments]
+        return np.concatenate([self.freedom.start[self.freedom.free], *states])
+
+    def check_values(self) -> None:
+        """Refuse a start at which a block makes of finite numbers some that are not.
+
+        Raises:
+            ModelError: saying which block, and of what.
+        """
+        for u, _ in self.segments:
+            signals = self.cascade.signals(u, np.zeros(self.cascade.states))
+            for k, (x, y) in enumerate(pairwise(signals), start=1):
+                bad = np.flatnonzero(~np.isfinite(y))
+                if len(bad):
+                    raise ModelError(
+                        f"{self.cascade.name}, block {k}: from an input of {x[bad[0]]:.4g} it makes {y[bad[0]]}; "
+                        "start with parameters for which all signals are finite"
+                    )
+
+    def model(self, theta: Array) -> Cascade:
+        """The cascade at these parameters."""
+        return self.cascade.with_parameters(self.freedom.parameters(theta[: len(self.freedom.free)]))
+
+    def shortened(self, samples: int) -> FreeRun:
+        """The same on the first part of every segment, so many samples in all, or a few more."""
+        share = max(samples // len(self.segments), self.skip + 1)
+        return replace(self, segments=tuple((u[:share], y[:share]) for u, y in self.segments))
+
+    def residuals(self, theta: Array) -> list[Array]:
+        """Model less measurement, per segment."""
+        model = self.model(theta)
+        model.check()
+        return [(model.output(u, self._states(theta, k)) - y)[self.skip :] for k, (u, y) in enumerate(self.segments)]
+
+    def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
+        """Residual and derivative, per segment; the derivative by other segments' states is zero."""
+        model, count = self.model(theta), len(self.freedom.free)
+        parameters, blocks = len(self.freedom.start), []
+        for k, (u, y) in enumerate(self.segments):
+            signals = model.signals(u, self._states(theta, k))
+            rows = model.gradient(signals)
+            self.freedom.tie(rows)
+            derivative = np.empty((len(theta), len(u) - self.skip))
+            derivative[count:] = 0.0
+            for j, row in enumerate(self.freedom.free):
+                derivative[j] = rows[row, self.skip :]
+            first = count + k * model.states
+            derivative[first : first + model.states] = rows[parameters:, self.skip :]
+            blocks.append(((model.sampled(signals) - y)[self.skip :], derivative.T))
+        return blocks
+
+    def _states(self, theta: Array, k: int) -> Array:
+        first = len(self.freedom.free) + k * self.cascade.states
+        return theta[first : first + self.cascade.states]
+
+
+class Search(TypedDict, total=False):
+    """What may be said of a search, as `search` says it."""
+
+    skip: int | None
+    hold: Sequence[str]
+    loss: Loss
+    max_iterations: int
+    max_seconds: float
+    tolerance: float
+    worth: float
+    progress: Callable[[Iteration], None] | None
+
+
+def fit_cascade(start: Cascade, records: Record | Sequence[Record], **how: Unpack[Search]) -> Fit[Cascade]:
+    """The cascade whose free run is closest to one or several records, from a start.
+
+    Args:
+        start, records, how: as in `search`.
+
+    Returns:
+        The fit, in the normalisation `unit_gain`; its covariance allows for coloured residuals and for model error.
+
+    Raises:
+        ModelError: for records of other channels or too short, a start that is unstable.
+    """
+    return conclude(*search(start, records, **how), how.get("loss", SQUARES))
+
+
+def search(
+    start: Cascade,
+    records: Record | Sequence[Record],
+    *,
+    skip: int | None = None,
+    hold: Sequence[str] = (),
+    loss: Loss = SQUARES,
+    max_iterations: int = 50,
+    max_seconds: float = np.inf,
+    tolerance: float = 0.05,
+    worth: float = 0.0,
+    progress: Callable[[Iteration], None] | None = None,
+) -> tuple[Minimum, FreeRun]:
+    """What `fit_cascade` does before it concludes; for those who go on from the minimum, or compare several.
+
+    Args:
+        start: blocks with start values; it is brought to `unit_gain` first.
+        records: one input and one output each; every segment of each is an experiment.
+        skip: samples left out at the start of every segment, whose states keep what the start finds from them; None
+            estimates the states along with the parameters.
+        hold: names of parameters that keep their (normalised) start values.
+        loss: `Squares`, `Huber` or `Cauchy`.
+        max_iterations, max_seconds, tolerance, worth, progress: as `gauss_newton` has them.
+
+    Raises:
+        ModelError: for records of other channels or too short, a start that is unstable.
+    """
+    if skip is not None:
+        check_whole(f"{start.name}: skip", skip, 0, "these are samples to be left out")
+    start.check()
+    cascade = unit_gain(start)
+    cascade.check()
+    problem = FreeRun(cascade, freedom(cascade, hold), gather(cascade, records, skip), max(skip or 0, cascade.edge))
+    problem.check_values()
+    theta = problem.start
+    count = len(problem.freedom.free)
+    low, high = np.full(len(theta), -np.inf), np.full(len(theta), np.inf)
+    if skip is not None:
+        low[count:] = high[count:] = theta[count:]
+    names = [cascade.names[k] for k in problem.freedom.free]
+    names += [f"state {j + 1} of segment {k + 1}" for k in range(len(problem.segments)) for j in range(cascade.states)]
+    minimum = gauss_newton(
+        problem,
+        theta,
+        lower=low,
+        upper=high,
+        loss=loss,
+        max_iterations=max_iterations,
+        max_seconds=max_seconds,
+        tolerance=tolerance,
+        worth=worth,
+        names=names,
+        progress=progress,
+    )
+    return minimum, problem
+
+
+def conclude(minimum: Minimum, problem: FreeRun, loss: Loss = SQUARES) -> Fit[Cascade]:
+    """The fit at a minimum: every parameter that moved, those that are tied included."""
+    cascade = problem.model(minimum.estimate)
+    count = len(problem.freedom.free)
+    own = minimum.covariance if not isinstance(loss, Squares) else _honest(minimum, problem)
+    covariance = _propagated(problem.freedom.spread, own[:count, :count])
+    kept = np.flatnonzero(np.diag(covariance) > 0)
+    names = [cascade.names[k] for k in problem.freedom.free]
+    fit = minimum.fit(cascade, names)
+    return replace(
+        fit,
+        message=_untold(minimum, names) if fit.ending is Ending.RANK_DEFICIENT else fit.message,
+        names=tuple(cascade.names[k] for k in kept),
+        estimate=cascade.parameters[kept],
+        covariance=covariance[np.ix_(kept, kept)],
+    )
+
+
+def _untold(minimum: Minimum, names: Sequence[str]) -> str:
+    """What the records leave open, in words; all that is not named is a starting state."""
+    free = np.flatnonzero(minimum.free)
+
+    def called(group: Sequence[int]) -> str:
+        own = [names[free[k]] for k in group if free[k] < len(names)]
+        words = own + ["starting states"] * (len(own) < len(group))
+        return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+
+    aliases = minimum.information.solve().aliases
+    silent = called([group[0] for group in aliases if len(group) == 1]) if any(len(g) == 1 for g in aliases) else ""
+    alike = list(dict.fromkeys(called(group) for group in aliases if len(group) > 1))
+    said = [f"say nothing of {silent}"] * bool(silent) + [f"cannot tell {group} apart" for group in alike]
+    return "the records " + "; they ".join(said)
+
+
+def _honest(minimum: Minimum, problem: FreeRun) -> Array:
+    """The covariance of the minimum, allowing for a residual that is coloured, or is model error.
+
+    What the data cannot tell keeps its infinite variance.
+    """
+    covariance = minimum.covariance.copy()
+    told = np.flatnonzero(minimum.free & np.isfinite(np.diag(covariance)))
+    own, states = told[told < len(problem.freedom.free)], told[told >= len(problem.freedom.free)]
+    if len(own) and minimum.samples > len(told):
+        part = problem.shortened(CURVATURE_SAMPLES)
+        covariance[np.ix_(own, own)] = model_error_covariance(problem, minimum.estimate, own, states, part)
+    return covariance
+
+
+def gather(cascade: Cascade, records: Record | Sequence[Record], skip: int | None) -> tuple[tuple[Array, Array], ...]:
+    """(u, y) of every segment that is long enough to be used.
+
+    Raises:
+        ModelError: for records of other channels, or where no segment is long enough.
+    """
+    several = [records] if isinstance(records, Record) else list(records)
+    needed = skip if skip is not None else cascade.memory
+    segments = []
+    for record in several:
+        check_channels(cascade, record)
+        segments += [
+            (np.ascontiguousarray(piece.input[:, 0]), np.ascontiguousarray(piece.output[:, 0]))
+            for piece in record.segments
+            if len(piece) > needed
+        ]
+    if not segments:
+        raise ModelError(
+            f"{cascade.name}: no segment is longer than the {needed} samples that its start takes; give more data or "
+            "smaller orders"
+        )
+    return tuple(segments)
+
+
+def _propagated(spread: Array, covariance: Array) -> Array:
+    """C·Σ·Cᵀ, infinite for whatever depends on something of infinite variance."""
+    lost = np.isinf(np.diag(covariance))
+    finite = np.where(np.isfinite(covariance), covariance, 0.0)
+    result: Array = spread @ finite @ spread.T
+    touched = np.flatnonzero(np.abs(spread[:, lost]).sum(axis=1) > 0)
+    result[touched, touched] = np.inf
+    return result
+
+
+def static_band(fit: Fit[Cascade], block: int, x: ArrayLike) -> Array:
+    """(m, 2) a static map's value and the standard error of it at inputs x (m,).
+
+    Args:
+        fit: of a cascade, in the normalisation it was fitted in.
+        block: which block, counted from 0.
+        x: (m,) inputs of that map.
+
+    Raises:
+        ModelError: where that block is not a static map.
+    """
+    model = fit.model
+    if not 0 <= block < len(model.blocks):
+        raise ModelError(f"{model.name}: no block {block}; they are counted from 0 to {len(model.blocks) - 1}")
+    chosen = model.blocks[block]
+    if not isinstance(chosen, StaticMap):
+        raise ModelError(f"{model.name}: block {block + 1} is a filter; a band is drawn for static maps")
+    at = np.asarray(x, dtype=float)
+    rows = chosen.parameter_gradient(at)
+    span = model.spans[block]
+    inside = [(j, model.names.index(name) - span.start) for j, name in enumerate(fit.names)]
+    pairs = [(j, k) for j, k in inside if 0 <= k < span.stop - span.start]
+    columns, owned = [j for j, _ in pairs], [k for _, k in pairs]
+    part = fit.covariance[np.ix_(columns, columns)]
+    variance = np.einsum("im,ij,jm->m", rows[owned], np.where(np.isfinite(part), part, 0.0), rows[owned])
+    return np.column_stack([chosen.value(at), np.sqrt(np.maximum(variance, 0))])

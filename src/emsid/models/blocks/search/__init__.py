@@ -1,0 +1,1 @@
+"""The search for a cascade: topology, orders, delay, starting values, static map."""

@@ -1,0 +1,352 @@
+"""Which start, map and size make the best model, judged by free runs on data that are held back.
+
+For each oversampling to be tried, pairs of filters from all sources of `starts` are scored by one linear
+problem each. The best few are refined by `fitting` on a part of the record, on all cores, and judged by their
+held-back free run; the family of the static map likewise, where none is given, and then its size (knots, degree). Free
+runs are compared throughout, never one-step predictions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeVar, Unpack
+
+import numpy as np
+
+from emsid.errors import ModelError
+from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear.gauss_newton import Minimum
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.fitting import FreeRun, Search, search
+from emsid.models.blocks.search.cross_validation import Round, as_arrays, delayed, shortened
+from emsid.models.blocks.search.map_families import Family
+from emsid.models.blocks.search.orders import folded_order_shares, map_sizes, order_shares, oversamplings, total_orders
+from emsid.models.blocks.search.starts import (
+    Filters,
+    linear_candidates,
+    random_candidates,
+    regression_candidate,
+    scanned,
+    started,
+    unfolded_candidates,
+)
+from emsid.models.blocks.search.topologies import Layout, Options, Orders
+from emsid.record import Record
+
+T = TypeVar("T")
+
+# Candidates refined per oversampling, and where chance had to help.
+REFINED, REFINED_RANDOM = 4, 24
+# Of these, how many go on with a map of the family asked for.
+REFINED_MAPS = 2
+# How many steps a refinement for a choice takes at most, how many standard errors from the minimum it may end, and what
+# a few more steps must save of the cost.
+CHOICE_STEPS, CHOICE_TOLERANCE, CHOICE_WORTH = 25, 0.2, 1e-3
+# Chance is not called in where a start leaves less than this part of the output unexplained.
+LINEAR_SUFFICES = 0.5
+# A more complex alternative must be this much better on held-back data.
+WORTH = 0.98
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """A refined model on its way to be chosen.
+
+    Attributes:
+        model: with all its parameters.
+        error: root mean square of its held-back free-run error.
+        known: the same on the data that it was refined on.
+        size: of its map.
+        family: of its map, None for a trial map.
+    """
+
+    model: Cascade
+    error: float
+    known: float
+    size: int = 0
+    family: Family | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A model to be refined, with the family and size of its map, if that is no trial map."""
+
+    model: Cascade
+    family: Family | None = None
+    size: int = 0
+
+
+def improving(
+    layout: Layout,
+    shown: Sequence[Record],
+    rounds: Sequence[Round],
+    orders: Orders,
+    options: Options,
+    template: Cascade,
+) -> Iterator[Choice]:
+    """Better and better choices, the last one final: first the filters, with a trial map, then the map."""
+    part, families = shortened(shown), options.families
+    sizes = {family: map_sizes(family, layout, shown, orders, options) for family in families}
+    direct = families[0].direct and not layout.outer
+    best: Choice | None = None
+    for rate in oversamplings(shown) if options.oversampling is None else (options.oversampling,):
+        options.tell(f"start values at {rate} times the sampling rate")
+        starts = _starts(layout, shown, orders, options, replace(template, oversampling=rate))
+        options.tell(f"refining {len(starts)} of them")
+        plans = [Plan(start, families[0], sizes[families[0]][0]) if direct else Plan(start) for start in starts]
+        refined = _refined(plans, part, rounds, options.workers, best)
+        if refined and not direct:
+            first = _simplest(refined, _complexity)
+            refined = [first, *(choice for choice in refined if choice is not first)]
+            options.tell(f"static map: {families[0].name}")
+            typical = sizes[families[0]][len(sizes[families[0]]) // 2]
+            placed = [
+                Plan(_with_map(choice.model, layout, families[0], typical, part), families[0], typical)
+                for choice in refined[:REFINED_MAPS]
+            ]
+            refined = _refined(placed, part, rounds, options.workers, best)
+        if refined:
+            choice = _simplest(refined, _complexity)
+            if best is None or choice.error < WORTH * best.error:
+                best = choice
+                yield best
+    assert best is not None
+
+    def better(best: Choice, others: Sequence[tuple[Family, int]]) -> Choice:
+        plans = [Plan(_with_map(best.model, layout, family, size, part), family, size) for family, size in others]
+        found = _refined(plans, part, rounds, options.workers, best) if plans else []
+        return _simplest([best, *found], _complexity)
+
+    if len(families) > 1:
+        options.tell("family of the static map")
+        best = better(best, [(family, sizes[family][len(sizes[family]) // 2]) for family in families[1:]])
+        yield best
+    assert best.family is not None
+    options.tell(f"size of the {best.family.name}")
+    yield better(best, [(best.family, size) for size in sizes[best.family] if size != best.size])
+
+
+def _simplest(choices: Sequence[Choice], complexity: Callable[[Choice], int]) -> Choice:
+    """The choice to which nothing more complex is worth its complexity.
+
+    A complex model that runs worse than a simpler one even on what it was refined on was lucky where it was judged.
+    """
+    chosen, *others = sorted(choices, key=lambda choice: (complexity(choice), choice.error))
+    for choice in others:
+        if choice.error < WORTH * chosen.error and choice.known < chosen.known:
+            chosen = choice
+    return chosen
+
+
+def _complexity(choice: Choice) -> int:
+    return len(choice.model.parameters)
+
+
+def _starts(
+    layout: Layout,
+    records: Sequence[Record],
+    orders: Orders,
+    options: Options,
+    template: Cascade,
+) -> list[Cascade]:
+    """The cascades worth refining, from all sources, best first; the best of every order before the rest."""
+    segments = delayed(records, template.delay)
+    rng = np.random.default_rng(0) if options.rng is None else options.rng
+    leading = options.families[0]
+    if leading.folds and layout.first:
+        unfolding = []
+        for share in folded_order_shares(layout, orders):
+            with suppress(ModelError):
+                for pair, level in unfolded_candidates(segments, share, rng):
+                    around = replace(template, input_offset=level)
+                    unfolding += scanned([pair], segments, leading.trial, around, options.workers)
+        if unfolding:
+            return [candidate.cascade for candidate in unfolding]
+    totals = total_orders(layout, segments, orders)
+    pairs: list[Filters] = []
+    for total in totals:
+        for first, second in order_shares(layout, orders, total):
+            with suppress(ModelError):  # too short for a frequency response: the other sources remain
+                pairs += linear_candidates(segments, (first, second), total, template.oversampling)
+            if layout.second and template.oversampling == 1:
+                with suppress(ModelError):
+                    _, behind = regression_candidate(records, second or 0, 3, max(template.delay, 0))
+                    pairs.append((_through(first) if layout.first else None, behind))
+    found = scanned(pairs, segments, leading.trial, template, options.workers)
+    level = float(np.std(np.concatenate([y for _, y in segments])))
+    if (found and found[0].error < LINEAR_SUFFICES * level) or template.oversampling > 1:
+        best_of_order = {_order(candidate.cascade): candidate for candidate in reversed(found)}
+        ahead = [candidate for candidate in found if candidate in best_of_order.values()]
+        behind_them = [candidate for candidate in found if candidate not in ahead]
+        # With two filters it takes several starts of an order to find how its poles are shared out.
+        lower = len(ahead) - 1 if layout.first and layout.second else 0
+        return [candidate.cascade for candidate in (ahead + behind_them)[: REFINED + lower]]
+    draws: list[Filters] = []
+    for first, second in order_shares(layout, orders, totals[-1]):
+        draws += random_candidates((first, second), len(segments[0][0]), rng)
+    found += scanned(draws, segments, leading.trial, template, options.workers)
+    found.sort(key=lambda candidate: candidate.error)
+    return [candidate.cascade for candidate in found[:REFINED_RANDOM]]
+
+
+def _kind(cascade: Cascade) -> tuple[tuple[str, int], ...]:
+    """What every block is, and how many parameters it has."""
+    return tuple((type(block).__name__, len(block.parameters)) for block in cascade.blocks)
+
+
+def _order(cascade: Cascade) -> int:
+    return sum(len(block.denominator) for block in cascade.blocks if isinstance(block, Rational))
+
+
+def _refined(
+    plans: Sequence[Plan],
+    part: Sequence[Record],
+    rounds: Sequence[Round],
+    workers: int,
+    rival: Choice | None = None,
+) -> list[Choice]:
+    """The plans refined on a part of the data and judged round by round, best first; failures are left out.
+
+    So are those that are no match for the rival, if there is one; then nothing need be left.
+
+    Raises:
+        ModelError: where one is needed and none is left.
+    """
+    budget: Search = {"max_iterations": CHOICE_STEPS, "tolerance": CHOICE_TOLERANCE, "worth": CHOICE_WORTH}
+
+    def refine(plan: Plan) -> Choice:
+        found = searched(plan.model, part, **budget)
+        return Choice(found.model, np.inf, found.error, plan.size, plan.family)
+
+    def judge(choice: Choice) -> Choice:
+        models = [
+            choice.model if len(rounds) == 1 else searched(choice.model, rest, **budget).model for rest, _ in rounds
+        ]
+        held = [_free_run_error(model, unseen) for model, (_, unseen) in zip(models, rounds, strict=True)]
+        return replace(choice, error=float(np.sqrt(np.mean(np.square(held)))))
+
+    problems: list[Exception] = []
+    refined = _successes(refine, plans, workers, problems)
+    judged: list[Choice] = []
+    if len(rounds) > 1:  # every round costs a fit, which only the best of its kind is worth
+        kinds = {(_kind(each.model), each.size): each for each in sorted(refined, key=lambda each: -each.known)}
+        refined = sorted(kinds.values(), key=lambda each: each.known)
+        if rival is None:
+            judged, refined = _successes(judge, refined[:1], workers, problems), refined[1:]
+        # All data judge in turn, so that what is worse than this even on what it was refined on has lost.
+        best = min((choice.error for choice in (*judged, rival) if choice), default=np.inf)
+        refined = [choice for choice in refined if choice.known < best / WORTH]
+    judged = sorted([*judged, *_successes(judge, refined, workers, problems)], key=lambda choice: choice.error)
+    if rival is None and not judged:
+        name = plans[0].model.name if plans else "cascade"
+        why = f" ({problems[0]})" if problems else ""
+        raise ModelError(f"{name}: no start describes the record{why}; check channels, units, delay and length")
+    return judged
+
+
+def _successes(
+    step: Callable[[T], Choice], items: Sequence[T], workers: int, problems: list[Exception]
+) -> list[Choice]:
+    """What a step gives for each item, where it does not fail or run away; why others fail joins the problems."""
+
+    def attempt(item: T) -> Choice | None:
+        try:
+            choice = step(item)
+        except (ModelError, np.linalg.LinAlgError) as problem:
+            problems.append(problem)
+            return None
+        return None if np.isnan([choice.known, choice.error]).any() else choice
+
+    with ThreadPoolExecutor(workers) as pool:
+        return [choice for choice in pool.map(attempt, items) if choice is not None]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a search found.
+
+    Attributes:
+        minimum, problem: as `search` gives them.
+        records: what it was fitted to.
+    """
+
+    minimum: Minimum
+    problem: FreeRun
+    records: Sequence[Record]
+
+    @cached_property
+    def model(self) -> Cascade:
+        """The cascade at the minimum."""
+        return self.problem.model(self.minimum.estimate)
+
+    @cached_property
+    def error(self) -> float:
+        """Root mean square of its free-run error on the records that it was fitted to."""
+        return _free_run_error(self.model, self.records)
+
+    @property
+    def drifts(self) -> bool:
+        """Whether its free run is further off than that of the start."""
+        before = np.concatenate(self.problem.residuals(self.problem.start))
+        return not self.error <= np.sqrt(np.mean(before**2))
+
+
+def searched(start: Cascade, records: Sequence[Record], **how: Unpack[Search]) -> Found:
+    """`search`, but the free run on the records gets no worse than that of the start.
+
+    States that are estimated along with a very slow pole describe a drift, which a free run, whose states are found
+    from a few samples, cannot repeat. Where that has happened, the states are found as a free run finds them and held.
+    """
+    free = Found(*search(start, records, **how), records)
+    if how.get("skip") is not None or free.minimum.ending is Ending.INTERRUPTED or not free.drifts:
+        return free
+    how["skip"] = start.memory
+    held = Found(*search(start, records, **how), records)
+    if held.minimum.ending is Ending.INTERRUPTED:
+        return held
+    # Once more with the states that it has now.
+    again = Found(*search(held.model, records, **how), records)
+    return min(held, again, key=lambda found: found.error)
+
+
+def _with_map(model: Cascade, layout: Layout, family: Family, size: int, part: Sequence[Record]) -> Cascade:
+    """The model with its map replaced by one of the family, and the outer map, if any.
+
+    That begins as a straight line; one of the same family that is there already stays as it is.
+    """
+    segments = as_arrays(part)
+    start = started(model, lambda x, z: family.start(x, z, size), segments)
+    if layout.outer and len(start.blocks) > 2 and type(start.blocks[0]) is not type(start.blocks[-1]):
+        start = started(start, lambda x, z: family.start(x, z, size), segments, -1)
+    if layout.outer and len(start.blocks) == 2:
+        y = np.concatenate([start.output(u, start.resting(float(u[0]))) for u, _ in segments])
+        start = replace(start, blocks=(*start.blocks, family.start(y, y, size)), output_offset=0.0)
+    return start
+
+
+def placed(choice: Choice, records: Sequence[Record], options: Options) -> Cascade:
+    """The choice with its knots spread over all of the data."""
+    family = choice.family
+    if family is None or not family.sizes or len(choice.model.blocks) < 2:
+        return choice.model
+    return started(choice.model, lambda x, z: family.start(x, z, choice.size), as_arrays(records))
+
+
+def _free_run_error(model: Cascade, records: Sequence[Record]) -> float:
+    square, count = 0.0, 0
+    for record in records:
+        run = model.simulate(record)
+        error = (run.output - record.output)[run.counted]
+        square, count = square + float(np.sum(error**2)), count + len(error)
+    return float(np.sqrt(square / count))
+
+
+def _through(order: int | None) -> Rational:
+    """A filter of this order that passes its input on."""
+    size = order or 0
+    return Rational(np.eye(size + 1)[0], np.zeros(size))

@@ -1,0 +1,141 @@
+"""Orders, delay, sampling rate and sizes of map that are worth trying, as the records tell them beforehand.
+
+The order is that of a rational fit to the measured frequency response with the shortest description; the delay the
+least with which that order fits the response.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.linear.frequency_response import fit_rational, frequency_response
+from emsid.models.blocks.search.cross_validation import as_arrays
+from emsid.models.blocks.search.map_families import Family
+from emsid.models.blocks.search.topologies import Layout, Options, Orders
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+LARGEST_ORDER = 8
+# Where there are two filters, so many orders below that of the response are tried.
+LOWER = 2
+# Orders tried before and behind a map that loses the sign.
+FOLDED_FIRST, FOLDED_SECOND = (1, 2, 3, 4), (0, 1)
+# The longest delay looked for; one is as good as another within this part of the squared error and the noise of it.
+LONGEST_DELAY, DELAY_SLACK = 20, 0.1
+# An input that keeps its value this often from one sample to the next is held between them.
+HELD = 0.5
+# Every parameter should have this many samples to it.
+SAMPLES_PER_PARAMETER = 5
+
+
+def total_orders(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: Orders) -> list[int]:
+    """Orders of the best linear approximation to try: what is given; or what describes the response most briefly.
+
+    To a response, a nonlinearity can look like poles and zeros, so lower orders are tried too: all of them where there
+    is one filter only, and some where there are two, as every one of them can be shared out in many ways.
+    """
+    least, most = _least(layout, orders), _total(layout, segments, orders)
+    return list(range(max(most - LOWER, least) if layout.first and layout.second else least, most + 1))
+
+
+def _total(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: Orders) -> int:
+    """The order that is given, or that describes the frequency response most briefly."""
+    least = _least(layout, orders)
+    if not _open(layout, orders):
+        return least
+    try:
+        response = frequency_response(segments)
+    except ModelError:
+        return least
+    points = 2 * len(response.frequency)
+    largest = min(LARGEST_ORDER, (points - 2) // 6)
+    costs = {n: fit_rational(response, n + 1, n)[2] for n in range(least, max(largest, least) + 1)}
+    scale = max(min(costs.values()) / points, 1e-12)
+    return min(costs, key=lambda n: costs[n] / scale + (2 * n + 1) * np.log(points))
+
+
+def _open(layout: Layout, orders: Orders) -> int:
+    """How many of the filters have no order given."""
+    return sum(order is None for order, wanted in zip(orders, (layout.first, layout.second), strict=True) if wanted)
+
+
+def _least(layout: Layout, orders: Orders) -> int:
+    """The orders given, and one for every filter without."""
+    return sum(order or 0 for order in orders) + _open(layout, orders)
+
+
+def oversamplings(records: Sequence[Record]) -> tuple[int, ...]:
+    """Multiples of the sampling rate to try: one where the input is a command that is held, like a drive's."""
+    held = np.mean(np.concatenate([np.diff(u) == 0 for u, _ in as_arrays(records)]))
+    return (1,) if held > HELD else (1, 2)
+
+
+def order_shares(layout: Layout, orders: Orders, total: int) -> list[Orders]:
+    """The orders of the two filters that a total order may stand for."""
+    if not layout.first:
+        return [(None, total)]
+    if not layout.second:
+        return [(total, None)]
+    pairs = [(first, total - first) for first in range(total + 1)]
+
+    def allowed(pair: Orders) -> bool:
+        return all(order == given if given is not None else order for order, given in zip(pair, orders, strict=True))
+
+    return [pair for pair in pairs if allowed(pair)]
+
+
+def folded_order_shares(layout: Layout, orders: Orders) -> list[tuple[int, int | None]]:
+    """Orders to try where the frequency response tells none, because the sign was lost."""
+    first = FOLDED_FIRST if orders[0] is None else (orders[0],)
+    second: tuple[int | None, ...] = (None,)
+    if layout.second:
+        second = FOLDED_SECOND if orders[1] is None else (orders[1],)
+    return list(product(first, second))
+
+
+def input_delay(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: Orders) -> int:
+    """The least delay with which the orders describe the measured frequency response about as well as with the best."""
+    total = _total(layout, segments, orders)
+    try:
+        response = frequency_response(segments)
+    except ModelError:
+        return 0
+    noise = 2 * len(response.frequency)
+    costs: list[float] = []
+    for delay in range(LONGEST_DELAY + 1):
+        ahead = np.exp(2j * np.pi * response.frequency * delay)
+        try:
+            costs.append(fit_rational(replace(response, value=response.value * ahead), total + 1, total)[2])
+        except ModelError:  # more coefficients than the response has points
+            return 0
+        if costs[0] < 2 * noise:  # as good as can be without any
+            return 0
+    return next(k for k, cost in enumerate(costs) if cost <= (1 + DELAY_SLACK) * min(costs) + noise)
+
+
+def map_sizes(
+    family: Family,
+    layout: Layout,
+    records: Sequence[Record],
+    orders: Orders,
+    options: Options,
+) -> tuple[int, ...]:
+    """The sizes of a family to try: what is given, or those that the records can carry, the least in any case."""
+    if options.size is not None:
+        return (options.size,)
+    room = sum(len(record) for record in records) / SAMPLES_PER_PARAMETER - filter_parameters(layout, orders)
+    sizes = family.sizes or (0,)
+    return (sizes[0], *(size for size in sizes[1:] if size <= room))
+
+
+def filter_parameters(layout: Layout, orders: Orders) -> int:
+    """Coefficients of the filters, of first order where nothing is said."""
+    there = [order for order, wanted in zip(orders, (layout.first, layout.second), strict=True) if wanted]
+    return sum(2 * (1 if order is None else order) + 1 for order in there)

@@ -1,0 +1,402 @@
+r"""Starting values for cascades, without the user.
+
+The free-run cost of a cascade has many minima, and which one a search ends in is decided by where it starts. Four
+sources give candidates, a function each; `scanned` tries every one at the price of one linear problem, and the best go
+on to `fit_cascade`.
+
+**The best linear approximation.** Driven by a random input, filter–map–filter looks like the product of its two
+filters, up to a gain (Bussgang's theorem; Schoukens & Tiels 2017). So a rational function is fitted to the measured
+frequency response, and its poles and zeros are shared out between the two filters, conjugate pairs staying together, in
+all the ways that give the orders asked for.
+
+**The paper's least-squares solution.** The expanded regression (5.8) has the parameters s = d ⊗ (b₁, λ₂b₁²), a matrix
+of rank one, delays down and powers across. The leading singular vectors of what least squares gives for it are the
+second filter's numerator d and the map's (λ₁b₁, λ₂b₁², …).
+
+**Signs given back.** Where the map is |x|, `unfolding` finds signs that the output may have lost, and the first filter
+is fitted to the signed signal as if there were no sensor. Its constant says at which input the signal is zero: at the
+kink, so that it is part of the start.
+
+**Chance.** A map that is even about the operating point, such as |x|, makes the best linear approximation vanish. Then
+filters are drawn with poles spread evenly in logarithmic time constant and in frequency.
+
+For given filters the map is linear in its parameters: with x = G₁u and splines φⱼ, y ≈ y₀ + Σ cⱼ·G₂φⱼ(x), solved
+through `Information` and scored on the part of the record that was not used. A map of another family is then started
+from the curve found, see `families`.
+
+References:
+    Schoukens, Tiels, *Identification of block-oriented nonlinear systems starting from linear approximations: a
+    survey*, Automatica 85 (2017). Sjöberg, Schoukens, *Initializing Wiener–Hammerstein models based on partitioning of
+    the best linear approximation*, Automatica 48 (2012). Kara, Abokoos, eqs. (5.1) to (5.11).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.fit import Ending
+from emsid.estimation.linear.frequency_response import fit_rational, frequency_response
+from emsid.estimation.linear.information import Information
+from emsid.estimation.linear.least_squares import gather
+from emsid.estimation.nonlinear.gauss_newton import least_squares_step
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.fitting import search
+from emsid.models.blocks.gain import unit_gain
+from emsid.models.blocks.search.sign_recovery import unfoldings
+from emsid.models.blocks.static_maps import CubicSpline, Polynomial, Scaling, StaticMap
+from emsid.models.regression.structures import wiener_hammerstein_regression
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+Segments = Sequence[tuple[Array, Array]]
+Filters = tuple[Rational | None, Rational | None]
+
+# Splines with so many knots show whether a pair of filters is any good.
+TRIAL_KNOTS = 12
+# How many samples a trial looks at; enough to rank the candidates.
+TRIAL_SAMPLES = 12_000
+# More ways of sharing out poles and zeros than this are not tried.
+MOST_SPLITS = 2_000
+# Pairs of filters that chance draws.
+RANDOM_DRAWS = 300
+# Of the ways to give signs back, so many are followed.
+UNFOLDINGS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Two filters with the spline between them that suits them best.
+
+    Attributes:
+        cascade: filters and spline, those that the structure has.
+        error: root mean square of its free-run error on samples that did not serve to find the spline.
+    """
+
+    cascade: Cascade
+    error: float
+
+
+def linear_candidates(
+    segments: Segments, orders: tuple[int | None, int | None], total: int, oversampling: int
+) -> Iterator[Filters]:
+    """Pairs of filters that share out the poles and zeros of the best linear approximation.
+
+    Args:
+        segments: (u, y) of each, the delay taken off.
+        orders: of the first and the second filter; None where the structure has no such filter.
+        total: order of the approximation; its zeros may be shared out in any way that keeps the filters proper.
+        oversampling: of the cascade.
+    """
+    b, a, _ = fit_rational(frequency_response(segments), total + 1, total, oversampling)
+    whole = Rational(b, a)
+    first, second = orders
+    if first is None or second is None:
+        yield (whole, None) if second is None else (None, whole)
+        return
+    poles, zeros = _groups(whole.poles), _groups(whole.zeros)
+    if not any(True for _ in _splits(poles, first)):
+        poles = _parted(poles)
+    count = 0
+    for p1, p2 in _splits(poles, first):
+        for share in product((0, 1), repeat=len(zeros)):
+            z1 = [z for group, side in zip(zeros, share, strict=True) if side == 0 for z in group]
+            z2 = [z for group, side in zip(zeros, share, strict=True) if side == 1 for z in group]
+            if len(z1) <= first and len(z2) <= second:
+                yield _from_roots(z1, p1, first), _from_roots(z2, p2, second)
+                count += 1
+                if count == MOST_SPLITS:
+                    return
+
+
+def regression_candidate(records: Sequence[Record], order: int, degree: int, delay: int) -> tuple[Polynomial, Rational]:
+    """The paper's least-squares solution (5.8) factorised back into a map and a second filter.
+
+    Args:
+        records: one input, one output each.
+        order: n_a of the second filter; its numerator has one coefficient more.
+        degree: of the polynomial.
+        delay: nk in samples.
+
+    Returns:
+        The polynomial with λ₁b₁ as its slope at zero, and the filter D/A with d of unit length.
+    """
+    structure = wiener_hammerstein_regression(order, order + 1, degree, taps=1, nk=delay)
+    theta = gather(structure, records)[0].solve().estimate
+    powers = theta[order:].reshape(degree, order + 1)
+    # s = λ ⊗ d; regressors come power by power, each with its delays.
+    left, singular, right = np.linalg.svd(powers, full_matrices=False)
+    low = min(float(record.input.min()) for record in records)
+    high = max(float(record.input.max()) for record in records)
+    curve = Polynomial.from_powers(np.concatenate([[0.0], left[:, 0] * singular[0]]), low, high)
+    return curve, _stable(Rational(right[0], theta[:order]))
+
+
+def unfolded_candidates(
+    segments: Segments, orders: tuple[int | None, int | None], rng: np.random.Generator
+) -> Iterator[tuple[Filters, float]]:
+    """The filter before a sensor that loses the sign with a quick one behind it, and the input that makes no output.
+
+    That input is the u₀ of a cascade; in front of a kink it is no matter of taste, as it is in front of a spline.
+
+    Args:
+        segments: (u, y) of each; the longest is used.
+        orders: of the first and the second filter; None where the structure has no such filter.
+        rng: source of chance.
+    """
+    first, second = orders
+    if first is None:
+        return
+    u, y = max(segments, key=lambda pair: len(pair[0]))
+    u, y = u[:TRIAL_SAMPLES], y[:TRIAL_SAMPLES]
+    quick = None if second is None else _from_roots([], [complex(0.3 / (k + 1)) for k in range(second)], second)
+    for found in unfoldings(u, y, first, rng)[:UNFOLDINGS]:
+        level = found.constant / (1 + found.denominator.sum())
+        start = Cascade((_stable(Rational(found.numerator, found.denominator)),), output_offset=level)
+        minimum, problem = search(start, Record(u, found.signal, 1.0), max_iterations=30, tolerance=0.2)
+        if minimum.ending is Ending.INTERRUPTED:  # there is no model yet that could be kept
+            raise KeyboardInterrupt
+        for model in (start, problem.model(minimum.estimate)):
+            (block,) = model.blocks
+            assert isinstance(block, Rational)
+            gain = block.resting(1.0)[1]
+            yield (block, quick), 0.0
+            if gain:
+                yield (block, quick), -model.output_offset / gain
+
+
+def random_candidates(
+    orders: tuple[int | None, int | None], samples: int, rng: np.random.Generator, draws: int = RANDOM_DRAWS
+) -> Iterator[Filters]:
+    """Pairs of filters drawn by chance, time constants between two samples and a tenth of the record.
+
+    Args:
+        orders: of the first and the second filter; None where the structure has no such filter.
+        samples: length of the record.
+        rng: source of chance.
+        draws: how many.
+    """
+    slowest = max(np.log(samples / 10), np.log(4.0))
+
+    def drawn(order: int | None) -> Rational | None:
+        if order is None:
+            return None
+        poles: list[complex] = []
+        while len(poles) < order:
+            size = np.exp(-1 / np.exp(rng.uniform(np.log(1.5), slowest)))
+            if order - len(poles) >= 2 and rng.random() < 0.5:
+                pole = size * np.exp(1j * np.exp(rng.uniform(np.log(2 * np.pi / samples), np.log(np.pi / 2))))
+                poles += [pole, np.conj(pole)]
+            else:
+                poles.append(complex(size))
+        denominator = np.real(np.poly(poles))[1:] if poles else np.zeros(0)
+        return _of_unit_gain(Rational(np.eye(order + 1)[min(order, 1)], denominator))
+
+    for _ in range(draws):
+        yield drawn(orders[0]), drawn(orders[1])
+
+
+def scanned(
+    filters: Sequence[Filters],
+    segments: Segments,
+    trial: Callable[[Array], tuple[StaticMap, ...]],
+    template: Cascade,
+    workers: int,
+) -> list[Candidate]:
+    """Every pair of filters with the map that suits it best, best first; those that suit nothing are left out.
+
+    Args:
+        filters: pairs, None where the structure has no such filter.
+        segments: (u, y) of each; the longest is tried on.
+        trial: for the signal x that enters the map, maps to try, each linear in its parameters.
+        template: what offsets, delay, oversampling and name to give the candidates.
+        workers: threads.
+
+    Raises:
+        ModelError: where there is none left, with what is wrong with the first.
+    """
+    u, y = max(segments, key=lambda pair: len(pair[0]))
+    u, y = u[:TRIAL_SAMPLES], y[:TRIAL_SAMPLES]
+
+    problems: list[ModelError] = []
+
+    def score(pair: Filters) -> list[Candidate]:
+        try:
+            return _scored(pair, u, y, trial, template)
+        except ModelError as problem:
+            problems.append(problem)
+            return []
+
+    with ThreadPoolExecutor(workers) as pool:
+        found = [candidate for several in pool.map(score, filters) for candidate in several]
+    if problems and not found:
+        raise problems[0]
+    return sorted(found, key=lambda candidate: candidate.error)
+
+
+def spline_trial(x: Array) -> tuple[StaticMap, ...]:
+    """A spline with knots between the ends and the quantiles of x."""
+    knots = spread_knots(x, TRIAL_KNOTS)
+    return (CubicSpline(knots, knots),)
+
+
+def spread_knots(x: Array, count: int) -> Array:
+    """(count,) knots half-way between evenly spaced ones and quantiles of x, so that the tails keep some.
+
+    Raises:
+        ModelError: where x hardly takes different values, or values that are not finite.
+    """
+    part = np.linspace(0, 1, count)
+    low, high = float(np.min(x)), float(np.max(x))
+    if not np.isfinite([low, high]).all():
+        raise ModelError("what enters the nonlinearity is not finite; the filter before it runs away")
+    # A quantile's neighbourhood, not the very samples, so that repeated values (a PRBS) do not make knots coincide.
+    knots = 0.5 * (low + (high - low) * part) + 0.5 * np.quantile(x, part)
+    if not np.all(np.diff(knots) > 1e-9 * max(abs(low), abs(high), 1e-300)):
+        raise ModelError("the input of the nonlinearity does not move; it cannot be identified from this record")
+    return knots
+
+
+def _scored(
+    pair: Filters, u: Array, y: Array, trial: Callable[[Array], tuple[StaticMap, ...]], template: Cascade
+) -> list[Candidate]:
+    """The candidates that a pair of filters makes with each trial map, the map found by linear least squares."""
+    first, second = pair
+    entering = replace(template, blocks=(Rational(np.ones(1)),)).signals(u, np.zeros(0))[-1]
+    before, x = _settled(first, entering)
+    candidates = []
+    samples = len(y)
+    train = np.zeros(samples, dtype=bool)
+    train[min(samples // 10, 500) : int(0.75 * samples)] = True
+    held = np.zeros(samples, dtype=bool)
+    held[int(0.75 * samples) :] = True
+    for curve in trial(x):
+        basis = curve.parameter_gradient(x)
+        fixed = curve.value(x)
+        wrong = ~(np.isfinite(fixed) & np.isfinite(basis).all(axis=0))
+        if wrong.any():
+            raise ModelError(
+                f"the {curve.kind} map, or its derivative, is not finite at inputs such as {x[wrong][0]:.4g}; give one "
+                "that is, wherever the signal goes"
+            )
+        # What no parameter of the map can scale, or a user means as it is, is scaled by the gain of a filter.
+        free = not len(curve.parameters) or curve.scaling is Scaling.NONE
+        after, moved = _settled_rows(second, fixed[None] if free else basis)
+        moved = moved[:, :: template.oversampling]
+        level = [] if curve.owns_level and not free else [np.ones((1, samples))]
+        regression = np.concatenate([moved, *level])
+        rows = np.ascontiguousarray(np.concatenate([regression, y[None]])[:, train])
+        theta = least_squares_step(Information.empty(len(regression)).add_columns(rows))
+        error = float(np.sqrt(np.mean((theta @ regression - y)[held] ** 2)))
+        if not np.isfinite(error):
+            continue
+        offset = float(theta[-1]) if level else 0.0
+        if free:
+            gain = float(theta[0])
+            after = after.amplified(gain) if after is not None else None
+            if after is None and before is not None and curve.scaling is Scaling.JOINT:
+                before = before.amplified(abs(gain))
+            middle: StaticMap = curve
+        else:
+            middle = curve.with_parameters(theta[: len(curve.parameters)])
+        blocks = tuple(block for block in (before, middle, after) if block is not None)
+        candidates.append(Candidate(replace(template, blocks=blocks, output_offset=offset), error))
+    return candidates
+
+
+def _settled(block: Rational | None, x: Array) -> tuple[Rational | None, Array]:
+    """A filter of unit gain, and its output from rest at the first sample."""
+    if block is None:
+        return None, x
+    block = _of_unit_gain(block)
+    return block, block.output(x, block.resting(float(x[0]))[0])
+
+
+def _settled_rows(block: Rational | None, rows: Array) -> tuple[Rational | None, Array]:
+    if block is None:
+        return None, rows
+    block = _of_unit_gain(block)
+    level = block.resting(1.0)[1]
+    moved = rows - rows[:, :1]
+    block.push(rows[0], moved)
+    return block, moved + level * rows[:, :1]
+
+
+def _of_unit_gain(block: Rational) -> Rational:
+    return block.amplified(1 / block.gain) if block.gain else block
+
+
+def _stable(block: Rational) -> Rational:
+    """With poles outside the unit circle mirrored into it."""
+    poles = block.poles
+    outside = np.abs(poles) >= 0.9999
+    mirrored = np.where(outside, 0.9999 * poles / np.maximum(np.abs(poles), 1e-300) ** 2, poles)
+    return replace(block, denominator=np.real(np.poly(mirrored))[1:]) if np.any(outside) else block
+
+
+def _groups(roots: NDArray[np.complex128]) -> list[list[complex]]:
+    """Real roots alone, complex ones with their conjugates."""
+    real = [[complex(r.real)] for r in roots if abs(r.imag) <= 1e-9 * max(abs(r), 1e-300)]
+    return real + [[complex(r), complex(np.conj(r))] for r in roots if r.imag > 1e-9 * abs(r)]
+
+
+def _parted(groups: list[list[complex]]) -> list[list[complex]]:
+    """With the complex pair nearest to the real axis made two real roots of the same size, so that it can be shared."""
+    pairs = sorted((group for group in groups if len(group) == 2), key=lambda group: abs(np.angle(group[0])))
+    nearest = pairs[0]
+    size = complex(abs(nearest[0]))
+    return [group for group in groups if group is not nearest] + [[size], [size]]
+
+
+def _splits(groups: list[list[complex]], first: int) -> Iterator[tuple[list[complex], list[complex]]]:
+    """The ways of giving exactly ``first`` of the roots to the first filter."""
+    if not groups:
+        if first == 0:
+            yield [], []
+        return
+    group, *others = groups
+    if len(group) <= first:
+        for left, right in _splits(others, first - len(group)):
+            yield group + left, right
+    if first <= sum(map(len, others)):
+        for left, right in _splits(others, first):
+            yield left, group + right
+
+
+def _from_roots(zeros: list[complex], poles: list[complex], order: int) -> Rational:
+    """The filter with these roots, numerator and denominator of this order."""
+    numerator = np.atleast_1d(np.real(np.poly(zeros))) if zeros else np.ones(1)
+    denominator = np.atleast_1d(np.real(np.poly(poles))) if poles else np.ones(1)
+    return Rational(np.pad(numerator, (0, order + 1 - len(numerator))), denominator[1:])
+
+
+def started(
+    candidate: Cascade, start: Callable[[Array, Array], StaticMap], segments: Segments, which: int = 0
+) -> Cascade:
+    """The candidate with a map replaced by another, started from the curve of the old one.
+
+    Args:
+        candidate: what has been found so far.
+        start: from points x, z of the curve, the new map; a constant level is left over.
+        segments: (u, y) of each, which say where the curve has data.
+        which: of the maps, the first by default.
+    """
+    at = [k for k, block in enumerate(candidate.blocks) if isinstance(block, StaticMap)][which]
+    curve = candidate.blocks[at]
+    assert isinstance(curve, StaticMap)
+    x = np.concatenate([candidate.signals(u, candidate.resting(float(u[0])))[at] for u, _ in segments])
+    z = curve.value(x)
+    new = start(x, z)
+    level = float(np.mean(z - new.value(x)))
+    for block in candidate.blocks[at + 1 :]:
+        if isinstance(block, Rational):
+            level = block.resting(level)[1]
+    blocks = (*candidate.blocks[:at], new, *candidate.blocks[at + 1 :])
+    return unit_gain(replace(candidate, blocks=blocks, output_offset=candidate.output_offset + level))

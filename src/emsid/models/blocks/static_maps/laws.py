@@ -1,0 +1,302 @@
+"""Laws of a few numbers: dead zone, saturation, Coulomb friction, absolute value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.models.blocks.static_maps.inverse import monotone_inverse, numbers_of
+from emsid.models.blocks.static_maps.static_map import Scaling, StaticMap
+from emsid.models.terms import sum_of_terms
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class _OfNumbers(StaticMap):
+    """A map described by a few numbers, its fields, the first of which are its parameters."""
+
+    letters: ClassVar[tuple[str, ...]]  # of the parameters, as formulas and files have them
+    slope_letter: ClassVar[str]  # of the slope that stands for the whole map; empty where that is one, and no parameter
+
+    def __post_init__(self) -> None:
+        for name in (field.name for field in fields(self)):
+            if not np.isfinite(getattr(self, name)):
+                raise ModelError(f"{self.kind} with {name} = {getattr(self, name)}; give finite numbers")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The letters."""
+        return self.letters
+
+    @property
+    def parameters(self) -> Array:
+        """(p,) the first fields."""
+        return np.array([getattr(self, name) for name in self._first_fields()])
+
+    @property
+    def anchors(self) -> tuple[int, ...]:
+        """The slope that stands for the whole map."""
+        return (self.letters.index(self.slope_letter),) if self.slope_letter else ()
+
+    @property
+    def steepness(self) -> float:
+        """The same."""
+        return float(self.parameters[self.anchors[0]]) if self.slope_letter else 1.0
+
+    def with_parameters(self, theta: Array) -> Self:
+        """With other numbers in the first fields."""
+        return replace(self, **dict(zip(self._first_fields(), theta.tolist(), strict=True)))
+
+    def to_data(self) -> dict[str, Any]:
+        """All fields, the parameters under their names."""
+        values = (getattr(self, field.name) for field in fields(self))
+        return {"kind": self.kind, **dict(zip(self._keys(), values, strict=True))}
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> Self:
+        """The map that `to_data` described."""
+        return cls(*(float(data[key]) for key in cls._keys()))
+
+    @classmethod
+    def _first_fields(cls) -> list[str]:
+        return [field.name for field in fields(cls)[: len(cls.letters)]]
+
+    @classmethod
+    def _keys(cls) -> tuple[str, ...]:
+        return (*cls.letters, *(field.name for field in fields(cls)[len(cls.letters) :]))
+
+
+@dataclass(frozen=True, eq=False)
+class DeadZone(_OfNumbers):
+    """The dead zone (4.9): m_r(x − b_r) above b_r, m_l(x − b_l) below b_l, nothing between.
+
+    >>> DeadZone(-0.2, 0.3, 1.0, 2.0).value(np.array([-1.2, 0.0, 1.3]))
+    array([-1.,  0.,  2.])
+
+    Args:
+        b_l, b_r: where it ends on the left and on the right, in the input's unit, b_l ≤ b_r.
+        m_l, m_r: slope to the left and to the right.
+    """
+
+    b_l: float
+    b_r: float
+    m_l: float = 1.0
+    m_r: float = 1.0
+
+    kind: ClassVar[str] = "dead-zone"
+    letters: ClassVar[tuple[str, ...]] = ("b_l", "b_r", "m_l", "m_r")
+    slope_letter: ClassVar[str] = "m_r"
+
+    def value(self, x: Array) -> Array:
+        """(4.9)."""
+        value: Array = self.m_r * np.maximum(x - self.b_r, 0) + self.m_l * np.minimum(x - self.b_l, 0)
+        return value
+
+    def slope(self, x: Array) -> Array:
+        """m_r, 0 or m_l."""
+        return self.m_r * (x > self.b_r) + self.m_l * (x < self.b_l)
+
+    def parameter_gradient(self, x: Array) -> Array:
+        """−m on the outer sides for the edges, the distance to the edge for the slopes."""
+        right, left = (x > self.b_r).astype(float), (x < self.b_l).astype(float)
+        return np.stack([-self.m_l * left, -self.m_r * right, left * (x - self.b_l), right * (x - self.b_r)])
+
+    def inverse(self, z: ArrayLike) -> Array:
+        """z/m_r + b_r for positive z, z/m_l + b_l for negative z, and the middle of the zone for zero."""
+        target = np.asarray(z, dtype=float)
+        if not min(self.m_l, self.m_r) > 0:
+            raise ModelError("a dead zone has an inverse only where both its slopes are positive")
+        middle = 0.5 * (self.b_l + self.b_r)
+        above, below = target / self.m_r + self.b_r, target / self.m_l + self.b_l
+        return np.where(target == 0, middle, np.where(target > 0, above, below))
+
+    def scaled(self, input: float, output: float) -> DeadZone:
+        """Edges times ``input``, slopes times output/input; a mirrored input exchanges left and right."""
+        sides = [(self.b_l * input, self.m_l * output / input), (self.b_r * input, self.m_r * output / input)]
+        (b_l, m_l), (b_r, m_r) = sides if input > 0 else sides[::-1]
+        return DeadZone(b_l, b_r, m_l, m_r)
+
+    def expression(self, x: str) -> str:
+        """Two hinges."""
+        return sum_of_terms([(self.m_r, f"max({x}{-self.b_r:+.6g}, 0)"), (self.m_l, f"min({x}{-self.b_l:+.6g}, 0)")])
+
+    def check(self) -> None:
+        """Refuse edges that have crossed."""
+        if not self.b_l <= self.b_r:
+            raise Infeasible(f"dead zone from b_l = {self.b_l:.6g} to b_r = {self.b_r:.6g}; b_l must not exceed b_r")
+
+
+@dataclass(frozen=True, eq=False)
+class Saturation(_OfNumbers):
+    """f(x) = min(max(m·x, low), high).
+
+    Args:
+        slope_between: m, between the limits.
+        low, high: limits of the output; they need not enclose zero, so that with an output offset they take up shifts.
+    """
+
+    slope_between: float
+    low: float
+    high: float
+
+    kind: ClassVar[str] = "saturation"
+    letters: ClassVar[tuple[str, ...]] = ("m", "low", "high")
+    slope_letter: ClassVar[str] = "m"
+
+    def value(self, x: Array) -> Array:
+        """m·x, limited."""
+        value: Array = np.clip(self.slope_between * x, self.low, self.high)
+        return value
+
+    def slope(self, x: Array) -> Array:
+        """m between the limits, zero at them."""
+        return self.slope_between * self._between(x)
+
+    def parameter_gradient(self, x: Array) -> Array:
+        """x between the limits; one where the limit holds."""
+        linear = self.slope_between * x
+        return np.stack([x * self._between(x), (linear <= self.low).astype(float), (linear >= self.high).astype(float)])
+
+    def inverse(self, z: ArrayLike) -> Array:
+        """z/m, for z between the limits."""
+        target = np.asarray(z, dtype=float)
+        if self.slope_between == 0 or np.any((target < self.low) | (target > self.high)):
+            raise ModelError(f"a saturation is inverted only between its limits {self.low:g} and {self.high:g}")
+        return target / self.slope_between
+
+    def scaled(self, input: float, output: float) -> Saturation:
+        """Slope times output/input, limits times ``output``."""
+        ends = sorted((self.low * output, self.high * output))
+        return Saturation(self.slope_between * output / input, *ends)
+
+    def expression(self, x: str) -> str:
+        """min(max(…))."""
+        return f"min(max({self.slope_between:.6g}*{x}, {self.low:.6g}), {self.high:.6g})"
+
+    def check(self) -> None:
+        """Refuse limits that have crossed."""
+        if not self.low < self.high:
+            raise Infeasible(f"saturation from {self.low:.6g} to {self.high:.6g}; the limits must ascend")
+
+    def _between(self, x: Array) -> Array:
+        linear = self.slope_between * x
+        return ((linear > self.low) & (linear < self.high)).astype(float)
+
+
+@dataclass(frozen=True, eq=False)
+class CoulombLinear(_OfNumbers):
+    """f(x) = c·sgn(x) + m·x, dry friction beside viscous friction (4.7, 4.8).
+
+    Args:
+        coulomb: c, in the output's unit.
+        linear: m.
+        width: where positive, the sign is tanh(x/width), which a filter before it can be fitted through.
+    """
+
+    coulomb: float
+    linear: float
+    width: float = 0.0
+
+    kind: ClassVar[str] = "coulomb"
+    letters: ClassVar[tuple[str, ...]] = ("c", "m")
+    slope_letter: ClassVar[str] = "m"
+    absorbs_shift: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.width < 0:
+            raise ModelError(f"Coulomb map of width {self.width}; give zero or a positive number")
+
+    def value(self, x: Array) -> Array:
+        """c·sgn(x) + m·x."""
+        return self.coulomb * self._sign(x) + self.linear * x
+
+    def slope(self, x: Array) -> Array:
+        """m, and c·(1 − tanh²)/width where the sign is smooth."""
+        if not self.width:
+            return np.full_like(x, self.linear)
+        return self.linear + self.coulomb * (1 - self._sign(x) ** 2) / self.width
+
+    def parameter_gradient(self, x: Array) -> Array:
+        """sgn(x) and x."""
+        return np.stack([self._sign(x), x])
+
+    def inverse(self, z: ArrayLike) -> Array:
+        """sgn(z)·max(|z| − c, 0)/m."""
+        target = np.asarray(z, dtype=float)
+        if not (self.linear > 0 and self.coulomb >= 0):
+            raise ModelError("a Coulomb map has an inverse only for m > 0 and c ≥ 0")
+        if self.width:
+            reach = float(np.max(np.abs(numbers_of(target)), initial=0.0)) / self.linear + self.width
+            return monotone_inverse(self, -reach, reach, target)
+        return np.asarray(np.sign(target) * np.maximum(np.abs(target) - self.coulomb, 0) / self.linear)
+
+    def scaled(self, input: float, output: float) -> CoulombLinear:
+        """c times ±output, m times output/input."""
+        return CoulombLinear(
+            self.coulomb * output * float(np.sign(input)), self.linear * output / input, self.width * abs(input)
+        )
+
+    def expression(self, x: str) -> str:
+        """c·sign(x) + m·x."""
+        sign = f"tanh({x}/{self.width:.6g})" if self.width else f"sign({x})"
+        return sum_of_terms([(self.coulomb, sign), (self.linear, x)])
+
+    def check(self) -> None:
+        """Nothing to refuse."""
+
+    def _sign(self, x: Array) -> Array:
+        sign: Array = np.tanh(x / self.width) if self.width else np.sign(x)
+        return sign
+
+
+@dataclass(frozen=True, eq=False)
+class Abs(_OfNumbers):
+    """f(x) = |x|: a sensor that loses the sign."""
+
+    kind: ClassVar[str] = "abs"
+    letters: ClassVar[tuple[str, ...]] = ()
+    slope_letter: ClassVar[str] = ""
+    scaling: ClassVar[Scaling] = Scaling.JOINT
+    absorbs_shift: ClassVar[bool] = False
+
+    def value(self, x: Array) -> Array:
+        """|x|."""
+        value: Array = np.abs(x)
+        return value
+
+    def slope(self, x: Array) -> Array:
+        """sgn(x)."""
+        slope: Array = np.sign(x)
+        return slope
+
+    def parameter_gradient(self, x: Array) -> Array:
+        """(0, N)."""
+        return np.zeros((0, len(x)))
+
+    def inverse(self, z: ArrayLike) -> Array:
+        """There is none.
+
+        Raises:
+            ModelError: always.
+        """
+        raise ModelError("|x| has no inverse: the sign is lost")
+
+    def scaled(self, input: float, output: float) -> Abs:
+        """Itself, where output = |input|."""
+        if not np.isclose(output, abs(input)):
+            raise ModelError("|x| can take a factor in only where it gives the same factor out")
+        return self
+
+    def expression(self, x: str) -> str:
+        """abs(x)."""
+        return f"abs({x})"
+
+    def check(self) -> None:
+        """Nothing to refuse."""

@@ -1,0 +1,257 @@
+"""Maps through points: straight lines and the natural cubic spline.
+
+References:
+    de Boor, *A Practical Guide to Splines*, rev. ed. (2001).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar, Self
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import ModelError
+from emsid.models.blocks.static_maps.inverse import monotone_inverse, numbers_of
+from emsid.models.blocks.static_maps.static_map import StaticMap
+from emsid.models.terms import vector
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class _ThroughPoints(StaticMap):
+    """A map through points (knotₖ, valueₖ), linear in the values, which are its parameters.
+
+    So they, and their confidence, can be read off a plot.
+
+    Args:
+        knots: (K,) ascending, in the input's unit, at least two.
+        values: (K,) f at the knots.
+
+    Raises:
+        ModelError: for knots that do not ascend or are not as many as the values.
+    """
+
+    knots: Array
+    values: Array
+
+    owns_level: ClassVar[bool] = True
+    word: ClassVar[str]
+    of_knots: ClassVar[tuple[str, ...]] = ()  # what is worked out from the knots alone
+
+    def __post_init__(self) -> None:
+        for field in ("knots", "values"):
+            object.__setattr__(self, field, vector(getattr(self, field), f"{self.kind} {field}"))
+        if len(self.knots) != len(self.values) or len(self.knots) < 2:
+            raise ModelError(
+                f"{self.kind}: {len(self.knots)} knots and {len(self.values)} values; give as many, at least two"
+            )
+        if np.any(np.diff(self.knots) <= 0):
+            raise ModelError(f"{self.kind}: the knots must ascend")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """f1, f2, …, values at the knots."""
+        return tuple(f"f{k + 1}" for k in range(len(self.knots)))
+
+    @property
+    def parameters(self) -> Array:
+        """(K,) values."""
+        return self.values
+
+    @property
+    def anchors(self) -> tuple[int, ...]:
+        """The smallest and the largest value."""
+        return tuple(sorted((int(np.argmin(self.values)), int(np.argmax(self.values)))))
+
+    @property
+    def steepness(self) -> float:
+        """The mean slope between the outer knots."""
+        return float((self.values[-1] - self.values[0]) / (self.knots[-1] - self.knots[0]))
+
+    def with_parameters(self, theta: Array) -> Self:
+        """With other values; what depends on the knots alone is kept."""
+        new = replace(self, values=theta)
+        for kept in self.of_knots:
+            new.__dict__[kept] = getattr(self, kept)
+        return new
+
+    def scaled(self, input: float, output: float) -> Self:
+        """Knots times ``input``, values times ``output``."""
+        turned = slice(None) if input > 0 else slice(None, None, -1)
+        return replace(self, knots=(self.knots * input)[turned], values=(self.values * output)[turned])
+
+    def expression(self, x: str) -> str:
+        """The points."""
+        pairs = ", ".join(f"({k:.4g}, {v:.6g})" for k, v in zip(self.knots, self.values, strict=True))
+        return f"{self.word}({x}; {pairs})"
+
+    def check(self) -> None:
+        """Nothing to refuse."""
+
+    def to_data(self) -> dict[str, Any]:
+        """Knots and values."""
+        return {"kind": self.kind, "knots": self.knots.tolist(), "values": self.values.tolist()}
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> Self:
+        """The map that `to_data` described."""
+        return cls(data["knots"], data["values"])
+
+
+class PiecewiseLinear(_ThroughPoints):
+    """Straight lines between the points (knotₖ, valueₖ), and on in the direction of the last ones."""
+
+    kind: ClassVar[str] = "piecewise-linear"
+    word: ClassVar[str] = "linear"
+
+    def value(self, x: Array) -> Array:
+        """Interpolated."""
+        piece, part = self._locate(x)
+        return self.values[piece] * (1 - part) + self.values[piece + 1] * part
+
+    def slope(self, x: Array) -> Array:
+        """Slope of the piece."""
+        piece, _ = self._locate(x)
+        return (np.diff(self.values) / np.diff(self.knots))[piece]
+
+    def parameter_gradient(self, x: Array) -> Array:
+        """The hat functions."""
+        piece, part = self._locate(x)
+        rows = np.zeros((len(self.knots), len(x)))
+        where = np.arange(len(x))
+        rows[piece, where] = 1 - part
+        rows[piece + 1, where] = part
+        return rows
+
+    def inverse(self, z: ArrayLike) -> Array:
+        """By the same points read the other way, where they ascend or descend throughout."""
+        steps = np.diff(self.values)
+        if not (np.all(steps > 0) or np.all(steps < 0)):
+            raise ModelError("a piecewise linear map has an inverse only where it is monotone")
+        turned = slice(None) if steps[0] > 0 else slice(None, None, -1)
+        return PiecewiseLinear(self.values[turned], self.knots[turned]).value(np.asarray(z, dtype=float))
+
+    def _locate(self, x: Array) -> tuple[NDArray[np.intp], Array]:
+        piece = np.clip(np.searchsorted(self.knots, x, side="right") - 1, 0, len(self.knots) - 2)
+        return piece, (x - self.knots[piece]) / np.diff(self.knots)[piece]
+
+
+class CubicSpline(_ThroughPoints):
+    """The natural cubic spline through (knotₖ, valueₖ), which goes on as a straight line at either end.
+
+    Between knots f is a cubic, at them two derivatives are continuous, and the second is zero at both ends,
+    where the lines begin. The second derivatives at the knots are linear in the values, M = T·values, T from
+    a tridiagonal system (de Boor, ch. IV).
+    """
+
+    kind: ClassVar[str] = "spline"
+    word: ClassVar[str] = "spline"
+    of_knots: ClassVar[tuple[str, ...]] = ("curvatures",)
+
+    @cached_property
+    def curvatures(self) -> Array:
+        """(K, K) T: second derivatives at the knots from the values."""
+        h = np.diff(self.knots)
+        size = len(self.knots)
+        left, right = np.zeros((size, size)), np.zeros((size, size))
+        left[0, 0] = left[-1, -1] = 1.0
+        for k in range(1, size - 1):
+            left[k, k - 1 : k + 2] = h[k - 1] / 6, (h[k - 1] + h[k]) / 3, h[k] / 6
+            right[k, k - 1 : k + 2] = 1 / h[k - 1], -1 / h[k - 1] - 1 / h[k], 1 / h[k]
+        return np.asarray(np.linalg.solve(left, right), dtype=float)
+
+    def value(self, x: Array) -> Array:
+        """f(x)."""
+        return self._evaluate(x)[0]
+
+    def slope(self, x: Array) -> Array:
+        """f′(x)."""
+        return self._evaluate(x)[1]
+
+    def parameter_gradient(self, x: Array) -> Array:
+        """(K, N) the cardinal splines, one at their own knot and zero at the others."""
+        rows = np.empty((len(self.knots), x.size))
+        spline_rows(self.knots, self.curvatures, x, rows)
+        return rows
+
+    def inverse(self, z: ArrayLike) -> Array:
+        """x with f(x) = z, where the spline is monotone."""
+        target = np.asarray(z, dtype=float)
+        ends = np.array([self.knots[0], self.knots[-1]])
+        slopes = self.slope(ends)
+        if not np.all(slopes * slopes[0] > 0):
+            raise ModelError("a spline has an inverse only where it is monotone")
+        known = numbers_of(target)
+        extremes = (known.min(), known.max()) if known.size else ()
+        reach = np.concatenate([ends, *(ends + (t - self.value(ends)) / slopes for t in extremes)])
+        return monotone_inverse(self, min(ends[0], reach.min()), max(ends[1], reach.max()), target)
+
+    def _evaluate(self, x: Array) -> tuple[Array, Array]:
+        at = np.asarray(x, dtype=float)
+        out = np.empty((2, at.size))
+        spline_values(self.knots, self.values, self.curvatures @ self.values, at.ravel(), out)
+        return out[0].reshape(at.shape), out[1].reshape(at.shape)
+
+
+@numba.njit(cache=True, nogil=True)
+def spline_values(knots: Array, values: Array, second: Array, x: Array, out: Array) -> None:
+    """f and f′ of the natural cubic spline into the two rows of ``out``; see `CubicSpline`."""
+    last = len(knots) - 1
+    for t in range(len(x)):
+        k = min(max(np.searchsorted(knots, x[t], side="right") - 1, 0), last - 1)
+        h = knots[k + 1] - knots[k]
+        chord = (values[k + 1] - values[k]) / h
+        if x[t] < knots[0]:
+            slope = chord - h * (2 * second[k] + second[k + 1]) / 6
+            out[0, t] = values[0] + slope * (x[t] - knots[0])
+            out[1, t] = slope
+        elif x[t] > knots[last]:
+            slope = chord + h * (second[k] + 2 * second[k + 1]) / 6
+            out[0, t] = values[last] + slope * (x[t] - knots[last])
+            out[1, t] = slope
+        else:
+            p, r = (x[t] - knots[k]) / h, (knots[k + 1] - x[t]) / h
+            out[0, t] = (
+                r * values[k]
+                + p * values[k + 1]
+                + h * h / 6 * ((r * r * r - r) * second[k] + (p * p * p - p) * second[k + 1])
+            )
+            out[1, t] = chord + h / 6 * ((3 * p * p - 1) * second[k + 1] - (3 * r * r - 1) * second[k])
+
+
+@numba.njit(cache=True, nogil=True)
+def spline_rows(knots: Array, curvatures: Array, x: Array, rows: Array) -> None:
+    """The cardinal splines at x (N,) into ``rows`` (K, N): f depends on its values through f = Σ valuesⱼ rowsⱼ."""
+    last = len(knots) - 1
+    size = len(knots)
+    tile = np.empty((64, size))
+    for first in range(0, len(x), 64):
+        height = min(64, len(x) - first)
+        for i in range(height):
+            v = x[first + i]
+            k = min(max(np.searchsorted(knots, v, side="right") - 1, 0), last - 1)
+            h = knots[k + 1] - knots[k]
+            if v < knots[0]:
+                d = v - knots[0]
+                r, p = 1 - d / h, d / h
+                cr, cp = -d * h / 3, -d * h / 6
+            elif v > knots[last]:
+                d = v - knots[last]
+                r, p = -d / h, 1 + d / h
+                cr, cp = d * h / 6, d * h / 3
+            else:
+                p, r = (v - knots[k]) / h, (knots[k + 1] - v) / h
+                cr, cp = h * h / 6 * (r * r * r - r), h * h / 6 * (p * p * p - p)
+            line = tile[i]
+            for j in range(size):
+                line[j] = cr * curvatures[k, j] + cp * curvatures[k + 1, j]
+            line[k] += r
+            line[k + 1] += p
+        for j in range(size):
+            for i in range(height):
+                rows[j, first + i] = tile[i, j]

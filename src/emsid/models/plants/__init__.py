@@ -1,0 +1,1 @@
+"""Physical plants as models of records."""

@@ -1,0 +1,134 @@
+"""What is known of a plant beforehand: values, how far they may be off, and what is unknown."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import Any
+
+from emsid.errors import ModelError
+from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.parameters import Plant, find_handle, refuse_overlap
+from emsid.plant.motor import read_number
+
+UNKNOWN = "unknown"
+"""What a datasheet has instead of a value for a parameter that is to be estimated."""
+
+KINDS: Mapping[str, Plant] = {"motor": DrivenMotor(), "linear-axis": LinearAxis()}
+"""The plants that datasheets are written for, by the name of their table."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a datasheet says of a parameter.
+
+    Args:
+        value: in SI units; None where it is unknown.
+        tolerance: how far from it the parameter may be, as a part of it; None for a value that is only a start.
+
+    Raises:
+        ModelError: for a value that is not finite, a tolerance that is negative, or one of an unknown value.
+    """
+
+    value: float | None
+    tolerance: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.value is not None and not isfinite(self.value):
+            raise ModelError(f"datasheet value {self.value}; give a finite number, or say that it is unknown")
+        if self.tolerance is not None and (self.value is None or not 0 <= self.tolerance < inf):
+            raise ModelError(f"datasheet tolerance {self.tolerance} of {self.value}; give a value and a part of it")
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """What the tolerance allows, ascending; None where there is no tolerance."""
+        if self.value is None or self.tolerance is None:
+            return None
+        low, high = sorted((self.value * (1 - self.tolerance), self.value * (1 + self.tolerance)))
+        return low, high
+
+
+def datasheet(kind: str, table: Mapping[str, Any]) -> dict[str, Given]:
+    """A datasheet from a table, such as a TOML file holds; what is left out is neither known nor asked for.
+
+    >>> sheet = datasheet("motor", {"resistance": {"value": "2 ohm", "tolerance": "10 %"}, "rotor_inertia": "unknown"})
+    >>> sheet["resistance"].limits, sheet["rotor_inertia"].value
+    ((1.8, 2.2), None)
+
+    Args:
+        kind: of plant, a key of `KINDS`.
+        table: for every parameter by its name a number in SI units, a text with a unit, ``"unknown"``, or a table
+            ``{value = …, tolerance = "10 %"}``; a list of two is [forward, backward]. Tables nest as names do: what
+            `rotor_friction` holds under `coulomb` is `rotor_friction.coulomb`.
+
+    Raises:
+        ModelError: for a name the plant does not have, a value in another unit or beyond what is physical, a tolerance
+            without value, a parameter given twice.
+    """
+    if kind not in KINDS:
+        raise ModelError(f"no datasheet of a {kind}; there are {', '.join(KINDS)}")
+    plant, sheet = KINDS[kind], dict[str, Given]()
+    for name, entry in _leaves(table):
+        if isinstance(entry, (list, tuple)):
+            if len(entry) != 2 or f"{name}.forward" not in plant.handles:
+                raise ModelError(f"{kind} {name} is {entry!r}; only frictions take a pair, [forward, backward]")
+            for side, one in zip(("forward", "backward"), entry, strict=True):
+                sheet[f"{name}.{side}"] = _given(plant, kind, f"{name}.{side}", one)
+        else:
+            sheet[name] = _given(plant, kind, name, entry)
+    refuse_overlap(plant, sheet)
+    return sheet
+
+
+def applicable(sheet: Mapping[str, Given], plant: Plant) -> dict[str, Given]:
+    """The part of a datasheet that concerns a plant.
+
+    A rigid motor has no shaft and no inductance; a datasheet of another kind of plant says nothing of this one.
+    """
+    kind = KINDS.get("motor" if isinstance(plant, DrivenMotor) else plant.name, plant)
+    if not set(sheet) <= set(kind.handles):
+        return {}
+    one_mass = isinstance(plant, DrivenMotor) and plant.motor.is_rigid and plant.motor.inductance == 0
+    missing = {"inductance"} if one_mass else set()
+    return {name: given for name, given in sheet.items() if name in plant.handles and name not in missing}
+
+
+def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every parameter with its dotted name; a table of ``value`` and ``tolerance`` is one entry."""
+    for key, entry in table.items():
+        if isinstance(entry, Mapping) and not {"value", "tolerance"} & set(entry):
+            yield from _leaves(entry, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", entry
+
+
+def _given(plant: Plant, kind: str, name: str, entry: Any) -> Given:
+    handle = find_handle(plant, name)
+    what = f"{kind} {name}"
+    value, tolerance = entry, None
+    if isinstance(entry, Mapping):
+        strange = sorted(set(entry) - {"value", "tolerance"})
+        if strange or "value" not in entry:
+            raise ModelError(f'{what} has {", ".join(entry)}; write {{ value = …, tolerance = "10 %" }}')
+        value = entry["value"]
+        tolerance = _part(what, entry["tolerance"]) if "tolerance" in entry else None
+    if value == UNKNOWN:
+        if tolerance is not None:
+            raise ModelError(f"{what} is unknown and has a tolerance; give the value that it belongs to")
+        return Given(None)
+    number = read_number(what, value, handle.parameter.unit)
+    if not (isfinite(number) and handle.lower <= number <= handle.upper):
+        raise ModelError(f"{what} is {handle.with_unit(number, 6)}; {handle.allowed}")
+    return Given(number, tolerance)
+
+
+def _part(what: str, tolerance: Any) -> float:
+    """A tolerance as a part: ``"10 %"`` or 0.1."""
+    if isinstance(tolerance, (int, float)) and not isinstance(tolerance, bool) and 0 <= tolerance < 1:
+        return float(tolerance)
+    text = re.fullmatch(r"\s*[±]?\s*(\d+\.?\d*|\.\d+)\s*%\s*", tolerance) if isinstance(tolerance, str) else None
+    if text is None:
+        raise ModelError(f"{what} has a tolerance of {tolerance!r}; write it as '10 %' or 0.1")
+    return float(text[1]) / 100

@@ -1,0 +1,223 @@
+"""What real logs have in front of a plant and behind it: a drive and a sensor.
+
+**The drive** makes the voltage (or force) from the command: v = gain·(u(t − delay) + offset), limited by the supply.
+Beyond a knee the command may count more: a bridge loses a part of every period to switching, and gets it back near full
+duty, where it no longer switches.
+A bridge that leaves the armature open in the off-time of its PWM brakes only while it conducts. With ρ = |v|/supply
+the duty and λ how far it does so, the armature conducts during
+
+    c = 1 − λ·(1 − ρ)
+
+of a period, with ±supply across it: its mean torque is K_m/R_a·(v − c·K_m·ω) for λ = 1 as for λ = 0, while the back
+electromotive force counts for less the smaller the duty is. Codes among the commands stand for a bridge that brakes
+(c = 1, v = 0) or coasts (c = 0).
+
+**The sensor** may lag (first order), be off by a constant, count on the other side of a gear, or average over the
+sample before it, as counting encoder edges does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from math import inf, isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import DataError, ModelError
+from emsid.models.plants.parameters import TINY, Handle, handles_of
+from emsid.plant.motor import Parameter
+
+Array = NDArray[np.float64]
+
+
+class Feed(Enum):
+    """What a command is when it has been through the drive."""
+
+    VOLTAGE = "voltage"
+    CURRENT = "current"
+    TORQUE = "torque"
+
+
+class Bridge(Enum):
+    """What a code among the commands tells the bridge to do."""
+
+    BRAKE = "brake"
+    COAST = "coast"
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What is between the command in a log and the terminals of the motor (or the force on an axis).
+
+    Args:
+        gain: volts (newtons) per unit of command.
+        offset: what is added to the command, in its unit.
+        supply: the largest voltage (force) there is, in V (N); infinite for no limit.
+        delay: from the command to the terminals, in s.
+        knee: voltage (force) above which the command counts differently, in V (N); infinite for none.
+        beyond: how many times more it counts there.
+        freewheel: λ, 0 for a bridge that always conducts and 1 for one that leaves the armature open in the off-time.
+        codes: pairs of a value and what the bridge then does: commands that are none; where the input has a second
+            column, values of that one.
+
+    Raises:
+        ModelError: for a value that is not physical, or a bridge that coasts without a supply voltage.
+    """
+
+    gain: float = 1.0
+    offset: float = 0.0
+    supply: float = inf
+    delay: float = 0.0
+    knee: float = inf
+    beyond: float = 1.0
+    freewheel: float = 0.0
+    codes: tuple[tuple[float, Bridge], ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.gain) and self.gain != 0 and isfinite(self.offset)):
+            raise ModelError(f"drive with gain {self.gain} and offset {self.offset}; give finite ones, the gain not 0")
+        if not (isfinite(self.delay) and self.delay >= 0):
+            raise ModelError(f"drive with a delay of {self.delay} s; it cannot be negative and must be finite")
+        if not self.supply > 0:
+            raise ModelError(f"drive with a supply of {self.supply} V; it must be positive")
+        if not (self.knee > 0 and isfinite(self.beyond) and self.beyond >= 0):
+            raise ModelError(
+                f"drive with a knee at {self.knee} V and {self.beyond} times beyond; the first must be positive, the "
+                "second not negative and finite"
+            )
+        if not 0 <= self.freewheel <= 1:
+            raise ModelError(f"drive with freewheel {self.freewheel}; give 0 (always conducts) to 1 (open when off)")
+        if self.freewheel > 0 and not isfinite(self.supply):
+            raise ModelError("a bridge that coasts in its off-time needs its supply voltage: give drive.supply")
+
+    def commands(self, inputs: Array) -> Array:
+        """(N,) what the inputs (N, 1), or (N, 2) with the state of the bridge, command; nothing where they are codes.
+
+        Raises:
+            DataError: for other inputs.
+        """
+        columns = 2 if self.codes else 1
+        if inputs.shape[1] > columns:
+            raise DataError(
+                f"{inputs.shape[1]} inputs for a plant with one command; name the column that is the command, and "
+                "after it at most one with codes for the state of the bridge, and what the codes mean"
+            )
+        command = inputs[:, 0]
+        coded = np.isin(inputs[:, -1], [code for code, _ in self.codes])
+        return np.where(coded, 0.0, command) if coded.any() else command
+
+    def largest(self, inputs: Array) -> float:
+        """The largest voltage (force) that inputs (N, 1 or 2) command, in V (N), whatever limits it."""
+        return float(np.max(np.abs(self.gain * (self.commands(inputs) + self.offset))))
+
+    def bent(self, wanted: Array) -> Array:
+        """What becomes of voltages (forces) beyond the knee, in V (N)."""
+        extra = wanted - np.clip(wanted, -self.knee, self.knee)
+        return wanted + (self.beyond - 1.0) * extra
+
+    def terminals(self, inputs: Array, dt: float) -> tuple[Array, Array, float]:
+        """Voltage (N + 1,) and conducting part (N + 1,) of every sample, and the part of a sample they come late by.
+
+        The first value is what acted before the first sample; a command is taken to have stood there for ever.
+        """
+        voltage = np.clip(self.bent(self.gain * (self.commands(inputs) + self.offset)), -self.supply, self.supply)
+        duty = np.abs(voltage) / self.supply if isfinite(self.supply) else 1.0
+        conducts = np.broadcast_to(1.0 - self.freewheel * (1.0 - duty), voltage.shape)
+        for code, bridge in self.codes:
+            here = inputs[:, -1] == code
+            voltage = np.where(here, 0.0, voltage)
+            conducts = np.where(here, 1.0 if bridge is Bridge.BRAKE else 0.0, conducts)
+        samples = self.delay / dt
+        whole = min(int(samples), len(voltage))
+        return _shifted(voltage, whole), _shifted(np.asarray(conducts), whole), min(samples - whole, 1.0)
+
+
+def _shifted(values: Array, by: int) -> Array:
+    """(N + 1,) values that come ``by`` samples later, begun with what came before them."""
+    return np.concatenate([np.full(by + 1, values[0]), values[: len(values) - by]])
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What is between the motion and the log.
+
+    Args:
+        ratio: turns of the motor per turn of what is measured.
+        lag: time constant of its filter in s.
+        offset: what it shows at rest, in the unit of the output; not applied to a current.
+        average: whether a speed is the mean over the sample before, as counting encoder edges gives it.
+
+    Raises:
+        ModelError: for a ratio of zero or a lag that is negative.
+    """
+
+    ratio: float = 1.0
+    lag: float = 0.0
+    offset: float = 0.0
+    average: bool = False
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.ratio) and self.ratio != 0 and isfinite(self.offset)):
+            raise ModelError(
+                f"sensor with ratio {self.ratio} and offset {self.offset}; give finite ones, the ratio not 0"
+            )
+        if not (isfinite(self.lag) and self.lag >= 0):
+            raise ModelError(f"sensor with a lag of {self.lag} s; it cannot be negative and must be finite")
+
+    def speed(self, speeds: Array, positions: Array, dt: float, shown: float) -> Array:
+        """(N,) what it shows of a speed, beginning with what it shows first, before ratio and offset."""
+        seen = speeds
+        if self.average:
+            seen = np.concatenate([speeds[:1], np.diff(positions) / dt])
+        return self._lagging(seen, dt, shown) / self.ratio + self.offset
+
+    def position(self, positions: Array, dt: float, shown: float) -> Array:
+        """(N,) what it shows of a position, given the speed that it shows first: it is lag·shown behind."""
+        return self._lagging(positions, dt, float(positions[0]) - self.lag * shown) / self.ratio + self.offset
+
+    def _lagging(self, values: Array, dt: float, first: float) -> Array:
+        """Through 1/(1 + lag·s), the value taken to be a straight line between samples, from what is shown first."""
+        if self.lag < 1e-6 * dt:
+            return values
+        from scipy.signal import lfilter
+
+        z = dt / self.lag
+        decay, gain = np.exp(-z), -np.expm1(-z) / z
+        newest, before = 1.0 - gain, gain - decay
+        lagging: Array = lfilter([newest, before], [1.0, -decay], values, zi=[first - newest * values[0]])[0]
+        return lagging
+
+
+def outer_handles(volt: str, volts: str, motion: str) -> dict[str, Handle]:
+    """The handles of drive and sensor, given what the drive makes (unit and word) and what the sensor shows."""
+    return {
+        **handles_of((), "drive.gain", "k_u", volt, f"{volts} per unit of command"),
+        "drive.offset": Handle(
+            Parameter("drive.offset", "u₀", "1", "offset of the command, in its unit"), ((("drive", "offset"), 1.0),)
+        ),
+        **handles_of((), "drive.delay", "t_d", "s", "delay from the command to what it does"),
+        "drive.supply": Handle(
+            Parameter("drive.supply", "V_s", volt, f"most {volts} that there are"), ((("drive", "supply"), 1.0),), TINY
+        ),
+        "drive.knee": Handle(
+            Parameter("drive.knee", "V_k", volt, f"{volts} above which the command counts differently"),
+            ((("drive", "knee"), 1.0),),
+            TINY,
+        ),
+        **handles_of((), "drive.beyond", "γ", "1", "how many times more the command counts beyond the knee"),
+        "drive.freewheel": Handle(
+            Parameter("drive.freewheel", "λ", "1", "how far the bridge coasts in its off-time"),
+            ((("drive", "freewheel"), 1.0),),
+            0.0,
+            1.0,
+        ),
+        **handles_of((), "sensor.lag", "t_s", "s", "time constant of the sensor"),
+        "sensor.offset": Handle(
+            Parameter("sensor.offset", "y₀", motion, "what the sensor shows at rest"), ((("sensor", "offset"), 1.0),)
+        ),
+        "sensor.ratio": Handle(
+            Parameter("sensor.ratio", "n", "1", "turns of the motor per turn measured"), ((("sensor", "ratio"), 1.0),)
+        ),
+    }

@@ -1,0 +1,271 @@
+r"""The grey box: a physical plant as a model of records.
+
+Given the parameters, all that is to be found is the state at the start of a segment; it is what makes the free run fit
+the first samples best (`problem`). From there on the model sees nothing but the input. How the
+parameters are found is in `estimation`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import DataError, EmsidError, ModelError, listed
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.models.model import RUNAWAY, Run, check_samples
+from emsid.models.plants.drive import Bridge, Feed
+from emsid.models.plants.motors import DrivenMotor, LinearAxis, plant_from_data, plant_to_data
+from emsid.models.plants.own_plant import OwnPlant
+from emsid.models.plants.parameters import Plant, Signal, parts
+from emsid.models.plants.search.problem import FreeRunError, all_alike, free_states, guess_state
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+
+BEGINNING = 20
+"""Samples that tell the start of what one sample does not show."""
+
+
+@dataclass(frozen=True, eq=False)
+class GreyBox:
+    """A plant as a model of records.
+
+    Args:
+        plant: with its parameters.
+        signals: what the outputs of a record are, in their order.
+    """
+
+    plant: Plant
+    signals: tuple[Signal, ...]
+
+    @property
+    def name(self) -> str:
+        """That of the plant."""
+        return self.plant.name
+
+    @property
+    def memory(self) -> int:
+        """One sample gives the start of a speed; of a position, or where drive or sensor are late, twenty."""
+        if isinstance(self.plant, (DrivenMotor, LinearAxis)) and Signal.POSITION not in self.signals:
+            return BEGINNING if self.plant.drive.delay > 0 or self.plant.sensor.lag > 0 else 1
+        return BEGINNING
+
+    def simulate(self, record: Record, transient: int | None = None) -> Run:
+        """Free run over every segment, from the state that fits its first samples best."""
+        check_channels(self.plant, self.signals, record)
+        check_samples(self.name, "a transient", transient, 0)
+        start = max(self.memory, transient or 0)
+        bound = RUNAWAY * max(float(np.max(np.abs(record.output))), np.finfo(float).tiny)
+        output, counted = record.output.copy(), np.zeros(len(record), dtype=bool)
+        diverged_at, offset = None, 0
+        for segment in record.segments:
+            if len(segment) > start:
+                run = self._run(segment, self.initial(segment, start))
+                lost = np.flatnonzero(~(np.abs(run) <= bound).all(axis=1))
+                if len(lost):
+                    run[lost[0] :] = np.nan
+                    diverged_at = offset + int(lost[0]) if diverged_at is None else diverged_at
+                output[offset + start : offset + len(segment)] = run[start:]
+                counted[offset + start : offset + len(segment)] = True
+            offset += len(segment)
+        return Run(output, counted, diverged_at)
+
+    def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
+        """ŷ(t | t − horizon) = ŷ(t) + [y − ŷ](t − horizon): the error of the free run is taken to stay as it is."""
+        check_samples(self.name, "a horizon", horizon, 1)
+        run = self.simulate(record, transient)
+        output, offset = run.output.copy(), 0
+        for segment in record.segments:
+            here = slice(offset, offset + len(segment))
+            error = segment.output - run.output[here]
+            late = np.zeros_like(error)
+            late[horizon:] = error[:-horizon] if horizon < len(error) else 0.0
+            output[here] = np.where(run.counted[here, None], run.output[here] + late, run.output[here])
+            offset += len(segment)
+        return Run(output, run.counted, run.diverged_at)
+
+    def initial(self, segment: Record, samples: int) -> Array:
+        """The state at the start of a segment that its first ``samples`` samples suggest."""
+        head = segment[: max(samples, 1)]
+        guess = guess_state(self.plant, self.signals, head)
+        free = free_states(self.plant, self.signals, head)
+        if len(head) * len(self.signals) < 4 * len(free) or not len(free):
+            return guess
+        problem = FreeRunError(self.plant, self.signals, (head,), (), (guess,), (free,), all_alike, 1)
+        try:
+            return problem.states(gauss_newton(problem, problem.start, max_iterations=10, inner=True).estimate)[0]
+        except EmsidError:
+            return guess
+
+    def equation(self) -> str:
+        """Every parameter that is neither nothing nor a factor of one, with its unit; what is alike both ways, once."""
+        values = {name: self.plant.value(name) for name in self.plant.handles}
+        alike = {
+            whole: some
+            for whole in values
+            if (some := parts(self.plant, whole)) and len({abs(values[part]) for part in some}) == 1
+        }
+        said_so = {part for some in alike.values() for part in some}
+        shown = []
+        for name, handle in self.plant.handles.items():
+            if name in self._idle:
+                continue
+            value = values[name]
+            once = name in alike or not (len(handle.paths) > 1 or name in said_so)
+            nothing = value == 0.0 or 0.0 < value <= handle.lower
+            if once and np.isfinite(value) and not nothing and value != 1.0:
+                shown.append(f"{name} = {handle.with_unit(value, 6)}")
+        return f"{self.name}: " + ", ".join(shown)
+
+    @property
+    def _idle(self) -> tuple[str, ...]:
+        """Parameters of a motor without effect: electrical ones where what drives it is no voltage."""
+        if not isinstance(self.plant, DrivenMotor) or self.plant.feed is Feed.VOLTAGE:
+            return ()
+        constant = self.plant.feed is Feed.TORQUE and Signal.CURRENT not in self.signals
+        return ("resistance", "inductance", *(("motor_constant",) if constant else ()))
+
+    def to_data(self) -> dict[str, Any]:
+        """Kind of plant, its parameters, and what the outputs are."""
+        return {"plant": plant_to_data(self.plant), "signals": [signal.value for signal in self.signals]}
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> GreyBox:
+        """The model that `to_data` described."""
+        try:
+            signals = tuple(Signal(value) for value in data["signals"])
+            return cls(plant_from_data(data["plant"]), signals)
+        except (KeyError, TypeError, ValueError, AttributeError) as problem:
+            raise ModelError(f"not a grey-box model: {problem!r}") from None
+
+    def _run(self, segment: Record, state: Array) -> Array:
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.plant.simulate(segment.input, segment.dt, state, self.signals)
+
+
+_BY_UNIT = {
+    "rad/s": Signal.SPEED, "m/s": Signal.SPEED, "rpm": Signal.SPEED, "deg/s": Signal.SPEED,
+    "rad": Signal.POSITION, "m": Signal.POSITION, "deg": Signal.POSITION,
+    "A": Signal.CURRENT,
+}  # fmt: skip
+
+
+def signals_of(plant: Plant, record: Record) -> tuple[Signal, ...]:
+    """What the outputs of a record are, by their units; without one, a speed, and of a linear axis a position."""
+    usual = Signal.POSITION if isinstance(plant, LinearAxis) else Signal.SPEED
+    return tuple(_BY_UNIT.get(unit, usual) for unit in record.output_units)
+
+
+# What a command may be in, by what drives a plant: these, or no unit of a quantity at all, as a PWM has none.
+_COMMANDS: dict[Feed | None, tuple[str, ...]] = {
+    Feed.VOLTAGE: ("V",),
+    Feed.CURRENT: ("A",),
+    Feed.TORQUE: ("N*m",),
+    None: ("N", "V", "A", "N*m"),  # of an axis, whose drive makes a force of any of them
+}
+_NO_QUANTITY = ("", "1", "pwm", "%", "percent", "count", "counts")
+
+
+def fed(plant: Plant, record: Record) -> Plant:
+    """The plant as the command of a record drives it: a rigid motor by current or torque, where it is in A or N·m."""
+    if isinstance(plant, DrivenMotor) and plant.feed is Feed.VOLTAGE:
+        for feed in (Feed.CURRENT, Feed.TORQUE):
+            if record.input_units[0] in _COMMANDS[feed]:
+                if not plant.motor.is_rigid:
+                    raise ModelError(
+                        f"{record.name}: {record.input_names[0]!r} is in {record.input_units[0]}; a motor fed with a "
+                        f"{feed.value} is one mass only: choose rigid-motor"
+                    )
+                return replace(plant, feed=feed, motor=replace(plant.motor, voltage_dead_zone=None))
+    return plant
+
+
+def check_channels(plant: Plant, signals: Sequence[Signal], record: Record) -> None:
+    """Refuse a record that a plant has not the channels for, or that was written in units it does not work in."""
+    if not isinstance(plant, OwnPlant):
+        _check_command(plant, record)
+    if record.output.shape[1] != len(signals):
+        raise DataError(
+            f"{record.name}: {record.output.shape[1]} outputs and {len(signals)} signals said to be in them"
+        )
+    if isinstance(plant, OwnPlant):
+        return
+    fitting = _units_of(plant)
+    for name, unit, signal in zip(record.output_names, record.output_units, signals, strict=True):
+        if unit and unit != fitting[signal]:
+            raise DataError(
+                f"{record.name}: output {name!r} is in {unit}, {plant.name} gives a {signal.value} in "
+                f"{fitting[signal]}; convert it (--unit) or choose another model"
+            )
+
+
+def assumptions(plant: Plant, record: Record) -> list[str]:
+    """What channels without a unit are taken for, a sentence each."""
+    if isinstance(plant, OwnPlant):
+        return []
+    signals, fitting = signals_of(plant, record), _units_of(plant)
+    sentences = [
+        f"{plant.name}: {name} has no unit and is taken for a {signal.value} in {fitting[signal]}; if it is not, say "
+        f"what it is (--unit {name}=…)."
+        for name, unit, signal in zip(record.output_names, record.output_units, signals, strict=True)
+        if not unit
+    ]
+    if not record.input_units[0]:
+        made = "volts" if isinstance(plant, DrivenMotor) else "newtons"
+        sentences.append(
+            f"{plant.name}: {record.input_names[0]} has no unit and is taken for {made}; if it is not, say what it is "
+            "(--unit), or what one of it makes (drive.gain)."
+        )
+    if isinstance(plant, (DrivenMotor, LinearAxis)) and plant.drive.codes and not _has_bridge(plant, record):
+        codes = listed([f"{code:g}" for code, _ in plant.drive.codes])
+        nothing = "force" if isinstance(plant, LinearAxis) else "torque"
+        sentences.append(f"{plant.name}: has no bridge here; with {codes} it is taken to be without {nothing}.")
+    return sentences
+
+
+def _units_of(plant: Plant) -> dict[Signal, str]:
+    """What a plant gives its signals in."""
+    linear = isinstance(plant, LinearAxis)
+    return {
+        Signal.SPEED: "m/s" if linear else "rad/s",
+        Signal.ROTOR_SPEED: "rad/s",
+        Signal.POSITION: "m" if linear else "rad",
+        Signal.CURRENT: "A",
+    }
+
+
+def _has_bridge(plant: DrivenMotor | LinearAxis, record: Record) -> bool:
+    """Whether what drives a plant can short it or leave it open: that is, by a voltage."""
+    otherwise = (*_COMMANDS[Feed.CURRENT], *_COMMANDS[Feed.TORQUE])
+    return isinstance(plant, DrivenMotor) and plant.feed is Feed.VOLTAGE and record.input_units[0] not in otherwise
+
+
+def _check_command(plant: Plant, record: Record) -> None:
+    """Refuse inputs that do not drive a plant."""
+    coded = isinstance(plant, (DrivenMotor, LinearAxis)) and bool(plant.drive.codes)
+    if record.input.shape[1] > (2 if coded else 1):
+        codes = (
+            " and the one with its codes" if coded else ", or say which values of a second are codes (--brake, --coast)"
+        )
+        raise DataError(
+            f"{record.name}: {record.input.shape[1]} inputs for {plant.name}; name the one that drives it{codes}"
+        )
+    if isinstance(plant, (DrivenMotor, LinearAxis)) and not _has_bridge(plant, record):
+        brakes = [f"{code:g}" for code, bridge in plant.drive.codes if bridge is Bridge.BRAKE]
+        if brakes:
+            raise ModelError(
+                f"{plant.name} has no bridge here that could brake with {listed(brakes)}; say that nothing drives it "
+                "there (--coast), or leave these samples out (--mask)"
+            )
+    feed = plant.feed if isinstance(plant, DrivenMotor) else None
+    name, unit = record.input_names[0], record.input_units[0]
+    if unit.lower() not in _NO_QUANTITY and unit not in _COMMANDS[feed]:
+        raise DataError(
+            f"{record.name}: input {name!r} is in {unit}, and {plant.name} takes {' or '.join(_COMMANDS[feed])}; "
+            "correct its unit (--unit) or choose another column"
+        )

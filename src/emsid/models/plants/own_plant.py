@@ -1,0 +1,134 @@
+"""A plant that a user writes down, as functions of state, input and parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import Any, Self
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+from emsid.models.plants.parameters import Handle, Quantity, Signal, find_handle, read_at, write_at
+from emsid.plant.motor import Parameter
+
+Array = NDArray[np.float64]
+
+Derivative = Callable[[Array, Array, Array], Sequence[float] | Array]
+
+
+@dataclass(frozen=True)
+class OwnPlant:
+    """A plant of the user's: dx/dt = derivative(x, u, p), y = output(x, u, p).
+
+    Classical Runge–Kutta steps take it through every sample. Functions compiled with ``numba.njit`` run in a compiled
+    loop; they then have to return arrays.
+
+    Args:
+        derivative: of the state (n,), given state, input (nu,) held over the sample and parameters (p,).
+        output: (ny,) of the same.
+        table: the parameters, in the order in which the functions get them.
+        values: (p,) their values.
+        states: n.
+        bounds: (lower, upper) for every parameter that has bounds, by name.
+        steps: Runge–Kutta steps in a sample.
+        name: what it is called in tables.
+    """
+
+    derivative: Derivative
+    output: Derivative
+    table: tuple[Parameter, ...]
+    values: tuple[float, ...]
+    states: int
+    bounds: tuple[tuple[str, float, float], ...] = ()
+    steps: int = 1
+    name: str = "plant"
+
+    def __post_init__(self) -> None:
+        if len(self.values) != len(self.table):
+            raise ModelError(f"{self.name}: {len(self.values)} values for {len(self.table)} parameters")
+
+    @property
+    def handles(self) -> Mapping[str, Handle]:
+        """One for every row of the table."""
+        limits = {name: (lower, upper) for name, lower, upper in self.bounds}
+        return {
+            p.name: Handle(p, ((("values", k), 1.0),), *limits.get(p.name, (-inf, inf)))
+            for k, p in enumerate(self.table)
+        }
+
+    @property
+    def usual(self) -> tuple[str, ...]:
+        """All of them."""
+        return tuple(p.name for p in self.table)
+
+    @property
+    def fine(self) -> frozenset[str]:
+        """None that emsid would know of."""
+        return frozenset()
+
+    def value(self, name: str) -> float:
+        """The value of a parameter."""
+        return read_at(self, find_handle(self, name).paths[0][0])
+
+    def put(self, values: Mapping[str, float]) -> Self:
+        """The plant with other parameters."""
+        plant = self
+        for name, value in values.items():
+            plant = write_at(plant, find_handle(self, name).paths[0][0], float(value))
+        return plant
+
+    def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
+        """The outputs (N, ny) for inputs (N, nu), from an initial state (n,); its outputs need no signal.
+
+        Raises:
+            ModelError: for functions that give something of another shape.
+        """
+        parameters = np.array(self.values)
+        for what, function, shape in (
+            ("derivative", self.derivative, (self.states,)),
+            ("output", self.output, (len(signals),) if signals else None),
+        ):
+            found = np.shape(function(np.array(state, dtype=float), inputs[0], parameters))
+            if len(found) != 1 or (shape is not None and found != shape):
+                wanted = "(ny,)" if shape is None else shape
+                raise ModelError(f"{self.name}: its {what} has shape {found}; it must be {wanted}")
+        compiled = hasattr(self.derivative, "py_func") and hasattr(self.output, "py_func")
+        loop = _compiled_runge_kutta if compiled else _runge_kutta
+        out: Array = loop(
+            self.derivative,
+            self.output,
+            np.ascontiguousarray(inputs),
+            parameters,
+            np.array(state, dtype=float),
+            dt,
+            self.steps,
+        )
+        return out
+
+    def quantities(self) -> tuple[Quantity, ...]:
+        """None that emsid would know of."""
+        return ()
+
+
+def _runge_kutta(f: Any, g: Any, inputs: Array, p: Array, start: Array, dt: float, steps: int) -> Array:
+    x = start.copy()
+    first = np.asarray(g(x, inputs[0], p))
+    out = np.empty((len(inputs), len(first)))
+    h = dt / steps
+    for k in range(len(inputs)):
+        u = inputs[k]
+        out[k] = np.asarray(g(x, u, p))
+        for _ in range(steps):
+            k1 = np.asarray(f(x, u, p))
+            k2 = np.asarray(f(x + 0.5 * h * k1, u, p))
+            k3 = np.asarray(f(x + 0.5 * h * k2, u, p))
+            k4 = np.asarray(f(x + h * k3, u, p))
+            x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    return out
+
+
+_compiled_runge_kutta = njit(nogil=True)(_runge_kutta)

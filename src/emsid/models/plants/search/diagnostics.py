@@ -1,0 +1,296 @@
+"""What a fitted grey box says, as plain data for tables and figures."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri, ndtri
+
+from emsid.errors import ModelError
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.threads import one_blas_thread
+from emsid.models.plants.drive import Sensor
+from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.parameters import Plant, Signal
+from emsid.models.plants.search.problem import FreeRunError, free_states
+from emsid.models.plants.search.result import GreyBoxFit
+from emsid.plant import DeadZone
+from emsid.units import with_unit
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A characteristic with its confidence band.
+
+    Attributes:
+        x, y: (n,) the curve.
+        low, high: (n,) its band.
+        support: (n,) how many samples of the record lie nearest to each point.
+    """
+
+    x: Array
+    y: Array
+    low: Array
+    high: Array
+    support: NDArray[np.int64]
+
+
+class Stop(NamedTuple):
+    """A time in which friction holds the simulated motor.
+
+    Attributes:
+        segment: where in the ``segments`` of the fit; its ``name`` is that of the record.
+        start, end: first and last sample held, in s, in the time of that segment.
+    """
+
+    segment: int
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """The likelihood of a parameter, all others at their best for each of its values.
+
+    Attributes:
+        name, unit: of the parameter.
+        estimate, standard_error: of the fit; near the estimate the deviance is ((value − estimate)/standard error)².
+            Where a bound holds the estimate, the standard error is the one that it would have without.
+        values: (n,) the values tried, the estimate among them, ascending.
+        deviance: (n,) 2·(log L_max − log L), corrected for colour of the residual; χ² with one degree of freedom.
+        interval: where the deviance stays below the limit, up to a bound of the parameter; infinite where it still does
+            at the last value tried.
+        level: of that interval.
+    """
+
+    name: str
+    unit: str
+    estimate: float
+    standard_error: float
+    values: Array
+    deviance: Array
+    interval: tuple[float, float]
+    level: float
+
+    @property
+    def limit(self) -> float:
+        """The quantile of χ² with one degree of freedom at the level."""
+        return float(chdtri(1, 1 - self.level))
+
+    @property
+    def in_words(self) -> str:
+        """The interval with its unit; an end that was not found is open."""
+        low, high = self.interval
+        if np.isfinite(low) and np.isfinite(high):
+            return f"from {low:.6g} to {with_unit(f'{high:.6g}', self.unit)}"
+        if np.isfinite(low):
+            return f"from {with_unit(f'{low:.6g}', self.unit)} up, without an end"
+        if np.isfinite(high):
+            return f"up to {with_unit(f'{high:.6g}', self.unit)}, without a beginning"
+        return "without ends"
+
+    def between(self, x: Array) -> Array:
+        """The deviance at (m,) values, its signed root taken to be straight between those tried."""
+        best = np.argmin(self.deviance)
+        root = np.sign(self.values - self.values[best]) * np.sqrt(self.deviance)
+        return np.asarray(np.interp(x, self.values, root)) ** 2
+
+    def to_data(self) -> dict[str, Any]:
+        """What a file holds."""
+        arrays = {"values": self.values.tolist(), "deviance": self.deviance.tolist(), "interval": list(self.interval)}
+        named = {name: getattr(self, name) for name in ("name", "unit", "estimate", "standard_error", "level")}
+        return named | arrays
+
+
+def friction_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> Curve:
+    """Friction over speed, the viscous part included: N·m over rad/s, or N over m/s.
+
+    Args:
+        fit: of a motor or a linear axis.
+        points: an odd number puts one at rest.
+        level: of the band, by the covariance to first order.
+    """
+    plant = _mechanical(fit)
+    speeds = np.concatenate([_speeds(fit, k) for k in range(len(fit.segments))])
+    reach = float(np.max(np.abs(speeds))) or 1.0
+    x = np.linspace(-reach, reach, points)
+    return _with_band(fit, x, lambda p: _mechanical_plant(p).friction_torque(x), speeds[speeds != 0], level, plant)
+
+
+def dead_zone_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> Curve | None:
+    """What comes through the dead zone over what is applied, in V (N of an axis); None for a plant without one."""
+    plant = _mechanical(fit)
+    if _dead_zone(plant) is None:
+        return None
+    applied = np.concatenate([plant.drive.terminals(s.input, s.dt)[0] for s in fit.segments])
+    reach = float(np.max(np.abs(applied))) or 1.0
+    x = np.linspace(-reach, reach, points)
+
+    def through(p: Plant) -> Array:
+        zone = _dead_zone(_mechanical_plant(p))
+        return x if zone is None else zone(x)
+
+    return _with_band(fit, x, through, applied, level, plant)
+
+
+def stops(fit: GreyBoxFit) -> tuple[Stop, ...]:
+    """Where the simulated motor or axis sticks, whatever the sensor makes of it, segment by segment."""
+    found = []
+    for k, segment in enumerate(fit.segments):
+        held = np.concatenate([[False], _speeds(fit, k) == 0.0, [False]])
+        starts, ends = np.flatnonzero(~held[:-1] & held[1:]), np.flatnonzero(held[:-1] & ~held[1:])
+        times = segment.time
+        found += [Stop(k, float(times[a]), float(times[b - 1])) for a, b in zip(starts, ends, strict=True)]
+    return tuple(found)
+
+
+STEPS = (0.75, 1.5, 2.25, 3.0, 6.0, 12.0, 24.0)
+"""How far from the estimate a profile is taken, in standard errors; beyond `REACH` only until the limit is passed."""
+REACH = 3.0
+PATIENT = 0.01
+"""A point of a profile is good enough where several more steps would move its deviance by this part of the limit."""
+
+
+@one_blas_thread()
+def likelihood_profile(
+    fit: GreyBoxFit, name: str, level: float = 0.95, progress: Callable[[float], None] = lambda fraction: None
+) -> Profile:
+    """The profile of one estimated parameter, step by step away from its estimate.
+
+    Every point is a fit of all other parameters and the initial states, begun where the one before it ended. The
+    deviance 2·(V − V_min)/σ² is divided by how much colour inflates the variance, the ratio of the sandwich to the
+    white variance; where a bound holds the parameter it has none, and the largest of the others stands for it. Venzon,
+    Moolgavkar, *A method for computing profile-likelihood-based confidence intervals*, Applied
+    Statistics 37 (1988).
+
+    Args:
+        fit: of any plant.
+        name: of the parameter.
+        level: of the interval.
+        progress: called with the fraction done.
+
+    Raises:
+        ModelError: for a parameter that was not estimated, or that moves nothing where it is.
+    """
+    if name not in fit.names:
+        raise ModelError(f"{name} was not estimated; profiles can be had of {', '.join(fit.names) or 'none'}")
+    k = fit.names.index(name)
+    best, error, colour = float(fit.estimate[k]), float(fit.standard_error[k]), float(fit.colour[k])
+    if error == 0 and best in fit.limits[name]:
+        error, colour = _error_if_free(fit, k), float(np.max(fit.colour))
+    if not 0 < error < np.inf:
+        raise ModelError(f"{name} has no finite standard error, so there is no range to take a profile over")
+    low, high = fit.limits[name]
+    limit, unit = float(chdtri(1, 1 - level)), fit.noise_variance * colour / 2
+    worth = PATIENT * limit * unit / fit.cost if fit.cost > 0 else 0.0
+    costs = {best: fit.cost}
+    for side, bound in ((-1, low), (1, high)):
+        plant, value = fit.model.plant, best
+        states: Sequence[Array] = fit.states
+        for done, step in enumerate(STEPS):
+            passed = costs[value] - min(costs.values()) > limit * unit
+            if value == bound or (passed and step > REACH):
+                break
+            progress((done / len(STEPS) + (side > 0)) / 2)
+            value = float(np.clip(best + side * step * error, low, high))
+            costs[value], plant, states = _others_at_their_best(fit, plant.put({name: value}), name, states, worth)
+    for end in _below(*_profile(costs, unit), limit, (low, high)):  # between points far apart it is but a first guess
+        if np.isfinite(end) and end not in costs:
+            costs[end] = _others_at_their_best(fit, fit.model.plant.put({name: end}), name, fit.states, worth)[0]
+    values, deviance = _profile(costs, unit)
+    interval = _below(values, deviance, limit, (low, high))
+    return Profile(name, fit.model.plant.handles[name].parameter.unit, best, error, values, deviance, interval, level)
+
+
+def _error_if_free(fit: GreyBoxFit, k: int) -> float:
+    """The standard error of an estimate that a bound holds, were it free: how far from there a profile looks."""
+    problem = _problem(fit, fit.model.plant, fit.names, fit.states)
+    slopes = np.vstack([jacobian for _, jacobian in problem.exactly(problem.start)]) * problem.sizes
+    others = np.delete(slopes, k, axis=1)
+    alone = slopes[:, k] - others @ np.linalg.lstsq(others, slopes[:, k])[0]
+    size = float(np.linalg.norm(alone))
+    return float(np.sqrt(fit.noise_variance)) * float(problem.sizes[k]) / size if size > 0 else np.inf
+
+
+def _problem(fit: GreyBoxFit, plant: Plant, free: Sequence[str], states: Sequence[Array]) -> FreeRunError:
+    """That of the fit, begun elsewhere, with some of its parameters."""
+    signals = fit.model.signals
+    unknown = [free_states(plant, signals, segment) for segment in fit.segments]
+    return FreeRunError(plant, signals, fit.segments, free, states, unknown, fit.weighting, os.cpu_count() or 1)
+
+
+def _profile(costs: Mapping[float, float], unit: float) -> tuple[Array, Array]:
+    """Values, ascending, and their deviance, from V at each of them."""
+    values = np.array(sorted(costs))
+    cost = np.array([costs[value] for value in values])
+    return values, (cost - cost.min()) / unit
+
+
+def _others_at_their_best(
+    fit: GreyBoxFit, plant: Plant, name: str, states: Sequence[Array], worth: float
+) -> tuple[float, Plant, Sequence[Array]]:
+    """V, plant and initial states where all that was estimated is estimated again, but for one parameter."""
+    problem = _problem(fit, plant, [other for other in fit.names if other != name], states)
+    lower, upper = problem.within(fit.limits)
+    found = gauss_newton(problem, problem.start, lower=lower, upper=upper, worth=worth, names=problem.names, inner=True)
+    return found.cost, problem.plant_at(found.estimate), problem.states(found.estimate)
+
+
+def _below(x: Array, deviance: Array, limit: float, bounds: tuple[float, float]) -> tuple[float, float]:
+    """Where the deviance, straight in its root between points, crosses the limit left and right of its minimum."""
+    root, best = np.sqrt(deviance / limit), int(np.argmin(deviance))
+    ends = []
+    for side, bound in ((-1, bounds[0]), (1, bounds[1])):
+        outwards = slice(best, None, side)
+        xs, roots = x[outwards], root[outwards]
+        beyond = np.flatnonzero(roots >= 1)
+        if len(beyond):
+            a, b = beyond[0] - 1, beyond[0]
+            ends.append(float(xs[a] + (xs[b] - xs[a]) * (1 - roots[a]) / (roots[b] - roots[a])))
+        else:
+            ends.append(bound if xs[-1] == bound else side * np.inf)
+    return ends[0], ends[1]
+
+
+def _mechanical(fit: GreyBoxFit) -> DrivenMotor | LinearAxis:
+    return _mechanical_plant(fit.model.plant)
+
+
+def _mechanical_plant(plant: Plant) -> DrivenMotor | LinearAxis:
+    if not isinstance(plant, (DrivenMotor, LinearAxis)):
+        raise ModelError(f"{plant.name} has no friction or dead zone that emsid knows of")
+    return plant
+
+
+def _dead_zone(plant: DrivenMotor | LinearAxis) -> DeadZone | None:
+    return plant.motor.voltage_dead_zone if isinstance(plant, DrivenMotor) else plant.dead_zone
+
+
+def _speeds(fit: GreyBoxFit, segment: int) -> Array:
+    """(N,) how fast the plant itself moves, rad/s or m/s: a sensor that lags or is off never shows a standstill."""
+    plant, record = replace(_mechanical(fit), sensor=Sensor()), fit.segments[segment]
+    return plant.simulate(record.input, record.dt, fit.states[segment], (Signal.SPEED,))[:, 0]
+
+
+def _with_band(
+    fit: GreyBoxFit, x: Array, law: Callable[[Plant], Array], seen: Array, level: float, plant: Plant
+) -> Curve:
+    y = law(plant)
+    slopes = np.zeros((len(fit.names), len(x)))
+    for k, name in enumerate(fit.names):
+        value = plant.value(name)
+        low, high = fit.limits[name]
+        step = 1e-6 * max(abs(value), 1e-9)
+        below, above = max(value - step, low), min(value + step, high)
+        slopes[k] = (law(plant.put({name: above})) - law(plant.put({name: below}))) / (above - below)
+    variance = np.einsum("in,ij,jn->n", slopes, fit.covariance, slopes)
+    half = float(ndtri(0.5 + level / 2)) * np.sqrt(np.maximum(variance, 0.0))
+    edges = np.concatenate([[-np.inf], 0.5 * (x[1:] + x[:-1]), [np.inf]])
+    return Curve(x, y, y - half, y + half, np.histogram(seen, edges)[0].astype(np.int64))

@@ -1,0 +1,312 @@
+r"""The least-squares problem of a grey box: the error of its free run as `gauss_newton` wants it.
+
+The parameters θ of a plant and the initial state x₀ of every segment minimise the simulation error
+
+    V(θ, x₀) = ½ Σₜ ‖W·(y(t) − ŷ(t; θ, x₀))‖²,
+
+ŷ being the free run: after x₀ the model sees nothing but the input. That is what makes it honest with friction, whose
+sign a one-step prediction would be given by the measured speed. Every output is divided by its standard deviation
+where there are several, so that rad/s and A count alike. W may weigh errors by their age, see `Recent`.
+
+The derivative of ŷ is a difference of free runs, its columns computed in parallel threads: the motion is a continuous
+function of θ, located events included, and a run costs microseconds. It is one-sided as long as the search is far from
+its end, and central there, where intervals are taken from it. The initial states of all segments are moved at once,
+since no segment feels those of another.
+
+References:
+    Ljung, *System Identification*, 2nd ed., sec. 3.3 and 7.5. Schoukens, Ljung, *Nonlinear System Identification: A
+    User-Oriented Road Map*, IEEE CSM 39 (2019), on simulation error against prediction error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from copy import copy
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible
+from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.own_plant import OwnPlant
+from emsid.models.plants.parameters import Plant, Signal
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+Weighting = Callable[[Array, float], Array]
+
+
+# --- weightings -----------------------------------------------------------------------------------------------------
+
+
+def all_alike(error: Array, dt: float) -> Array:
+    """Every error counts the same, however long ago its cause: plain output error."""
+    return error
+
+
+@dataclass(frozen=True)
+class Recent:
+    """Errors count while they grow and are forgotten after a while: ((1 − q⁻¹)/(1 − e^{−dt/τ}·q⁻¹))ⁿ·e.
+
+    A position is an integral of an integral, so its free run keeps for ever what a short disturbance did to it, and
+    plain output error bends the parameters to make up for that. With n = 2 the error is seen as an acceleration of
+    bandwidth 1/τ, with n = 1 as a drift.
+
+    Args:
+        time: τ in s.
+        order: n.
+    """
+
+    time: float
+    order: int = 1
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.time) and self.time > 0) or self.order not in (1, 2):
+            raise ModelError(f"errors forgotten after {self.time} s, order {self.order}; give a positive time, 1 or 2")
+
+    def __call__(self, error: Array, dt: float) -> Array:
+        """(N,) the weighted error of one channel of one segment, scaled by τⁿ to stay in its unit."""
+        from scipy.signal import lfilter
+
+        decay = np.exp(-dt / self.time)
+        for _ in range(self.order):
+            error = lfilter([1.0, -1.0], [1.0, -decay], error)
+        return error
+
+
+# --- initial states -------------------------------------------------------------------------------------------------
+
+
+def guess_state(plant: Plant, signals: Sequence[Signal], segment: Record) -> Array:
+    """A first idea of the state at the first sample: of a motor or axis (speed, position, speed shown), else zeros."""
+    state = np.zeros(plant.states)
+    if isinstance(plant, OwnPlant):
+        return state
+    assert isinstance(plant, (DrivenMotor, LinearAxis))
+    sensor = plant.sensor
+    for k, signal in enumerate(signals):
+        y = segment.output[:, k]
+        if signal in (Signal.SPEED, Signal.ROTOR_SPEED):
+            state[0] = (y[0] - sensor.offset) * sensor.ratio
+        elif signal is Signal.POSITION:
+            state[1] = (y[0] - sensor.offset) * sensor.ratio
+            if not any(s in (Signal.SPEED, Signal.ROTOR_SPEED) for s in signals) and np.ptp(y[:20]) > 0:
+                head = y[:20]
+                slope = np.polyfit(np.arange(len(head)) * segment.dt, head, 1)[0]
+                state[0] = 0.0 if _starts_at_rest(y) else slope * sensor.ratio
+    state[1] += sensor.lag * state[0]
+    state[2] = state[0]
+    return state
+
+
+def free_states(plant: Plant, signals: Sequence[Signal], segment: Record) -> tuple[int, ...]:
+    """Which numbers of the initial state are estimated: what the outputs show and what is not plainly at rest."""
+    if isinstance(plant, OwnPlant):
+        return tuple(range(plant.states))
+    assert isinstance(plant, (DrivenMotor, LinearAxis))
+    sensed = [k for k, signal in enumerate(signals) if signal is not Signal.CURRENT]
+    moving = not any(_starts_at_rest(segment.output[:, k]) for k in sensed)
+    lags = moving and sensed and plant.sensor.lag > 0
+    return ((0,) if moving else ()) + ((1,) if Signal.POSITION in signals else ()) + ((2,) if lags else ())
+
+
+def _starts_at_rest(y: Array) -> bool:
+    """Whether an output stands still over its first three samples, at exactly zero or exactly the same value."""
+    return len(y) > 3 and float(np.ptp(y[:3])) == 0.0
+
+
+# --- the least-squares problem --------------------------------------------------------------------------------------
+
+
+PRECISION = 1e-11
+"""How exact a free run is, relative to its size: the tolerance of the simulation."""
+NEAR = 1e-4
+"""How far, relative to its size, a search may still move where its derivatives begin to count."""
+
+
+class _Linearised(NamedTuple):
+    """A θ, residuals and derivatives there, and whether those are central differences."""
+
+    theta: Array
+    blocks: list[Block]
+    central: bool
+
+
+class FreeRunError:
+    """Residuals of free runs and their derivative, as `gauss_newton` wants them; θ then the initial states."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        signals: Sequence[Signal],
+        segments: Sequence[Record],
+        free: Sequence[str],
+        states: Sequence[Array],
+        free_states: Sequence[Sequence[int]],
+        weighting: Weighting,
+        threads: int,
+    ) -> None:
+        self.plant, self.signals, self.segments, self.free = plant, tuple(signals), tuple(segments), tuple(free)
+        self.weighting, self.threads = weighting, threads
+        self._initial = [state.copy() for state in states]
+        self._places = [
+            (segment, index) for segment, indices in enumerate(free_states) for index in indices
+        ]  # of the initial states in θ
+        whole = np.concatenate([segment.output for segment in segments])
+        spread = np.std(whole, axis=0)
+        self._scale = np.ones(len(spread)) if len(spread) == 1 else np.where(spread > 0, spread, 1.0)
+        self.sizes = self._sizes()
+        self.precision = PRECISION * float(np.sqrt(np.mean((whole / self._scale) ** 2)))
+        self._residuals_at: tuple[Array, list[Array]] | None = None  # θ and what is there: a search asks again
+        self._linearised_at: _Linearised | None = None
+
+    @property
+    def start(self) -> Array:
+        """θ and initial states as they are."""
+        values = [self.plant.value(name) for name in self.free]
+        return np.array([*values, *(self._initial[s][i] for s, i in self._places)])
+
+    @property
+    def lower(self) -> Array:
+        """The smallest physical values."""
+        return np.array([self.plant.handles[n].lower for n in self.free] + [-inf] * len(self._places))
+
+    @property
+    def upper(self) -> Array:
+        """The largest physical values."""
+        return np.array([self.plant.handles[n].upper for n in self.free] + [inf] * len(self._places))
+
+    def within(self, limits: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
+        """The smallest and the largest θ, given those of its parameters; initial states have no bounds."""
+        unbounded = [(-inf, inf)] * len(self._places)
+        both = np.array([limits[name] for name in self.free] + unbounded).reshape(-1, 2)
+        return both[:, 0], both[:, 1]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """For messages."""
+        return (*self.free, *(f"initial state {i + 1} of segment {s + 1}" for s, i in self._places))
+
+    def plant_at(self, theta: Array) -> Plant:
+        """The plant with the parameters in θ."""
+        return self.plant.put(dict(zip(self.free, theta.tolist(), strict=False)))
+
+    def states(self, theta: Array) -> list[Array]:
+        """The initial states in θ."""
+        states = [state.copy() for state in self._initial]
+        for (segment, index), value in zip(self._places, theta[len(self.free) :], strict=True):
+            states[segment][index] = value
+        return states
+
+    def begun_at(self, theta: Array) -> FreeRunError:
+        """The same problem with θ as its start; what is known there is known still."""
+        moved = copy(self)
+        moved.plant, moved._initial = self.plant_at(theta), self.states(theta)
+        moved.sizes = moved._sizes()
+        return moved
+
+    def residuals(self, theta: Array) -> list[Array]:
+        """W·(ŷ − y) of every segment, its channels one after the other."""
+        if self._residuals_at is None or not np.array_equal(self._residuals_at[0], theta):
+            self._residuals_at = (theta.copy(), self._simulated(theta))
+        return self._residuals_at[1]
+
+    def linearised(self, theta: Array) -> list[Block]:
+        """Residuals and their derivative: one-sided differences where a search passes, `exactly` where it ends."""
+        known = self._linearised_at
+        if known is None or not np.array_equal(known.theta, theta):
+            central = known is not None and bool((np.abs(theta - known.theta) <= NEAR * self.sizes).all())
+            self._linearised_at = self._differentiated(theta, central)
+            return self._linearised_at.blocks
+        return known.blocks
+
+    def exactly(self, theta: Array) -> list[Block]:
+        """Residuals and their derivative by central differences, one-sided where only one side has a free run."""
+        known = self._linearised_at
+        if known is None or not (known.central and np.array_equal(known.theta, theta)):
+            known = self._linearised_at = self._differentiated(theta, True)
+        return known.blocks
+
+    def _simulated(self, theta: Array) -> list[Array]:
+        try:
+            plant = self.plant_at(theta)
+            with np.errstate(all="ignore"):
+                residuals = [
+                    self._weighed(plant.simulate(segment.input, segment.dt, state, self.signals), segment)
+                    for segment, state in zip(self.segments, self.states(theta), strict=True)
+                ]
+        except ModelError as problem:
+            raise Infeasible(str(problem)) from None
+        if not all(np.isfinite(residual).all() for residual in residuals):
+            raise Infeasible(f"the free run of {plant.name} is not finite; check the start values and the plant")
+        return residuals
+
+    def _weighed(self, run: Array, segment: Record) -> Array:
+        error = (run - segment.output) / self._scale
+        return np.concatenate([self.weighting(error[:, k], segment.dt) for k in range(error.shape[1])])
+
+    def _differentiated(self, theta: Array, central: bool) -> _Linearised:
+        p, here = len(self.free), self.residuals(theta)
+        step = 1e-5 * np.maximum(np.abs(theta), 1e-2 * self.sizes)
+        moves = [[k] for k in range(p)]
+        moves += [
+            [p + k for k, (_, i) in enumerate(self._places) if i == index]
+            for index in sorted({i for _, i in self._places})
+        ]
+
+        def moved(move: list[int], by: Array) -> tuple[Array, list[Array], str]:
+            there = theta.copy()
+            there[move] = np.clip(theta + by, self.lower, self.upper)[move]
+            try:
+                return there, self._simulated(there) if (there != theta).any() else here, ""
+            except Infeasible as problem:
+                return theta, here, str(problem)
+
+        def difference(move: list[int]) -> tuple[Array, list[Array]]:
+            above, after, why = moved(move, step)
+            below, before = theta, here
+            if central or not (above > below).any():
+                below, before, why = moved(move, -step)
+            if not (above > below).any():
+                raise Infeasible(f"{self.names[move[0]]} cannot be moved from {theta[move[0]]:g}: {why}")
+            return above - below, [b - a for a, b in zip(before, after, strict=True)]
+
+        with ThreadPoolExecutor(self.threads) as pool:
+            differences = list(pool.map(difference, moves))
+        jacobians = [np.zeros((len(r), len(theta)), order="F") for r in here]
+        for move, (width, columns) in zip(moves, differences, strict=True):
+            for k in move:
+                touched = range(len(here)) if k < p else [self._places[k - p][0]]
+                for segment in touched:
+                    jacobians[segment][:, k] = columns[segment] / width[k]
+        return _Linearised(theta.copy(), list(zip(here, jacobians, strict=True)), central)
+
+    def _sizes(self) -> Array:
+        """How large θ plausibly is: what it is, or what units and samples suggest."""
+        return np.array([*self._typical(), *(self._state_size(s, i) for s, i in self._places)])
+
+    def _typical(self) -> list[float]:
+        u = max(float(np.max(np.abs(s.input))) for s in self.segments) or 1.0
+        v = max(float(np.max(np.abs(s.output))) for s in self.segments) or 1.0
+        dt = self.segments[0].dt
+        force = u
+        if isinstance(self.plant, DrivenMotor):
+            force = u * abs(self.plant.drive.gain) * self.plant.motor.motor_constant / self.plant.motor.resistance
+        by_unit = {
+            "N*m": 0.1 * force, "N": 0.1 * force, "N*m*s/rad": 0.1 * force / v, "N*s/m": 0.1 * force / v,
+            "s/rad": 10 / v, "s/m": 10 / v, "V": 0.1 * u, "s": dt, "1": 1.0, "rad/s": 0.1 * v,
+        }  # fmt: skip
+        sizes = []
+        for name in self.free:
+            handle = self.plant.handles[name]
+            sizes.append(max(abs(self.plant.value(name)), 1e-3 * by_unit.get(handle.parameter.unit, 0.0)) or 1.0)
+        return sizes
+
+    def _state_size(self, segment: int, index: int) -> float:
+        size = max(float(np.max(np.abs(self.segments[segment].output))), 1e-12)
+        return max(abs(float(self._initial[segment][index])), size)

@@ -1,0 +1,94 @@
+"""From tables of regressors to the regression Φ, compiled: in blocks of columns, or straight into a factor R."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.estimation.linear.information import TILE, copy_square, reflect, workspace
+from emsid.estimation.linear.least_squares import two_product
+from emsid.models.regression.regressors import Tables
+
+Array = NDArray[np.float64]
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def transformed(code: int, x: float, p: float) -> float:
+    """A static transform of one value; the codes are `Transform`'s."""
+    if code == 0:
+        return x
+    if code == 1:
+        return float(np.sign(x))
+    if code == 2:
+        return float(np.tanh(x / p))
+    if code == 3:
+        return max(x - p, 0.0)
+    if code == 4:
+        return min(x - p, 0.0)
+    if code == 5:
+        return abs(x)
+    return float(np.exp(-abs(x) / p))
+
+
+@numba.njit(cache=True, nogil=True)
+def fill(block: Array, tables: Tables, y: Array, u: Array, start: int, count: int) -> None:
+    """Write samples ``start`` to ``start + count`` of [Φ y] into a block, whose rows are the columns of it.
+
+    Args:
+        block: (≥ n + 1, ≥ count).
+        tables: the regressors.
+        y, u: (N,) and (nu, N).
+        start, count: which samples.
+    """
+    signs, offsets, factors, parameters = tables
+    for j in range(len(signs)):
+        row = block[j, :count]
+        row[:] = signs[j]
+        for f in range(offsets[j], offsets[j + 1]):
+            channel, lag, power, code = factors[f]
+            signal = y if channel == 0 else u[channel - 1]
+            multiply(row, signal[start - lag : start - lag + count], code, parameters[f], power)
+    for i in range(count):
+        block[len(signs), i] = y[start + i]
+
+
+@numba.njit(cache=True, nogil=True)
+def multiply(row: Array, x: Array, code: int, parameter: float, power: int) -> None:
+    """Multiply a row by a power of a transform of x, in place."""
+    if code == 0 and power == 1:
+        for i in range(len(row)):
+            row[i] *= x[i]
+        return
+    for i in range(len(row)):
+        value = transformed(code, x[i], parameter)
+        for _ in range(power):
+            row[i] *= value
+
+
+@numba.njit(cache=True, nogil=True)
+def fill_rounding(lost: Array, tables: Tables, y: Array, u: Array, start: int) -> None:
+    """Write what `fill` has lost by rounding its products into ``lost`` (n, count)."""
+    signs, offsets, factors, parameters = tables
+    for j in range(len(signs)):
+        for i in range(lost.shape[1]):
+            high, low = signs[j], 0.0
+            for f in range(offsets[j], offsets[j + 1]):
+                channel, lag, power, code = factors[f]
+                signal = y if channel == 0 else u[channel - 1]
+                value = transformed(code, signal[start + i - lag], parameters[f])
+                for _ in range(power):
+                    high, error = two_product(high, value)
+                    low = low * value + error
+            lost[j, i] = low
+
+
+@numba.njit(cache=True, nogil=True)
+def fold_regression(factor: Array, tables: Tables, y: Array, u: Array, start: int) -> None:
+    """Fold samples ``start`` … into a factor, tile by tile: the regression never leaves the cache."""
+    top, tile = workspace(factor)
+    for first in range(start, len(y), TILE):
+        height = min(TILE, len(y) - first)
+        fill(tile, tables, y, u, first, height)
+        reflect(top, tile, height)
+    copy_square(top, factor, len(factor))

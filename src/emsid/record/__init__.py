@@ -1,0 +1,6 @@
+"""`Record`, the one data type of the program, and the time axis that it is read with."""
+
+from emsid.record.record import Record, check_same_channels, concatenate, segments
+from emsid.record.time_axis import TimeAxis, resample, time_axis
+
+__all__ = ["Record", "TimeAxis", "check_same_channels", "concatenate", "resample", "segments", "time_axis"]

@@ -1,0 +1,395 @@
+"""`Record`, the one data type of the program, and what can be done to one.
+
+A record is a sampled experiment: inputs ``(N, nu)`` and outputs ``(N, ny)`` at a constant sample time. It may
+hold several *segments*, pieces without a gap, as left by masking bad samples out of a log or by putting
+several experiments together; no lagged value, filter or simulation ever reaches across a break. Everything
+that identifies, validates, plots or exports takes a record, or several, and goes through their segments.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from numbers import Real
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import DataError
+from emsid.units import readable_unit
+
+if TYPE_CHECKING:
+    from emsid.record.time_axis import TimeAxis
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Record:
+    """A sampled experiment. Its samples cannot be written to, nor do they change with the arrays it was made from.
+
+    Args:
+        input: (N, nu) inputs; a 1-D array is one channel.
+        output: (N, ny) outputs; a 1-D array is one channel. May have no column where only an input is known.
+        dt: sample time in seconds.
+        input_names, output_names: a name for every channel, ``u1, u2, …`` and ``y1, y2, …`` by default.
+        input_units, output_units: a unit for every channel, empty where unknown.
+        breaks: the first sample of every further segment, ascending; empty for a record without gaps.
+        times: the time in seconds of the first sample of every segment; by default the segments follow each other.
+        name: where the record comes from, for messages and figures.
+        time_axis: what the time column that it was read with says about the sampling of the whole file; None where
+            the sample time was given instead.
+
+    Raises:
+        DataError: for arrays of other shapes, unequal lengths, no sample, values that are not finite, a bad sample
+            time, a name used twice.
+    """
+
+    input: Array
+    output: Array
+    dt: float
+    input_names: tuple[str, ...] = ()
+    output_names: tuple[str, ...] = ()
+    input_units: tuple[str, ...] = ()
+    output_units: tuple[str, ...] = ()
+    breaks: tuple[int, ...] = ()
+    times: tuple[float, ...] = ()
+    name: str = "record"
+    time_axis: TimeAxis | None = None
+
+    def __post_init__(self) -> None:
+        def put(field: str, value: object) -> None:
+            object.__setattr__(self, field, value)  # frozen for everybody else
+
+        for side in ("input", "output"):
+            names = tuple(getattr(self, f"{side}_names"))
+            put(side, _channels(getattr(self, side), f"{self.name}: {side}", len(names)))
+        if len(self.input) != len(self.output):
+            raise DataError(
+                f"{self.name}: input has {len(self.input)} samples and output {len(self.output)}; they must agree"
+            )
+        if not len(self.input):
+            raise DataError(f"{self.name}: there are no samples; a record needs at least one")
+        if not (isinstance(self.dt, Real) and np.isfinite(self.dt) and self.dt > 0):
+            raise DataError(f"{self.name}: sample time {self.dt} s; give a positive number of seconds")
+        put("dt", float(self.dt))
+        for side, letter in (("input", "u"), ("output", "y")):
+            width = getattr(self, side).shape[1]
+            names = tuple(getattr(self, f"{side}_names")) or tuple(f"{letter}{k + 1}" for k in range(width))
+            units = tuple(getattr(self, f"{side}_units")) or ("",) * width
+            for what, values in (("names", names), ("units", units)):
+                if len(values) != width:
+                    raise DataError(f"{self.name}: {len(values)} {side} {what} for {width} {side} channels")
+            put(f"{side}_names", names)
+            put(f"{side}_units", units)
+            _check_finite(getattr(self, side), names, self.name)
+        channels = self.input_names + self.output_names
+        twice = next((name for name in channels if channels.count(name) > 1), None)
+        if twice is not None:
+            raise DataError(f"{self.name}: two channels are called {twice!r}; every channel needs its own name")
+        put("breaks", tuple(int(b) for b in self.breaks))
+        edges = (0, *self.breaks, len(self))
+        if any(b <= a for a, b in pairwise(edges)):
+            raise DataError(f"{self.name}: breaks {self.breaks} must ascend inside 1 … {len(self) - 1}")
+        put("times", tuple(float(t) for t in self.times) or tuple(edge * self.dt for edge in edges[:-1]))
+        if len(self.times) != len(edges) - 1:
+            raise DataError(f"{self.name}: {len(self.times)} segment times for {len(edges) - 1} segments")
+
+    def __len__(self) -> int:
+        return len(self.input)
+
+    def __repr__(self) -> str:
+        channels = ", ".join(
+            f"{name} [{readable_unit(unit)}]" if unit else name
+            for name, unit in zip(
+                self.input_names + self.output_names, self.input_units + self.output_units, strict=True
+            )
+        )
+        pieces = f" in {len(self.breaks) + 1} segments" if self.breaks else ""
+        return f"Record({self.name}: {len(self)} samples{pieces}, dt {self.dt:g} s; {channels})"
+
+    @property
+    def time(self) -> Array:
+        """(N,) time of every sample in seconds."""
+        edges = (0, *self.breaks, len(self))
+        return np.concatenate(
+            [start + self.dt * np.arange(b - a) for start, (a, b) in zip(self.times, pairwise(edges), strict=True)]
+        )
+
+    @property
+    def segments(self) -> tuple[Record, ...]:
+        """The pieces without a gap, each a record of its own (views, no copies)."""
+        edges = (0, *self.breaks, len(self))
+        return tuple(self[a:b] for a, b in pairwise(edges)) if self.breaks else (self,)
+
+    def __getitem__(self, rows: slice) -> Record:
+        """Samples ``rows`` (a slice without a step), keeping breaks and time."""
+        if not isinstance(rows, slice) or rows.step not in (None, 1):
+            raise DataError(f"{self.name}: a record is sliced as record[a:b], without a step")
+        start, stop, _ = rows.indices(len(self))
+        if stop <= start:
+            raise DataError(f"{self.name}: rows {rows.start}:{rows.stop} select nothing of its {len(self)} samples")
+        edges = (0, *self.breaks)
+        first = max(k for k, edge in enumerate(edges) if edge <= start)
+        inside = [(b, t) for b, t in zip(self.breaks, self.times[1:], strict=True) if start < b < stop]
+        return replace(
+            self,
+            input=self.input[start:stop],
+            output=self.output[start:stop],
+            breaks=tuple(b - start for b, _ in inside),
+            times=(self.times[first] + (start - edges[first]) * self.dt, *(t for _, t in inside)),
+        )
+
+    def split(self, fraction: float) -> tuple[Record, Record]:
+        """The first ``fraction`` of the samples, to identify, and the rest, to verify.
+
+        Raises:
+            DataError: for a fraction that leaves either part without a sample.
+        """
+        if not 0 < fraction < 1:
+            raise DataError(f"{self.name}: cannot split at {fraction}; give a fraction between 0 and 1")
+        at = round(fraction * len(self))
+        if not 0 < at < len(self):
+            raise DataError(f"{self.name}: {len(self)} samples cannot be split at {fraction:g}; record longer")
+        return self[:at], self[at:]
+
+    def hold_back(self, fraction: float) -> tuple[Record, Record]:
+        """A part to fit to and about this ``fraction`` of the samples, with which to choose between fits.
+
+        Of many experiments every k-th is held back, ``k = 1/fraction``, so that both parts see all that was done;
+        otherwise the end of the record is.
+        """
+        first, last = self.split(1 - fraction)
+        k = round(1 / fraction)
+        held = self.segments[k - 1 :: k]
+        if k < 2 or len(held) < 2 or not 0.5 < sum(map(len, held)) / len(last) < 2:
+            return first, last
+        return concatenate([one for number, one in enumerate(self.segments, 1) if number % k]), concatenate(held)
+
+    def mask(self, leave_out: ArrayLike) -> Record:
+        """The record without the samples where ``leave_out`` (N,) is true; what remains falls into segments.
+
+        Raises:
+            DataError: for a mask of another length, or one that leaves nothing.
+        """
+        out = np.asarray(leave_out, dtype=bool)
+        if out.shape != (len(self),):
+            raise DataError(f"{self.name}: a mask of shape {out.shape} for {len(self)} samples")
+        if out.all():
+            raise DataError(f"{self.name}: the mask leaves no sample; relax it")
+        kept = np.flatnonzero(~out)
+        new = np.diff(kept, prepend=kept[0] - 1) > 1
+        starts = np.flatnonzero(new)
+        if self.breaks:
+            starts = np.union1d(starts, np.searchsorted(kept, self.breaks))
+        starts = starts[(starts > 0) & (starts < len(kept))]
+        first = np.concatenate([[0], starts]).astype(int)
+        return replace(
+            self,
+            input=self.input[kept],
+            output=self.output[kept],
+            breaks=tuple(int(b) for b in starts),
+            times=tuple(float(t) for t in self.time[kept[first]]),
+        )
+
+    def channel(self, name: str) -> Array:
+        """(N,) the samples of one channel by name.
+
+        Raises:
+            DataError: where there is no such channel.
+        """
+        for names, values in ((self.input_names, self.input), (self.output_names, self.output)):
+            if name in names:
+                return values[:, names.index(name)]
+        raise DataError(
+            f"{self.name}: no channel {name!r}; there are {', '.join(self.input_names + self.output_names)}"
+        )
+
+    def detrend(self, order: int = 0) -> Record:
+        """The record less a polynomial in time of this order, fitted to every channel over the whole record.
+
+        Order 0 takes off the mean. The polynomial is common to all segments, so that they keep one operating point.
+        """
+        order = _whole(order, 0, f"{self.name}: detrending of order {order}; give 0 (mean), 1 (line) or more")
+        powers = np.polynomial.legendre.legvander(_to_unit_interval(self.time), order)
+
+        def without_trend(values: Array) -> Array:
+            return values - powers @ np.linalg.lstsq(powers, values, rcond=None)[0]
+
+        return replace(self, input=without_trend(self.input), output=without_trend(self.output))
+
+    def decimate(self, factor: int) -> Record:
+        """Every ``factor``-th sample after a zero-phase FIR anti-alias filter, segment by segment.
+
+        Raises:
+            DataError: where a segment is too short for the filter (20 samples of the slow rate).
+        """
+        factor = _whole(factor, 1, f"{self.name}: cannot decimate by {factor}; give a whole number of at least 1")
+        if factor == 1:
+            return self
+        from scipy.signal import decimate
+
+        pieces = []
+        for segment in self.segments:
+            if len(segment) <= 20 * factor:
+                raise DataError(
+                    f"{self.name}: a segment of {len(segment)} samples is too short to decimate by {factor}; "
+                    f"it needs more than {20 * factor}"
+                )
+            # `decimate` filters as if the signal were zero outside; taking off the first value keeps a start from a
+            # standing level free of a false transient.
+            slow = [
+                decimate(values - values[:1], factor, ftype="fir", axis=0) + values[:1]
+                for values in (segment.input, segment.output)
+            ]
+            pieces.append(replace(segment, input=slow[0], output=slow[1], dt=self.dt * factor, time_axis=None))
+        return concatenate(pieces, name=self.name)
+
+    def scale(self, name: str, gain: float, offset: float = 0.0, unit: str | None = None) -> Record:
+        """Channel ``name`` replaced by gain·x + offset, with its new unit."""
+        self.channel(name)
+        changes: dict[str, Any] = {}
+        for side in ("input", "output"):
+            names: tuple[str, ...] = getattr(self, f"{side}_names")
+            if name in names:
+                k = names.index(name)
+                values, units = getattr(self, side).copy(), list(getattr(self, f"{side}_units"))
+                values[:, k] = gain * values[:, k] + offset
+                units[k] = units[k] if unit is None else unit
+                changes |= {side: values, f"{side}_units": tuple(units)}
+        return replace(self, **changes)
+
+    def convert(self, units: Mapping[str, str] | None = None, **scales: float) -> Record:
+        """Every channel with a unit brought to SI, or the named ones to the units asked for.
+
+        Args:
+            units: for each channel to convert, the unit it is to have; all to SI where None.
+            scales: what counts and PWM stand for, see `emsid.units.conversion`: ``counts_per_revolution``,
+                ``supply_voltage``, ``pwm_full_scale``.
+        """
+        from emsid.units import conversion
+
+        present = dict(zip(self.input_names + self.output_names, self.input_units + self.output_units, strict=True))
+        wanted = {name: None for name, unit in present.items() if unit} if units is None else dict(units)
+        result = self
+        for name, target in wanted.items():
+            self.channel(name)
+            gain, offset, unit = conversion(present[name], target, sample_time=self.dt, **scales)
+            result = result.scale(name, gain, offset, unit)
+        return result
+
+
+def concatenate(records: Iterable[Record], name: str | None = None) -> Record:
+    """Several experiments as one record, each a segment (or several) of it.
+
+    Args:
+        records: of the same channels and sample time.
+        name: of the whole, by default that of the first.
+
+    Raises:
+        DataError: where sample times, channel names or units differ.
+    """
+    pieces = tuple(records)
+    if not pieces:
+        raise DataError("no record to concatenate")
+    first = pieces[0]
+    for other in pieces[1:]:
+        check_same_channels(first, other)
+    offsets = np.cumsum([0] + [len(piece) for piece in pieces])
+    starts = [
+        int(offset + edge) for offset, piece in zip(offsets[:-1], pieces, strict=True) for edge in (0, *piece.breaks)
+    ]
+    return replace(
+        first,
+        input=np.concatenate([piece.input for piece in pieces]),
+        output=np.concatenate([piece.output for piece in pieces]),
+        breaks=tuple(starts[1:]),
+        times=tuple(time for piece in pieces for time in piece.times),
+        name=name or first.name,
+        time_axis=first.time_axis if all(piece.time_axis == first.time_axis for piece in pieces) else None,
+    )
+
+
+def check_same_channels(first: Record, other: Record) -> None:
+    """Refuse two records that a single model cannot describe: other sample time, channels or units."""
+    if not np.isclose(first.dt, other.dt, rtol=1e-6, atol=0.0):
+        raise DataError(
+            f"{other.name} is sampled every {other.dt:g} s and {first.name} every {first.dt:g} s; resample one of them"
+        )
+    for what in ("input_names", "output_names", "input_units", "output_units"):
+        if getattr(first, what) != getattr(other, what):
+            raise DataError(
+                f"{other.name} has {what.replace('_', ' ')} {getattr(other, what)} and {first.name} "
+                f"{getattr(first, what)}; they must agree"
+            )
+
+
+def segments(records: Record | Iterable[Record]) -> Iterator[Record]:
+    """Every segment of one record or of several, in order; they need not be in memory together."""
+    for record in (records,) if isinstance(records, Record) else records:
+        yield from record.segments
+
+
+def _channels(values: ArrayLike, side: str, named: int) -> Array:
+    """The samples (N, channels), which nobody can write to; an orientation that looks wrong is taken where ``named``
+    channels confirm it."""
+    array = _real_numbers(values, side)
+    if array.ndim == 1:
+        array = array[:, None]
+    if array.ndim != 2:
+        raise DataError(f"{side} has shape {array.shape}; give (N,) or (N, channels)")
+    if array.shape[1] > array.shape[0] > 0 and array.shape[1] != named:
+        raise DataError(f"{side} has shape {array.shape}: more channels than samples; samples go down, channels across")
+    return array
+
+
+def _real_numbers(values: ArrayLike, side: str) -> Array:
+    """The values as an array that nobody can write to: themselves where that is so already, as of a part of a record,
+    else a copy."""
+    given: NDArray[Any] | None
+    try:
+        given = np.asarray(values)
+        array = given.astype(np.float64, copy=False) if given.dtype.kind in "biufO" else None
+    except (TypeError, ValueError):  # texts among numbers, rows of unequal length
+        given = array = None
+    if array is None:
+        found = {"c": "complex numbers", "U": "text", "S": "text"}.get(given.dtype.kind if given is not None else "")
+        raise DataError(
+            f"{side} holds {found or 'something else than numbers'}; give real numbers, (N,) or (N, channels)"
+        )
+    owner = array
+    while isinstance(owner.base, np.ndarray):
+        owner = owner.base
+    if owner.flags.writeable:
+        array = array.copy("K")
+        array.flags.writeable = False  # of the array itself, so that its parts know that they need no copy
+    return array
+
+
+def _whole(value: object, least: int, problem: str) -> int:
+    """A whole number of at least so much, or what to say."""
+    try:
+        number = operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        number = least - 1
+    if number < least:
+        raise DataError(problem)
+    return number
+
+
+def _check_finite(values: Array, names: Sequence[str], where: str) -> None:
+    for k, name in enumerate(names):
+        column = values[:, k]
+        with np.errstate(over="ignore", invalid="ignore"):
+            suspect = not np.isfinite(column.sum())
+        if suspect and not np.isfinite(column).all():
+            bad = int(np.flatnonzero(~np.isfinite(column))[0])
+            raise DataError(f"{where}: channel {name!r} is {column[bad]} at sample {bad}; mask or repair it")
+
+
+def _to_unit_interval(time: Array) -> Array:
+    span = time[-1] - time[0]
+    return 2 * (time - time[0]) / span - 1 if span else np.zeros_like(time)

@@ -1,0 +1,175 @@
+"""The time column of a record: whether its samples are equidistant, and how to make them so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import DataError
+from emsid.record.record import Record
+
+Array = NDArray[np.float64]
+
+
+class TimeAxis(NamedTuple):
+    """What a time column says about the sampling; as text, a report of it in one line.
+
+    Attributes:
+        samples: how many it has.
+        dt: sample time in seconds: where the samples are regular the simplest decimal that fits all of them, so that
+            a column written with few digits gives the sample time that was meant; else the median interval.
+        deviation: largest difference of an interval from ``dt``, in seconds, gaps and duplicates left aside; zero where
+            it is no more than the rounding of the times.
+        gaps: index of every sample that comes more than 1.5·dt after the one before.
+        lengths: of these gaps, in seconds.
+        duplicates: index of every sample that does not come after the one before.
+        place: how to say where an index is, ``sample {}``.
+    """
+
+    samples: int
+    dt: float
+    deviation: float
+    gaps: tuple[int, ...] = ()
+    lengths: tuple[float, ...] = ()
+    duplicates: tuple[int, ...] = ()
+    place: str = "sample {}"
+
+    @property
+    def jitter(self) -> float:
+        """The largest deviation as a fraction of the sample time."""
+        return self.deviation / self.dt
+
+    @property
+    def regular(self) -> bool:
+        """Whether the samples may be taken as equidistant: no gap, no duplicate, jitter under 5 %."""
+        return not self.gaps and not self.duplicates and self.jitter < 0.05
+
+    def __str__(self) -> str:
+        step = f" (largest deviation of a step {_duration(self.deviation, 2)})" if self.deviation else ""
+        return (
+            f"{self.samples:,} samples, dt {_duration(self.dt)}, jitter {100 * self.jitter:.2g} %{step}, "
+            f"{self._told('gap', self.gaps)}, {self._told('duplicate', self.duplicates)}"
+        )
+
+    def _told(self, what: str, where: tuple[int, ...]) -> str:
+        """How many gaps or duplicates there are, and where to look."""
+        if not where:
+            return f"no {what}s"
+        many = len(where) > 1
+        places = [f"{'first ' if many else ''}at {self.place.format(where[0])}"]
+        if what == "gap":
+            longest = max(range(len(where)), key=self.lengths.__getitem__)
+            at = f" at {self.place.format(where[longest])}" if longest else ""
+            places.append(f"{'longest ' if many else ''}{_duration(self.lengths[longest], 3)}{at}")
+        return f"{len(where):,} {what}{'s' * many} ({', '.join(places)})"
+
+
+def time_axis(time: ArrayLike) -> TimeAxis:
+    """The regularity of a time column (N,) in seconds.
+
+    Raises:
+        DataError: for times that are fewer than two, not finite, or never advance.
+    """
+    t = np.asarray(time, dtype=float)
+    if t.ndim != 1 or len(t) < 2:
+        raise DataError(
+            f"a time column tells the sample time from two samples on, and this has {t.size}; take more rows, or give "
+            "dt (--dt SECONDS) in its place"
+        )
+    if not np.isfinite(t).all():
+        raise DataError(
+            f"the time column has no finite value at sample {int(np.flatnonzero(~np.isfinite(t))[0])}; repair it or "
+            "mask that sample"
+        )
+    steps = np.diff(t)
+    forward = steps[steps > 0]
+    if not len(forward):
+        raise DataError(
+            f"the time never advances, it is {t[0]:g} s at first and {t[-1]:g} s at last; name the column that holds "
+            "the time, or give dt (--dt SECONDS) in its place"
+        )
+    dt = float(np.median(forward))
+    gap, back = steps > 1.5 * dt, steps <= 0
+    ordinary = steps[~gap & ~back]
+    rounding = 4 * np.finfo(float).eps * float(np.max(np.abs(t)))
+
+    def deviation(dt: float) -> float:
+        largest = float(np.max(np.abs(ordinary - dt), initial=0.0))
+        return largest if largest > rounding else 0.0
+
+    axis = TimeAxis(
+        samples=len(t),
+        dt=dt,
+        deviation=deviation(dt),
+        gaps=tuple(int(k) + 1 for k in np.flatnonzero(gap)),
+        lengths=tuple(float(length) for length in steps[gap]),
+        duplicates=tuple(int(k) + 1 for k in np.flatnonzero(back)),
+    )
+    if not axis.regular:
+        return axis
+    dt = _simplest_step(t)
+    return axis._replace(dt=dt, deviation=deviation(dt))
+
+
+def _duration(seconds: float, digits: int = 6) -> str:
+    """A duration for people: ``5 ms``."""
+    size, unit = next((pair for pair in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")) if seconds >= pair[0]), (1e-9, "ns"))
+    return f"{seconds / size:.{digits}g} {unit}"
+
+
+def _simplest_step(t: Array) -> float:
+    """The sample time of regular times ``t`` (N,): the decimal of fewest digits that fits them as well as their mean.
+
+    It may put the last sample off by no more than the times themselves scatter, and never by half a sample.
+    """
+    k = np.arange(len(t))
+    first = float(t[1] - t[0])
+    if np.array_equal(t[0] + first * k, t):
+        return first
+    mean = float(t[-1] - t[0]) / (len(t) - 1)
+    scatter = float(np.max(np.abs(t - t[0] - mean * k))) + 4 * np.finfo(float).eps * float(np.max(np.abs(t)))
+    allowed = min(scatter, mean / 2) / (len(t) - 1)
+    candidates = (float(f"{mean:.{digits}g}") for digits in range(1, 17))
+    return next((step for step in candidates if abs(step - mean) <= allowed), mean)
+
+
+def resample(time: ArrayLike, record: Record, dt: float | None = None) -> Record:
+    """The record brought from the time axis it was really sampled on to an equidistant one.
+
+    Inputs are held from sample to sample (they come from a digital output), outputs are interpolated linearly. Where
+    the new sample time is longer than the old one, decimate first: this function does not filter.
+
+    Args:
+        time: (N,) the time of every sample in seconds, ascending; of equal times the last sample counts.
+        record: the samples; its own ``dt`` is ignored. Must be a single segment.
+        dt: the new sample time in seconds, by default that of `time_axis`.
+
+    Raises:
+        DataError: where the times do not ascend or do not match the record, or the new sample time is unreasonable.
+    """
+    t = np.asarray(time, dtype=float)
+    if t.shape != (len(record),) or record.breaks:
+        raise DataError(f"{record.name}: resampling takes one segment and a time for each of its samples")
+    step = time_axis(t).dt if dt is None else dt
+    if not 1e-8 * (t[-1] - t[0]) < step < np.inf:
+        raise DataError(
+            f"{record.name}: cannot resample {t[-1] - t[0]:g} s to a sample time of {step:g} s; give another"
+        )
+    last = np.append(np.diff(t) != 0, True)
+    t, u, y = t[last], record.input[last], record.output[last]
+    if np.any(np.diff(t) <= 0):
+        raise DataError(f"{record.name}: the time column goes back; sort the file by time first")
+    grid = t[0] + step * np.arange(int(np.floor((t[-1] - t[0]) / step * (1 + 1e-12))) + 1)
+    held = np.searchsorted(t, grid + 1e-9 * step, side="right") - 1  # a time that is equal but for rounding counts
+    columns = [np.interp(grid, t, y[:, k]) for k in range(y.shape[1])]
+    return replace(
+        record,
+        input=u[np.clip(held, 0, len(t) - 1)],
+        output=np.column_stack(columns) if columns else np.empty((len(grid), 0)),
+        dt=step,
+        times=(float(grid[0]),),
+        time_axis=None,
+    )

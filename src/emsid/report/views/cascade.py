@@ -1,0 +1,342 @@
+"""Views of a cascade: its static maps with what they saw, and the frequency responses of its filters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import cycle
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from emsid.errors import listed
+from emsid.models.blocks.cascade import Cascade, check_channels
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.fitting import static_band
+from emsid.models.blocks.gain import fixed_gains
+from emsid.models.blocks.static_maps import (
+    Abs,
+    CoulombLinear,
+    CubicSpline,
+    DeadZone,
+    PiecewiseLinear,
+    Polynomial,
+    Saturation,
+    Scaling,
+    StaticMap,
+)
+from emsid.report.document import Axis, Band, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
+from emsid.report.wording import capital, slug
+
+if TYPE_CHECKING:
+    from emsid.estimation.fit import Fit
+    from emsid.models.blocks.block import Block
+    from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+# How far beyond the data a map is drawn, as a part of their range, and how many points it is drawn through.
+BEYOND, POINTS = 0.04, 400
+# Of how many frequencies a response is drawn, and over how many decades at least.
+FREQUENCIES, DECADES = 500, 3.0
+# A response that is nowhere known to better than so many times itself has no band.
+UNTOLD = 10.0
+# A map in an equation lists its knots up to this many; more stand in the table of parameters.
+LISTED_KNOTS = 6
+# A unit of signals between blocks whose scale is a matter of convention.
+CONVENTIONAL = "scale of its own"
+# What the letters of the laws stand for.
+_LETTERS = {
+    "b_l": "left end of the zone",
+    "b_r": "right end of the zone",
+    "m_l": "slope on the left",
+    "m_r": "slope on the right",
+    "m": "slope",
+    "low": "lower limit",
+    "high": "upper limit",
+    "c": "height of the sign",
+}
+
+_STROKES = (Stroke(Ink.BLUE, width=1.4), Stroke(Ink.RED, Dash.DASHED, 1.3), Stroke(Ink.GREEN, Dash.DASH_DOTTED, 1.3))
+
+
+def static_maps(fit: Fit[Cascade], record: Record, *, level: float = 0.95, name: str = "") -> Figure | None:
+    """Every static map of a cascade with its confidence band, over a histogram of the signal that entered it.
+
+    The axis reaches a little beyond what the signal reached in this record; dots mark knots, break points and limits.
+
+    Args:
+        fit: of a cascade, in the normalisation it was fitted in.
+        record: of one input and one output, whose signal is shown.
+        level: of the band.
+        name: of the figure, by default after the model.
+
+    Returns:
+        None for a cascade without a static map.
+
+    Raises:
+        ModelError: for a record of other channels.
+    """
+    model = fit.model
+    at = [k for k, block in enumerate(model.blocks) if isinstance(block, StaticMap)]
+    if not at:
+        return None
+    check_channels(model, record)
+    entering = _entering(model, record, at)
+    plots = [_map_plot(fit, k, x, record, level) for k, x in zip(at, entering, strict=True)]
+    lost = [n for n, v in zip(fit.names, np.diag(fit.covariance), strict=True) if n[0] == "f" and not np.isfinite(v)]
+    unknown = f" The band leaves out {listed(lost)}, which the data cannot tell." if lost else ""
+    return Figure(
+        name or f"{slug(model.name)}-static-maps",
+        f"Static {'map' if len(at) == 1 else 'maps'} of {model.name} with {100 * level:g} % confidence band; grey: how "
+        f"often the signal that enters was where in {record.name}.{unknown}",
+        tuple(plots),
+        columns=min(len(at), 2),
+    )
+
+
+def frequency_responses(fit: Fit[Cascade], dt: float, *, level: float = 0.95, name: str = "") -> Figure | None:
+    """Magnitude and phase of every filter of a cascade, up to half the sampling rate of the record.
+
+    Args:
+        fit: of a cascade.
+        dt: sample time of the record in seconds; the blocks may run faster.
+        level: of the bands, to first order.
+        name: of the figure, by default after the model.
+
+    Returns:
+        None for a cascade without a filter.
+    """
+    model = fit.model
+    inside = dt / model.oversampling
+    filters = [(k, block) for k, block in enumerate(model.blocks) if isinstance(block, Rational)]
+    if not filters:
+        return None
+    f = _frequencies([block for _, block in filters], dt, inside, fit.samples * dt)
+    magnitudes: list[Mark] = []
+    phases: list[Mark] = []
+    curves = ([], [])  # type: tuple[list[Array], list[Array]]
+    untold = []
+    for (k, block), stroke in zip(filters, cycle(_STROKES), strict=False):
+        label = f"filter {block_name(model, k)} (block {k + 1})"
+        response = block.response(f, inside)
+        relative = float(ndtri(0.5 + level / 2)) * _relative_deviation(fit, k, f, inside)
+        if np.all(relative[0] > UNTOLD):  # of the rest of which rounding leaves but noise
+            relative = np.full_like(relative, np.nan)
+            untold.append(block_name(model, k))
+        with np.errstate(divide="ignore"):
+            size = 20 * np.log10(np.abs(response))
+        turn = np.degrees(np.unwrap(np.angle(response)))
+        for marks, y, half, kept in (
+            (magnitudes, size, 20 / np.log(10) * relative[0], curves[0]),
+            (phases, turn, np.degrees(relative[1]), curves[1]),
+        ):
+            known = np.isfinite(y) & np.isfinite(half)
+            if known.any():
+                marks.append(Band(f[known], (y - half)[known], (y + half)[known], ink=stroke.ink))
+            y = np.where(np.isfinite(y), y, np.nan)
+            marks.append(Line(f, y, label if marks is magnitudes else "", stroke))
+            kept.append(y)
+    late = (
+        f" The input delay of {model.delay} {'sample' if model.delay == 1 else 'samples'} is not in them."
+        if model.delay
+        else ""
+    )
+    if untold:
+        late += f" No band of {' and '.join(untold)}, whose parameters the record does not tell from those of others."
+    frequency = Axis("Frequency", "Hz", log=True, range=(float(f[0]), float(f[-1])))
+    return Figure(
+        name or f"{slug(model.name)}-filters",
+        f"Frequency {'response of the filter' if len(filters) == 1 else 'responses of the filters'} of {model.name} "
+        f"with {100 * level:g} % confidence band, up to half the sampling rate.{late}",
+        (
+            Plot(tuple(magnitudes), frequency, Axis("Magnitude", "dB", range=_reach(magnitudes, curves[0], 20.0))),
+            Plot(tuple(phases), frequency, Axis("Phase", "deg", range=_reach(phases, curves[1], 45.0))),
+        ),
+        shared_x=True,
+    )
+
+
+def cascade_equations(model: Cascade) -> str:
+    """One line per block, as `Cascade.equation`, the knots of a long map counted instead of listed."""
+    lines = model.equation().split("\n")
+    for k, block in enumerate(model.blocks):
+        if isinstance(block, (CubicSpline, PiecewiseLinear)) and len(block.knots) > LISTED_KNOTS:
+            first, last = block.knots[[0, -1]]
+            line = len(lines) - len(model.blocks) + k
+            head = lines[line].split(";", 1)[0]
+            tail = lines[line].rsplit("))", 1)[1]
+            lines[line] = f"{head}; {len(block.knots)} knots from {first:.4g} to {last:.4g}, see the table){tail}"
+    return "\n".join(lines)
+
+
+def block_column(fit: Fit[Cascade]) -> dict[str, tuple[str, ...]]:
+    """For `parameter_table`: what every parameter of a cascade belongs to."""
+    model = fit.model
+    meaning: dict[str, str] = {"u0": "input offset", "y0": "output offset"}
+    for k, (block, span) in enumerate(zip(model.blocks, model.spans, strict=True)):
+        for j, name in enumerate(model.names[span]):
+            meaning[name] = _meaning(block, j)
+            meaning[name] += f" (block {k + 1})"
+    return {"Meaning": tuple(meaning.get(name, "") for name in fit.names)}
+
+
+def block_name(model: Cascade, k: int) -> str:
+    """What the names of the parameters of a block begin with: G1, f."""
+    names = model.names[model.spans[k]]
+    return names[0].split(".")[0] if names else "f"
+
+
+def _meaning(block: Block, j: int) -> str:
+    if isinstance(block, Rational):
+        numerator = len(block.numerator)
+        if j >= numerator:
+            return f"× −output(t-{j - numerator + 1})"
+        lag = j + block.delay
+        return f"× input(t-{lag})" if lag else "× input(t)"
+    if isinstance(block, (CubicSpline, PiecewiseLinear)):
+        return f"value at {block.knots[j]:.4g}"
+    if isinstance(block, Polynomial):
+        return f"× Legendre polynomial {j}, of {block.low:.4g} … {block.high:.4g}"
+    if isinstance(block, StaticMap):
+        return f"{block.kind}: {_LETTERS[block.names[j]]}" if block.names[j] in _LETTERS else block.kind
+    return "own block"
+
+
+def _entering(model: Cascade, record: Record, at: Sequence[int]) -> list[Array]:
+    """The signals that enter the blocks ``at``, over all segments, without what starts them where that can be had."""
+    seen: list[list[Array]] = [[] for _ in at]
+    long = [segment for segment in record.segments if len(segment) > model.memory]
+    for segment in long or record.segments:
+        u, y = segment.input[:, 0], segment.output[:, 0]
+        start = model.starting(u[: model.memory], y[: model.memory]) if long else model.resting(float(u[0]))
+        signals = model.signals(u, start)
+        for pieces, k in zip(seen, at, strict=True):
+            pieces.append(signals[k][model.memory * model.oversampling if long else 0 :])
+    whole = [np.concatenate(pieces) for pieces in seen]
+    return [x[np.isfinite(x)] if np.isfinite(x).any() else np.zeros(1) for x in whole]
+
+
+def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record, level: float) -> Plot:
+    model = fit.model
+    block = model.blocks[k]
+    assert isinstance(block, StaticMap)
+    low, high = float(seen.min()), float(seen.max())
+    room = BEYOND * (high - low) or 0.05 * abs(high) or 1.0
+    low, high = low - room, high + room
+    corners, what = _corners(block)
+    corners = corners[(corners >= low) & (corners <= high)]
+    x = np.unique(np.concatenate([np.linspace(low, high, POINTS), corners, _jumps(block, low, high)]))
+    value, error = static_band(fit, k, x).T
+    half = float(ndtri(0.5 + level / 2)) * error
+    edges = np.linspace(low, high, 81)
+    marks: list[Mark] = [
+        Histogram(edges, np.histogram(seen, edges)[0].astype(float), "signal in this record", backdrop=True),
+        Band(x, value - half, value + half, f"{100 * level:g} % band"),
+        Line(x, value, f"{block_name(model, k)}: {block.kind}", Stroke(Ink.BLUE, width=1.4)),
+    ]
+    if len(corners):
+        marks.append(Points(corners, block.value(corners), what, Ink.NAVY))
+    reach = _reach(marks, [value], 0.0)
+    if reach is not None:  # a band that reaches far beyond is more than a drawing can hold
+        marks[1] = Band(
+            x, np.maximum(value - half, reach[0]), np.minimum(value + half, reach[1]), f"{100 * level:g} % band"
+        )
+    into, out = _units(model, k, record)
+    first, last = k == 0, k == len(model.blocks) - 1
+    return Plot(
+        tuple(marks),
+        Axis(f"{capital(record.input_names[0]) if first else f'x{k}'}, into the map", into, range=(low, high)),
+        Axis(
+            f"{capital(record.output_names[0]) if last else f'x{k + 1}'}, out of the map",
+            out,
+            range=reach,
+        ),
+        f"Static map, block {k + 1}" if len(model.blocks) > 1 else "Static map",
+        height=1.6,
+    )
+
+
+def _corners(block: StaticMap) -> tuple[Array, str]:
+    """Inputs at which a map is marked, and what they are."""
+    if isinstance(block, (CubicSpline, PiecewiseLinear)):
+        return block.knots, "knots"
+    if isinstance(block, DeadZone):
+        return np.array([block.b_l, block.b_r]), "break points"
+    if isinstance(block, Saturation) and block.slope_between:
+        return np.sort(np.array([block.low, block.high]) / block.slope_between), "limits"
+    return np.zeros(0), ""
+
+
+def _jumps(block: StaticMap, low: float, high: float) -> Array:
+    """Inputs around zero where a map has a jump or a kink there."""
+    if not isinstance(block, (CoulombLinear, Abs)) or not low < 0 < high:
+        return np.zeros(0)
+    tiny = 1e-9 * (high - low)
+    return np.array([-tiny, 0.0, tiny]) if isinstance(block, Abs) else np.array([-tiny, tiny])
+
+
+def _units(model: Cascade, k: int, record: Record) -> tuple[str, str]:
+    """Units of the signals into and out of a map; those of the record as far as unit gains carry them."""
+    fixed = set(fixed_gains(model))
+
+    def carries(j: int) -> bool:
+        block = model.blocks[j]
+        return j in fixed or (isinstance(block, StaticMap) and block.scaling is Scaling.JOINT)
+
+    into = record.input_units[0] if all(carries(j) for j in range(k)) else CONVENTIONAL
+    out = record.output_units[0] if all(carries(j) for j in range(k + 1, len(model.blocks))) else CONVENTIONAL
+    block = model.blocks[k]
+    if isinstance(block, StaticMap) and block.scaling is Scaling.JOINT:
+        out = into if out == CONVENTIONAL else out
+        into = out if into == CONVENTIONAL else into
+    return into, out
+
+
+def _reach(marks: Sequence[Mark], curves: Sequence[Array], least: float) -> tuple[float, float] | None:
+    """The range of an axis that shows the curves, and no more of their bands than leaves them room."""
+    known = np.concatenate([y[np.isfinite(y)] for y in curves])
+    if not len(known):
+        return None
+    low, high = float(known.min()), float(known.max())
+    span = max(high - low, least) or 1.0
+    bands = [mark for mark in marks if isinstance(mark, Band)]
+    below = min([low, *(float(band.lower.min()) for band in bands)])
+    above = max([high, *(float(band.upper.max()) for band in bands)])
+    return max(below, low - 0.4 * span) - 0.06 * span, min(above, high + 0.4 * span) + 0.06 * span
+
+
+def _frequencies(filters: Sequence[Rational], dt: float, inside: float, seconds: float) -> Array:
+    """(FREQUENCIES,) to half the sampling rate, from a decade below the slowest corner, three decades at least.
+
+    Beyond those, nothing is shown that takes ten times as long as the record.
+    """
+    top = 0.5 / dt
+    poles = np.concatenate([block.poles for block in filters])
+    slow = np.abs(np.log(poles[np.abs(poles) > 0])) / (2 * np.pi * inside)
+    slowest = max(0.1 * float(np.min(slow[slow > 0], initial=top)), 0.1 / max(seconds, dt))
+    first = min(top / 10**DECADES, slowest)
+    return np.asarray(np.geomspace(max(first, 1e-7 * top), top, FREQUENCIES), dtype=float)
+
+
+def _relative_deviation(fit: Fit[Cascade], k: int, f: Array, inside: float) -> Array:
+    """(2, m) standard errors of log magnitude and phase (rad) of a filter, to first order.
+
+    With H = B/A in z⁻¹ = exp(−j2πfΔt), δH/H = Σ z⁻ʲ δbⱼ/B − Σ z⁻ʲ δaⱼ/A.
+    """
+    model = fit.model
+    block, span = model.blocks[k], model.spans[k]
+    assert isinstance(block, Rational)
+    z = np.exp(-2j * np.pi * f * inside)
+    nb, na = len(block.numerator), len(block.denominator)
+    above = np.polynomial.polynomial.polyval(z, block.numerator)
+    below = np.polynomial.polynomial.polyval(z, np.concatenate([[1.0], block.denominator]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = np.array([z**j / above for j in range(nb)] + [-(z**j) / below for j in range(1, na + 1)])
+    columns = [j for j, name in enumerate(fit.names) if name in model.names[span]]
+    rows = slopes[[model.names.index(fit.names[j]) - span.start for j in columns]]
+    covariance = fit.covariance[np.ix_(columns, columns)]
+    covariance = np.where(np.isfinite(covariance), covariance, 0.0)
+    variances = [np.einsum("im,ij,jm->m", part, covariance, part) for part in (rows.real, rows.imag)]
+    return np.asarray(np.sqrt(np.maximum(variances, 0.0)))

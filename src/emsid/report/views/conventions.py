@@ -1,0 +1,52 @@
+"""What every view keeps to: how measurements and models are drawn, and what models and outputs are called."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from emsid.report.document import Axis, Dash, Ink, Stroke
+from emsid.report.wording import capital
+
+if TYPE_CHECKING:
+    from emsid.record import Record
+    from emsid.validation.comparison import Assessment
+
+
+MEASURED = Stroke(Ink.BLUE, Dash.SOLID, 1.6)
+# How models are told apart, in the order in which they are given. The first two are the paper's: the linear model solid
+# red, the nonlinear one dotted blue (dark, on the lighter solid blue of the measurement).
+MODELS = (
+    Stroke(Ink.RED, Dash.SOLID, 1.0),
+    Stroke(Ink.NAVY, Dash.DOTTED, 1.4),
+    Stroke(Ink.ORANGE, Dash.DASH_DOTTED, 1.2),
+    Stroke(Ink.GREEN, Dash.DASHED, 1.2),
+    Stroke(Ink.PURPLE, Dash.SOLID, 1.0),
+    Stroke(Ink.GREY, Dash.DASHED, 1.2),
+    Stroke(Ink.BLACK, Dash.DASH_DOTTED, 0.9),
+    Stroke(Ink.GREEN, Dash.SOLID, 0.9),
+)
+
+
+def labels(assessments: Sequence[Assessment]) -> tuple[str, ...]:
+    """What to call them in legends: the model, with the method where one model stands there twice."""
+    rows = [each.row for each in assessments]
+    models = [row.model for row in rows]
+    names = [row.model if models.count(row.model) == 1 else f"{row.model} ({row.method.upper()})" for row in rows]
+    return tuple(
+        name if names.count(name) == 1 else f"{name}, no. {names[: k + 1].count(name)}" for k, name in enumerate(names)
+    )
+
+
+def output_axis(record: Record, channel: int) -> Axis:
+    return Axis(capital(record.output_names[channel]), record.output_units[channel])
+
+
+def channels(record: Record) -> range:
+    """The outputs, each of which has its own plots."""
+    return range(record.output.shape[1])
+
+
+def of_output(record: Record, channel: int, before: str = ": ") -> str:
+    """What a title says of an output where there are several."""
+    return f"{before}{record.output_names[channel]}" if len(channels(record)) > 1 else ""

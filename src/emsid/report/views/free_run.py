@@ -1,0 +1,160 @@
+"""Free runs beside what was measured, and models ranked by them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import cycle
+from math import floor, log10
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import listed
+from emsid.report.document import Axis, Bars, Figure, Ink, Line, Plot, Points, Stroke
+from emsid.report.views.conventions import MEASURED, MODELS, channels, labels, of_output, output_axis
+from emsid.report.views.timeline import TIME, timeline, with_gaps
+from emsid.report.wording import capital, number, percent
+from emsid.units import with_unit
+
+if TYPE_CHECKING:
+    from emsid.validation.comparison import Assessment, Comparison, OutputErrors, Row
+
+Array = NDArray[np.float64]
+
+
+def responses(assessments: Sequence[Assessment], intervals: Sequence[slice], *, name: str = "responses") -> Figure:
+    """Measured outputs and free runs of several models on chosen intervals, as in Figures 5.2, 5.3, 5.6 and 5.7.
+
+    Args:
+        assessments: models run over one record, the linear one first: it is drawn in solid red, the next dotted.
+        intervals: as `critical_intervals` gives them.
+        name: of the figure.
+    """
+    record = assessments[0].record
+    t, samples = timeline(record)
+    place = np.flatnonzero(samples >= 0)  # where in the timeline a sample stands
+    plots = []
+    for rows in intervals:
+        x = t[place[rows]]
+        for channel in channels(record):
+            runs = [
+                Line(x, values[rows, channel], label, stroke) for values, label, stroke in _measured_and(assessments)
+            ]
+            axis = _within_reach(output_axis(record, channel), record.output[rows, channel], runs)
+            plots.append(Plot(tuple(runs), TIME, axis, f"{x[0]:.4g} s to {x[-1]:.4g} s{of_output(record, channel)}"))
+    fits = [f"{label} {_fits(a)}" for label, a in zip(labels(assessments), assessments, strict=True)]
+    return Figure(
+        name,
+        f"Free runs on {record.name} around critical intervals. Fit over the whole record: {listed(fits)}.",
+        tuple(plots),
+    )
+
+
+def _fits(assessment: Assessment) -> str:
+    """The fit of a free run, or of each of its outputs."""
+    row = assessment.row
+    several = [f"{percent(each.fit_percent)} of {each.output}" for each in row.outputs]
+    return listed(several) if several else percent(row.fit_percent)
+
+
+def _measured_and(assessments: Sequence[Assessment]) -> list[tuple[Array, str, Stroke]]:
+    """What was measured and the free run of every model, with label and stroke."""
+    runs = zip(assessments, labels(assessments), cycle(MODELS), strict=False)
+    return [
+        (assessments[0].record.output, "measured", MEASURED),
+        *((each.simulation.output, label, stroke) for each, label, stroke in runs),
+    ]
+
+
+def _within_reach(axis: Axis, measured: Array, marks: Sequence[Line]) -> Axis:
+    """The axis, limited where a run that has gone astray would press what was measured into a flat line."""
+    low, high = float(np.min(measured)), float(np.max(measured))
+    room = 1.5 * (high - low or 1.0)
+    astray = any(np.nanmax(m.y, initial=low) > high + room or np.nanmin(m.y, initial=high) < low - room for m in marks)
+    return Axis(axis.quantity, axis.unit, range=(low - room, high + room)) if astray else axis
+
+
+def measured_and_simulated(assessment: Assessment, *, name: str = "free-run") -> Figure:
+    """A whole record with the free run of one model, and what is left between them below, output by output."""
+    record, row = assessment.record, assessment.row
+    t, samples = timeline(record)
+    plots, errors = [], []
+    for channel in channels(record):
+        axis = output_axis(record, channel)
+        measured = with_gaps(record.output[:, channel], samples)
+        simulated = with_gaps(assessment.simulation.output[:, channel], samples)
+        lines = (
+            Line(t, measured, "measured", MEASURED),
+            Line(t, simulated, f"{row.model}, free run", Stroke(Ink.RED, width=0.9)),
+        )
+        residual = Line(t, measured - simulated, stroke=Stroke(Ink.BLACK, width=0.7))
+        plots += [
+            Plot(lines, TIME, _within_reach(axis, record.output[:, channel], lines), height=1.2),
+            Plot((residual,), TIME, Axis("Residual", axis.unit), height=0.7),
+        ]
+        of: Row | OutputErrors = row.outputs[channel] if row.outputs else row
+        rmse = f"RMSE {with_unit(number(of.simulation_rmse), axis.unit)}"
+        errors.append(f"{of_output(record, channel, '')} fit {percent(of.fit_percent)}, {rmse}".lstrip())
+    return Figure(
+        name,
+        f"{capital(record.name)}: measured and simulated by {row.model} ({row.method.upper()}), {'; '.join(errors)}.",
+        tuple(plots),
+        shared_x=True,
+    )
+
+
+def ranking(comparison: Comparison, *, name: str = "ranking") -> Figure:
+    """Models by their free-run error, the best at the top, with the error one step ahead as a point, for every output.
+
+    An axis is logarithmic where the errors differ by more than a factor of twenty.
+    """
+    rows = comparison.rows
+    record = comparison.best.record
+    several = len(channels(record)) > 1
+    relative = ", several outputs by the mean of their errors relative to how much each varies" * several
+    return Figure(
+        name,
+        f"Errors on {record.name}, {rows[0].data} data. Models are ranked by the free run{relative}; one step ahead "
+        "almost any model looks good.",
+        tuple(_ranking_plot(comparison, channel) for channel in channels(record)),
+    )
+
+
+def _ranking_plot(comparison: Comparison, channel: int) -> Plot:
+    record = comparison.best.record
+    rows = [row.outputs[channel] if row.outputs else row for row in comparison.rows]
+    values = np.array([row.simulation_rmse for row in rows])
+    one_step = np.sqrt([row.one_step_mse for row in rows])
+    drawable = np.concatenate([values, one_step])
+    drawable = drawable[np.isfinite(drawable) & (drawable > 0)]
+    log = len(drawable) > 0 and bool(drawable.max() > 20 * drawable.min())
+    remarks = tuple(
+        f"{number(row.simulation_rmse)}  (fit {percent(row.fit_percent)})"
+        if whole.diverged_at is None
+        else f"diverged at sample {whole.diverged_at}"
+        for row, whole in zip(rows, comparison.rows, strict=True)
+    )
+    return Plot(
+        (
+            Bars(values, remarks, "free run", Ink.BLUE),
+            Points(one_step, np.arange(len(rows), dtype=float), "one step ahead", Ink.RED),
+        ),
+        Axis(
+            f"RMSE{of_output(record, channel, ' of ')}",
+            record.output_units[channel],
+            log=log,
+            range=_bar_range(drawable, log),
+        ),
+        Axis("Model", names=labels(comparison.assessments)),
+        capital(of_output(record, channel, "")),
+        height=0.17 + 0.19 * len(rows),
+    )
+
+
+def _bar_range(values: Array, log: bool) -> tuple[float, float]:
+    """From the root of the bars to a little beyond their ends."""
+    if not len(values):
+        return 0.0, 1.0
+    low, high = float(values.min()), float(values.max())
+    return (10.0 ** floor(log10(low) - 0.05), 1.5 * high) if log else (0.0, 1.05 * high)

@@ -1,0 +1,471 @@
+"""Views of a physical model: its parameters, its friction and dead zone, and where the motor sticks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from emsid.errors import listed
+from emsid.models.plants.drive import Feed
+from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, stops
+from emsid.record import concatenate
+from emsid.report.document import (
+    Axis,
+    Band,
+    Dash,
+    Figure,
+    Histogram,
+    Ink,
+    Level,
+    Line,
+    Mark,
+    Plot,
+    Points,
+    Spans,
+    Stroke,
+    Table,
+)
+from emsid.report.views.timeline import TIME, timeline, with_gaps
+from emsid.report.wording import capital, number, prefixed, sentence, share_of, slug, within
+from emsid.units import readable_unit, with_unit
+
+if TYPE_CHECKING:
+    from emsid.models.plants.parameters import Plant
+    from emsid.models.plants.search.result import Estimate, GreyBoxFit
+    from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+# How many points of a characteristic are drawn, and over how many of them on either side data support one.
+POINTS, NEIGHBOURS = 1001, 20
+# The histogram behind it has so many bars, of eleven points each.
+BARS = POINTS // 11
+# On the curve itself so many stretches are looked at, and dotted where so many samples lie in one.
+STRETCHES, ENOUGH = 31, 10
+# A dead zone is shown a second time, enlarged, where it is less than this part of what is applied; and how far then.
+SMALL, ENLARGED = 0.2, 3.0
+# A likelihood profile is shown up to so many times the limit of its interval.
+HIGHEST = 3.0
+# Standstills closer to each other than this part of the time axis are shaded as one.
+CLOSE = 5e-4
+
+_MEANINGS = {
+    "conditional": "conditional: as far as what is held or fixed is right, because the record tells only combinations",
+    "held": "held: not told by the record, kept at its start",
+    "fixed": "fixed: as given",
+    "at a bound": "at a bound: the search ended at what is allowed, so there is no interval",
+}
+HARDLY = "hardly told"
+_HARDLY_MEANS = f"{HARDLY}: the interval is wider than the value, so the record does not even show that it is not zero"
+
+
+def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]:
+    """Every physical parameter with its unit, interval, start and datasheet value; then what the record tells anyway.
+
+    Args:
+        fit: of a physical model.
+        level: of the intervals.
+
+    Returns:
+        The table of parameters, and one of combinations where there are any.
+    """
+    factor = float(ndtri(0.5 + level / 2))
+    sheet = any(row.datasheet is not None for row in fit.table)
+    cells = [_parameter_row(row, factor, sheet) for row in fit.table]
+    statuses = dict.fromkeys(row.status for row in fit.table)
+    meanings = [_MEANINGS[status] for status in statuses if status in _MEANINGS]
+    meanings += [_HARDLY_MEANS] * any(HARDLY in row[4] for row in cells)
+    parameters = Table(
+        (
+            "Parameter",
+            "Meaning",
+            "Symbol",
+            "Unit",
+            "Status",
+            "Estimate",
+            "±\u00a0[%]",
+            "Start",
+            *(("Datasheet",) if sheet else ()),
+        ),
+        tuple(cells),
+        f"Physical parameters of {fit.model.name} with {100 * level:g} % intervals.",
+        sentence("; ".join(meanings)),
+        text_columns=5,
+    )
+    if not fit.combinations:
+        return (parameters,)
+    told = Table(
+        ("Quantity", "Formula", "Unit", "Estimate", "±\u00a0[%]"),
+        tuple(
+            (
+                capital(each.quantity.name) if " " not in each.quantity.name else _first_up(each.quantity.name),
+                each.quantity.formula,
+                readable_unit(each.quantity.unit),
+                *_with_interval(each.quantity.value, factor * each.standard_error),
+            )
+            for each in fit.combinations
+        ),
+        f"What the record tells of {fit.model.name} whatever was held, with {100 * level:g} % intervals.",
+        text_columns=3,
+    )
+    return parameters, told
+
+
+def friction(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure | None:
+    """Friction over speed, the viscous part included, with its band, and at which speeds the record supports it.
+
+    Args:
+        fit: of a physical model.
+        level: of the band.
+        name: of the figure, by default after the model.
+
+    Returns:
+        None for a plant whose friction emsid does not know.
+    """
+    plant = fit.model.plant
+    if not isinstance(plant, (DrivenMotor, LinearAxis)):
+        return None
+    curve = friction_curve(fit, POINTS, level)
+    laws = (
+        (plant.motor.rotor_friction, plant.motor.load_friction) if isinstance(plant, DrivenMotor) else (plant.friction,)
+    )
+    forward, backward = (sum(law.breakaway[side] for law in laws) for side in (0, 1))
+    base, what, speed = (
+        ("N*m", "torque", Axis("Speed ω", "rad/s"))
+        if isinstance(plant, DrivenMotor)
+        else ("N", "force", Axis("Speed v", "m/s"))
+    )
+    factor, unit = prefixed(max(float(np.max(np.abs(curve.y))), forward, backward), base)
+    marks = _characteristic(curve, factor, f"friction {what}", "in the records", level)
+    marks.append(Points(np.zeros(2), factor * np.array([-backward, forward]), "break-away", Ink.RED))
+    return Figure(
+        name or f"{slug(fit.model.name)}-friction",
+        f"Friction of {fit.model.name}, viscous part included, {_with_band(curve, level)}. Grey: how often "
+        "(logarithmic) it turned at which speed in the records it was fitted to; points: where it did so for "
+        f"{ENOUGH} samples and more; the curve is dotted where it never did.{_assuming(fit, curve.x, _friction_of)}"
+        f"{_given(fit)}",
+        (Plot(tuple(marks), _reaching(speed, curve), Axis(f"Friction {what}", unit), height=1.6),),
+    )
+
+
+def dead_zone(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure | None:
+    """What comes through the dead zone over what is applied, with its band.
+
+    Args:
+        fit: of a physical model.
+        level: of the band.
+        name: of the figure, by default after the model.
+
+    Returns:
+        None for a plant without a dead zone.
+    """
+    plant = fit.model.plant
+    if not isinstance(plant, (DrivenMotor, LinearAxis)):
+        return None
+    curve = dead_zone_curve(fit, POINTS, level)
+    if curve is None:
+        return None
+    unit, what = ("V", "voltage") if isinstance(plant, DrivenMotor) else ("N", "force")
+    ends = curve.x[[0, -1]]
+    marks = _characteristic(curve, 1.0, "dead zone", "in the records", level)
+    marks.insert(1, Line(ends, ends, "without", Stroke(Ink.GREY, Dash.DASHED, 0.8)))
+    applied, effective = Axis(f"Applied {what}", unit), Axis(f"Effective {what}", unit)
+    plots = [Plot(tuple(marks), _reaching(applied, curve), effective, height=1.6)]
+    zone = plant.motor.voltage_dead_zone if isinstance(plant, DrivenMotor) else plant.dead_zone
+    edge = 0.0 if zone is None else max(zone.b_r, -zone.b_l)
+    if 0 < edge < SMALL * ends[1]:
+        reach = ENLARGED * edge
+        shown = np.abs(curve.x) <= reach
+        y_range = (float(min(curve.low[shown])), float(max(curve.high[shown])))
+        close = tuple(
+            _part(mark, reach) if isinstance(mark, Points) else replace(mark, label="")
+            for mark in marks
+            if isinstance(mark, Line | Band | Points)
+        )
+        near = replace(applied, range=(-reach, reach))
+        plots = [replace(plots[0], title="Whole range")]
+        plots.append(Plot(close, near, replace(effective, range=y_range), "Enlarged", height=1.6))
+    return Figure(
+        name or f"{slug(fit.model.name)}-dead-zone",
+        f"Dead zone on the {what} of {fit.model.name}, {_with_band(curve, level)}. Grey: how often "
+        f"(logarithmic) which {what} was applied in the records it was fitted to; points: for {ENOUGH} samples and "
+        f"more.{_assuming(fit, curve.x, _dead_zone_of)}",
+        tuple(plots),
+        columns=len(plots),
+    )
+
+
+def sticking(fit: GreyBoxFit, *, name: str = "") -> Figure:
+    """The records it was fitted to, measured and simulated, with what is left, and where the simulated motor sticks.
+
+    Args:
+        fit: of a physical model.
+        name: of the figure, by default after the model.
+    """
+    record = concatenate(fit.segments)
+    t, samples = timeline(record)
+    simulated = np.concatenate(fit.simulated())
+    held = _standstills(fit, record, t, samples)
+    subject = {DrivenMotor: "motor", LinearAxis: "axis"}.get(type(fit.model.plant), "plant")
+    shaded = [Spans(held, f"the {subject} sticks")] if len(held) else []
+    plots = []
+    for k, quantity in enumerate(record.output_names):
+        measured, run = (with_gaps(values[:, k], samples) for values in (record.output, simulated))
+        lines = (
+            Line(t, measured, "measured", Stroke(Ink.BLUE, width=1.6)),
+            Line(t, run, "simulated", Stroke(Ink.RED, width=0.9)),
+        )
+        residual = Line(t, measured - run, stroke=Stroke(Ink.BLACK, width=0.7))
+        unit = record.output_units[k]
+        plots += [
+            Plot((*shaded, *lines), TIME, Axis(capital(quantity), unit), height=1.2),
+            Plot((*(replace(each, label="") for each in shaded), residual), TIME, Axis("Residual", unit), height=0.7),
+        ]
+    part = float(np.sum(held[:, 1] - held[:, 0])) if len(held) else 0.0
+    sticks = (
+        f"shaded: friction holds the simulated {subject}, {part:.3g} s in all."
+        if len(held)
+        else f"friction never holds the simulated {subject}."
+    )
+    return Figure(
+        name or f"{slug(fit.model.name)}-sticking",
+        f"{fit.model.name} on {record.name}, which it was fitted to; {sticks}",
+        tuple(plots),
+        shared_x=True,
+    )
+
+
+def likelihood(fit: GreyBoxFit, profile: Profile, *, name: str = "") -> Figure:
+    """The likelihood profile of a parameter beside its quadratic approximation, with the interval that each gives.
+
+    Args:
+        fit: of a physical model.
+        profile: of one of its parameters.
+        name: of the figure, by default after model and parameter.
+    """
+    x = np.linspace(profile.values[0], profile.values[-1], POINTS)
+    curve = profile.between(x)
+    quadratic = ((x - profile.estimate) / profile.standard_error) ** 2
+    top = HIGHEST * profile.limit
+    low, high = x[(curve <= top) | (quadratic <= top)][[0, -1]]
+    margin = 0.02 * (high - low)
+    reach = (float(low - margin), float(high + margin))
+    shown = profile.deviance <= top
+    parameter = fit.model.plant.handles[profile.name].parameter
+    percent = f"{100 * profile.level:g} %"
+    marks: list[Mark] = [
+        Spans(np.clip(profile.interval, *reach).reshape(1, 2), f"{percent} interval"),
+        Line(x, curve, "profile", Stroke(Ink.BLUE, width=1.4)),
+        Line(x, quadratic, "quadratic approximation", Stroke(Ink.RED, Dash.DASHED)),
+        Points(profile.values[shown], profile.deviance[shown], "fits of all other parameters"),
+        Level(profile.limit, f"{percent} threshold"),
+    ]
+    half = float(np.sqrt(profile.limit)) * profile.standard_error
+    approximate = replace(profile, interval=(profile.estimate - half, profile.estimate + half))
+    beside = f"the standard error alone gives one {approximate.in_words}"
+    if profile.estimate in fit.limits[profile.name]:
+        beside = "the search ended at a bound, so there is no standard error"
+        del marks[2]
+    return Figure(
+        name or f"{slug(fit.model.name)}-profile-{slug(profile.name)}",
+        f"Likelihood profile of {profile.name} of {fit.model.name}, all other parameters at their best for each of its "
+        f"values: its {percent} interval is {profile.in_words}; {beside}.",
+        (
+            Plot(
+                tuple(marks),
+                Axis(_first_up(parameter.description), parameter.unit, range=reach),
+                Axis("Deviance", "1", range=(-0.03 * top, top)),
+                height=1.6,
+            ),
+        ),
+    )
+
+
+def plant_equations(fit: GreyBoxFit) -> tuple[str, ...]:
+    """The equations of a plant that emsid knows, in symbols, and all its parameters in numbers."""
+    plant = fit.model.plant
+    numbers = fit.model.equation()
+    if isinstance(plant, LinearAxis):
+        return "M·dv/dt = D(f) − F_v·v − T_f(v) − F₀\ndx/dt = v", numbers
+    if not isinstance(plant, DrivenMotor):
+        return (numbers,)
+    motor = plant.motor
+    slope = "L_a·di/dt = " if motor.inductance > 0 else "0 = "
+    electrical = [f"{slope}D_v(v_a) − R_a·i − K_m·ω{'' if motor.is_rigid else '_m'}"]
+    if plant.feed is not Feed.VOLTAGE:
+        electrical = []
+    made = "T" if plant.feed is Feed.TORQUE else "K_m·i"
+    torque = made if motor.torque_dead_zone is None else f"D_T({made})"
+    if motor.is_rigid:
+        mechanical = [f"(J_m + J_L)·dω/dt = {torque} − (B_m + B_L)·ω − T_f(ω) − T_d"]
+    else:
+        mechanical = [
+            f"J_m·dω_m/dt = {torque} − T_s − B_m·ω_m − T_f(ω_m)",
+            "J_L·dω_L/dt = T_s − B_L·ω_L − T_f(ω_L) − T_d",
+            "T_s = K_s·φ + B_s·(ω_m − ω_L),  dφ/dt = ω_m − ω_L",
+        ]
+    return "\n".join([*electrical, *mechanical]), numbers
+
+
+def units_taken(fit: GreyBoxFit) -> str:
+    """A warning where a record does not say its units; empty where it does."""
+    commands = 1 if isinstance(fit.model.plant, (DrivenMotor, LinearAxis)) else None  # codes have no unit
+    unsaid = [
+        name
+        for segment in fit.segments[:1]
+        for name, unit in zip(
+            (*segment.input_names[:commands], *segment.output_names),
+            (*segment.input_units[:commands], *segment.output_units),
+            strict=True,
+        )
+        if not unit
+    ]
+    if not unsaid:
+        return ""
+    return (
+        f"The record does not say the unit of {listed(unsaid)}; physical units are right only as far as these were "
+        "meant in SI units, and all torques and inertias are scaled along."
+    )
+
+
+def _parameter_row(row: Estimate, factor: float, sheet: bool) -> tuple[str, ...]:
+    told = row.status in ("estimated", "conditional") and row.standard_error is not None
+    if told:
+        assert row.standard_error is not None
+        value = _with_interval(row.value, factor * row.standard_error)
+    else:
+        value = (_plain(row.value), "–")
+    given = "" if row.datasheet is None else _plain(row.datasheet)
+    hardly = told and factor * (row.standard_error or 0.0) > abs(row.value)
+    status = f"{row.status}, {HARDLY}" if hardly else row.status
+    words = (row.name, _first_up(row.description), row.symbol, readable_unit(row.unit), status)
+    return (*words, *value, _plain(row.start), *((given,) if sheet else ()))
+
+
+def _with_interval(value: float, half: float) -> tuple[str, str]:
+    if not np.isfinite(half):
+        return _plain(value), "not told"
+    return within(value, half), share_of(half, value)
+
+
+def _plain(value: float) -> str:
+    return "∞" if value == np.inf else number(value)
+
+
+def _first_up(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _characteristic(curve: Curve, factor: float, label: str, backdrop: str, level: float) -> list[Mark]:
+    """A curve with its band over its support; dotted where there is none anywhere near."""
+    near = np.convolve(curve.support > 0, np.ones(2 * NEIGHBOURS + 1), "same") > 0
+    y = factor * curve.y
+    stroke = Stroke(Ink.BLUE, width=1.4)
+    step = curve.x[1] - curve.x[0]
+    edges = np.linspace(curve.x[0] - step / 2, curve.x[-1] + step / 2, BARS + 1)
+    heights = np.log1p(np.histogram(curve.x, edges, weights=curve.support)[0])
+    marks: list[Mark] = [Histogram(edges, heights, backdrop, backdrop=True)]
+    if _has_band(curve):
+        marks.append(Band(curve.x, factor * curve.low, factor * curve.high, f"{100 * level:g} % band"))
+    if not near.all():
+        marks.append(Line(curve.x, y, "no data", replace(stroke, dash=Dash.DOTTED)))
+    if near.any():
+        marks.append(Line(curve.x, np.where(near, y, np.nan), label, stroke))
+    dots = _supported(curve)
+    if len(dots):
+        marks.append(Points(curve.x[dots], y[dots], "with data", Ink.NAVY))
+    return marks
+
+
+def _has_band(curve: Curve) -> bool:
+    return bool(np.any(curve.high > curve.low))
+
+
+def _with_band(curve: Curve, level: float) -> str:
+    """A curve of which nothing was estimated has no band, and must not look as if it were known exactly."""
+    return f"with {100 * level:g} % confidence band" if _has_band(curve) else "none of it estimated, so without a band"
+
+
+def _supported(curve: Curve) -> NDArray[np.intp]:
+    """Points of a curve, the median of every stretch of x with enough samples; none where it jumps."""
+    dots = []
+    jumps = np.abs(np.gradient(curve.y)) > 0.1 * np.ptp(curve.y)
+    for stretch in np.array_split(np.arange(len(curve.x)), STRETCHES):
+        samples = np.cumsum(np.where(jumps, 0, curve.support)[stretch])
+        if samples[-1] >= ENOUGH:
+            dots.append(stretch[np.searchsorted(samples, samples[-1] / 2)])
+    return np.array(dots, dtype=np.intp)
+
+
+def _part(points: Points, reach: float) -> Points:
+    inside = np.abs(points.x) <= reach
+    return Points(points.x[inside], points.y[inside], ink=points.ink)
+
+
+def _friction_of(plant: Plant, x: Array) -> Array:
+    return plant.friction_torque(x) if isinstance(plant, DrivenMotor | LinearAxis) else np.zeros(len(x))
+
+
+def _dead_zone_of(plant: Plant, x: Array) -> Array:
+    zone = plant.motor.voltage_dead_zone if isinstance(plant, DrivenMotor) else getattr(plant, "dead_zone", None)
+    return x if zone is None else np.asarray(zone(x))
+
+
+def _assuming(fit: GreyBoxFit, x: Array, law: Callable[[Plant, Array], Array]) -> str:
+    """What was held, and at what, where a curve at ``x`` is not told whatever that is; its band leaves it out."""
+    told, plant = fit.identifiability, fit.model.plant
+    held = [row for row in fit.table if row.status == "held"]
+    if not held:
+        return ""
+    if told is not None:
+        some = x[:: max(len(x) // 8, 1)]
+        slopes = []
+        for name in told.names:
+            value = plant.value(name)
+            size = max(abs(value), 1e-12)
+            step = 1e-6 * size * (1 if value < plant.handles[name].upper else -1)
+            slopes.append((law(plant.put({name: value + step}), some) - law(plant, some)) * (size / step))
+        if all(told.tells(slope) for slope in np.array(slopes).T if np.any(slope)):
+            return ""
+    was, it = ("was", "it") if len(held) == 1 else ("were", "them")
+    return (
+        f" The record tells only combinations: curve and band hold for {_values(held)}, which {was} held there, and "
+        f"change with {it}."
+    )
+
+
+def _given(fit: GreyBoxFit) -> str:
+    given = [row for row in fit.table if row.status == "fixed"]
+    return f" They rest on what was given: {_values(given)}." if given else ""
+
+
+def _values(rows: Sequence[Estimate]) -> str:
+    return listed([f"{row.name} = {with_unit(_plain(row.value), row.unit)}" for row in rows])
+
+
+def _reaching(axis: Axis, curve: Curve) -> Axis:
+    return replace(axis, range=(float(1.02 * curve.x[0]), float(1.02 * curve.x[-1])))
+
+
+def _standstills(fit: GreyBoxFit, record: Record, t: Array, samples: NDArray[np.intp]) -> Array:
+    """(n, 2) where on the time axis of a figure the motor sticks; what lies close together is one stretch."""
+    if not isinstance(fit.model.plant, (DrivenMotor, LinearAxis)):
+        return np.zeros((0, 2))
+    place = t[np.flatnonzero(samples >= 0)]  # where on the axis every sample stands
+    first = np.cumsum([0, *map(len, fit.segments[:-1])])
+    moved = place[first] - [segment.time[0] for segment in fit.segments]
+    found = [[here.start + moved[here.segment], here.end + moved[here.segment] + record.dt] for here in stops(fit)]
+    close = CLOSE * float(t[-1] - t[0])
+    merged: list[list[float]] = []
+    for stretch in found:
+        if merged and stretch[0] - merged[-1][1] < close:
+            merged[-1][1] = stretch[1]
+        else:
+            merged.append(stretch)
+    return np.array(merged, dtype=float).reshape(-1, 2)

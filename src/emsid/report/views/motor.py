@@ -1,0 +1,73 @@
+"""The hard nonlinearities of a motor, drawn."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from emsid.report.document import Axis, Dash, Figure, Ink, Line, Plot, Points, Stroke
+from emsid.report.views.conventions import MEASURED
+from emsid.report.wording import prefixed
+
+if TYPE_CHECKING:
+    from emsid.plant import DeadZone, Friction, Motor
+
+
+def nonlinearities(motor: Motor, *, name: str = "nonlinearities") -> Figure:
+    """Dead zones (4.9) and friction torques (4.7) of a motor, as in Figure 4.2; what it has not is left out.
+
+    A motor without any shows that its rotor turns without friction.
+    """
+    frictions = ((motor.rotor_friction, "rotor"), (motor.load_friction, "load"))
+    acting = [(friction, where) for friction, where in frictions if max(friction.breakaway) > 0]
+    plots = [
+        *(
+            _dead_zone(zone, quantity, unit)
+            for zone, quantity, unit in (
+                (motor.voltage_dead_zone, "voltage", "V"),
+                (motor.torque_dead_zone, "torque", "N*m"),
+            )
+            if zone is not None
+        ),
+        *(_friction(friction, where) for friction, where in acting),
+    ] or [_friction(*frictions[0])]
+    return Figure(
+        name,
+        "Hard nonlinearities of the motor: the dead zone passes nothing between its break points, and friction at rest "
+        "takes any value up to break-away.",
+        tuple(plots),
+        columns=len(plots) if len(plots) < 4 else 2,
+    )
+
+
+def _dead_zone(zone: DeadZone, quantity: str, unit: str) -> Plot:
+    reach = 3 * max(-zone.b_l, zone.b_r) or 1.0
+    x = np.array([-reach, zone.b_l, zone.b_r, reach])
+    return Plot(
+        (
+            Line(x[[0, -1]], x[[0, -1]], "D(v) = v", Stroke(Ink.GREY, Dash.DASHED, 0.8)),
+            Line(x, zone(x), "dead zone (4.9)", MEASURED),
+        ),
+        Axis(f"Applied {quantity} v", unit),
+        Axis(f"Effective {quantity} D(v)", unit),
+        f"Dead zone on the {quantity}",
+    )
+
+
+def _friction(friction: Friction, where: str) -> Plot:
+    slowest = min((s.stribeck_rate for s in (friction.forward, friction.backward) if s.stribeck > 0), default=0.0)
+    reach = 5 / slowest if slowest > 0 else 10.0
+    forwards = reach * np.concatenate([[1e-12], np.linspace(0, 1, 200)[1:]])
+    w = np.concatenate([-forwards[::-1], forwards])
+    factor, unit = prefixed(max(friction.breakaway), "N*m")
+    forward, backward = friction.breakaway
+    return Plot(
+        (
+            Line(w, factor * friction.torque(w), "friction (4.7)", MEASURED),
+            Points(np.zeros(2), factor * np.array([-backward, forward]), "break-away", Ink.RED),
+        ),
+        Axis("Speed ω", "rad/s"),
+        Axis("Friction torque", unit),
+        f"Friction on the {where}",
+    )

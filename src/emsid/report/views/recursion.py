@@ -1,0 +1,84 @@
+"""Recursive estimates on their way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import cycle
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import DataError
+from emsid.report.document import Axis, Dash, Figure, Ink, Level, Line, Mark, Plot, Stroke
+
+if TYPE_CHECKING:
+    from emsid.estimation.fit import Fit
+
+Array = NDArray[np.float64]
+
+
+_INKS = (Ink.BLUE, Ink.RED, Ink.GREEN, Ink.ORANGE, Ink.PURPLE, Ink.NAVY, Ink.GREY, Ink.BLACK)
+
+
+def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "convergence", at_most: int = 8) -> Figure:
+    """Recursive estimates from the first sample to the last, and the batch estimates they should end at, dashed.
+
+    Parameters whose names begin alike share a plot, which shows the range of their later values.
+
+    Args:
+        fit: with its ``history``.
+        batch: the same structure by batch least squares.
+        name: of the figure.
+        at_most: how many parameters a plot shows; further ones of the same group are left out and counted.
+
+    Raises:
+        DataError: where the fit has no history.
+    """
+    if fit.history is None or not len(fit.history):
+        raise DataError(f"{fit.model.name}: the estimates on the way were not kept; ask for the history when fitting")
+    steps = len(fit.history)
+    shown = np.unique(np.geomspace(1, steps, min(steps, 1500)).round().astype(int)) - 1
+    groups: dict[str, list[int]] = {}
+    for k, parameter in enumerate(fit.names):
+        groups.setdefault(parameter.rstrip("0123456789_"), []).append(k)
+    plots = []
+    for row, members in enumerate(groups.values()):
+        drawn = members[:at_most]
+        marks: list[Mark] = []
+        for k, ink in zip(drawn, cycle(_INKS), strict=False):
+            label = fit.names[k] if len(members) > 1 else ""
+            marks.append(Line(shown + 1.0, fit.history[shown, k], label, Stroke(ink)))
+            if batch is not None:
+                marks.append(Level(float(batch.estimate[k]), stroke=Stroke(ink, Dash.DASHED, 0.8)))
+        left_out = f" (and {len(members) - len(drawn)} more)" if len(members) > len(drawn) else ""
+        first, last = fit.names[members[0]], fit.names[members[-1]]
+        plots.append(
+            Plot(
+                tuple(marks),
+                Axis("Sample", "1", log=True),
+                Axis("Estimate", "SI", range=_settled_range(fit.history[:, drawn], batch, drawn)),
+                first if len(members) == 1 else f"{first} … {last}{left_out}",
+                span=2 if row % 2 == 0 and row == len(groups) - 1 > 0 else 1,  # the last one, alone in its row
+            )
+        )
+    dashed = "; dashed: batch least squares" if batch is not None else ""
+    return Figure(
+        name,
+        f"Recursive estimates of {fit.model.name} over the samples seen{dashed}. Each is in the unit of the output by "
+        "that of its regressor.",
+        tuple(plots),
+        columns=min(len(plots), 2),
+        shared_x=True,
+    )
+
+
+def _settled_range(history: Array, batch: Fit[Any] | None, members: Sequence[int]) -> tuple[float, float]:
+    """The range of the last nine tenths of the estimates, outliers aside, with the batch values and some room."""
+    late = history[len(history) // 10 :]
+    values = np.concatenate([np.quantile(late, (0.005, 0.995), axis=0).ravel(), history[-1]])
+    if batch is not None:
+        values = np.concatenate([values, batch.estimate[list(members)]])
+    low, high = float(values.min()), float(values.max())
+    room = 0.25 * (high - low) or 0.1 * abs(high) or 1.0
+    return low - room, high + room

@@ -1,0 +1,79 @@
+"""The section of a report about one model, whatever its kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from emsid.errors import EmsidError
+from emsid.report.document import Figure, Section
+from emsid.report.views.tables import parameter_table, regressor_column
+from emsid.report.wording import sentence, slug
+
+if TYPE_CHECKING:
+    from emsid.estimation.fit import Fit
+    from emsid.models.plants.search.diagnostics import Profile
+    from emsid.record import Record
+
+
+def model_section(fit: Fit[Any], record: Record, *, name: str = "", profiles: Sequence[Profile] = ()) -> Section:
+    """All there is to show of one model: its equation, its parameters, and what only a model of its kind has.
+
+    A cascade shows its static maps and filters, a physical model its friction, its dead zone and where it sticks. What
+    cannot be drawn is left out.
+
+    Args:
+        fit: of any model.
+        record: in which the signals between the blocks of a cascade are shown.
+        name: what its figures' names begin with, by default the model's name; to be given where a report shows two
+            models of one name.
+        profiles: likelihood profiles of its parameters, where it is a physical model.
+    """
+    from emsid.models.blocks.cascade import Cascade
+    from emsid.models.plants.search.result import GreyBoxFit
+    from emsid.report.views.cascade import block_column, cascade_equations, frequency_responses, static_maps
+    from emsid.report.views.grey_box import (
+        dead_zone,
+        friction,
+        likelihood,
+        physical_table,
+        plant_equations,
+        sticking,
+        units_taken,
+    )
+
+    model, prefix = fit.model, slug(name or fit.model.name)
+    paragraphs: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    if isinstance(fit, GreyBoxFit):
+        equations, tables = plant_equations(fit), physical_table(fit)
+        paragraphs = tuple(filter(None, (sentence(fit.ended), units_taken(fit))))
+        remarks = tuple(map(sentence, fit.words))
+        drawings: list[Callable[[], Figure | None]] = [
+            lambda: sticking(fit, name=f"{prefix}-sticking"),
+            lambda: friction(fit, name=f"{prefix}-friction"),
+            lambda: dead_zone(fit, name=f"{prefix}-dead-zone"),
+            *(partial(likelihood, fit, each, name=f"{prefix}-profile-{slug(each.name)}") for each in profiles),
+        ]
+    elif isinstance(model, Cascade):
+        equations = (cascade_equations(model),)
+        tables = (parameter_table(fit, columns=block_column(fit)),)
+        drawings = [
+            lambda: static_maps(fit, record, name=f"{prefix}-static-maps"),
+            lambda: frequency_responses(fit, record.dt, name=f"{prefix}-filters"),
+        ]
+    else:
+        equations, drawings = (model.equation(),), []
+        tables = (parameter_table(fit, columns=regressor_column(fit)),)
+    return Section(name or model.name, paragraphs, equations, tables, _drawable(drawings), remarks)
+
+
+def _drawable(drawings: Sequence[Callable[[], Figure | None]]) -> tuple[Figure, ...]:
+    """The figures that can be had."""
+    figures = []
+    for drawing in drawings:
+        with suppress(EmsidError):
+            figures.append(drawing())
+    return tuple(figure for figure in figures if figure is not None)

@@ -1,0 +1,170 @@
+"""Tables: the errors of models, their parameters, and those of a motor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from math import inf, isfinite
+from typing import TYPE_CHECKING, Any
+
+from emsid.report.document import Table
+from emsid.report.wording import estimate, number, sentence, share_of
+from emsid.units import plain_unit, readable_unit
+
+if TYPE_CHECKING:
+    from emsid.estimation.fit import Fit
+    from emsid.plant import Motor
+    from emsid.validation.comparison import OutputErrors, Row
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What others have published, to stand beside results.
+
+    Attributes:
+        source: head of its column.
+        note: what has to be known before comparing: another motor, another unit.
+        mse: the MSE (5.14) they print, by the name of the model and ``identification`` or ``verification``.
+    """
+
+    source: str
+    note: str
+    mse: Mapping[tuple[str, str], float] = field(default_factory=dict)
+
+
+def results_table(
+    rows: Sequence[Row], reference: Reference | None = None, *, unit: str = "", caption: str = ""
+) -> Table:
+    """Errors of models, free run and one step ahead (Tables 1 and 2); the best free run on unseen data stands out.
+
+    Several outputs have a line each, in their own units.
+
+    Args:
+        rows: in the order in which they are to stand.
+        reference: published figures, to stand in a column of their own.
+        unit: of the output, where it is the only one.
+        caption: of the table; the units are added to it.
+    """
+    several, outputs = len({row.experiment for row in rows}) > 1, any(row.outputs for row in rows)
+    words = ("Experiment",) * several + ("Model", "Method", "Data") + ("Output", "Unit") * outputs
+    numbers = ("One-step MSE", "Free-run MSE", "Free-run RMSE", "Free-run fit %", "Parameters")
+    cells: list[tuple[str, ...]] = []
+    emphasised: set[int] = set()
+    best = _best_unseen(rows)
+    for k, row in enumerate(rows):
+        named = (row.experiment,) * several + (row.model, row.method.upper(), row.data)
+        lines: list[tuple[Row | OutputErrors, tuple[str, ...]]] = [
+            (each, (each.output, readable_unit(each.unit))) for each in row.outputs
+        ]
+        for errors, of in lines or [(row, ("", "") * outputs)]:
+            emphasised |= {len(cells)} if k in best else set()
+            cells.append(
+                (
+                    *named,
+                    *of,
+                    number(errors.one_step_mse),
+                    number(errors.simulation_mse),
+                    number(errors.simulation_rmse),
+                    f"{errors.fit_percent:.2f}" if isfinite(errors.fit_percent) else "–",
+                    str(row.parameters),
+                    *((_published(reference, row),) if reference else ()),
+                )
+            )
+    notes = [
+        f"The free run of {row.model} ({row.method.upper()}, {row.data}) left all bounds at sample {row.diverged_at}."
+        for row in rows
+        if row.diverged_at is not None
+    ]
+    return Table(
+        (*words, *numbers, *((f"{reference.source}: MSE",) if reference else ())),
+        tuple(cells),
+        f"{caption or 'Errors of the models, free run and one step ahead.'}"
+        f"{' MSE in the unit of the output squared, RMSE in that unit.' if outputs else _in_units(unit)}",
+        " ".join([*((f"{reference.source}: {reference.note.rstrip('.')}.",) if reference else ()), *notes]),
+        text_columns=len(words),
+        emphasised=frozenset(emphasised),
+    )
+
+
+def _in_units(unit: str) -> str:
+    printed = plain_unit(unit)
+    return f" MSE in ({printed})², RMSE in {printed}." if printed else ""
+
+
+def _published(reference: Reference, row: Row) -> str:
+    value = reference.mse.get((row.model, row.data))
+    return "" if value is None else number(value)
+
+
+def _best_unseen(rows: Sequence[Row]) -> frozenset[int]:
+    """In every experiment the row with the smallest free-run error on data not used to identify."""
+    unseen = [k for k, row in enumerate(rows) if row.data != "identification" and isfinite(row.simulation_mse)]
+    groups = groupby(sorted(unseen, key=lambda k: rows[k].experiment), key=lambda k: rows[k].experiment)
+    return frozenset(min(group, key=lambda k: rows[k].ranked_by) for _, group in groups)
+
+
+def parameter_table(
+    fit: Fit[Any],
+    *,
+    level: float = 0.95,
+    columns: Mapping[str, Sequence[str]] | None = None,
+    caption: str = "",
+    note: str = "",
+) -> Table:
+    """Every parameter with its estimate and confidence interval.
+
+    Args:
+        fit: what was found.
+        level: of the interval.
+        columns: further columns to stand between name and estimate, a text for every parameter: its regressor, its
+            unit, what the datasheet says.
+        caption, note: of the table; the note is followed by what the fit itself has to say.
+    """
+    extra = dict(columns or {})
+    rows = []
+    for k, (name, (low, high)) in enumerate(zip(fit.names, fit.interval(level), strict=True)):
+        half = (high - low) / 2
+        value = float(fit.estimate[k])
+        known = isfinite(half)
+        rows.append(
+            (
+                name,
+                *(texts[k] for texts in extra.values()),
+                estimate(value, half) if known else "–",
+                f"{estimate(low, half)} … {estimate(high, half)}" if known else "not told apart by these data",
+                share_of(half, value) if known else "–",
+            )
+        )
+    return Table(
+        ("Parameter", *extra, "Estimate", f"{100 * level:g} % interval", "±\u00a0[%]"),
+        tuple(rows),
+        caption or f"Parameters of {fit.model.name} ({fit.method.upper()}).",
+        " ".join(filter(None, (note, sentence(fit.message)))),
+        text_columns=1 + len(extra),
+    )
+
+
+def regressor_column(fit: Fit[Any]) -> dict[str, tuple[str, ...]]:
+    """For `parameter_table`: the regressor that belongs to every parameter, for a model that has them."""
+    structure = getattr(fit.model, "structure", None)
+    return {} if structure is None else {"Regressor": structure.labels}
+
+
+def motor_table(motor: Motor) -> Table:
+    """Every physical parameter of a motor with its symbol, value and unit; what the motor has not is left out."""
+    rows = []
+    for parameter in motor.parameters():
+        value: Any = motor
+        for part in parameter.name.split("."):
+            value = getattr(value, part, None)
+        if value is not None:
+            pair = value if isinstance(value, tuple) else (value,)
+            printed = " / ".join(dict.fromkeys("∞" if each == inf else number(each) for each in pair))
+            rows.append((parameter.description, parameter.symbol, readable_unit(parameter.unit), printed))
+    return Table(
+        ("Parameter", "Symbol", "Unit", "Value"),
+        tuple(rows),
+        "Parameters of the motor; of a pair the first holds forward, the second backward.",
+        text_columns=3,
+    )

@@ -1,0 +1,1 @@
+"""How choices between models are made."""

@@ -1,0 +1,76 @@
+"""Which codes there are, how serious each is, and the function that words it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+from emsid.findings import Finding
+
+Spelling = Callable[[str], str]
+"""How the name of an argument is written: ``mask`` in Python, ``--mask`` on a command line."""
+
+
+class Severity(Enum):
+    """How much a finding matters to somebody who wants to use the model."""
+
+    INFO = "info"  # good to know
+    WARNING = "warning"  # limits what the result can be used for
+    PROBLEM = "problem"  # the result should not be used before this is mended
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A code of the catalogue.
+
+    Attributes:
+        severity: how much it matters.
+        wording: the sentence of a finding, without the full stop.
+    """
+
+    severity: Severity
+    wording: Callable[[Finding, Spelling], str]
+
+
+CATALOGUE: dict[str, Entry] = {}
+"""Every code that the program knows."""
+
+
+def words(
+    code: str, severity: Severity = Severity.INFO
+) -> Callable[[Callable[[Finding, Spelling], str]], Callable[[Finding, Spelling], str]]:
+    """Register a function as the wording of a code.
+
+    Args:
+        code: the code; each is registered once.
+        severity: how much it matters.
+    """
+
+    def register(wording: Callable[[Finding, Spelling], str]) -> Callable[[Finding, Spelling], str]:
+        if code in CATALOGUE:
+            raise ValueError(f"two wordings for {code!r}")
+        CATALOGUE[code] = Entry(severity, wording)
+        return wording
+
+    return register
+
+
+def as_python(name: str) -> str:
+    """An argument as Python has it."""
+    return name
+
+
+def sentence(finding: Finding, argument: Spelling = as_python) -> str:
+    """A finding as one sentence with a full stop.
+
+    Args:
+        finding: what was noticed.
+        argument: how names of arguments are written.
+    """
+    return f"{CATALOGUE[finding.code].wording(finding, argument).rstrip('.')}."
+
+
+def severity(finding: Finding) -> Severity:
+    """How much a finding matters."""
+    return CATALOGUE[finding.code].severity

@@ -9,6 +9,8 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.findings import Finding
+
 Array = NDArray[np.float64]
 M = TypeVar("M", covariant=True)
 
@@ -38,10 +40,11 @@ class Fit(Generic[M]):
         condition: condition number of the problem with its columns scaled to unit length.
         rank: how many parameters (or combinations of them) the data can tell.
         ending: how it ended.
-        message: one sentence for the user: what the ending means here, empty where all is well.
+        message: one sentence for the user; `findings` replaces it, and it goes when nobody sets it any more.
         method: what was used, for tables: ``ls``, ``rls``, …
         iterations: steps that a nonlinear search took.
         history: (k, p) estimate after every sample or step, where it was asked for.
+        findings: what is to be known of the estimate and of how the search ended; `emsid.wording` words them.
     """
 
     model: M
@@ -57,6 +60,7 @@ class Fit(Generic[M]):
     method: str = "ls"
     iterations: int = 0
     history: Array | None = None
+    findings: tuple[Finding, ...] = ()
 
     @property
     def standard_error(self) -> Array:

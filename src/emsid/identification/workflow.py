@@ -394,7 +394,7 @@ def report(result: Identification) -> Report:
     """What a page says about the result."""
     from emsid.report import views
     from emsid.report.document import Fact, Report, Section
-    from emsid.report.wording import percent
+    from emsid.report.numbers import percent
 
     best, unit = result.verification.best, result.unseen.output_units[0]
     linear_first = sorted(result.verification.assessments, key=lambda each: each.row.model != "arx")

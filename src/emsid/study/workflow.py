@@ -401,7 +401,7 @@ def report(result: Study) -> Report:
     """The figures and tables of the paper, in its order, and what they show."""
     from emsid.report import views
     from emsid.report.document import Fact, Report
-    from emsid.report.wording import percent
+    from emsid.report.numbers import percent
 
     simulation = result.parts[0]
     linear, friction = (simulation.verified(model).row for model in (LINEAR, FRICTION))

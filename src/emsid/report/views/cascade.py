@@ -27,7 +27,7 @@ from emsid.models.blocks.static_maps import (
     StaticMap,
 )
 from emsid.report.document import Axis, Band, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
-from emsid.report.wording import capital, slug
+from emsid.report.numbers import capital, slug
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from emsid.report.document import Axis, Dash, Ink, Stroke
-from emsid.report.wording import capital
+from emsid.report.numbers import capital
 
 if TYPE_CHECKING:
     from emsid.record import Record

@@ -32,7 +32,7 @@ from emsid.report.document import (
     Table,
 )
 from emsid.report.views.timeline import TIME, timeline, with_gaps
-from emsid.report.wording import capital, number, prefixed, sentence, share_of, slug, within
+from emsid.report.numbers import capital, number, prefixed, sentence, share_of, slug, within
 from emsid.units import readable_unit, with_unit
 
 if TYPE_CHECKING:

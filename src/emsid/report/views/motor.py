@@ -8,7 +8,7 @@ import numpy as np
 
 from emsid.report.document import Axis, Dash, Figure, Ink, Line, Plot, Points, Stroke
 from emsid.report.views.conventions import MEASURED
-from emsid.report.wording import prefixed
+from emsid.report.numbers import prefixed
 
 if TYPE_CHECKING:
     from emsid.plant import DeadZone, Friction, Motor

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from emsid.errors import listed
 from emsid.report.document import Axis, Figure, Ink, Line, Plot, Stroke
 from emsid.report.views.timeline import TIME, timeline, with_gaps
-from emsid.report.wording import capital
+from emsid.report.numbers import capital
 
 if TYPE_CHECKING:
     from emsid.record import Record

@@ -9,7 +9,7 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 from emsid.report.document import Table
-from emsid.report.wording import estimate, number, sentence, share_of
+from emsid.report.numbers import estimate, number, sentence, share_of
 from emsid.units import plain_unit, readable_unit
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""How a report words numbers, units and names."""
+"""Numbers, units and names as the text of tables, captions and axes."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class Solution:
         noise_variance: σ² = RSS/(N − rank).
         residual_sum_of_squares: ‖y − Φθ‖².
         rank: numerical rank of Φ.
-        condition: 2-norm condition number of Φ with its columns scaled to unit length.
+        condition: 2-norm condition number of Φ with its columns scaled to unit length; infinite with a column of zeros.
         aliases: for every dependent column, the columns that it cannot be told apart from, itself first.
     """
 
@@ -178,7 +178,7 @@ class Information:
             noise_variance=float(variance),
             residual_sum_of_squares=residual,
             rank=rank,
-            condition=float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf,
+            condition=float(singular[0] / singular[-1]) if length.all() and singular[-1] > 0 else np.inf,
             aliases=aliases,
         )
 

@@ -11,11 +11,11 @@ import sys
 import numpy as np
 from scipy.signal import lfilter
 
-from emsid.models.plants.motors import DrivenMotor
+from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.plant import DeadZone, Friction, Motor
+from emsid.plant import DeadZoneLaw, Friction, Motor
 from emsid.record import Record
 
 MOTOR = DrivenMotor(
@@ -23,7 +23,7 @@ MOTOR = DrivenMotor(
         inductance=0.0,
         load_friction=Friction(),
         rotor_friction=Friction(6e-3),
-        voltage_dead_zone=DeadZone(-0.4, 0.4),
+        voltage_dead_zone=DeadZoneLaw(-0.4, 0.4),
     ).rigid()
 )
 FREE = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb", "voltage_dead_zone.half_width")

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emsid.errors import ModelError
-from emsid.plant import DeadZone, Friction
+from emsid.plant import DeadZoneLaw, Friction
 from emsid.plant.friction import coulomb, sign, stribeck, viscous
 
 finite = st.floats(-1e3, 1e3)
@@ -57,7 +57,7 @@ def test_a_friction_that_is_not_physical_is_refused(bad):
         Friction(1.0, stribeck=bad)
 
 
-zones = st.builds(DeadZone, st.floats(-5, 0), st.floats(0, 5), st.floats(0.1, 10), st.floats(0.1, 10))
+zones = st.builds(DeadZoneLaw, st.floats(-5, 0), st.floats(0, 5), st.floats(0.1, 10), st.floats(0.1, 10))
 
 
 @given(zones, finite)
@@ -79,7 +79,7 @@ def test_dead_zone_follows_its_three_branches(zone, v):
 
 
 def test_dead_zone_keeps_the_shape_of_its_input():
-    assert DeadZone(-1, 1)(np.zeros((3, 2))).shape == (3, 2)
+    assert DeadZoneLaw(-1, 1)(np.zeros((3, 2))).shape == (3, 2)
 
 
 @pytest.mark.parametrize(
@@ -93,4 +93,4 @@ def test_dead_zone_keeps_the_shape_of_its_input():
 )
 def test_a_dead_zone_that_is_none_is_refused(zone, message):
     with pytest.raises(ModelError, match=message):
-        DeadZone(**zone)
+        DeadZoneLaw(**zone)

@@ -17,7 +17,8 @@ from emsid.models.model import Model
 from emsid.models.plants.datasheet import Given, applicable, datasheet
 from emsid.models.plants.drive import Bridge, Drive, Feed, Sensor
 from emsid.models.plants.grey_box import GreyBox
-from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.linear_axis import LinearAxis
+from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.one_mass import Sliding, move
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Signal, parts, without_overlap
@@ -25,7 +26,7 @@ from emsid.models.plants.search.choice import STARTS, by_direction, choose, coas
 from emsid.models.plants.search.diagnostics import dead_zone_curve, friction_curve, likelihood_profile, stops
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.problem import Recent
-from emsid.plant import DeadZone, Friction, Motor, State, simulate
+from emsid.plant import DeadZoneLaw, Friction, Motor, State, simulate
 from emsid.plant.motor import Parameter
 from emsid.record import Record, concatenate
 from emsid.validation.metrics import fit_percent
@@ -560,7 +561,7 @@ def test_it_is_a_model_that_comes_back_from_data():
     plant = replace(
         MOTOR, drive=Drive(2.0, 0.1, 24.0, 0.003, 9.0, 1.5, 0.5, ((999.0, Bridge.COAST),)), sensor=Sensor(lag=0.01)
     )
-    for one in (plant, DrivenMotor(Motor()), LinearAxis(3.0, (1.0, 2.0), dead_zone=DeadZone(-1, 2))):
+    for one in (plant, DrivenMotor(Motor()), LinearAxis(3.0, (1.0, 2.0), dead_zone=DeadZoneLaw(-1, 2))):
         model = GreyBox(one, SPEED)
         assert isinstance(model, Model)
         assert GreyBox.from_data(model.to_data()).plant == one
@@ -904,7 +905,7 @@ def test_a_motor_on_a_bridge_that_coasts(recordings):
         input="PWM", output="mVel", dt=0.010048, mask="abs(PWM) > 255",
     )  # fmt: skip
     train, test = record.split(0.5)
-    fit = choose(DrivenMotor(replace(RIGID, voltage_dead_zone=DeadZone(-1.0, 1.0))), train)
+    fit = choose(DrivenMotor(replace(RIGID, voltage_dead_zone=DeadZoneLaw(-1.0, 1.0))), train)
     run = fit.model.simulate(test)
     assert fit_percent(test.output[run.counted], run.output[run.counted]) > 97.0
 

@@ -13,7 +13,8 @@ from emsid.identification.workflow import identify
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Bridge, Drive, Feed, Sensor
 from emsid.models.plants.grey_box import GreyBox, assumptions, check_channels
-from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.linear_axis import LinearAxis
+from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search import estimation as grey_box_estimation

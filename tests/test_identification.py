@@ -149,7 +149,7 @@ def test_of_many_records_some_are_kept_unseen_and_not_the_last():
 
 
 def test_several_outputs_are_said_each_in_its_unit():
-    from emsid.models.plants.motors import DrivenMotor
+    from emsid.models.plants.motor import DrivenMotor
     from emsid.models.plants.parameters import Signal
     from emsid.plant import Motor
 
@@ -173,7 +173,7 @@ def test_several_outputs_are_said_each_in_its_unit():
 def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkeypatch):
     from dataclasses import replace
 
-    from emsid.models.plants.motors import LinearAxis
+    from emsid.models.plants.linear_axis import LinearAxis
     from emsid.models.plants.parameters import Signal
     from emsid.models.plants.search.choice import by_direction
     from emsid.plant import Friction
@@ -201,7 +201,7 @@ def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkey
 
 
 def test_what_a_choice_of_free_parameters_leaves_as_it_is_built_in_is_said():
-    from emsid.models.plants.motors import LinearAxis
+    from emsid.models.plants.linear_axis import LinearAxis
     from emsid.models.plants.parameters import Signal
     from emsid.plant import Friction
 
@@ -262,7 +262,7 @@ def test_a_profile_of_what_is_not_free_is_refused_before_anything_is_fitted(monk
 
 
 def test_a_profile_may_be_asked_for_by_the_name_of_both_directions_where_one_is_free():
-    from emsid.models.plants.motors import LinearAxis
+    from emsid.models.plants.linear_axis import LinearAxis
     from emsid.models.plants.parameters import Signal
 
     force = np.repeat(np.random.default_rng(0).uniform(-10, 10, 60), 20)[:, None]

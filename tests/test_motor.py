@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from emsid.errors import ModelError
-from emsid.plant import DeadZone, Friction, Motor
+from emsid.plant import DeadZoneLaw, Friction, Motor
 
 
 def test_every_parameter_is_in_the_table():
@@ -40,7 +40,7 @@ def test_a_datasheet_in_its_own_units_is_the_motor_in_si():
         shaft_stiffness=25.0,
         rotor_friction=Friction((5e-3, 6e-3), 0.0, 0.2),
         voltage_dead_zone=None,
-        torque_dead_zone=DeadZone(-2e-3, 3e-3, m_l=0.9),
+        torque_dead_zone=DeadZoneLaw(-2e-3, 3e-3, m_l=0.9),
     )
     assert motor.voltage_dead_zone is None
     for parameter in Motor.parameters():
@@ -49,7 +49,7 @@ def test_a_datasheet_in_its_own_units_is_the_motor_in_si():
             assert value(motor) == pytest.approx(value(expected), rel=1e-12), parameter.name
 
 
-@pytest.mark.parametrize("motor", [Motor(), Motor().rigid(), Motor(torque_dead_zone=DeadZone(-0.1, 0.2))])
+@pytest.mark.parametrize("motor", [Motor(), Motor().rigid(), Motor(torque_dead_zone=DeadZoneLaw(-0.1, 0.2))])
 def test_a_motor_comes_back_from_its_table(motor):
     assert Motor.from_dict(asdict(motor)) == motor
 

@@ -24,16 +24,17 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import fit_cascade, static_band
 from emsid.models.blocks.static_maps import Abs, CoulombLinear, CubicSpline, PiecewiseLinear, Polynomial, Saturation
-from emsid.models.blocks.static_maps import DeadZone as DeadZoneMap
+from emsid.models.blocks.static_maps import DeadZoneLaw as DeadZoneMap
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Sensor
 from emsid.models.plants.grey_box import GreyBox
-from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.linear_axis import LinearAxis
+from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.plant import DeadZone, Friction, Motor
+from emsid.plant import DeadZoneLaw, Friction, Motor
 from emsid.plant.motor import Parameter
 from emsid.record import Record, concatenate
 from emsid.report import document as content
@@ -106,7 +107,7 @@ COMPARISONS = {"whole": comparison(drive()), "with gaps": comparison(with_gaps()
 RECURSIVE = [emsid.recursive_least_squares(structure, drive(), history=True) for structure in STRUCTURES]
 MOTORS = {
     "default": Motor(),
-    "two dead zones": Motor(torque_dead_zone=DeadZone(-1e-3, 2e-3, 0.5, 2.0)),
+    "two dead zones": Motor(torque_dead_zone=DeadZoneLaw(-1e-3, 2e-3, 0.5, 2.0)),
     "no dead zone": Motor(voltage_dead_zone=None),
     "uneven": Motor(rotor_friction=Friction((0.1, 0.2), (0.05, 0.0), 0.4), load_friction=Friction()),
     "linear": Motor(voltage_dead_zone=None, rotor_friction=Friction(), load_friction=Friction()),
@@ -156,7 +157,7 @@ def driven(plant, dt=0.005, seconds=6.0, signal=Signal.SPEED, name="motor log"):
 
 
 RIGID = DrivenMotor(
-    replace(Motor(), inductance=0.0, rotor_friction=Friction(0.02), voltage_dead_zone=DeadZone(-0.5, 0.5)).rigid()
+    replace(Motor(), inductance=0.0, rotor_friction=Friction(0.02), voltage_dead_zone=DeadZoneLaw(-0.5, 0.5)).rigid()
 )
 AXIS = LinearAxis(2.0, 3.0, Friction(2.0))
 DECAY = OwnPlant(

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from scipy.signal import cont2discrete
 
 from emsid.errors import DataError, ModelError
-from emsid.plant import DeadZone, Friction, Motor, State, Taylor, simulate
+from emsid.plant import DeadZoneLaw, Friction, Motor, State, Taylor, simulate
 from emsid.plant.reference import simulate_reference
 from emsid.plant.simulation import _first_zero
 
 CHANNELS = tuple(field.name for field in fields(State))
 LOADED = replace(Motor(), load_friction=Friction((2e-3, 3e-3), 1e-3, 0.5))
-KINKED = replace(LOADED, torque_dead_zone=DeadZone(-0.01, 0.02, 0.9, 1.1))
+KINKED = replace(LOADED, torque_dead_zone=DeadZoneLaw(-0.01, 0.02, 0.9, 1.1))
 SOFT = replace(LOADED, shaft_stiffness=0.05, shaft_damping=1e-5)
 IDEAL = Motor(rotor_friction=Friction(), load_friction=Friction(), voltage_dead_zone=None)
 
@@ -113,8 +113,8 @@ motors = st.builds(
     load_inertia=scaled(1e-5, 1e-3),
     rotor_friction=frictions,
     load_friction=frictions,
-    voltage_dead_zone=st.none() | st.builds(DeadZone, st.floats(-1, 0), st.floats(0, 1)),
-    torque_dead_zone=st.none() | st.builds(DeadZone, st.floats(-0.02, 0), st.floats(0, 0.02), scaled(0.5, 2)),
+    voltage_dead_zone=st.none() | st.builds(DeadZoneLaw, st.floats(-1, 0), st.floats(0, 1)),
+    torque_dead_zone=st.none() | st.builds(DeadZoneLaw, st.floats(-0.02, 0), st.floats(0, 0.02), scaled(0.5, 2)),
 )
 drives = st.lists(st.tuples(st.floats(-12, 12), st.floats(-0.05, 0.05)), min_size=2, max_size=30)
 

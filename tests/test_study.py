@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from emsid.errors import DataError
-from emsid.models.plants.motors import DrivenMotor
+from emsid.models.plants.motor import DrivenMotor
 from emsid.plant import Bench, Friction, Motor
 from emsid.study.workflow import (
     BLOCKS,

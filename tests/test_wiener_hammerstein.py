@@ -39,7 +39,7 @@ from emsid.models.blocks.search.starts import _splits, regression_candidate, sca
 from emsid.models.blocks.search.topologies import HAMMERSTEIN, WIENER, WIENER_HAMMERSTEIN, Layout, Options
 from emsid.models.blocks.static_maps import Abs, CubicSpline, DeadZone, Polynomial, Saturation, UserMap
 from emsid.plant import Bench, Motor, simulate
-from emsid.plant.dead_zone import DeadZone as PlantDeadZone
+from emsid.plant.dead_zone import DeadZoneLaw
 from emsid.plant.friction import Friction
 from emsid.record import Record, concatenate
 from emsid.validation.metrics import fit_percent
@@ -191,11 +191,11 @@ def test_a_users_map_with_parameters_starts_with_those_it_has() -> None:
 @pytest.mark.parametrize(
     "motor",
     [
-        Motor(shaft_stiffness=np.inf, voltage_dead_zone=PlantDeadZone(-0.8, 0.5), **FRICTIONLESS),
+        Motor(shaft_stiffness=np.inf, voltage_dead_zone=DeadZoneLaw(-0.8, 0.5), **FRICTIONLESS),
         Motor(
-            inductance=0.0, shaft_stiffness=np.inf, voltage_dead_zone=PlantDeadZone(-0.4, 0.7, 0.9, 1.2), **FRICTIONLESS
+            inductance=0.0, shaft_stiffness=np.inf, voltage_dead_zone=DeadZoneLaw(-0.4, 0.7, 0.9, 1.2), **FRICTIONLESS
         ),
-        Motor(voltage_dead_zone=PlantDeadZone(-0.6, 0.45), **FRICTIONLESS),
+        Motor(voltage_dead_zone=DeadZoneLaw(-0.6, 0.45), **FRICTIONLESS),
     ],
     ids=["rigid", "of first order", "elastic"],
 )

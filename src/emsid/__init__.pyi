@@ -29,8 +29,8 @@ from .models.blocks.search.estimation import wiener_hammerstein as wiener_hammer
 from .models.model import Model as Model
 from .models.model import Run as Run
 from .models.plants.grey_box import GreyBox as GreyBox
-from .models.plants.motors import DrivenMotor as DrivenMotor
-from .models.plants.motors import LinearAxis as LinearAxis
+from .models.plants.linear_axis import LinearAxis as LinearAxis
+from .models.plants.motor import DrivenMotor as DrivenMotor
 from .models.plants.own_plant import OwnPlant as OwnPlant
 from .models.plants.search.estimation import simulation_error as simulation_error
 from .models.regression.narx import Narx as Narx
@@ -39,7 +39,7 @@ from .models.regression.structures import arx as arx
 from .models.regression.structures import friction_narx as friction_narx
 from .models.regression.structures import wiener_hammerstein_regression as wiener_hammerstein_regression
 from .plant import Bench as Bench
-from .plant import DeadZone as DeadZone
+from .plant import DeadZoneLaw as DeadZoneLaw
 from .plant import Friction as Friction
 from .plant import Motor as Motor
 from .plant import simulate as simulate

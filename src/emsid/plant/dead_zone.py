@@ -19,10 +19,10 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class DeadZone:
+class DeadZoneLaw:
     """The dead zone (4.9), with its own break points and slopes on either side.
 
-    >>> zone = DeadZone(-1.0, 0.5, m_r=2.0)
+    >>> zone = DeadZoneLaw(-1.0, 0.5, m_r=2.0)
     >>> zone([-3.0, 0.2, 1.5])
     array([-2.,  0.,  2.])
 

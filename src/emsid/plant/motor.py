@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError, ModelError
-from emsid.plant.dead_zone import DeadZone
+from emsid.plant.dead_zone import DeadZoneLaw
 from emsid.plant.friction import Friction
 from emsid.units import conversion, with_unit
 
@@ -68,10 +68,10 @@ def _friction(default: Friction, where: str, index: str) -> Any:
     )
 
 
-def _dead_zone(default: DeadZone | None, where: str, unit: str) -> Any:
+def _dead_zone(default: DeadZoneLaw | None, where: str, unit: str) -> Any:
     return _part(
         default,
-        DeadZone,
+        DeadZoneLaw,
         f"dead zone on the {where}, or none",
         ("b_l", "b_l", unit, f"left break point of the dead zone on the {where}"),
         ("b_r", "b_r", unit, f"right break point of the dead zone on the {where}"),
@@ -119,8 +119,8 @@ class Motor:
     load_viscous: float = _quantity(5e-6, "B_L", "N*m*s/rad", "load viscous friction")
     rotor_friction: Friction = _friction(Friction(8e-3, 2e-3, 0.3), "rotor", "m")  # noqa: RUF009
     load_friction: Friction = _friction(Friction(2e-6), "load", "L")  # noqa: RUF009
-    voltage_dead_zone: DeadZone | None = _dead_zone(DeadZone(-0.5, 0.5), "voltage", "V")  # noqa: RUF009
-    torque_dead_zone: DeadZone | None = _dead_zone(None, "torque", "N*m")  # noqa: RUF009
+    voltage_dead_zone: DeadZoneLaw | None = _dead_zone(DeadZoneLaw(-0.5, 0.5), "voltage", "V")  # noqa: RUF009
+    torque_dead_zone: DeadZoneLaw | None = _dead_zone(None, "torque", "N*m")  # noqa: RUF009
 
     def __post_init__(self) -> None:
         positive = ("resistance", "motor_constant", "rotor_inertia", "shaft_stiffness", "load_inertia")
@@ -128,7 +128,7 @@ class Motor:
             value = getattr(self, part.name)
             if "kind" in part.metadata:
                 kind = part.metadata["kind"]
-                if not (isinstance(value, kind) or (value is None and kind is DeadZone)):
+                if not (isinstance(value, kind) or (value is None and kind is DeadZoneLaw)):
                     raise ModelError(f"motor {part.name} is {value!r}; give a {kind.__name__}")
                 continue
             if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or isnan(value):
@@ -235,9 +235,9 @@ def _read_part(part: Field[Any], value: Any) -> Any:
         raise ModelError(f"motor {part.name} is {value!r}; give a table of its parameters")
     units = {p.name: p.unit for p in part.metadata["parameters"]}
     _refuse_unknown(value, units, f"motor {part.name}")
-    if kind is DeadZone and not value:
+    if kind is DeadZoneLaw and not value:
         return None
-    if kind is DeadZone and not {"b_l", "b_r"} <= set(value):
+    if kind is DeadZoneLaw and not {"b_l", "b_r"} <= set(value):
         raise ModelError(f"motor {part.name} needs both b_l and b_r, in {units['b_l']}")
     return kind(**{name: _read_either(f"{part.name}.{name}", v, units[name]) for name, v in value.items()})
 

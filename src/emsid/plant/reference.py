@@ -1,6 +1,6 @@
 """The plant as slow and obvious as can be: the reference that `emsid.plant.simulation` is tested and timed against.
 
-SciPy integrates (4.1)–(4.11) as they stand, with the laws of `Friction` and `DeadZone`, and is stopped and restarted
+SciPy integrates (4.1)–(4.11) as they stand, with the laws of `Friction` and `DeadZoneLaw`, and is stopped and restarted
 where a sliding body comes to rest, where a held one breaks away and where the voltage changes. Corners of a torque
 dead zone are left to its step-size control. Only a motor with inductance and an elastic shaft is covered.
 """

@@ -26,7 +26,7 @@ from emsid.identification.candidates import Progress, fit_or_problem, stribeck_s
 from emsid.models.blocks.search.estimation import wiener_hammerstein
 from emsid.models.blocks.search.map_families import DEAD_ZONE
 from emsid.models.blocks.search.topologies import Options as CascadeOptions
-from emsid.models.plants.motors import DrivenMotor
+from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.regression.structures import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression

@@ -9,7 +9,8 @@ from math import inf, isfinite
 from typing import Any
 
 from emsid.errors import ModelError
-from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.linear_axis import LinearAxis
+from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Plant, find_handle, refuse_overlap
 from emsid.plant.motor import read_number
 

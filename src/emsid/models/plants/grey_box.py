@@ -18,9 +18,11 @@ from emsid.errors import DataError, EmsidError, ModelError, listed
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.models.model import RUNAWAY, Run, check_samples
 from emsid.models.plants.drive import Bridge, Feed
-from emsid.models.plants.motors import DrivenMotor, LinearAxis, plant_from_data, plant_to_data
+from emsid.models.plants.linear_axis import LinearAxis
+from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Plant, Signal, parts
+from emsid.models.plants.plant_file import plant_from_data, plant_to_data
 from emsid.models.plants.search.problem import FreeRunError, all_alike, free_states, guess_state
 from emsid.record import Record
 

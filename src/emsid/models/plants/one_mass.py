@@ -31,6 +31,24 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+class Motion(NamedTuple):
+    """One mass as a regression sees it: dv/dt = gain·D(u) − damping·v − c·sgn(v) − offset, all divided by the mass.
+
+    Attributes:
+        gain: acceleration per unit of command beyond the dead zone.
+        damping: in 1/s.
+        coulomb: Coulomb level, the same in both directions.
+        offset: constant deceleration.
+        dead_zone: half its width, in units of the command.
+    """
+
+    gain: float
+    damping: float
+    coulomb: float
+    offset: float
+    dead_zone: float
+
+
 class Sliding(NamedTuple):
     """What resists motion, forward in the first place of every pair and backward in the second.
 
@@ -132,3 +150,22 @@ def _phi(r: float, h: float) -> tuple[float, float]:
         return one, two
     one = -np.expm1(-z) / r
     return one, (h - one) / r
+
+
+def moved(
+    mass: float,
+    friction: Sliding,
+    force: Array,
+    damping: Array,
+    dt: float,
+    late: float,
+    steps: int,
+    speed: float,
+    position: float,
+) -> tuple[Array, Array]:
+    """Speeds and positions (N,) at every sample; the arguments are those of `move`."""
+    samples = len(force) - 1
+    speeds, positions = np.empty(samples), np.empty(samples)
+    steps = steps if friction.stribeck.any() else 1
+    move(mass, friction, force, damping, dt, late, steps, speed, position, speeds, positions)
+    return speeds, positions

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.plant import DeadZone
+from emsid.plant import DeadZoneLaw
 from emsid.plant.motor import Parameter
 from emsid.units import with_unit
 
@@ -133,7 +133,7 @@ def write_at(thing: Any, path: tuple[str | int, ...], value: float) -> Any:
     if isinstance(step, int):
         return tuple(value if k == step else kept for k, kept in enumerate(thing))
     if thing is None:
-        thing = DeadZone(0.0, 0.0)
+        thing = DeadZoneLaw(0.0, 0.0)
     return replace(thing, **{step: write_at(getattr(thing, step), tuple(rest), value) if rest else value})
 
 

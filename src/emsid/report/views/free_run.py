@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from emsid.errors import listed
 from emsid.report.document import Axis, Bars, Figure, Ink, Line, Plot, Points, Stroke
+from emsid.report.numbers import capital, number, percent
 from emsid.report.views.conventions import MEASURED, MODELS, channels, labels, of_output, output_axis
 from emsid.report.views.timeline import TIME, timeline, with_gaps
-from emsid.report.numbers import capital, number, percent
 from emsid.units import with_unit
 
 if TYPE_CHECKING:

@@ -12,7 +12,8 @@ from scipy.special import ndtri
 
 from emsid.errors import listed
 from emsid.models.plants.drive import Feed
-from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.linear_axis import LinearAxis
+from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, stops
 from emsid.record import concatenate
 from emsid.report.document import (
@@ -31,8 +32,8 @@ from emsid.report.document import (
     Stroke,
     Table,
 )
-from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.report.numbers import capital, number, prefixed, sentence, share_of, slug, within
+from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.units import readable_unit, with_unit
 
 if TYPE_CHECKING:

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from emsid.report.document import Axis, Dash, Figure, Ink, Line, Plot, Points, Stroke
-from emsid.report.views.conventions import MEASURED
 from emsid.report.numbers import prefixed
+from emsid.report.views.conventions import MEASURED
 
 if TYPE_CHECKING:
-    from emsid.plant import DeadZone, Friction, Motor
+    from emsid.plant import DeadZoneLaw, Friction, Motor
 
 
 def nonlinearities(motor: Motor, *, name: str = "nonlinearities") -> Figure:
@@ -41,7 +41,7 @@ def nonlinearities(motor: Motor, *, name: str = "nonlinearities") -> Figure:
     )
 
 
-def _dead_zone(zone: DeadZone, quantity: str, unit: str) -> Plot:
+def _dead_zone(zone: DeadZoneLaw, quantity: str, unit: str) -> Plot:
     reach = 3 * max(-zone.b_l, zone.b_r) or 1.0
     x = np.array([-reach, zone.b_l, zone.b_r, reach])
     return Plot(

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from emsid.errors import listed
 from emsid.report.document import Axis, Figure, Ink, Line, Plot, Stroke
-from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.report.numbers import capital
+from emsid.report.views.timeline import TIME, timeline, with_gaps
 
 if TYPE_CHECKING:
     from emsid.record import Record

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from emsid.errors import EmsidError
 from emsid.report.document import Figure, Section
-from emsid.report.views.tables import parameter_table, regressor_column
 from emsid.report.numbers import sentence, slug
+from emsid.report.views.tables import parameter_table, regressor_column
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit

@@ -23,7 +23,8 @@ from emsid.estimation.fit import Ending
 from emsid.models.plants.datasheet import Given, applicable
 from emsid.models.plants.drive import Feed
 from emsid.models.plants.grey_box import BEGINNING, fed
-from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.linear_axis import LinearAxis
+from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import parts, without_overlap
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.problem import Weighting, all_alike

@@ -15,11 +15,12 @@ from emsid.errors import ModelError
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.threads import one_blas_thread
 from emsid.models.plants.drive import Sensor
-from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.linear_axis import LinearAxis
+from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Plant, Signal
 from emsid.models.plants.search.problem import FreeRunError, free_states
 from emsid.models.plants.search.result import GreyBoxFit
-from emsid.plant import DeadZone
+from emsid.plant import DeadZoneLaw
 from emsid.units import with_unit
 
 Array = NDArray[np.float64]
@@ -269,7 +270,7 @@ def _mechanical_plant(plant: Plant) -> DrivenMotor | LinearAxis:
     return plant
 
 
-def _dead_zone(plant: DrivenMotor | LinearAxis) -> DeadZone | None:
+def _dead_zone(plant: DrivenMotor | LinearAxis) -> DeadZoneLaw | None:
     return plant.motor.voltage_dead_zone if isinstance(plant, DrivenMotor) else plant.dead_zone
 
 

@@ -27,7 +27,9 @@ from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance
 from emsid.estimation.uncertainty.identifiability import Identifiability, identifiability
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.grey_box import GreyBox, check_channels, fed, signals_of
-from emsid.models.plants.motors import DrivenMotor, LinearAxis, Motion
+from emsid.models.plants.linear_axis import LinearAxis
+from emsid.models.plants.motor import DrivenMotor
+from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Handle, Plant, Signal, find_handle, refuse_overlap, without_overlap
 from emsid.models.plants.search.problem import FreeRunError, Weighting, all_alike, free_states, guess_state

@@ -32,7 +32,8 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible
-from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.linear_axis import LinearAxis
+from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Plant, Signal
 from emsid.record import Record

@@ -17,7 +17,7 @@ from emsid.estimation.uncertainty.identifiability import Identifiability
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Feed
 from emsid.models.plants.grey_box import GreyBox
-from emsid.models.plants.motors import DrivenMotor
+from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Plant, Quantity, Signal
 from emsid.models.plants.search.problem import Weighting, all_alike
 from emsid.record import Record

@@ -23,7 +23,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.models.plants.motors import Motion
+from emsid.models.plants.one_mass import Motion
 from emsid.record import Record
 
 Array = NDArray[np.float64]

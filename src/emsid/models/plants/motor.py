@@ -1,53 +1,32 @@
-"""The plants that emsid knows: the motor of section IV and a linear axis, with what drives them and what measures them.
+"""The motor of section IV as a plant: with the drive in front of it and the sensor behind it.
 
-A plant is a frozen value with named physical parameters that can simulate itself. The motor is (4.1)–(4.11) with what
-real logs put in front of it and behind it; its rigid form without inductance is one mass, and so is a linear axis:
+The general motor is simulated by `emsid.plant.simulate`. Its rigid form without inductance is one mass,
 
-    motor       M = J_m + J_L,   F = (K_m/R_a)·c·D_v(v) − T_d,    D = c·K_m²/R_a + B_m + B_L
-    linear axis M = mass,        F = D_F(f) − offset,              D = viscous friction
+    M = J_m + J_L,   F = (K_m/R_a)·c·D_v(v) − T_d,   D = c·K_m²/R_a + B_m + B_L,
 
-so that one fast loop, `one_mass`, moves both, and `emsid.plant.simulate` the general motor.
+and takes the fast loop of `one_mass`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import isfinite
-from typing import Any, NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.models.plants.drive import Bridge, Drive, Feed, Sensor, outer_handles
-from emsid.models.plants.one_mass import Sliding, move
-from emsid.models.plants.parameters import TINY, Handle, Parametrised, Plant, Quantity, Signal, handles_of
-from emsid.plant import DeadZone, Friction, Motor, State, Taylor, simulate
+from emsid.models.plants.drive import Drive, Feed, Sensor, outer_handles
+from emsid.models.plants.one_mass import Motion, Sliding, moved
+from emsid.models.plants.parameters import TINY, Handle, Parametrised, Quantity, Signal, handles_of
+from emsid.plant import DeadZoneLaw, Friction, Motor, State, Taylor, simulate
 from emsid.plant.motor import Parameter
 
 Array = NDArray[np.float64]
 
 LONG_STEPS = Taylor(order=20)
 """Samples of a log are long beside electrical time constants and resonances: of a higher order, fewer steps do."""
-
-
-class Motion(NamedTuple):
-    """One mass as a regression sees it: dv/dt = gain·D(u) − damping·v − c·sgn(v) − offset, all divided by the mass.
-
-    Attributes:
-        gain: acceleration per unit of command beyond the dead zone.
-        damping: in 1/s.
-        coulomb: Coulomb level, the same in both directions.
-        offset: constant deceleration.
-        dead_zone: half its width, in units of the command.
-    """
-
-    gain: float
-    damping: float
-    coulomb: float
-    offset: float
-    dead_zone: float
 
 
 _INSIDE = {
@@ -146,7 +125,7 @@ class DrivenMotor(Parametrised):
             motor.is_rigid and motor.inductance == 0 and motor.torque_dead_zone is None
         ):
             torque, braking = self._torque(made, conducts)
-            speeds, positions = _one_mass(
+            speeds, positions = moved(
                 motor.rotor_inertia + motor.load_inertia,
                 _together(motor.rotor_friction, motor.load_friction),
                 torque - self.load_torque,
@@ -266,7 +245,7 @@ class DrivenMotor(Parametrised):
             Quantity("Coulomb voltage backward", "R·T_c/K", "V", r * float(slide.coulomb[1]) / k),
             Quantity("electromechanical time constant", "R·J/K²", "s", r * inertia / k**2),
         ]
-        zone = m.voltage_dead_zone or DeadZone(0.0, 0.0)
+        zone = m.voltage_dead_zone or DeadZoneLaw(0.0, 0.0)
         for k_side, side, edge, slope in ((0, "forward", zone.b_r, zone.m_r), (1, "backward", -zone.b_l, zone.m_l)):
             held = float(slide.coulomb[k_side] + slide.stribeck[k_side])
             found.append(
@@ -283,171 +262,11 @@ class DrivenMotor(Parametrised):
         return tuple(found)
 
 
-_AXIS_HANDLES = {
-    **handles_of((), "mass", "M", "kg", "moving mass"),
-    **handles_of((), "viscous_friction", "F_v", "N*s/m", "viscous friction"),
-    **handles_of((), "friction.coulomb", "F_c", "N", "Coulomb level"),
-    **handles_of((), "friction.stribeck", "F_s", "N", "Stribeck excess at standstill"),
-    **handles_of((), "friction.stribeck_rate", "α₂", "s/m", "Stribeck rate"),
-    "offset": Handle(Parameter("offset", "F₀", "N", "constant force against the motion"), ((("offset",), 1.0),)),
-    **handles_of((), "dead_zone.b_l", "b_l", "N", "left break point of the dead zone on the force"),
-    **handles_of((), "dead_zone.b_r", "b_r", "N", "right break point of the dead zone on the force"),
-    **handles_of((), "dead_zone.m_l", "m_l", "1", "left slope of the dead zone on the force"),
-    **handles_of((), "dead_zone.m_r", "m_r", "1", "right slope of the dead zone on the force"),
-    **{
-        name: handle
-        for name, handle in outer_handles("N", "newtons", "m").items()
-        if name not in ("drive.freewheel", "sensor.ratio")
-    },
-}
-
-
-@dataclass(frozen=True)
-class LinearAxis(Parametrised):
-    """A mass on a guide: M·dv/dt = D_F(f) − F_v·v − T_f(v) − offset; input a force, output position or speed.
-
-    An initial state is a speed in m/s and a position in m; after them may come the speed in m/s that a sensor with a
-    lag shows at the start, by default the true one.
-
-    Args:
-        mass: in kg.
-        viscous_friction: in N·s/m; a number, or a pair (forward, backward).
-        friction: Coulomb and Stribeck friction (4.7), its levels in N and its rate in s/m.
-        offset: constant force in N, such as gravity on an inclined axis.
-        dead_zone: on the force, break points in N.
-        drive: what makes the force from the command; its gain is in N per unit.
-        sensor: what makes the log from the motion.
-        steps: steps in a sample for the Stribeck excess.
-
-    Raises:
-        ModelError: for a value that is not physical.
-    """
-
-    mass: float = 1.0
-    viscous_friction: float | tuple[float, float] = 1.0
-    friction: Friction = Friction(0.1)  # noqa: RUF009
-    offset: float = 0.0
-    dead_zone: DeadZone | None = None
-    drive: Drive = Drive()  # noqa: RUF009  (frozen)
-    sensor: Sensor = Sensor()  # noqa: RUF009  (frozen)
-    steps: int = 1
-
-    def __post_init__(self) -> None:
-        pair = self.viscous_friction
-        pair = (float(pair[0]), float(pair[1])) if isinstance(pair, (tuple, list)) else (float(pair), float(pair))
-        object.__setattr__(self, "viscous_friction", pair)
-        if not (isfinite(self.mass) and self.mass > 0):
-            raise ModelError(f"linear axis with a mass of {self.mass} kg; it must be positive")
-        if not (min(pair) >= 0 and isfinite(max(pair))):
-            raise ModelError(f"linear axis with viscous friction {pair}; it cannot be negative and must be finite")
-        if not isfinite(self.offset):
-            raise ModelError(f"linear axis with an offset of {self.offset} N; it must be finite")
-
-    @property
-    def name(self) -> str:
-        """``linear-axis``."""
-        return "linear-axis"
-
-    @property
-    def handles(self) -> Mapping[str, Handle]:
-        """Mass, frictions, offset, dead zone, drive and sensor."""
-        return _AXIS_HANDLES
-
-    @property
-    def usual(self) -> tuple[str, ...]:
-        """Mass, viscous and Coulomb friction, offset."""
-        return ("mass", "viscous_friction", "friction.coulomb", "offset")
-
-    @property
-    def fine(self) -> frozenset[str]:
-        """None."""
-        return frozenset()
-
-    @property
-    def states(self) -> int:
-        """Speed, position, and the speed that the sensor shows."""
-        return 3
-
-    def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
-        """The outputs (N, ny) for a command (N, 1), from a speed and a position."""
-        force, _, late = self.drive.terminals(inputs, dt)
-        if self.dead_zone is not None:
-            force = self.dead_zone(force)
-        levels = np.array([self.friction.forward, self.friction.backward])
-        coulomb, excess, rate = np.ascontiguousarray(levels.T)
-        friction = Sliding(coulomb, excess, rate, np.array(self.viscous_friction))
-        speeds, positions = _one_mass(
-            self.mass,
-            friction,
-            force - self.offset,
-            np.zeros(len(force)),
-            dt,
-            late,
-            self.steps,
-            float(state[0]),
-            float(state[1]),
-        )
-        first = float(state[2] if len(state) > 2 else state[0])
-        shown = {
-            Signal.SPEED: lambda: self.sensor.speed(speeds, positions, dt, first),
-            Signal.POSITION: lambda: self.sensor.position(positions, dt, first),
-        }
-        missing = [signal.value for signal in signals if signal not in shown]
-        if missing:
-            raise ModelError(f"linear-axis has no {missing[0]} to compare with; it has position and speed")
-        return np.column_stack([shown[signal]() for signal in signals])
-
-    def put_motion(self, motion: Motion) -> Self:
-        """The axis that moves like this: the mass follows from the gain, and the rest from the mass."""
-        mass = max(self.drive.gain / motion.gain, TINY)
-        zone = motion.dead_zone * abs(self.drive.gain)
-        return replace(
-            self,
-            mass=mass,
-            viscous_friction=max(mass * motion.damping, 0.0),
-            friction=replace(self.friction, coulomb=mass * max(motion.coulomb, 0.0)),
-            offset=mass * motion.offset,
-            dead_zone=None if self.dead_zone is None else replace(self.dead_zone, b_l=-zone, b_r=zone),
-        )
-
-    def friction_torque(self, speed: Array) -> Array:
-        """All friction with the viscous part, in N, at speeds in m/s."""
-        forward, backward = self.viscous_friction  # type: ignore[misc]
-        return np.asarray(self.friction.torque(speed) + np.where(speed < 0, backward, forward) * speed)
-
-    def quantities(self) -> tuple[Quantity, ...]:
-        """What is known even where the gain of the drive is not."""
-        viscous, (level, _) = self.viscous_friction, self.friction.coulomb  # type: ignore[misc]
-        return (
-            Quantity("time constant", "M/F_v", "s", self.mass / max(float(np.mean(viscous)), TINY)),
-            Quantity("acceleration per unit of command", "k_u/M", "m/s^2", self.drive.gain / self.mass),
-            Quantity("Coulomb friction in units of command", "F_c/k_u", "1", level / self.drive.gain),
-        )
-
-
 def _together(rotor: Friction, load: Friction) -> Sliding:
     """The friction of both sides of a rigid motor; the rates are the rotor's where it has an excess."""
     a, b = (np.array([f.forward, f.backward]) for f in (rotor, load))
     rate = np.where(a[:, 1] > 0, a[:, 2], b[:, 2])
     return Sliding(a[:, 0] + b[:, 0], a[:, 1] + b[:, 1], rate, np.zeros(2))
-
-
-def _one_mass(
-    mass: float,
-    friction: Sliding,
-    force: Array,
-    damping: Array,
-    dt: float,
-    late: float,
-    steps: int,
-    speed: float,
-    position: float,
-) -> tuple[Array, Array]:
-    samples = len(force) - 1
-    speeds, positions = np.empty(samples), np.empty(samples)
-    steps = steps if friction.stribeck.any() else 1
-    move(mass, friction, force, damping, dt, late, steps, speed, position, speeds, positions)
-    return speeds, positions
 
 
 def _pieces(voltage: Array, dt: float, late: float) -> tuple[Array, Array]:
@@ -458,68 +277,3 @@ def _pieces(voltage: Array, dt: float, late: float) -> tuple[Array, Array]:
         return voltage[:-1], np.full(len(voltage) - 1, dt)
     held = np.column_stack([voltage[:-1], voltage[1:]]).ravel()
     return held, np.tile([late * dt, (1 - late) * dt], len(voltage) - 1)
-
-
-# --- plants as data -------------------------------------------------------------------------------------------------
-
-
-def plant_to_data(plant: Plant) -> dict[str, Any]:
-    """Kind and parameters in built-in types; infinite ones are left out, as are parts that are not there.
-
-    Raises:
-        ModelError: for a plant made of functions, which no file can hold.
-    """
-    if not isinstance(plant, (DrivenMotor, LinearAxis)):
-        raise ModelError(f"{plant.name} is made of functions and cannot be saved; save its parameters instead")
-    parameters = {
-        name: plant.value(name)
-        for name, handle in plant.handles.items()
-        if len(handle.paths) == 1 and isfinite(plant.value(name))
-    }
-    zones = ("motor.voltage_dead_zone", "motor.torque_dead_zone") if isinstance(plant, DrivenMotor) else ("dead_zone",)
-    for zone in zones:
-        if _part(plant, zone) is None:
-            parameters = {n: v for n, v in parameters.items() if not n.startswith(zone.removeprefix("motor.") + ".")}
-    return {
-        "kind": plant.name,
-        "parameters": parameters,
-        "codes": [[code, bridge.value] for code, bridge in plant.drive.codes],
-        "feed": plant.feed.value if isinstance(plant, DrivenMotor) else Feed.VOLTAGE.value,
-        "average": plant.sensor.average,
-        "steps": plant.steps,
-    }
-
-
-def plant_from_data(data: Mapping[str, Any]) -> Plant:
-    """The plant that `plant_to_data` described.
-
-    Raises:
-        ModelError: for data that describe none.
-    """
-    kinds: dict[str, Callable[[], DrivenMotor | LinearAxis]] = {
-        "motor": lambda: DrivenMotor(Motor(voltage_dead_zone=None)),
-        "rigid-motor": lambda: DrivenMotor(Motor(inductance=0.0, voltage_dead_zone=None).rigid()),
-        "linear-axis": LinearAxis,
-    }
-    if data["kind"] not in kinds:
-        raise ModelError(f"no plant of kind {data['kind']!r}; there are {', '.join(kinds)}")
-    plain = kinds[data["kind"]]()
-    if isinstance(plain, DrivenMotor):
-        plain = replace(plain, feed=Feed(data.get("feed", Feed.VOLTAGE.value)))
-    codes = tuple((float(code), Bridge(bridge)) for code, bridge in data["codes"])
-    plain = replace(
-        plain,
-        drive=replace(plain.drive, codes=codes),
-        sensor=Sensor(average=bool(data["average"])),
-        steps=data["steps"],
-    )
-    parameters = dict(data["parameters"])
-    late = {name: parameters.pop(name) for name in ("drive.freewheel",) if name in parameters}  # needs the supply
-    return plain.put(parameters).put(late)
-
-
-def _part(plant: Plant, path: str) -> Any:
-    part: Any = plant
-    for step in path.split("."):
-        part = getattr(part, step)
-    return part

@@ -1,0 +1,166 @@
+"""A linear axis as a plant: one mass on a guide, driven by a force.
+
+    M = mass,   F = D_F(f) − offset,   D = viscous friction,
+
+so that it takes the fast loop of `one_mass`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+from emsid.models.plants.drive import Drive, Sensor, outer_handles
+from emsid.models.plants.one_mass import Motion, Sliding, moved
+from emsid.models.plants.parameters import TINY, Handle, Parametrised, Quantity, Signal, handles_of
+from emsid.plant import DeadZoneLaw, Friction
+from emsid.plant.motor import Parameter
+
+Array = NDArray[np.float64]
+
+_AXIS_HANDLES = {
+    **handles_of((), "mass", "M", "kg", "moving mass"),
+    **handles_of((), "viscous_friction", "F_v", "N*s/m", "viscous friction"),
+    **handles_of((), "friction.coulomb", "F_c", "N", "Coulomb level"),
+    **handles_of((), "friction.stribeck", "F_s", "N", "Stribeck excess at standstill"),
+    **handles_of((), "friction.stribeck_rate", "α₂", "s/m", "Stribeck rate"),
+    "offset": Handle(Parameter("offset", "F₀", "N", "constant force against the motion"), ((("offset",), 1.0),)),
+    **handles_of((), "dead_zone.b_l", "b_l", "N", "left break point of the dead zone on the force"),
+    **handles_of((), "dead_zone.b_r", "b_r", "N", "right break point of the dead zone on the force"),
+    **handles_of((), "dead_zone.m_l", "m_l", "1", "left slope of the dead zone on the force"),
+    **handles_of((), "dead_zone.m_r", "m_r", "1", "right slope of the dead zone on the force"),
+    **{
+        name: handle
+        for name, handle in outer_handles("N", "newtons", "m").items()
+        if name not in ("drive.freewheel", "sensor.ratio")
+    },
+}
+
+
+@dataclass(frozen=True)
+class LinearAxis(Parametrised):
+    """A mass on a guide: M·dv/dt = D_F(f) − F_v·v − T_f(v) − offset; input a force, output position or speed.
+
+    An initial state is a speed in m/s and a position in m; after them may come the speed in m/s that a sensor with a
+    lag shows at the start, by default the true one.
+
+    Args:
+        mass: in kg.
+        viscous_friction: in N·s/m; a number, or a pair (forward, backward).
+        friction: Coulomb and Stribeck friction (4.7), its levels in N and its rate in s/m.
+        offset: constant force in N, such as gravity on an inclined axis.
+        dead_zone: on the force, break points in N.
+        drive: what makes the force from the command; its gain is in N per unit.
+        sensor: what makes the log from the motion.
+        steps: steps in a sample for the Stribeck excess.
+
+    Raises:
+        ModelError: for a value that is not physical.
+    """
+
+    mass: float = 1.0
+    viscous_friction: float | tuple[float, float] = 1.0
+    friction: Friction = Friction(0.1)  # noqa: RUF009
+    offset: float = 0.0
+    dead_zone: DeadZoneLaw | None = None
+    drive: Drive = Drive()  # noqa: RUF009  (frozen)
+    sensor: Sensor = Sensor()  # noqa: RUF009  (frozen)
+    steps: int = 1
+
+    def __post_init__(self) -> None:
+        pair = self.viscous_friction
+        pair = (float(pair[0]), float(pair[1])) if isinstance(pair, (tuple, list)) else (float(pair), float(pair))
+        object.__setattr__(self, "viscous_friction", pair)
+        if not (isfinite(self.mass) and self.mass > 0):
+            raise ModelError(f"linear axis with a mass of {self.mass} kg; it must be positive")
+        if not (min(pair) >= 0 and isfinite(max(pair))):
+            raise ModelError(f"linear axis with viscous friction {pair}; it cannot be negative and must be finite")
+        if not isfinite(self.offset):
+            raise ModelError(f"linear axis with an offset of {self.offset} N; it must be finite")
+
+    @property
+    def name(self) -> str:
+        """``linear-axis``."""
+        return "linear-axis"
+
+    @property
+    def handles(self) -> Mapping[str, Handle]:
+        """Mass, frictions, offset, dead zone, drive and sensor."""
+        return _AXIS_HANDLES
+
+    @property
+    def usual(self) -> tuple[str, ...]:
+        """Mass, viscous and Coulomb friction, offset."""
+        return ("mass", "viscous_friction", "friction.coulomb", "offset")
+
+    @property
+    def fine(self) -> frozenset[str]:
+        """None."""
+        return frozenset()
+
+    @property
+    def states(self) -> int:
+        """Speed, position, and the speed that the sensor shows."""
+        return 3
+
+    def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
+        """The outputs (N, ny) for a command (N, 1), from a speed and a position."""
+        force, _, late = self.drive.terminals(inputs, dt)
+        if self.dead_zone is not None:
+            force = self.dead_zone(force)
+        levels = np.array([self.friction.forward, self.friction.backward])
+        coulomb, excess, rate = np.ascontiguousarray(levels.T)
+        friction = Sliding(coulomb, excess, rate, np.array(self.viscous_friction))
+        speeds, positions = moved(
+            self.mass,
+            friction,
+            force - self.offset,
+            np.zeros(len(force)),
+            dt,
+            late,
+            self.steps,
+            float(state[0]),
+            float(state[1]),
+        )
+        first = float(state[2] if len(state) > 2 else state[0])
+        shown = {
+            Signal.SPEED: lambda: self.sensor.speed(speeds, positions, dt, first),
+            Signal.POSITION: lambda: self.sensor.position(positions, dt, first),
+        }
+        missing = [signal.value for signal in signals if signal not in shown]
+        if missing:
+            raise ModelError(f"linear-axis has no {missing[0]} to compare with; it has position and speed")
+        return np.column_stack([shown[signal]() for signal in signals])
+
+    def put_motion(self, motion: Motion) -> Self:
+        """The axis that moves like this: the mass follows from the gain, and the rest from the mass."""
+        mass = max(self.drive.gain / motion.gain, TINY)
+        zone = motion.dead_zone * abs(self.drive.gain)
+        return replace(
+            self,
+            mass=mass,
+            viscous_friction=max(mass * motion.damping, 0.0),
+            friction=replace(self.friction, coulomb=mass * max(motion.coulomb, 0.0)),
+            offset=mass * motion.offset,
+            dead_zone=None if self.dead_zone is None else replace(self.dead_zone, b_l=-zone, b_r=zone),
+        )
+
+    def friction_torque(self, speed: Array) -> Array:
+        """All friction with the viscous part, in N, at speeds in m/s."""
+        forward, backward = self.viscous_friction  # type: ignore[misc]
+        return np.asarray(self.friction.torque(speed) + np.where(speed < 0, backward, forward) * speed)
+
+    def quantities(self) -> tuple[Quantity, ...]:
+        """What is known even where the gain of the drive is not."""
+        viscous, (level, _) = self.viscous_friction, self.friction.coulomb  # type: ignore[misc]
+        return (
+            Quantity("time constant", "M/F_v", "s", self.mass / max(float(np.mean(viscous)), TINY)),
+            Quantity("acceleration per unit of command", "k_u/M", "m/s^2", self.drive.gain / self.mass),
+            Quantity("Coulomb friction in units of command", "F_c/k_u", "1", level / self.drive.gain),
+        )

@@ -1,4 +1,4 @@
-"""The rules of the house: who may know whom, who may do what, and that everything public explains itself."""
+"""The rules of the source tree: who may know whom, who may do what, and that everything public explains itself."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import inspect
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -17,30 +17,59 @@ import pytest
 import emsid
 
 HOME = Path(emsid.__file__).parent
+SOURCES = {
+    path.relative_to(HOME).with_suffix("").as_posix().replace("/", ".").removesuffix(".__init__"): path
+    for path in HOME.rglob("*.py")
+}
+MODULES = sorted(name for name in SOURCES if name != "__init__")
 
-# Imports point to earlier layers only.
+# --- who may know whom -----------------------------------------------------------------------------------------------
+
+# A module imports from its own package and from those on earlier lines, nothing else.
 LAYERS = (
-    {"errors", "findings", "units"},
+    {"errors"},
+    {"findings", "units"},
     {"record", "wording"},
     {"excitation", "plant", "estimation"},
     {"models"},
     {"selection", "validation"},
-    {"io", "report", "live"},
-    {"identification", "study"},
+    {"io", "export", "live"},
+    {"identification"},
+    {"study"},
+    {"report"},
     {"cli"},
     {"__main__"},
 )
-# Within a layer a room knows itself, and besides:
-NEIGHBOURS = {
-    "units": {"errors"},
-    "report": {"io.files"},
-    "study": {"identification"},
-}
-LEVEL = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
+LEVEL = {package: level for level, packages in enumerate(LAYERS) for package in packages}
 
-SOURCES = {path.relative_to(HOME).with_suffix("").as_posix().replace("/", "."): path for path in HOME.rglob("*.py")}
-MODULES = sorted(name for name in SOURCES if name != "__init__")
-every_module = pytest.mark.parametrize("module", MODULES)
+# Inside a package: a part (left) knows nothing of its siblings (right).
+STRANGERS = {
+    "estimation.linear": ("estimation.nonlinear", "estimation.uncertainty"),
+    "models.model": ("models.regression", "models.blocks", "models.plants"),
+    "models.free_run": ("models.regression", "models.blocks", "models.plants"),
+    "models.terms": ("models.regression", "models.blocks", "models.plants"),
+    "models.regression": ("models.blocks", "models.plants"),
+    "models.blocks": ("models.plants",),
+    "models.blocks.static_maps": ("models.regression", "models.blocks"),
+    "models.plants": ("models.regression", "models.blocks"),
+}
+# A search fits a model; the model does not know it. Besides itself, a search is known to these only.
+SEARCHES = ("models.blocks.search", "models.plants.search")
+SEARCHERS = ("identification", "study", "report", "cli")
+
+# What does not keep to these rules yet: (module, what it imports). To be emptied.
+NOT_YET = {
+    ("estimation.linear.frequency_response", "estimation.nonlinear.gauss_newton"),
+    ("identification", "report"),
+    ("models.blocks.diagnostics", "models.blocks.search"),
+    ("models.plants.grey_box", "models.plants.search"),
+    ("study", "report"),
+}
+# Modules that import each other, inside a function or not. To be emptied.
+CYCLES_YET = [
+    ["models.regression.narx", "models.regression.structures"],
+    ["record.record", "record.time_axis"],
+]
 
 
 @cache
@@ -58,74 +87,148 @@ def imports(tree: ast.Module) -> Iterator[str]:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-def calls(tree: ast.AST) -> Iterator[str]:
-    """Every function that is called, as it is written."""
-    yield from (ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call))
+def own_imports(module: str) -> set[str]:
+    """What a module imports from the package, as modules of it where there are such."""
+    names = (name.removeprefix("emsid.") for name in imports(tree_of(module)) if name.startswith("emsid."))
+    return {name if name in SOURCES or name.rpartition(".")[0] not in SOURCES else name.rpartition(".")[0]
+            for name in names}  # fmt: skip
+
+
+def within(module: str, package: str) -> bool:
+    return module == package or module.startswith(f"{package}.")
 
 
 def forbidden(module: str, target: str) -> bool:
     """Whether a module of the package may not import ``target``, another one."""
-    room, other = module.split(".")[0], target.split(".")[0]
-    if other not in LEVEL:
-        return True  # a name of the top level: only users take the short way
-    if room == other or LEVEL[other] < LEVEL[room]:
-        return False
-    known = NEIGHBOURS.get(room, set())
-    return LEVEL[other] > LEVEL[room] or not any(target == k or target.startswith(f"{k}.") for k in known)
+    package, other = module.split(".")[0], target.split(".")[0]
+    if other not in LEVEL or LEVEL[other] > LEVEL[package] or (LEVEL[other] == LEVEL[package] and other != package):
+        return True
+    strangers = [
+        stranger
+        for part, siblings in STRANGERS.items()
+        if within(module, part) and not within(target, part)
+        for stranger in siblings
+    ]
+    search = next((each for each in SEARCHES if within(target, each)), module)
+    hidden = not any(within(module, each) for each in (search, *SEARCHERS))
+    return hidden or any(within(target, stranger) for stranger in strangers)
 
 
-# --- who may know whom -----------------------------------------------------------------------------------------------
-
-
-def test_every_room_has_its_place() -> None:
+def test_every_package_has_its_layer() -> None:
     assert {module.split(".")[0] for module in MODULES} <= set(LEVEL)
 
 
-@every_module
-def test_imports_point_to_earlier_layers_only(module: str) -> None:
-    own = [name.removeprefix("emsid.") for name in imports(tree_of(module)) if name.split(".")[0] == "emsid"]
-    assert [target for target in own if forbidden(module, target)] == []
+def test_imports_point_to_earlier_layers_only() -> None:
+    wrong = {(module, target) for module in MODULES for target in own_imports(module) if forbidden(module, target)}
+    excused = {
+        (module, target)
+        for module, target in wrong
+        if any(within(module, one) and within(target, other) for one, other in NOT_YET)
+    }
+    assert wrong - excused == set()
 
 
 @pytest.mark.parametrize(
     ("module", "target", "wrong"),
     [
-        ("estimation.fit", "models.model.Model", True),
-        ("estimation.fit", "plant.Motor", True),
-        ("estimation.fit", "estimation.information", False),
-        ("models.narx", "estimation.fit", False),
-        ("models.narx", "validation.metrics", True),
-        ("report.page", "io.files.atomic_write", False),
-        ("report.page", "io.reading.read", True),
+        ("estimation.fit", "models.model", True),
+        ("estimation.fit", "plant.motor", True),
+        ("estimation.fit", "estimation.linear.information", False),
+        ("estimation.linear.recursive", "estimation.nonlinear.losses", True),
+        ("estimation.linear.recursive", "estimation.fit", False),
+        ("models.regression.narx", "estimation.fit", False),
+        ("models.regression.narx", "validation.metrics", True),
+        ("models.regression.narx", "models.blocks.cascade", True),
+        ("models.blocks.search.starts", "models.regression.structures", False),
+        ("models.blocks.search.starts", "models.plants.drive", True),
+        ("models.blocks.static_maps.laws", "models.blocks.cascade", True),
+        ("models.blocks.static_maps.laws", "models.blocks.static_maps.inverse", False),
+        ("models.blocks.cascade", "models.blocks.search.orders", True),
+        ("models.blocks.search.choice", "models.blocks.search.orders", False),
+        ("models.model", "models.regression.narx", True),
+        ("models", "models.regression.narx", False),
+        ("validation.comparison", "models.plants.search.problem", True),
+        ("identification.workflow", "models.plants.search.choice", False),
+        ("report.page", "identification.workflow", False),
+        ("report.page", "io.files", False),
+        ("identification.workflow", "report.page", True),
         ("io.files", "report.page", True),
-        ("record.record", "units.conversion", False),
+        ("selection.order", "validation.metrics", True),
+        ("record.record", "units", False),
         ("plant.motor", "Record", True),
         ("study.workflow", "cli", True),
+        ("study.workflow", "identification.workflow", False),
     ],
 )
 def test_the_rule_itself(module: str, target: str, wrong: bool) -> None:
     assert forbidden(module, target) is wrong
 
 
+def cycles(known: dict[str, set[str]]) -> list[list[str]]:
+    """Groups in which every member is reached from every other (Tarjan, SIAM J. Comput. 1, 1972)."""
+    found: list[list[str]] = []
+    number: dict[str, int] = {}
+    lowest: dict[str, int] = {}
+    stack: list[str] = []
+
+    def visit(module: str) -> None:
+        number[module] = lowest[module] = len(number)
+        stack.append(module)
+        for target in sorted(known[module]):
+            if target not in number:
+                visit(target)
+                lowest[module] = min(lowest[module], lowest[target])
+            elif target in stack:
+                lowest[module] = min(lowest[module], number[target])
+        if lowest[module] == number[module]:
+            group = stack[stack.index(module) :]
+            del stack[-len(group) :]
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    for module in sorted(known):
+        if module not in number:
+            visit(module)
+    return sorted(found)
+
+
+def test_no_module_imports_itself_by_a_detour() -> None:
+    assert cycles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a", "c"}}) == [["b", "c"]]
+    assert cycles({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
+    known = {module: (own_imports(module) & SOURCES.keys()) - {module} for module in MODULES}
+    assert [group for group in cycles(known) if group not in CYCLES_YET] == []
+
+
 # --- who may do what -------------------------------------------------------------------------------------------------
 
 
-@every_module
+def calls(tree: ast.AST) -> Iterator[str]:
+    """Every function that is called, as it is written."""
+    yield from (ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call))
+
+
+def offenders(found: Callable[[str], object]) -> dict[str, object]:
+    """The modules in which something is found, and what."""
+    return {module: what for module in MODULES if (what := found(module))}
+
+
 @pytest.mark.parametrize(
     ("packages", "allowed"),
     [
         ({"matplotlib"}, r"report\.figures"),
         ({"plotly"}, r"report\.page_plots"),
-        ({"typer", "click"}, r"cli\..*"),
+        ({"typer", "click"}, r"cli(\..*)?"),
         ({"rich"}, r"cli\.terminal"),
-        ({"h5py", "polars", "tempfile", "shutil"}, r"io\..*"),
+        ({"h5py", "polars", "tempfile", "shutil"}, r"io(\..*)?"),
         ({"pickle", "marshal", "shelve", "dill", "joblib"}, r""),
     ],
     ids=["printed plots", "plots of the page", "command line", "terminal", "file formats", "pickle"],
 )
-def test_only_one_place_imports(module: str, packages: set[str], allowed: str) -> None:
-    found = {name for name in imports(tree_of(module)) if name.split(".")[0] in packages or name in packages}
-    assert not found or re.fullmatch(allowed, module), f"{module} imports {found}"
+def test_only_one_place_imports(packages: set[str], allowed: str) -> None:
+    def found(module: str) -> set[str]:
+        return {name for name in imports(tree_of(module)) if name.split(".")[0] in packages}
+
+    assert {module: names for module, names in offenders(found).items() if not re.fullmatch(allowed, module)} == {}
 
 
 OPENS = re.compile(
@@ -134,18 +237,99 @@ OPENS = re.compile(
 )
 
 
-@every_module
-def test_only_io_touches_files(module: str) -> None:
-    found = [name for name in calls(tree_of(module)) if OPENS.fullmatch(name)]
-    assert module.startswith("io") or found == []
+def test_only_io_touches_files() -> None:
+    found = offenders(lambda module: [name for name in calls(tree_of(module)) if OPENS.fullmatch(name)])
+    assert [module for module in found if not within(module, "io")] == []
 
 
-@every_module
-def test_no_text_is_ever_executed(module: str) -> None:
+def test_no_text_is_ever_executed() -> None:
+    executed = {"eval", "exec", "compile", "__import__"}
+    assert offenders(lambda module: executed & set(calls(tree_of(module)))) == {}
+
+    def named_by_data(module: str) -> list[str]:
+        """Imports of a module whose name is not written there: a file could name it."""
+        nodes = [node for node in ast.walk(tree_of(module)) if isinstance(node, ast.Call)]
+        imported = [node for node in nodes if ast.unparse(node.func).endswith("import_module")]
+        return [ast.unparse(node) for node in imported if not isinstance(node.args[0], ast.Constant)]
+
+    assert offenders(named_by_data) == {}
+
+
+def test_only_the_command_line_knows_of_ctrl_c() -> None:
+    """A search looks at its `Control` between steps; the signal becomes `Control.cancelled` in the command line."""
+
+    def found(module: str) -> bool:
+        return any(isinstance(node, ast.Name) and node.id == "KeyboardInterrupt" for node in ast.walk(tree_of(module)))
+
+    yet = {
+        "estimation.nonlinear.gauss_newton", "identification.workflow", "models.blocks.search.estimation",
+        "models.blocks.search.starts", "models.plants.search.choice", "study.workflow",
+    }  # fmt: skip
+    assert {module for module in offenders(found) if not (within(module, "cli") or module == "__main__")} <= yet
+
+
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
+
+
+def texts(module: str) -> Iterator[str]:
+    """Every string of a module that is no documentation."""
     tree = tree_of(module)
-    assert {"eval", "exec", "compile", "__import__"}.isdisjoint(calls(tree))
-    named = [n for n in ast.walk(tree) if isinstance(n, ast.Call) and ast.unparse(n.func).endswith("import_module")]
-    assert all(isinstance(call.args[0], ast.Constant) for call in named)  # nothing that a file could name
+    silent = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in silent:
+            yield node.value
+
+
+def test_only_the_command_line_spells_options() -> None:
+    yet = {
+        "estimation.linear.least_squares", "identification.candidates", "identification.workflow", "io.motor_file",
+        "io.reading", "models.plants.grey_box", "models.plants.motors", "models.plants.search.estimation",
+        "models.plants.search.result", "record.time_axis", "units",
+    }  # fmt: skip
+    found = offenders(lambda module: [name for text in texts(module) for name in OPTION.findall(text)])
+    assert {module: names for module, names in found.items() if not within(module, "cli") and module not in yet} == {}
+
+
+PLANTS = {"Motor", "DrivenMotor", "LinearAxis", "OwnPlant"}
+
+
+def test_nobody_asks_for_the_type_or_the_name_of_a_plant() -> None:
+    """A plant declares what others need to know, so that another plant needs no further code."""
+
+    def found(module: str) -> list[str]:
+        questions = []
+        for node in ast.walk(tree_of(module)):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in ("isinstance", "issubclass"):
+                asked = {each.id for each in ast.walk(node.args[1]) if isinstance(each, ast.Name)}
+                questions += [ast.unparse(node)] if asked & PLANTS else []
+            elif isinstance(node, ast.Compare) and ast.unparse(node.left).endswith("plant.name"):
+                questions.append(ast.unparse(node))
+        return questions
+
+    assert {m for m in offenders(found) if not within(m, "models.plants")} <= {"report.views.grey_box"}
+
+
+# Functions may be this long, without their docstring.
+LONGEST = 60
+LONG_YET = {
+    "plant.simulation._run": "one compiled loop, in which every branch is a state of the motor",
+    "models.plants.search.estimation.simulation_error": "",
+    "cli.commands.identify": "",
+    "identification.workflow.identify": "",
+    "estimation.nonlinear.gauss_newton.gauss_newton": "",
+}
+
+
+def test_functions_are_short_enough_to_be_read() -> None:
+    long = {}
+    for module in MODULES:
+        for node in ast.walk(tree_of(module)):
+            if isinstance(node, ast.FunctionDef):
+                first = node.body[0]
+                documented = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant)
+                text = first.end_lineno - first.lineno + 1 if documented else 0
+                long[f"{module}.{node.name}"] = node.end_lineno - node.lineno + 1 - text
+    assert {name: lines for name, lines in long.items() if lines > LONGEST and name not in LONG_YET} == {}
 
 
 @pytest.mark.parametrize(
@@ -164,7 +348,6 @@ def test_start_is_fast_because_nothing_heavy_is_imported(command: str) -> None:
     assert done.stdout.splitlines()[-1] == "LOADED set()"
 
 
-@cache
 def compiled(module: str) -> dict[str, str]:
     """The compiled functions of a module and what they return."""
     functions = [node for node in ast.walk(tree_of(module)) if isinstance(node, ast.FunctionDef)]
@@ -175,14 +358,16 @@ def compiled(module: str) -> dict[str, str]:
     }
 
 
-@every_module
-def test_compiled_code_returns_numbers_only_to_python(module: str) -> None:
+def test_compiled_code_returns_numbers_only_to_python() -> None:
     """Ctrl-C while it makes arrays of its own into objects would end the interpreter."""
-    kernels = {name: kind for each in MODULES for name, kind in compiled(each).items()}
+    kernels = {name: kind for module in MODULES for name, kind in compiled(module).items()}
     unsafe = {name for name, kind in kernels.items() if kind not in ("None", "int", "float", "bool")}
-    functions = [node for node in ast.walk(tree_of(module)) if isinstance(node, ast.FunctionDef)]
-    callers = [f for f in functions if f.name not in kernels]
-    assert unsafe.isdisjoint(name for f in callers for name in calls(f))
+
+    def found(module: str) -> set[str]:
+        functions = [node for node in ast.walk(tree_of(module)) if isinstance(node, ast.FunctionDef)]
+        return {name for f in functions if f.name not in kernels for name in calls(f)} & unsafe
+
+    assert offenders(found) == {}
 
 
 # --- everything public explains itself -------------------------------------------------------------------------------
@@ -251,7 +436,6 @@ def test_public_methods_have_docstrings(name: str) -> None:
     assert silent == []
 
 
-@every_module
-def test_modules_say_what_they_are(module: str) -> None:
-    tree = tree_of(module)
-    assert ast.get_docstring(tree) or not tree.body  # an empty __init__ has nothing to say
+def test_modules_say_what_they_are() -> None:
+    """All but an empty ``__init__``, which has nothing to say."""
+    assert offenders(lambda module: tree_of(module).body and not ast.get_docstring(tree_of(module))) == {}

@@ -1,3 +1,12 @@
+from . import blocks as blocks
+from . import estimation as estimation
+from . import excitation as excitation
+from . import findings as findings
+from . import identification as identification
+from . import plant as plant
+from . import plants as plants
+from . import regression as regression
+from . import validation as validation
 from .errors import DataError as DataError
 from .errors import EmsidError as EmsidError
 from .errors import FormatError as FormatError
@@ -18,6 +27,7 @@ from .identification import identify as identify
 from .identification.candidates import Options as Options
 from .io import load as load
 from .io import read as read
+from .io import read_datasheet as read_datasheet
 from .io import read_motor as read_motor
 from .io import save as save
 from .io import write_record as write_record
@@ -38,11 +48,12 @@ from .models.regression.structures import Structure as Structure
 from .models.regression.structures import arx as arx
 from .models.regression.structures import friction_narx as friction_narx
 from .models.regression.structures import wiener_hammerstein_regression as wiener_hammerstein_regression
+from .models.verbs import fit as fit
+from .models.verbs import simulate as simulate
 from .plant import Bench as Bench
 from .plant import DeadZoneLaw as DeadZoneLaw
 from .plant import Friction as Friction
 from .plant import Motor as Motor
-from .plant import simulate as simulate
 from .record import Record as Record
 from .record import TimeAxis as TimeAxis
 from .record import concatenate as concatenate

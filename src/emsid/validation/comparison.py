@@ -15,7 +15,7 @@ import numpy as np
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.models.model import Model, Run
-from emsid.record import Record
+from emsid.record import Record, concatenate
 from emsid.units import with_unit
 from emsid.validation.metrics import Array, fit_percent, mean_squared_error
 
@@ -228,14 +228,12 @@ def assess_model(model: Model, record: Record, transient: int | None = None) -> 
         model: what to run.
         record, transient: see `assess`.
     """
-    nothing = np.empty(0)
-    unknown = Fit(model, (), nothing, np.empty((0, 0)), np.nan, 0.0, np.nan, 0, method="file")
-    return assess(unknown, record, transient)
+    return assess(as_fit(model), record, transient)
 
 
 def compare(
-    fits: Iterable[Fit[Any]],
-    record: Record,
+    models: Fit[Any] | Model | Iterable[Fit[Any] | Model],
+    record: Record | Sequence[Record],
     transient: int | None = None,
     *,
     experiment: str = "record",
@@ -244,19 +242,56 @@ def compare(
     """Several fitted models on the same samples of a record, ranked by the free run.
 
     Args:
-        fits: what to compare.
+        models: what to compare: a fit or a model, or a list of them.
         record: data that none of them has seen; several records are put together by `emsid.concatenate`.
         transient: samples at the start of every segment that start the models and are left out of every error; by
             default as many as the most demanding model needs.
         experiment, data: what the rows are called.
 
     Raises:
-        ModelError: without a model, or for a record of other channels or another sample time than theirs.
-        DataError: where no segment is longer than what starts the models.
+        ModelError: without a model, for something that is none, or for a record of other channels or another sample
+            time than theirs.
+        DataError: for something that is no record, or where no segment is longer than what starts the models.
     """
-    candidates: Sequence[Fit[Any]] = tuple(fits)
+    judge = _one_record(record)
+    candidates = [as_fit(each) for each in (models if isinstance(models, Iterable) else (models,))]
     if not candidates:
         raise ModelError("no model to compare; give at least one fit")
     start = max((transient or 0, *(fit.model.memory for fit in candidates)))
-    assessments = [assess(fit, record, start, experiment=experiment, data=data) for fit in candidates]
+    assessments = [assess(fit, judge, start, experiment=experiment, data=data) for fit in candidates]
     return Comparison(tuple(sorted(assessments, key=lambda each: each.row.ranked_by)))
+
+
+def as_fit(thing: Fit[Any] | Model) -> Fit[Any]:
+    """A fit as it is, and a model, of which nothing but itself is known, as one without estimates.
+
+    Raises:
+        ModelError: for anything else.
+    """
+    if isinstance(thing, Fit):
+        return thing
+    if isinstance(thing, Record):
+        raise ModelError(
+            "a Record among the models; the models come first, in a list: compare([linear, motor], record)"
+        )
+    if isinstance(thing, type) or not isinstance(thing, Model):
+        given = (
+            thing.__name__
+            if isinstance(thing, type)
+            else repr(thing)
+            if isinstance(thing, str)
+            else type(thing).__name__
+        )
+        raise ModelError(f"{given} is no fitted model; give what emsid.fit or emsid.load returned, or a list of these")
+    nothing = np.empty(0)
+    return Fit(thing, (), nothing, np.empty((0, 0)), np.nan, 0.0, np.nan, 0, method="file")
+
+
+def _one_record(record: Record | Sequence[Record]) -> Record:
+    if isinstance(record, Record):
+        return record
+    if isinstance(record, Sequence) and record and all(isinstance(each, Record) for each in record):
+        return record[0] if len(record) == 1 else concatenate(record)
+    if isinstance(record, Fit | Model):
+        raise DataError("the record comes last, and the models first, in a list: compare([linear, motor], record)")
+    raise DataError(f"a {type(record).__name__} is no record to compare on; give emsid.Record(input, output, dt=…)")

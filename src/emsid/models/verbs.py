@@ -1,0 +1,236 @@
+"""`fit` and `simulate`: the two verbs that take a model of any kind.
+
+What can be fitted is a value: a `Structure`, a cascade, a plant. `FITTED` has one line for every kind; whatever else
+has a method ``fit(records, **options)`` is fitted by that.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import DataError, ModelError, listed
+from emsid.estimation.fit import Fit
+from emsid.estimation.linear.least_squares import least_squares
+from emsid.estimation.linear.recursive import recursive_least_squares
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.fitting import fit_cascade
+from emsid.models.model import Model
+from emsid.models.plants.grey_box import GreyBox, signals_of
+from emsid.models.plants.motors import DrivenMotor
+from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.regression.narx import Narx
+from emsid.models.regression.structures import Structure
+from emsid.plant import Motor
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+Estimator = Callable[..., Fit[Any]]
+
+
+def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[Any]:
+    """Estimate the parameters of a model of any kind from one or several records.
+
+    ==================================================  ===============================================================
+    what                                                options
+    ==================================================  ===============================================================
+    a structure: `emsid.arx`, `emsid.friction_narx`, …  ``ridge``, ``forgetting`` (then by recursion), ``history``
+    a cascade: `emsid.wiener_hammerstein`, …            ``control``; orders and static map are given to the cascade
+    a plant: `emsid.plants.rigid_motor`, …              ``fixed``, ``free``, ``bounds``, ``datasheet``, ``signals``, …
+    ==================================================  ===============================================================
+
+    A structure is linear in its parameters and fitted to the one-step prediction error by least squares; a cascade and
+    a plant are fitted to the error of the free run by Gauss–Newton steps.
+
+    >>> record = Record([1.0, 0.0, 2.0, 1.0, 0.0, 1.0], [0.0, 2.0, 1.0, 4.5, 4.25, 2.125], dt=0.1)
+    >>> fit(Structure.parse("y(t-1)", "u(t-1)"), record).estimate.round(6)
+    array([0.5, 2. ])
+
+    Args:
+        what: a structure, a cascade, a plant, a bare `emsid.Motor`, or anything with a method
+            ``fit(records, **options)``.
+        records: a record, or several experiments that share one set of parameters.
+        options: what this kind of model takes, by name.
+
+    Returns:
+        The model with its estimates, their covariance, and how the estimation ended.
+
+    Raises:
+        ModelError: for something that cannot be fitted, or an option that this kind of model does not have.
+        DataError: for something that is no record, or records that do not fit the model.
+    """
+    estimator, subject = _estimator(what)
+    return estimator(subject, as_records(records), **_checked(what, estimator, options))
+
+
+def _regression(
+    structure: Structure,
+    records: Record | Iterable[Record],
+    *,
+    ridge: float = 0.0,
+    forgetting: float | None = None,
+    history: bool = False,
+    threads: int | None = None,
+) -> Fit[Narx]:
+    """Least squares, or where a forgetting factor or the history is asked for, the recursion."""
+    if forgetting is None and not history:
+        return least_squares(structure, records, ridge=ridge, threads=threads)
+    if ridge:
+        raise ModelError("ridge is for a batch estimate and forgetting for a recursive one; choose one of them")
+    return recursive_least_squares(structure, records, forgetting=forgetting or 1.0, history=history)
+
+
+FITTED: dict[type, Estimator] = {
+    Structure: _regression,
+    Cascade: fit_cascade,
+    Motor: simulation_error,
+}
+"""How each kind of thing is fitted: an estimator that takes it, the records, and options by name."""
+
+
+def _estimator(what: Any) -> tuple[Estimator, Any]:
+    """What fits this kind of thing.
+
+    Raises:
+        ModelError: that says what was given and what can be.
+    """
+    if isinstance(what, type):
+        raise ModelError(f"{what.__name__} is a class; make a value of it first: {what.__name__}(…)")
+    for kind in type(what).__mro__:
+        if kind in FITTED:
+            return FITTED[kind], what
+    if is_plant(what):
+        return simulation_error, what
+    if callable(getattr(what, "fit", None)):
+        return type(what).fit, what
+    given = f"a {type(what).__name__}"
+    if isinstance(what, Record):
+        advice = "the model comes first and the record second: emsid.fit(emsid.arx(na=2, nb=2), record)"
+    elif isinstance(what, str):
+        given, advice = repr(what), "give a value, not a name: emsid.arx(na=2, nb=2), emsid.plants.rigid_motor()"
+    elif isinstance(what, Fit):
+        given, advice = "a Fit", "it has been fitted; to begin another search there, give fit.model, or its plant"
+    elif isinstance(what, GreyBox):
+        advice = "give its plant: model.plant"
+    elif isinstance(what, Narx):
+        advice = "give its structure: model.structure"
+    elif inspect.isroutine(what):
+        given, advice = f"the function {what.__name__}", f"call it: {what.__name__}(…)"
+    else:
+        advice = "give a structure (emsid.arx(…)), a cascade (emsid.wiener_hammerstein(…)) or a plant (emsid.plants.…)"
+    raise ModelError(f"{given} cannot be fitted; {advice}")
+
+
+def is_plant(thing: Any) -> bool:
+    """Whether something has what `emsid.plants.Plant` asks for."""
+    return not isinstance(thing, type) and all(
+        hasattr(thing, name) for name in ("handles", "usual", "states", "put", "simulate")
+    )
+
+
+def _checked(what: Any, estimator: Estimator, options: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The options, if the estimator takes them all.
+
+    Raises:
+        ModelError: that names the one it does not take, and those it does.
+    """
+    parameters = inspect.signature(estimator).parameters.values()
+    known = [each.name for each in parameters if each.kind is inspect.Parameter.KEYWORD_ONLY]
+    if any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters):
+        return options
+    for name in options:
+        if name not in known:
+            near = get_close_matches(name, known, n=1)
+            advice = f"did you mean {near[0]}? " if near else ""
+            called = getattr(what, "name", type(what).__name__)
+            raise ModelError(f"{called} has no option {name!r}; {advice}it takes {listed(known)}")
+    return options
+
+
+def as_records(records: Any) -> Any:
+    """Records, and nothing that looks like them.
+
+    Raises:
+        DataError: that says what to give.
+    """
+    if isinstance(records, Record):
+        return records
+    if isinstance(records, str | os.PathLike):
+        raise DataError(f"{str(records)!r} is a path; read it first: emsid.read({str(records)!r}, input=…, output=…)")
+    if isinstance(records, np.ndarray) or not isinstance(records, Iterable):
+        raise DataError(
+            f"a {type(records).__name__} is no record; give emsid.Record(input, output, dt=…), or a list of records"
+        )
+    if isinstance(records, Sequence):
+        for each in records:
+            if not isinstance(each, Record):
+                raise DataError(f"a {type(each).__name__} among the records; give emsid.Record(input, output, dt=…)")
+        if not records:
+            raise DataError("no record to fit to; give one, or a list of them")
+    return records
+
+
+def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> Record:
+    """The free run of a model over an input: what it says the outputs are.
+
+    Args:
+        model: a model, a `Fit`, a plant such as ``emsid.plants.rigid_motor()``, or an `emsid.Motor`.
+        input: (N,) or (N, nu), or a record. Where the record has outputs, those at the start of every segment give the
+            initial state, and are repeated in the result; otherwise the model starts at rest.
+        dt: sample time of the input in seconds; a record has its own.
+
+    Returns:
+        A record with the input and the simulated outputs.
+
+    Raises:
+        ModelError: for something that cannot be simulated, inputs it does not have, another sample time than its own.
+        DataError: for an input that is no array of numbers, or without a sample time.
+    """
+    subject = as_model(model)
+    record = _input_record(input, dt)
+    run = subject.simulate(record)
+    return replace(record, output=run.output, name=f"{subject.name} driven by {record.name}")
+
+
+def as_model(thing: Any, record: Record | None = None) -> Model:
+    """The model in a fit, or of a plant, or the model itself.
+
+    Args:
+        thing: what to run.
+        record: what it will run on, whose units say what the outputs of a plant are.
+
+    Raises:
+        ModelError: for anything else.
+    """
+    if isinstance(thing, Fit):
+        return thing.model  # type: ignore[no-any-return]
+    if isinstance(thing, Motor):
+        thing = DrivenMotor(thing)
+    if is_plant(thing):
+        return GreyBox(thing, signals_of(thing, record)) if record else GreyBox(thing, ())
+    if isinstance(thing, type) or not isinstance(thing, Model):
+        raise ModelError(
+            f"{thing.__name__ if isinstance(thing, type) else 'a ' + type(thing).__name__} is no model; give a model, "
+            "a fit, or a plant"
+        )
+    return thing
+
+
+def _input_record(values: Record | ArrayLike, dt: float | None) -> Record:
+    if isinstance(values, Record):
+        if dt is not None and not np.isclose(dt, values.dt, rtol=1e-6, atol=0.0):
+            raise DataError(f"{values.name} has a sample time of {values.dt:g} s and dt is {dt:g} s; leave dt out")
+        return values
+    if isinstance(values, str | os.PathLike):
+        raise DataError(f"{str(values)!r} is a path; read it first: emsid.read({str(values)!r}, input=…, output=…)")
+    if dt is None:
+        raise DataError("an input without a sample time; give dt in seconds")
+    array: Any = np.asarray(values)
+    return Record(array, np.empty((len(array) if array.ndim else 0, 0)), dt, name="input")

@@ -1,0 +1,30 @@
+"""Structures that are linear in their parameters, and the regressors they are made of.
+
+>>> import emsid
+>>> str(emsid.regression.parse_regressor("y(t-1)*u(t-2)^2"))
+'y(t-1)*u(t-2)^2'
+"""
+
+from emsid.models.regression.narx import Narx, Recursion
+from emsid.models.regression.regressors import Factor, Regressor, Transform, parse_regressor
+from emsid.models.regression.structures import (
+    Structure,
+    arx,
+    friction_narx,
+    input_knots,
+    wiener_hammerstein_regression,
+)
+
+__all__ = [
+    "Factor",
+    "Narx",
+    "Recursion",
+    "Regressor",
+    "Structure",
+    "Transform",
+    "arx",
+    "friction_narx",
+    "input_knots",
+    "parse_regressor",
+    "wiener_hammerstein_regression",
+]

@@ -1,0 +1,9 @@
+from .comparison import Assessment as Assessment
+from .comparison import Comparison as Comparison
+from .comparison import OutputErrors as OutputErrors
+from .comparison import Row as Row
+from .comparison import assess as assess
+from .comparison import assess_model as assess_model
+from .comparison import compare as compare
+from .metrics import fit_percent as fit_percent
+from .metrics import mean_squared_error as mean_squared_error

@@ -24,7 +24,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.fitting import fit_cascade
 from emsid.models.model import Model
 from emsid.models.plants.grey_box import GreyBox, signals_of
-from emsid.models.plants.motors import DrivenMotor
+from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.structures import Structure
@@ -93,6 +93,8 @@ FITTED: dict[type, Estimator] = {
     Motor: simulation_error,
 }
 """How each kind of thing is fitted: an estimator that takes it, the records, and options by name."""
+DRIVEN: dict[type, Callable[[Any], Any]] = {Motor: DrivenMotor}
+"""What needs a drive and a sensor to be simulated, and what puts them around it."""
 
 
 def _estimator(what: Any) -> tuple[Estimator, Any]:
@@ -211,8 +213,7 @@ def as_model(thing: Any, record: Record | None = None) -> Model:
     """
     if isinstance(thing, Fit):
         return thing.model  # type: ignore[no-any-return]
-    if isinstance(thing, Motor):
-        thing = DrivenMotor(thing)
+    thing = DRIVEN.get(type(thing), lambda plant: plant)(thing)
     if is_plant(thing):
         return GreyBox(thing, signals_of(thing, record)) if record else GreyBox(thing, ())
     if isinstance(thing, type) or not isinstance(thing, Model):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from emsid.models.plants.motors import DrivenMotor, LinearAxis
+from emsid.models.plants.linear_axis import LinearAxis
+from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.search.choice import STARTS
 
 

@@ -508,7 +508,7 @@ def signalled(folder, moment, *words):
 FOUND = "emsid: identification was interrupted; what had been found by then is above and written\n"
 MOMENTS = {
     "reading": ("at", "emsid.io", "read"),
-    "importing": ("importing", "emsid.models", "wiener_hammerstein"),
+    "importing": ("importing", "emsid.models.blocks.search", "estimation"),
     "the first candidate": ("at", "emsid.identification.candidates", "least_squares"),
     "a process being started": ("at", "emsid.report.drawing", "get_context"),
 }
@@ -550,11 +550,11 @@ REGRESSIONS = ("--models", "arx, wiener-hammerstein-regression", "--na", 1, "--n
 
 
 @pytest.mark.parametrize(
-    "then", ["identification._held", "identification.compare", "identification._held+identification.compare"]
+    "then", ["workflow._held", "workflow.compare", "workflow._held+workflow.compare"]
 )
 def test_ctrl_c_twice_within_a_moment_is_ctrl_c_once(then, log, tmp_path):
     words = ("identify", log, *IDENTIFY, *REGRESSIONS, "--taps", 1, "--out", "out")
-    moments = ("in_turn", "emsid", f"candidates.wiener_hammerstein_regression+{then}")
+    moments = ("in_turn", "emsid.identification", f"candidates.wiener_hammerstein_regression+{then}")
     status, out, err = signalled(tmp_path, (*moments, "SIGINT"), *words)
     assert (status, err) == (130, FOUND)
     assert "chosen: arx" in out
@@ -564,7 +564,7 @@ def test_ctrl_c_twice_within_a_moment_is_ctrl_c_once(then, log, tmp_path):
 
 def test_a_grey_box_interrupted_twice_keeps_its_search(motor_log, tmp_path):
     words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", "--free", "motor_constant,rotor_inertia")
-    moments = ("in_turn", "emsid.estimation", "gauss_newton._promised+gauss_newton._conclude")
+    moments = ("in_turn", "emsid.estimation.nonlinear", "gauss_newton._promised+gauss_newton._conclude")
     status, out, err = signalled(tmp_path, (*moments, "SIGINT"), *words, "--out", "out")
     assert (status, err) == (130, FOUND)
     assert "rigid-motor: interrupted after 0 steps; the best so far is kept." in out

@@ -24,7 +24,7 @@ from emsid import (
     least_squares,
     wiener_hammerstein_regression,
 )
-from emsid.estimation import least_squares as module
+from emsid.estimation.linear import least_squares as module
 from emsid.estimation.linear.least_squares import gather
 from emsid.models.regression import structures
 from emsid.models.regression.regressors import Factor, Regressor, Transform

@@ -207,7 +207,7 @@ def test_a_model_that_cannot_be_fitted_is_named(result, monkeypatch):
     def defeated(*_):
         raise np.linalg.LinAlgError("no convergence")
 
-    monkeypatch.setattr("emsid.study.wiener_hammerstein", defeated)
+    monkeypatch.setattr("emsid.study.workflow.wiener_hammerstein", defeated)
     part = study(replace(result.settings, duration=4.0)).parts[0]
     assert BLOCKS not in part.models
     assert list(part.failed) == [BLOCKS]

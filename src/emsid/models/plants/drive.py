@@ -31,6 +31,9 @@ from emsid.plant.motor import Parameter
 
 Array = NDArray[np.float64]
 
+# A delay of more samples than this is not kept between samples.
+LONGEST_DELAY = 1_000_000
+
 
 class Feed(Enum):
     """What a command is when it has been through the drive."""
@@ -117,11 +120,8 @@ class Drive:
         extra = wanted - np.clip(wanted, -self.knee, self.knee)
         return wanted + (self.beyond - 1.0) * extra
 
-    def terminals(self, inputs: Array, dt: float) -> tuple[Array, Array, float]:
-        """Voltage (N + 1,) and conducting part (N + 1,) of every sample, and the part of a sample they come late by.
-
-        The first value is what acted before the first sample; a command is taken to have stood there for ever.
-        """
+    def made(self, inputs: Array) -> tuple[Array, Array]:
+        """Voltage (N,) and conducting part (N,) that inputs (N, nu) command, before the delay."""
         voltage = np.clip(self.bent(self.gain * (self.commands(inputs) + self.offset)), -self.supply, self.supply)
         duty = np.abs(voltage) / self.supply if isfinite(self.supply) else 1.0
         conducts = np.broadcast_to(1.0 - self.freewheel * (1.0 - duty), voltage.shape)
@@ -129,14 +129,51 @@ class Drive:
             here = inputs[:, -1] == code
             voltage = np.where(here, 0.0, voltage)
             conducts = np.where(here, 1.0 if bridge is Bridge.BRAKE else 0.0, conducts)
+        return voltage, np.asarray(conducts)
+
+    def standing(self, command: Array, dt: float, most: int | None = None) -> Array:
+        """(w + 1, 2) voltage and conducting part that are on their way while one command (nu,) stands.
+
+        Args:
+            command: the inputs of one sample.
+            dt: sample time in s.
+            most: samples that the run is going to have; a longer delay is all the same to it.
+
+        Raises:
+            ModelError: for a delay of more than `LONGEST_DELAY` samples, where ``most`` is not given.
+        """
         samples = self.delay / dt
-        whole = min(int(samples), len(voltage))
-        return _shifted(voltage, whole), _shifted(np.asarray(conducts), whole), min(samples - whole, 1.0)
+        if most is None and samples > LONGEST_DELAY:
+            raise ModelError(
+                f"drive with a delay of {self.delay:g} s, {samples:.3g} samples of {dt:g} s; a model can keep "
+                f"{LONGEST_DELAY:,} of them"
+            )
+        whole = int(samples) if most is None else int(min(samples, most))
+        voltage, conducts = self.made(command[None, :])
+        return np.tile([voltage[0], conducts[0]], (whole + 1, 1))
 
+    def acting(self, inputs: Array, commands: Array, dt: float) -> tuple[Array, Array, float, Array]:
+        """Voltage (N + 1,) and conducting part (N + 1,) of every sample, the part of a sample they come late by, and
+        the commands (w + 1, 2) that are on their way after the last sample.
 
-def _shifted(values: Array, by: int) -> Array:
-    """(N + 1,) values that come ``by`` samples later, begun with what came before them."""
-    return np.concatenate([np.full(by + 1, values[0]), values[: len(values) - by]])
+        Args:
+            inputs: (N, nu).
+            commands: (w + 1, 2) those that were on their way before the first sample; the first of them acted last.
+            dt: sample time in s.
+        """
+        voltage, conducts = self.made(inputs)
+        voltage, conducts = np.concatenate([commands[:, 0], voltage]), np.concatenate([commands[:, 1], conducts])
+        late = min(self.delay / dt - (len(commands) - 1), 1.0)
+        samples = len(inputs)
+        left = np.column_stack([voltage[samples:], conducts[samples:]])
+        return voltage[: samples + 1], conducts[: samples + 1], late, left
+
+    def terminals(self, inputs: Array, dt: float) -> tuple[Array, Array, float]:
+        """Voltage (N + 1,) and conducting part (N + 1,) of every sample, and the part of a sample they come late by.
+
+        The first value is what acted before the first sample; the first command is taken to have stood until then.
+        """
+        return self.acting(inputs, self.standing(inputs[0], dt, len(inputs)), dt)[:3]
 
 
 @dataclass(frozen=True)
@@ -166,28 +203,49 @@ class Sensor:
         if not (isfinite(self.lag) and self.lag >= 0):
             raise ModelError(f"sensor with a lag of {self.lag} s; it cannot be negative and must be finite")
 
-    def speed(self, speeds: Array, positions: Array, dt: float, shown: float) -> Array:
-        """(N,) what it shows of a speed, beginning with what it shows first, before ratio and offset."""
+    def begins(self, position: bool, motion: Array, dt: float, shown: float) -> Array:
+        """(2,) what it keeps before the first sample: no position seen yet, and the state of its filter.
+
+        Args:
+            position: whether it shows a position, not a speed.
+            motion: (2,) speed and position at the first sample.
+            dt: sample time in s.
+            shown: the speed that it shows at the first sample, before ratio and offset; of a position it is
+                lag·shown behind.
+        """
+        if self.lag < 1e-6 * dt:
+            return np.array([np.nan, 0.0])
+        first = float(motion[1]) - self.lag * shown if position else shown
+        return np.array([np.nan, first - self._weights(dt)[0] * float(motion[1 if position else 0])])
+
+    def speed(self, speeds: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
+        """(N,) what it shows of a speed, and what it keeps (2,) then, from what it kept before."""
         seen = speeds
         if self.average:
-            seen = np.concatenate([speeds[:1], np.diff(positions) / dt])
-        return self._lagging(seen, dt, shown) / self.ratio + self.offset
+            before = float(kept[0])
+            start = speeds[:1] if np.isnan(before) else (positions[:1] - before) / dt
+            seen = np.concatenate([start, np.diff(positions) / dt])
+        return self._shown(seen, positions, dt, kept)
 
-    def position(self, positions: Array, dt: float, shown: float) -> Array:
-        """(N,) what it shows of a position, given the speed that it shows first: it is lag·shown behind."""
-        return self._lagging(positions, dt, float(positions[0]) - self.lag * shown) / self.ratio + self.offset
+    def position(self, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
+        """(N,) what it shows of a position, and what it keeps (2,) then, from what it kept before."""
+        return self._shown(positions, positions, dt, kept)
 
-    def _lagging(self, values: Array, dt: float, first: float) -> Array:
-        """Through 1/(1 + lag·s), the value taken to be a straight line between samples, from what is shown first."""
-        if self.lag < 1e-6 * dt:
-            return values
-        from scipy.signal import lfilter
+    def _shown(self, values: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
+        lagging, state = values, float(kept[1])
+        if self.lag >= 1e-6 * dt:
+            from scipy.signal import lfilter
 
+            newest, before, decay = self._weights(dt)
+            lagging, (state,) = lfilter([newest, before], [1.0, -decay], values, zi=[state])
+        return lagging / self.ratio + self.offset, np.array([float(positions[-1]), state])
+
+    def _weights(self, dt: float) -> tuple[float, float, float]:
+        """1/(1 + lag·s) for a value that is a straight line between samples: of the newest value, the one before, and
+        what was shown before."""
         z = dt / self.lag
-        decay, gain = np.exp(-z), -np.expm1(-z) / z
-        newest, before = 1.0 - gain, gain - decay
-        lagging: Array = lfilter([newest, before], [1.0, -decay], values, zi=[first - newest * values[0]])[0]
-        return lagging
+        decay, gain = float(np.exp(-z)), float(-np.expm1(-z) / z)
+        return 1.0 - gain, gain - decay, decay
 
 
 def outer_handles(volt: str, volts: str, motion: str) -> dict[str, Handle]:

@@ -19,6 +19,7 @@ from emsid.errors import ModelError
 from emsid.models.plants.drive import Drive, Sensor, outer_handles
 from emsid.models.plants.one_mass import Motion, Sliding, moved
 from emsid.models.plants.parameters import TINY, Handle, Parametrised, Quantity, Signal, handles_of
+from emsid.models.plants.state import PlantState
 from emsid.plant import DeadZoneLaw, Friction
 from emsid.plant.motor import Parameter
 
@@ -109,9 +110,22 @@ class LinearAxis(Parametrised):
         """Speed, position, and the speed that the sensor shows."""
         return 3
 
-    def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
-        """The outputs (N, ny) for a command (N, 1), from a speed and a position."""
-        force, _, late = self.drive.terminals(inputs, dt)
+    def start(
+        self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
+    ) -> PlantState:
+        """The state before the first sample, from speed and position; see `DrivenMotor.start`."""
+        missing = [signal.value for signal in signals if signal not in (Signal.SPEED, Signal.POSITION)]
+        if missing:
+            raise ModelError(f"linear-axis has no {missing[0]} to compare with; it has position and speed")
+        motion = np.array([float(state[0]), float(state[1])])
+        shown = float(state[2] if len(state) > 2 else state[0])
+        begin = [self.sensor.begins(signal is Signal.POSITION, motion, dt, shown) for signal in signals]
+        return PlantState(dt, motion, self.drive.standing(command, dt, samples), np.array(begin))
+
+    def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
+        """The outputs (N, ny) for a command (N, 1), and the state after them."""
+        dt, sensor = state.dt, self.sensor
+        force, _, late, commands = self.drive.acting(inputs, state.commands, dt)
         if self.dead_zone is not None:
             force = self.dead_zone(force)
         levels = np.array([self.friction.forward, self.friction.backward])
@@ -125,18 +139,23 @@ class LinearAxis(Parametrised):
             dt,
             late,
             self.steps,
-            float(state[0]),
-            float(state[1]),
+            float(state.motion[0]),
+            float(state.motion[1]),
         )
-        first = float(state[2] if len(state) > 2 else state[0])
-        shown = {
-            Signal.SPEED: lambda: self.sensor.speed(speeds, positions, dt, first),
-            Signal.POSITION: lambda: self.sensor.position(positions, dt, first),
-        }
-        missing = [signal.value for signal in signals if signal not in shown]
-        if missing:
-            raise ModelError(f"linear-axis has no {missing[0]} to compare with; it has position and speed")
-        return np.column_stack([shown[signal]() for signal in signals])
+        motion = np.array([speeds[-1], positions[-1]])
+        speeds, positions = speeds[:-1], positions[:-1]
+        columns = [
+            sensor.position(positions, dt, kept)
+            if signal is Signal.POSITION
+            else sensor.speed(speeds, positions, dt, kept)
+            for signal, kept in zip(signals, state.sensed, strict=True)
+        ]
+        sensed = np.array([kept for _, kept in columns])
+        return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, commands, sensed)
+
+    def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
+        """The outputs (N, ny) for a command (N, 1), from a speed and a position."""
+        return self.run(self.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
 
     def put_motion(self, motion: Motion) -> Self:
         """The axis that moves like this: the mass follows from the gain, and the rest from the mass."""

@@ -9,8 +9,8 @@ and takes the fast loop of `one_mass`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import astuple, dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -20,6 +20,7 @@ from emsid.errors import ModelError
 from emsid.models.plants.drive import Drive, Feed, Sensor, outer_handles
 from emsid.models.plants.one_mass import Motion, Sliding, moved
 from emsid.models.plants.parameters import TINY, Handle, Parametrised, Quantity, Signal, handles_of
+from emsid.models.plants.state import PlantState
 from emsid.plant import DeadZoneLaw, Friction, Motor, State, Taylor, simulate
 from emsid.plant.motor import Parameter
 
@@ -117,13 +118,35 @@ class DrivenMotor(Parametrised):
         """Speed, angle, and the speed that the sensor shows."""
         return 3
 
-    def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
-        """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), from speed and angle."""
-        made, conducts, late = self.drive.terminals(inputs, dt)
-        motor, speed, angle = self.motor, float(state[0]), float(state[1])
-        if self.feed is not Feed.VOLTAGE or (
-            motor.is_rigid and motor.inductance == 0 and motor.torque_dead_zone is None
-        ):
+    def start(
+        self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
+    ) -> PlantState:
+        """The state before the first sample: speed, angle and shown speed, under a command (nu,) that stood till then.
+
+        Args:
+            state: (2,) speed and angle, or (3,) with the speed that the sensor shows, by default the true one.
+            command: the inputs of the first sample; a code is what the bridge did before.
+            dt: sample time in s.
+            signals: what the outputs are.
+            samples: how long the run is going to be, if that is known; a delay beyond it is not kept.
+        """
+        speed, angle = float(state[0]), float(state[1])
+        commands = self.drive.standing(command, dt, samples)
+        motor, motion = self.motor, np.array([speed, angle])
+        if not self._is_one_mass:
+            volts = commands[:1, 0]
+            across = volts[0] if motor.voltage_dead_zone is None else float(motor.voltage_dead_zone(volts)[0])
+            current = (across - motor.motor_constant * speed) / motor.resistance
+            motion = np.array([current, speed, speed, 0.0, angle])
+        shown = float(state[2] if len(state) > 2 else state[0])
+        begin = [self.sensor.begins(s is Signal.POSITION, np.array([speed, angle]), dt, shown) for s in signals]
+        return PlantState(dt, motion, commands, np.array(begin))
+
+    def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
+        """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), and the state after them."""
+        dt, motor = state.dt, self.motor
+        made, conducts, late, commands = self.drive.acting(inputs, state.commands, dt)
+        if self._is_one_mass:
             torque, braking = self._torque(made, conducts)
             speeds, positions = moved(
                 motor.rotor_inertia + motor.load_inertia,
@@ -133,9 +156,11 @@ class DrivenMotor(Parametrised):
                 dt,
                 late,
                 self.steps,
-                speed,
-                angle,
+                float(state.motion[0]),
+                float(state.motion[1]),
             )
+            motion = np.array([speeds[-1], positions[-1]])
+            speeds, positions = speeds[:-1], positions[:-1]
             rotor_speeds, rotor_positions = speeds, positions
             torque, braking = (late * each[:-1] + (1 - late) * each[1:] for each in (torque, braking))
             current = (torque - braking * speeds) / motor.motor_constant
@@ -145,21 +170,35 @@ class DrivenMotor(Parametrised):
                     "a bridge that coasts is simulated for a rigid motor without inductance only; choose rigid-motor, "
                     "or leave out where it does (--mask)"
                 )
-            across = made[0] if motor.voltage_dead_zone is None else float(motor.voltage_dead_zone(made[:1])[0])
-            start = State((across - motor.motor_constant * speed) / motor.resistance, speed, speed, 0.0, angle)
             pieces = _pieces(made, dt, late)
+            start = State(*state.motion.tolist())
             whole = simulate(motor, *pieces, disturbance=self.load_torque, initial=start, method=LONG_STEPS)
+            motion = np.array(astuple(whole.final))
             every = slice(None, None, 2 if 0 < late < 1 else 1)
             speeds, positions, current = whole.load_speed[every], whole.load_angle[every], whole.current[every]
             rotor_speeds, rotor_positions = whole.rotor_speed[every], whole.rotor_angle[every]
-        first = float(state[2] if len(state) > 2 else state[0])
-        shown = {
-            Signal.SPEED: lambda: self.sensor.speed(speeds, positions, dt, first),
-            Signal.POSITION: lambda: self.sensor.position(positions, dt, first),
-            Signal.ROTOR_SPEED: lambda: self.sensor.speed(rotor_speeds, rotor_positions, dt, first),
-            Signal.CURRENT: lambda: current,
+        sensor = self.sensor
+        shown: dict[Signal, Callable[[Array], tuple[Array, Array]]] = {
+            Signal.SPEED: lambda kept: sensor.speed(speeds, positions, dt, kept),
+            Signal.POSITION: lambda kept: sensor.position(positions, dt, kept),
+            Signal.ROTOR_SPEED: lambda kept: sensor.speed(rotor_speeds, rotor_positions, dt, kept),
+            Signal.CURRENT: lambda kept: (current, kept),
         }
-        return np.column_stack([shown[signal]() for signal in signals])
+        columns = [shown[signal](kept) for signal, kept in zip(signals, state.sensed, strict=True)]
+        sensed = np.array([kept for _, kept in columns])
+        return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, commands, sensed)
+
+    def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
+        """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), from speed and angle."""
+        return self.run(self.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
+
+    @property
+    def _is_one_mass(self) -> bool:
+        """Whether the fast loop of one mass can move it."""
+        motor = self.motor
+        return self.feed is not Feed.VOLTAGE or (
+            motor.is_rigid and motor.inductance == 0 and motor.torque_dead_zone is None
+        )
 
     def _torque(self, made: Array, conducts: Array) -> tuple[Array, Array]:
         """What turns one mass at rest, and by how much less per rad/s when it moves, for what the drive makes."""

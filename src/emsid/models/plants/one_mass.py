@@ -91,11 +91,11 @@ def move(
         steps: steps in a sample, for the Stribeck excess.
         speed: v at the first sample.
         position: x at the first sample.
-        speeds, positions: written to.
+        speeds, positions: written to; where they have N + 1 places, the last gets the end of the last sample.
     """
     v, x = speed, position
     known_rate, known_time, first, second = -1.0, -1.0, 0.0, 0.0
-    for k in range(len(speeds)):
+    for k in range(len(force) - 1):
         speeds[k], positions[k] = v, x
         for part in range(2):
             whole = late * dt if part == 0 else (1.0 - late) * dt
@@ -138,6 +138,8 @@ def move(
                     x += v * time + pull * integral
                     v = 0.0
                     left -= time
+    if len(speeds) == len(force):
+        speeds[-1], positions[-1] = v, x
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -163,9 +165,8 @@ def moved(
     speed: float,
     position: float,
 ) -> tuple[Array, Array]:
-    """Speeds and positions (N,) at every sample; the arguments are those of `move`."""
-    samples = len(force) - 1
-    speeds, positions = np.empty(samples), np.empty(samples)
+    """Speeds and positions (N + 1,) at every sample and at the end; the arguments are those of `move`."""
+    speeds, positions = np.empty(len(force)), np.empty(len(force))
     steps = steps if friction.stribeck.any() else 1
     move(mass, friction, force, damping, dt, late, steps, speed, position, speeds, positions)
     return speeds, positions

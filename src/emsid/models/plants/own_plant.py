@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.models.plants.parameters import Handle, Quantity, Signal, find_handle, read_at, write_at
+from emsid.models.plants.state import NOTHING, PlantState
 from emsid.plant.motor import Parameter
 
 Array = NDArray[np.float64]
@@ -81,43 +82,52 @@ class OwnPlant:
             plant = write_at(plant, find_handle(self, name).paths[0][0], float(value))
         return plant
 
+    def start(
+        self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
+    ) -> PlantState:
+        """The state before the first sample, (n,) of the user's functions; its outputs need no signal.
+
+        Raises:
+            ModelError: for functions that give something of another shape.
+        """
+        start, parameters = np.array(state, dtype=float), np.array(self.values)
+        for what, function, shape in (
+            ("derivative", self.derivative, (self.states,)),
+            ("output", self.output, (len(signals),) if signals else None),
+        ):
+            found = np.shape(function(start.copy(), command, parameters))
+            if len(found) != 1 or (shape is not None and found != shape):
+                wanted = "(ny,)" if shape is None else shape
+                raise ModelError(f"{self.name}: its {what} has shape {found}; it must be {wanted}")
+        return PlantState(dt, start, NOTHING, NOTHING)
+
+    def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
+        """The outputs (N, ny) for inputs (N, nu), and the state after them."""
+        compiled = hasattr(self.derivative, "py_func") and hasattr(self.output, "py_func")
+        loop = _compiled_runge_kutta if compiled else _runge_kutta
+        parameters, x = np.array(self.values), state.motion.copy()
+        inputs = np.ascontiguousarray(inputs)
+        width = len(signals) or len(np.asarray(self.output(x.copy(), inputs[0], parameters)))
+        out = np.empty((len(inputs), width))
+        loop(self.derivative, self.output, inputs, parameters, x, state.dt, self.steps, out)
+        return out, state._replace(motion=x)
+
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
         """The outputs (N, ny) for inputs (N, nu), from an initial state (n,); its outputs need no signal.
 
         Raises:
             ModelError: for functions that give something of another shape.
         """
-        parameters = np.array(self.values)
-        for what, function, shape in (
-            ("derivative", self.derivative, (self.states,)),
-            ("output", self.output, (len(signals),) if signals else None),
-        ):
-            found = np.shape(function(np.array(state, dtype=float), inputs[0], parameters))
-            if len(found) != 1 or (shape is not None and found != shape):
-                wanted = "(ny,)" if shape is None else shape
-                raise ModelError(f"{self.name}: its {what} has shape {found}; it must be {wanted}")
-        compiled = hasattr(self.derivative, "py_func") and hasattr(self.output, "py_func")
-        loop = _compiled_runge_kutta if compiled else _runge_kutta
-        out: Array = loop(
-            self.derivative,
-            self.output,
-            np.ascontiguousarray(inputs),
-            parameters,
-            np.array(state, dtype=float),
-            dt,
-            self.steps,
-        )
-        return out
+        return self.run(self.start(state, inputs[0], dt, signals), inputs, signals)[0]
 
     def quantities(self) -> tuple[Quantity, ...]:
         """None that emsid would know of."""
         return ()
 
 
-def _runge_kutta(f: Any, g: Any, inputs: Array, p: Array, start: Array, dt: float, steps: int) -> Array:
-    x = start.copy()
-    first = np.asarray(g(x, inputs[0], p))
-    out = np.empty((len(inputs), len(first)))
+def _runge_kutta(f: Any, g: Any, inputs: Array, p: Array, state: Array, dt: float, steps: int, out: Array) -> None:
+    """Fill ``out`` (N, ny), and bring ``state`` (n,) to the end of the last sample."""
+    x = state.copy()
     h = dt / steps
     for k in range(len(inputs)):
         u = inputs[k]
@@ -128,7 +138,7 @@ def _runge_kutta(f: Any, g: Any, inputs: Array, p: Array, start: Array, dt: floa
             k3 = np.asarray(f(x + 0.5 * h * k2, u, p))
             k4 = np.asarray(f(x + h * k3, u, p))
             x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    return out
+    state[:] = x
 
 
 _compiled_runge_kutta = njit(nogil=True)(_runge_kutta)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.models.plants.state import PlantState
 from emsid.plant import DeadZoneLaw
 from emsid.plant.motor import Parameter
 from emsid.units import with_unit
@@ -107,6 +108,16 @@ class Plant(Protocol):
 
     def put(self, values: Mapping[str, float]) -> Self:
         """The plant with other parameters."""
+        ...
+
+    def start(
+        self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
+    ) -> PlantState:
+        """The state before the first sample, from an initial state and a command (nu,) that stood until then."""
+        ...
+
+    def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
+        """The output (N, ny) driven by inputs (N, nu), and the state after them: blocks are as good as one run."""
         ...
 
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:

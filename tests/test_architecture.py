@@ -226,7 +226,6 @@ def offenders(found: Callable[[str], object]) -> dict[str, object]:
     ("packages", "allowed"),
     [
         ({"matplotlib"}, r"report\.figures"),
-        ({"plotly"}, r"report\.page_plots"),
         ({"typer", "click"}, r"cli(\..*)?"),
         ({"rich"}, r"cli\.terminal"),
         ({"h5py", "polars", "tempfile", "shutil"}, r"io(\..*)?"),
@@ -349,7 +348,7 @@ def test_functions_are_short_enough_to_be_read() -> None:
     ids=["import", "help"],
 )
 def test_start_is_fast_because_nothing_heavy_is_imported(command: str) -> None:
-    heavy = {"numba", "llvmlite", "scipy", "matplotlib", "plotly", "polars", "h5py", "pint", "jinja2"}
+    heavy = {"numba", "llvmlite", "scipy", "matplotlib", "polars", "h5py", "pint", "jinja2"}
     at_the_end = f"import atexit, sys\natexit.register(lambda: print('LOADED', {heavy} & sys.modules.keys()))\n"
     program = [sys.executable, "-c", at_the_end + command]
     done = subprocess.run(program, capture_output=True, text=True, timeout=60, check=True)

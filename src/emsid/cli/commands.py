@@ -304,18 +304,14 @@ def study(
     if motor is not None:
         settings = replace(settings, motor=read_motor(motor))
     records = None if record is None or verify is None else (reader(record), reader(verify))
-    with _draughtsman() as draughtsman:
-        draughtsman.begin(paper.motor_section(settings).figures)
-        with progress_bar() as report_progress:
-            result = paper.study(
-                settings, records, report_progress, lambda part: draughtsman.begin(paper.part_section(part).figures)
-            )
-        with _kept(result, "the study") as result:
-            _write(out, {"study.json": result.to_data()})
-            for part in result.parts:
-                show(error_table(part.rows, f"{part.name} study"))
-            print("\n".join(paper.findings(result)), flush=True)
-        drawn = _draw(out, lambda: paper.report(result), draughtsman)
+    with progress_bar() as report_progress:
+        result = paper.study(settings, records, report_progress)
+    with _kept(result, "the study") as result:
+        _write(out, {"study.json": result.to_data()})
+        for part in result.parts:
+            show(error_table(part.rows, f"{part.name} study"))
+        print("\n".join(paper.findings(result)), flush=True)
+    drawn = _draw(out, lambda: paper.report(result))
     _say_where(out, drawn, "study.json")
     if result.interrupted or not drawn:
         _end_interrupted()
@@ -433,29 +429,28 @@ def identify(
         raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
     _check_folder(out)
     records, tests = [reader(path) for path in files], [reader(path) for path in validate]
-    with _draughtsman() as draughtsman:
-        with progress_bar() as report_progress:
-            result = identification.identify(
-                records,
-                tests or None,
-                models=asked,
-                options=options,
-                transient=transient,
-                unseen=unseen,
-                progress=report_progress,
-            )
-        with _kept(result, "identification") as result:
-            _write(out, {"result.json": result.to_data()}, result.verification.fits, result.record)
-            title = f"on {result.judged_on} ({result.unseen.name})"
-            show(error_table(result.verification.rows, title, result.unseen.output_units[0]))
-            for fit in result.verification.fits:
-                if isinstance(fit, GreyBoxFit):
-                    show(physical_table(fit))
-            print(f"chosen: {result.chosen.model.name}")
-            if not isinstance(result.chosen, GreyBoxFit):
-                print(result.chosen.model.equation())
-            print("\n".join(identification.remarks(result)), flush=True)
-        drawn = _draw(out, lambda: identification.report(result), draughtsman)
+    with progress_bar() as report_progress:
+        result = identification.identify(
+            records,
+            tests or None,
+            models=asked,
+            options=options,
+            transient=transient,
+            unseen=unseen,
+            progress=report_progress,
+        )
+    with _kept(result, "identification") as result:
+        _write(out, {"result.json": result.to_data()}, result.verification.fits, result.record)
+        title = f"on {result.judged_on} ({result.unseen.name})"
+        show(error_table(result.verification.rows, title, result.unseen.output_units[0]))
+        for fit in result.verification.fits:
+            if isinstance(fit, GreyBoxFit):
+                show(physical_table(fit))
+        print(f"chosen: {result.chosen.model.name}")
+        if not isinstance(result.chosen, GreyBoxFit):
+            print(result.chosen.model.equation())
+        print("\n".join(identification.remarks(result)), flush=True)
+    drawn = _draw(out, lambda: identification.report(result))
     written = [f"{fit.model.name}.json" for fit in result.verification.fits]
     possible = [f"{name}.json" for name in candidates.CANDIDATES]
     _say_where(out, drawn, "result.json", *written, possible=possible)
@@ -619,12 +614,6 @@ def list_() -> None:
 # --- what is written -------------------------------------------------------------------------------------------------
 
 
-def _draughtsman() -> Any:
-    from emsid.report.drawing import draughtsman
-
-    return draughtsman()
-
-
 def _check_folder(folder: Path) -> None:
     """Refuse a folder that cannot be written to before hours are spent on what goes there."""
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
@@ -657,14 +646,15 @@ def _kept(result: "Result", what: str) -> Iterator["Result"]:
     INTERRUPTION.words = f"{what} was interrupted; what had been found by then is above and written"
 
 
-def _draw(folder: Path, report: Callable[[], Any], draughtsman: Any) -> bool:
+def _draw(folder: Path, report: Callable[[], Any]) -> bool:
     """Write the report with its figures; false where Ctrl-C was pressed meanwhile."""
     try:
         INTERRUPTION.raise_again()
+        from emsid.estimation.nonlinear.control import Control
         from emsid.report.page import write_report
 
         with progress_bar() as report_progress:
-            write_report(report(), folder, report_progress, draughtsman)
+            write_report(report(), folder, Control(report=lambda a: report_progress(a.doing, a.done / (a.total or 1))))
     except BaseException as problem:
         if not (INTERRUPTION.pressed or isinstance(problem, KeyboardInterrupt)) or isinstance(problem, SystemExit):
             raise

@@ -186,7 +186,7 @@ class Axis:
 
     Attributes:
         quantity: what it shows.
-        unit: in which unit; "1" for a number without one, empty where nobody has said.
+        unit: in which unit; "1" for a number without one, empty where it is not known.
         log: whether it is logarithmic.
         range: first and last value; from the data where None.
         names: what stands at 0, 1, 2, … of an axis of names, which has no unit.
@@ -203,9 +203,9 @@ class Axis:
         """Quantity and unit.
 
         >>> Axis("Torque", "N*m").title, Axis("Gain", "1").title, Axis("y1").title
-        ('Torque [N·m]', 'Gain [–]', 'y1 [unit?]')
+        ('Torque [N·m]', 'Gain [–]', 'y1')
         """
-        return self.quantity if self.names else f"{self.quantity} [{readable_unit(self.unit)}]"
+        return f"{self.quantity} [{readable_unit(self.unit)}]" if self.unit and not self.names else self.quantity
 
 
 @dataclass(frozen=True)

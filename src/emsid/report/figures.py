@@ -7,8 +7,7 @@ mathematics, so a column may be called ``$u$``.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import cache, partial, singledispatch
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -32,6 +31,7 @@ from emsid.report.document import (
     Stroke,
     thin,
 )
+from emsid.report.numbers import tick
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -86,34 +86,41 @@ _SETTINGS: dict[Any, Any] = {
 }
 
 
-class Drawing(NamedTuple):
-    """A figure for print: scalable, the same bytes for the same figure."""
+def draw(figure: Figure, formats: Collection[str] = ("svg",)) -> dict[str, bytes]:
+    """Draw a figure once and write it in these formats: scalable, the same bytes for the same figure.
 
-    svg: bytes
-    pdf: bytes
+    Args:
+        figure: what to draw.
+        formats: ``svg``, ``pdf`` or both.
 
-
-def load() -> None:
-    """Import what `draw` needs, ahead of the first figure."""
-    import matplotlib.backends.backend_pdf
-    import matplotlib.backends.backend_svg
-    import matplotlib.figure  # noqa: F401
-
-
-def draw(figure: Figure) -> Drawing:
-    """Draw a figure once and write it as SVG and as PDF."""
+    Returns:
+        By format, the content of a file.
+    """
     from matplotlib import rc_context
-    from matplotlib.backends.backend_pdf import FigureCanvasPdf
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-    about = {"Creator": "emsid", "Title": figure.name}
-    svg, pdf = BytesIO(), BytesIO()
     with rc_context(_SETTINGS):
         sheet = _sheet(figure)
-        # The canvases themselves, since Figure.savefig draws everything twice for the sake of automatic layouts.
-        FigureCanvasSVG(sheet).print_svg(svg, metadata=about | {"Date": None})  # type: ignore[no-untyped-call]
-        FigureCanvasPdf(sheet).print_pdf(pdf, metadata=about | {"CreationDate": None})  # type: ignore[no-untyped-call]
-    return Drawing(svg.getvalue(), pdf.getvalue())
+        return {name: _WRITERS[name](sheet, {"Creator": "emsid", "Title": figure.name}) for name in formats}
+
+
+def _svg(sheet: Sheet, about: dict[str, str]) -> bytes:
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    # The canvas itself, since Figure.savefig draws everything twice for the sake of automatic layouts.
+    file = BytesIO()
+    FigureCanvasSVG(sheet).print_svg(file, metadata=about | {"Date": None})  # type: ignore[no-untyped-call]
+    return file.getvalue()
+
+
+def _pdf(sheet: Sheet, about: dict[str, str]) -> bytes:
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
+
+    file = BytesIO()
+    FigureCanvasPdf(sheet).print_pdf(file, metadata=about | {"CreationDate": None})  # type: ignore[no-untyped-call]
+    return file.getvalue()
+
+
+_WRITERS: dict[str, Callable[[Sheet, dict[str, str]], bytes]] = {"svg": _svg, "pdf": _pdf}
 
 
 _LINE_STYLES: dict[Dash, Any] = {
@@ -284,11 +291,10 @@ def _put_head(axes: Axes, place: _Place, handles: Sequence[Artist | BarContainer
 
 
 def _tick(side: MplAxis, value: float, _: int | None = None) -> str:
-    """The label of a tick, without digits that only rounding brought about: −0.5, 2e−6, 3e7."""
+    """The label of a tick; zero where rounding left a little."""
     low, high = side.get_view_interval()
-    if side.get_scale() != "log" and abs(value) < 1e-9 * abs(high - low):
-        return "0"
-    return re.sub(r"e([+-])0*", lambda e: "e" + e[1].strip("+"), f"{value:.8g}").replace("-", "−")
+    linear = side.get_scale() != "log"
+    return "0" if linear and abs(value) < 1e-9 * abs(high - low) else tick(value)
 
 
 @singledispatch

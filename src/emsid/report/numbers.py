@@ -86,3 +86,12 @@ def slug(text: str) -> str:
     'wiener-hammerstein-no-2'
     """
     return "-".join(re.findall("[a-z0-9]+", text.lower())) or "model"
+
+
+def tick(value: float) -> str:
+    """The label of a tick, without digits that only rounding brought about.
+
+    >>> tick(-0.5), tick(2e-6), tick(3e7), tick(0.1 + 0.2), tick(20000.0)
+    ('−0.5', '2e−6', '3e7', '0.3', '20000')
+    """
+    return _short(f"{value:.8g}").replace("-", "−")

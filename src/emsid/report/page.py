@@ -1,35 +1,29 @@
 """A report as one HTML page that opens anywhere: no network, no other file, readable on a phone and on paper.
 
-On a screen the figures are Plotly's, drawn as they come into view; in print, and where scripts are off, the ones that
-Matplotlib drew stand in their place. Every text goes through Jinja's escaping, and the page forbids itself, by its
-content security policy, to load anything.
+The plots are SVG and HTML (`emsid.report.page_plots`) and need no script; a short one lets a reader enlarge them. Every
+text goes through Jinja's escaping, and the page forbids itself, by its content security policy, to load anything.
 """
 
 from __future__ import annotations
 
 import os
-from base64 import b64encode
-from collections.abc import Mapping
+from collections.abc import Collection
+from importlib.resources import files
 from pathlib import Path
 
+from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.io.files import atomic_write
 from emsid.report.document import Report
-from emsid.report.drawing import Draughtsman, Progress
-from emsid.report.figures import Drawing
-from emsid.report.page_plots import interactive, plotly_source
+from emsid.report.page_plots import page_figure
+
+FORMATS = ("svg", "pdf")
+"""In which formats `write_report` can write the figures."""
 
 
-def page(report: Report, drawings: Mapping[str, Drawing] | None = None) -> str:
-    """The report as HTML.
-
-    Args:
-        report: what it says and shows.
-        drawings: its figures by name, if they have been drawn already.
-    """
+def page(report: Report) -> str:
+    """The report as HTML."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    if drawings is None:
-        drawings = Draughtsman().finish(report.figures, lambda what, fraction: None)
     environment = Environment(
         loader=PackageLoader("emsid.report", "."),
         autoescape=True,
@@ -39,42 +33,43 @@ def page(report: Report, drawings: Mapping[str, Drawing] | None = None) -> str:
     )
     return environment.get_template("page.html.j2").render(
         report=report,
-        interactive=interactive,
-        drawn={name: b64encode(drawing.svg).decode("ascii") for name, drawing in drawings.items()},
-        plotly=plotly_source() if drawings else "",
+        plots=page_figure,
+        script=files("emsid.report").joinpath("page.js").read_text("utf-8") if any(report.figures) else "",
     )
 
 
 def write_report(
-    report: Report,
-    folder: str | os.PathLike[str],
-    progress: Progress = lambda what, fraction: None,
-    draughtsman: Draughtsman | None = None,
+    report: Report, folder: str | os.PathLike[str], control: Control = FREE, formats: Collection[str] = ("svg",)
 ) -> Path:
-    """Write ``report.html``, and every figure as ``figures/<name>.svg`` and ``.pdf``, into a folder.
+    """Write ``report.html``, and every figure as ``figures/<name>.svg`` for print, into a folder.
 
     Everything is drawn before anything is written.
 
     Args:
         report: what to write.
         folder: where to; it is made where it is missing.
-        progress: called with what is being done and the fraction done.
-        draughtsman: who draws, and may have begun.
+        control: when to stop, and who is told what is being done.
+        formats: of the files of the figures, of `FORMATS`; none for the page alone.
 
     Returns:
         The path of the page.
 
     Raises:
         FormatError: where the folder cannot be written to.
+        Stopped: where ``control`` ends it; nothing has been written then.
     """
-    draughtsman = draughtsman or Draughtsman()
-    drawings = draughtsman.finish(report.figures, lambda what, fraction: progress(what, 0.9 * fraction))
-    progress("writing the report", 0.9)
-    contents = page(report, drawings)
+    from emsid.report.figures import draw
+
+    control.doing("writing the page")
+    contents = page(report)
+    drawings = {}
+    figures = tuple(report.figures) if formats else ()
+    for k, figure in enumerate(figures):
+        control.doing(f"drawing {figure.name}", k, len(figures))
+        drawings[figure.name] = draw(figure, formats)
     folder = Path(folder)
     for name, drawing in drawings.items():
-        atomic_write(folder / "figures" / f"{name}.svg", drawing.svg)
-        atomic_write(folder / "figures" / f"{name}.pdf", drawing.pdf)
+        for suffix, content in drawing.items():
+            atomic_write(folder / "figures" / f"{name}.{suffix}", content)
     atomic_write(folder / "report.html", contents)
-    progress("written", 1.0)
     return folder / "report.html"

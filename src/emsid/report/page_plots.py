@@ -1,24 +1,26 @@
-"""Plots for the page, as the JSON that Plotly draws in a browser. The only module that knows Plotly.
+"""Plots of the page: what the template sets as HTML and SVG, computed from a `Plot`.
 
-A trace or a shape for each kind of mark; everything else about a figure is said once, in `emsid.report.document`. No
-text is ever read as markup, so a column may be called ``<b>``.
+The lines of a plot are SVG paths that stretch with the width of the page; titles, ticks and legends are HTML, so their
+letters keep their size on a phone. The same markup is read on a screen, in print and where scripts are off; a short
+script adds zooming. All texts are returned as they are: the template escapes them.
 """
 
 from __future__ import annotations
 
-from base64 import b64encode
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import singledispatch
-from html import escape
-from typing import Any
+from math import ceil, floor, log10
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from emsid.report.document import (
     Axis,
     Band,
     Bars,
     Dash,
+    Figure,
     Histogram,
     Level,
     Line,
@@ -29,186 +31,390 @@ from emsid.report.document import (
     Stroke,
     thin,
 )
-from emsid.report.figures import beside, name_range
+from emsid.report.numbers import tick
 
-Trace = dict[str, Any]
+Array = NDArray[np.float64]
 
-# Points of a line, which can be zoomed.
-PAGE_POINTS = 4000
+# Points of a line: about two in every pixel of a wide screen, the lowest and the highest value of each stretch.
+PAGE_POINTS = 1600
 
-_ROW = 250  # an ordinary plot, in pixels
+# Coordinates inside a plot are whole numbers from 0 to these, so that a path is short and can be enlarged twentyfold.
+WIDTH, HEIGHT = 20_000, 10_000
 
-_DASHES = {Dash.SOLID: "solid", Dash.DASHED: "dash", Dash.DOTTED: "2px,2px", Dash.DASH_DOTTED: "dashdot"}
+_ROW = 210  # the height of an ordinary plot, in pixels
+_LETTER = 7.0  # the width of a digit of a tick, in pixels
+_NARROW = 270.0  # the width of a plot on a phone, in pixels
 
-
-def interactive(plot: Plot) -> Trace:
-    """A plot as Plotly's JSON: ``data`` and ``layout``, in built-in types."""
-    named = any(mark.label for mark in plot.marks)
-    above, below = 30 if named else 10, 48
-    layout: Trace = {
-        "height": round(_ROW * plot.height) + above + below - 30,
-        "margin": {"l": 76, "r": 16, "t": above, "b": below},
-        "font": {"family": "Segoe UI, system-ui, Helvetica Neue, Arial, sans-serif", "size": 12, "color": "#22262e"},
-        "paper_bgcolor": "#ffffff",
-        "plot_bgcolor": "#ffffff",
-        "hovermode": "closest" if plot.y.names else "x",
-        "dragmode": False if plot.y.names else "zoom",
-        "showlegend": named,
-        "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"},
-        "xaxis": _axis(plot.x),
-        "yaxis": _axis(plot.y, _ROW * plot.height - 30) | {"automargin": "left"},  # for numbers of many digits
-        "hoverlabel": {"font": {"size": 11}},
-        "shapes": [shape for mark in plot.marks for shape in _shapes(mark)],
-        "annotations": _bar_names(plot),
-    }
-    if plot.y.names:
-        layout["margin"] |= {"l": 26}  # half the first number below
-    traces = [trace for mark in plot.marks for trace in _trace(mark)]
-    backdrop = next((m for m in plot.marks if isinstance(m, Histogram) and m.backdrop), None)
-    if backdrop is not None:
-        reach = 4 * float(np.max(backdrop.heights, initial=0)) or 1.0
-        layout["yaxis2"] = {"overlaying": "y", "visible": False, "range": [0, reach], "fixedrange": True}
-    return {"data": traces, "layout": layout}
+_DASHES = {Dash.SOLID: "", Dash.DASHED: "7 4", Dash.DOTTED: "2 2.5", Dash.DASH_DOTTED: "8 3 2 3"}
 
 
-def _axis(axis: Axis, length: float = np.inf) -> Trace:
-    title, letters = (axis.title, 12.5) if np.isinf(length) or axis.names else beside(axis, length, 12.5)
-    settings: Trace = {
-        "title": {"text": escape(title), "standoff": 8, "font": {"size": round(letters, 1)}},
-        "gridcolor": "#e4e7eb",
-        "linecolor": "#8a8f98",
-        "showline": True,
-        "zeroline": False,
-        "ticks": "outside",
-        "tickcolor": "#8a8f98",
-        "ticklen": 4,
-        "exponentformat": "power",
-    }
-    if axis.log:
-        settings |= {"type": "log", "dtick": 1, "tickformat": "~g"}
-    if axis.range:
-        settings["range"] = [float(v) for v in (np.log10(axis.range) if axis.log else axis.range)]
-    if axis.names:
-        hidden = {"showgrid": False, "showticklabels": False, "ticks": "", "title": {"text": ""}}
-        settings |= {"range": list(name_range(axis)[::-1])} | hidden
-    return settings
+@dataclass(frozen=True)
+class Shape:
+    """An SVG path.
+
+    Attributes:
+        path: its ``d``, in coordinates of the plot.
+        stroke, width, dash: of its line; no line where the stroke is empty.
+        fill, opacity: of its area; no area where the fill is empty.
+        round: whether the ends of its lines are round, as of points.
+    """
+
+    path: str
+    stroke: str = ""
+    width: float = 1.0
+    dash: str = ""
+    fill: str = ""
+    opacity: float = 1.0
+    round: bool = False
 
 
-def _bar_names(plot: Plot) -> list[Trace]:
-    """Names and remarks of bars, above each and not beside it, so that they have room on a phone too."""
-    place = {"xref": "paper", "x": 0, "xanchor": "left", "yshift": 17, "showarrow": False}
-    return [
-        {"text": f"<b>{escape(name)}</b>&nbsp; {escape(remark)}", "y": k} | place
-        for mark in plot.marks
-        if isinstance(mark, Bars)
-        for k, (name, remark) in enumerate(zip(plot.y.names, mark.remarks, strict=True))
-    ]
+@dataclass(frozen=True)
+class Entry:
+    """An entry of a legend.
+
+    Attributes:
+        label: its text.
+        look: a mark of 24 by 10, drawn in the look of what it stands for.
+    """
+
+    label: str
+    look: Shape
 
 
-def _packed(values: ArrayLike, precision: str = "f8") -> Trace:
-    """An array as Plotly reads it fastest: its bytes, in double precision where single would show."""
-    array = np.asarray(values).astype(f"<{precision}")
-    return {"dtype": precision, "bdata": b64encode(array.tobytes()).decode("ascii")}
+@dataclass(frozen=True)
+class Scale:
+    """An axis between two values, which are logarithms to base ten where it is logarithmic.
+
+    Attributes:
+        low, high: its ends.
+        log: whether it is logarithmic.
+        ticks: where they stand, in percent of the length from the low end, and their labels.
+    """
+
+    low: float
+    high: float
+    log: bool
+    ticks: tuple[tuple[float, str], ...]
+
+    def place(self, values: ArrayLike, length: int) -> Array:
+        """Where values stand on an axis of this length, from the low end."""
+        x = np.asarray(values, dtype=float)
+        if self.log:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                x = np.log10(x)
+        return length * (x - self.low) / (self.high - self.low)
 
 
-def _named(label: str) -> Trace:
-    return {"name": escape(label), "showlegend": True} if label else {"name": "", "showlegend": False}
+@dataclass(frozen=True)
+class Bar:
+    """A bar of a chart of names.
+
+    Attributes:
+        name, remark: the text above it.
+        length: in percent of the width; None for no bar.
+        points: where points stand on it, in percent.
+    """
+
+    name: str
+    remark: str
+    length: float | None
+    points: tuple[float, ...]
 
 
-def _stroke(stroke: Stroke) -> Trace:
-    return {"color": stroke.ink.value, "width": 1.25 * stroke.width, "dash": _DASHES[stroke.dash]}
+@dataclass(frozen=True)
+class PagePlot:
+    """A plot as the template sets it.
+
+    Attributes:
+        title, x_title, y_title: texts.
+        x, y: its scales.
+        shapes: what is drawn, the first at the bottom.
+        height: in pixels.
+        room: for the ticks at its left, in pixels.
+        legend: its own; empty where the figure has one for all its plots.
+        bars: for a chart of names, which has no y axis.
+        span: over how many columns it goes.
+    """
+
+    title: str
+    x_title: str
+    y_title: str
+    x: Scale
+    y: Scale
+    shapes: tuple[Shape, ...]
+    height: int
+    room: int
+    legend: tuple[Entry, ...]
+    bars: tuple[Bar, ...]
+    span: int
 
 
-def _faint(colour: str, opacity: float) -> str:
-    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
-    return f"rgba({red},{green},{blue},{opacity})"
+@dataclass(frozen=True)
+class PageFigure:
+    """A figure as the template sets it.
+
+    Attributes:
+        plots: row by row.
+        legend: for all its plots; empty where each has its own.
+    """
+
+    plots: tuple[PagePlot, ...]
+    legend: tuple[Entry, ...]
 
 
-@singledispatch
-def _trace(mark: Mark) -> list[Trace]:
-    """What Plotly draws of a mark."""
-    raise TypeError(f"no trace of {type(mark).__name__}")
+def page_figure(figure: Figure) -> PageFigure:
+    """A figure as the template sets it: plots of one width and, where no two labels look alike, one legend."""
+    legends = [tuple(_legend(plot.marks)) for plot in figure.plots]
+    together = tuple(dict.fromkeys(entry for legend in legends for entry in legend))
+    shared = len({entry.look for entry in together}) == len(together)
+    scales = [_scales(plot) for plot in figure.plots]
+    room = max(_tick_room(y) for _, y in scales)
+    plots = tuple(
+        _page_plot(plot, x, y, room, () if shared else legend)
+        for plot, (x, y), legend in zip(figure.plots, scales, legends, strict=True)
+    )
+    return PageFigure(plots, together if shared else ())
 
 
-@_trace.register(Line)
-def _(mark: Line) -> list[Trace]:
-    x, y = thin(mark.x, mark.y, PAGE_POINTS)
-    line = _stroke(mark.stroke) | {"shape": "hv" if mark.held else "linear", "simplify": False}
-    trace = {"type": "scatter", "mode": "lines", "x": _packed(x), "y": _packed(y, "f4"), "line": line}
-    return [trace | _named(mark.label) | {"connectgaps": False, "hovertemplate": "%{y:.5g}"}]
+def _page_plot(plot: Plot, x: Scale, y: Scale, room: int, legend: tuple[Entry, ...]) -> PagePlot:
+    bars = tuple(_bars(plot, x)) if plot.y.names else ()
+    shapes = () if bars else tuple(shape for mark in plot.marks for shape in _shapes(mark, x, y))
+    y_title = "" if bars else plot.y.title
+    return PagePlot(
+        plot.title, plot.x.title, y_title, x, y, shapes, round(_ROW * plot.height), room, legend, bars, plot.span
+    )
 
 
-@_trace.register(Points)
-def _(mark: Points) -> list[Trace]:
-    marker = {"color": mark.ink.value, "size": 7}
-    trace = {"type": "scatter", "mode": "markers", "x": _packed(mark.x), "y": _packed(mark.y), "marker": marker}
-    return [trace | _named(mark.label) | {"cliponaxis": False, "hovertemplate": "%{x:.5g}, %{y:.5g}"}]
+def _bars(plot: Plot, x: Scale) -> Iterable[Bar]:
+    """The rows of a chart of names."""
+    bars = next(mark for mark in plot.marks if isinstance(mark, Bars))
+    points = [mark for mark in plot.marks if isinstance(mark, Points)]
+    for k, (name, remark) in enumerate(zip(plot.y.names, bars.remarks, strict=True)):
+        here = [float(x.place(v, 100)) for mark in points for v, row in zip(mark.x, mark.y, strict=True) if row == k]
+        length = float(x.place(bars.values[k], 100)) if np.isfinite(bars.values[k]) else None
+        yield Bar(
+            name,
+            remark,
+            None if length is None else round(float(np.clip(length, 0, 100)), 2),
+            tuple(round(place, 2) for place in here if 0 <= place <= 100),
+        )
 
 
-@_trace.register(Band)
-def _(mark: Band) -> list[Trace]:
-    x = np.concatenate([mark.x, mark.x[::-1]])
-    y = np.concatenate([mark.upper, mark.lower[::-1]])
-    fill = {"fill": "toself", "fillcolor": _faint(mark.ink.value, 0.18), "line": {"width": 0}, "hoverinfo": "skip"}
-    return [{"type": "scatter", "mode": "lines", "x": _packed(x), "y": _packed(y)} | fill | _named(mark.label)]
+# --- scales -----------------------------------------------------------------------------------------------------------
 
 
-@_trace.register(Histogram)
-def _(mark: Histogram) -> list[Trace]:
-    trace: Trace = {
-        "type": "scatter",
-        "mode": "lines",
-        "x": _packed(mark.edges),
-        "y": _packed(np.append(mark.heights, mark.heights[-1:])),
-        "line": _stroke(mark.stroke) | {"shape": "hv"},
-        "hovertemplate": "%{y:.3g}",
-    }
-    if mark.backdrop:
-        trace |= {"yaxis": "y2", "fill": "tozeroy", "fillcolor": _faint(mark.stroke.ink.value, 0.25)}
-        trace |= {"line": {"width": 0, "shape": "hv"}, "hoverinfo": "skip"}
-        del trace["hovertemplate"]
-    return [trace | _named(mark.label)]
+def _scales(plot: Plot) -> tuple[Scale, Scale]:
+    extents = [_extent(mark) for mark in plot.marks]
+    x = _scale(plot.x, [x for x, _ in extents], 0.01, narrow=True)
+    y = _scale(plot.y, [y for _, y in extents], 0.06, narrow=False)
+    return x, y
 
 
-@_trace.register(Bars)
-def _(mark: Bars) -> list[Trace]:
-    return [
-        {
-            "type": "bar",
-            "orientation": "h",
-            "x": [float(value) if np.isfinite(value) else None for value in mark.values],
-            "y": list(range(len(mark.values))),
-            "marker": {"color": mark.ink.value, "opacity": 0.75},
-            "width": 0.3,
-            "hoverinfo": "skip",
-        }
-        | _named(mark.label)
-    ]
+def _scale(axis: Axis, values: Sequence[Array], margin: float, *, narrow: bool) -> Scale:
+    """The scale of an axis: its range, or that of the values with a margin."""
+    if axis.range is not None:
+        low, high = (float(v) for v in (np.log10(axis.range) if axis.log else axis.range))
+    else:
+        known = np.concatenate([np.ravel(v) for v in values] or [np.zeros(0)])
+        known = known[np.isfinite(known) & ((known > 0) | (not axis.log))]
+        known = np.log10(known) if axis.log else known
+        low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+        room = margin * (high - low) or 0.05 * abs(high) or 1.0
+        low, high = low - room, high + room
+    places = log_ticks(low, high) if axis.log else linear_ticks(low, high, 6)
+    if narrow and not axis.log:  # fewer where their labels would touch on a phone
+        most = 6
+        while most > 2 and sum(_LETTER * (len(tick(v)) + 2) for v in places) > _NARROW:
+            most -= 1
+            places = linear_ticks(low, high, most)
+    labelled = ((100 * ((log10(v) if axis.log else v) - low) / (high - low), tick(v)) for v in places)
+    return Scale(low, high, axis.log, tuple((round(place, 3), text) for place, text in labelled))
 
 
-@_trace.register(Level)
-@_trace.register(Spans)
-def _(mark: Level | Spans) -> list[Trace]:
-    return []  # shapes, not traces: see `_shapes`
+def linear_ticks(low: float, high: float, most: int) -> list[float]:
+    """At most this many round numbers, evenly spaced, between two values.
 
-
-def _shapes(mark: Mark) -> list[Trace]:
-    """What of a mark Plotly wants as shapes on the layout; the first of them stands in the legend."""
-    if isinstance(mark, Level):
-        ends = {"xref": "paper", "x0": 0, "x1": 1, "y0": mark.value, "y1": mark.value}
-        return [{"type": "line", "layer": "below"} | ends | {"line": _stroke(mark.stroke)} | _named(mark.label)]
-    if isinstance(mark, Spans):
-        fill = {"fillcolor": _faint(mark.ink.value, 0.22), "line": {"width": 1, "color": _faint(mark.ink.value, 0.22)}}
-        area = {"type": "rect", "layer": "below", "yref": "paper", "y0": 0, "y1": 1} | fill
-        return [
-            area | {"x0": float(a), "x1": float(b)} | _named("" if k else mark.label)
-            for k, (a, b) in enumerate(mark.edges)
-        ]
+    >>> linear_ticks(-0.2, 20.2, 6), linear_ticks(0.0, 1.0, 3)
+    ([0.0, 5.0, 10.0, 15.0, 20.0], [0.0, 0.5, 1.0])
+    """
+    smallest = (high - low) / most
+    power = 10.0 ** floor(log10(smallest))
+    for step in (f * power for f in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)):
+        first, last = ceil(low / step - 1e-9), floor(high / step + 1e-9)
+        if last - first + 1 <= most:
+            digits = max(0, 1 - floor(log10(step)))
+            return [round(k * step, digits) + 0.0 for k in range(first, last + 1)]
     return []
 
 
-def plotly_source() -> str:
-    """The library that draws the page's plots, as JavaScript."""
-    from plotly.offline import get_plotlyjs
+def log_ticks(low: float, high: float) -> list[float]:
+    """Powers of ten between two logarithms, with twice and five times them where there are few.
 
-    return str(get_plotlyjs())
+    >>> log_ticks(-2.1, 1.0), log_ticks(0.0, 1.0)
+    ([0.01, 0.1, 1.0, 10.0], [1.0, 2.0, 5.0, 10.0])
+    """
+    decades = range(floor(low), ceil(high) + 1)
+    every = max(1, ceil(len(decades) / 7))
+    factors = (1.0, 2.0, 5.0) if high - low < 1.7 else (1.0,)
+    places = [float(f"{f:g}e{n}") for n in decades if n % every == 0 for f in factors]
+    return [v for v in places if low - 1e-9 <= log10(v) <= high + 1e-9]
+
+
+def _tick_room(y: Scale) -> int:
+    return round(max((len(text) for _, text in y.ticks), default=0) * _LETTER) + 12
+
+
+@singledispatch
+def _extent(mark: Mark) -> tuple[Array, Array]:
+    """The values of a mark that its axes have to show."""
+    raise TypeError(f"no extent of {type(mark).__name__}")
+
+
+@_extent.register(Line)
+@_extent.register(Points)
+def _(mark: Line | Points) -> tuple[Array, Array]:
+    return mark.x, mark.y
+
+
+@_extent.register(Band)
+def _(mark: Band) -> tuple[Array, Array]:
+    return mark.x, np.concatenate([mark.lower, mark.upper])
+
+
+@_extent.register(Histogram)
+def _(mark: Histogram) -> tuple[Array, Array]:
+    return mark.edges, np.zeros(0) if mark.backdrop else mark.heights
+
+
+@_extent.register(Bars)
+def _(mark: Bars) -> tuple[Array, Array]:
+    return mark.values, np.arange(len(mark.values), dtype=float)
+
+
+@_extent.register(Level)
+def _(mark: Level) -> tuple[Array, Array]:
+    return np.zeros(0), np.array([mark.value])
+
+
+@_extent.register(Spans)
+def _(mark: Spans) -> tuple[Array, Array]:
+    return np.zeros(0), np.zeros(0)
+
+
+# --- paths ------------------------------------------------------------------------------------------------------------
+
+
+def path(x: ArrayLike, y: ArrayLike) -> str:
+    """An SVG path through points in coordinates of the plot, with a gap where one is not a number.
+
+    >>> path([0, 10, 20, 30, 40], [5, 6, float("nan"), 1, 2])
+    'M0 5l10 1M30 1l10 1'
+    """
+    xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    known = np.isfinite(xs) & np.isfinite(ys)
+    # Far outside, a line is cut to what any browser can draw.
+    whole = np.rint(
+        np.stack([np.clip(xs, -WIDTH, 2 * WIDTH), np.clip(ys, -20 * HEIGHT, 20 * HEIGHT)])[:, known]
+    ).astype(int)
+    places = np.flatnonzero(known)
+    pieces = np.split(whole, np.flatnonzero(np.diff(places) > 1) + 1, axis=1) if len(places) else []
+    return "".join(map(_piece, pieces))
+
+
+def _piece(points: NDArray[np.int_]) -> str:
+    steps = np.diff(points, axis=1).T.ravel()
+    along = f"l{' '.join(map(str, steps.tolist()))}" if len(steps) else "h0"
+    return f"M{points[0, 0]} {points[1, 0]}{along}".replace(" -", "-")
+
+
+def _stairs(x: Array, y: Array) -> tuple[Array, Array]:
+    """A line that holds every value until the next x."""
+    return np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
+
+
+def _line(d: str, stroke: Stroke) -> Shape:
+    return Shape(d, stroke.ink.value, round(1.25 * stroke.width, 2), _DASHES[stroke.dash])
+
+
+@singledispatch
+def _shapes(mark: Mark, x: Scale, y: Scale) -> list[Shape]:
+    """What is drawn of a mark."""
+    raise TypeError(f"no shapes of {type(mark).__name__}")
+
+
+@_shapes.register(Line)
+def _(mark: Line, x: Scale, y: Scale) -> list[Shape]:
+    xs, ys = thin(mark.x, mark.y, PAGE_POINTS)
+    if mark.held:
+        xs, ys = _stairs(xs, ys)
+    return [_line(path(x.place(xs, WIDTH), HEIGHT - y.place(ys, HEIGHT)), mark.stroke)]
+
+
+@_shapes.register(Points)
+def _(mark: Points, x: Scale, y: Scale) -> list[Shape]:
+    places = zip(x.place(mark.x, WIDTH), HEIGHT - y.place(mark.y, HEIGHT), strict=True)
+    return [Shape("".join(path([a], [b]) for a, b in places), mark.ink.value, 6.0, round=True)]
+
+
+@_shapes.register(Band)
+def _(mark: Band, x: Scale, y: Scale) -> list[Shape]:
+    known = np.isfinite(mark.lower) & np.isfinite(mark.upper)
+    xs, low, high = mark.x[known], mark.lower[known], mark.upper[known]
+    if not len(xs):
+        return []
+    around = path(
+        x.place(np.concatenate([xs, xs[::-1]]), WIDTH), HEIGHT - y.place(np.concatenate([high, low[::-1]]), HEIGHT)
+    )
+    return [Shape(f"{around}z", fill=mark.ink.value, opacity=0.18)]
+
+
+@_shapes.register(Histogram)
+def _(mark: Histogram, x: Scale, y: Scale) -> list[Shape]:
+    xs, ys = _stairs(mark.edges, np.append(mark.heights, mark.heights[-1:]))
+    if not mark.backdrop:
+        if y.log:  # a bar of height zero is where nothing is drawn
+            ys = np.where(ys > 0, ys, 10.0 ** (y.low - 1))
+        return [_line(path(x.place(xs, WIDTH), HEIGHT - y.place(ys, HEIGHT)), mark.stroke)]
+    highest = 4 * float(np.max(mark.heights, initial=0)) or 1.0
+    places = x.place(np.concatenate([xs[:1], xs, xs[-1:]]), WIDTH)
+    area = path(places, HEIGHT * (1 - np.concatenate([[0.0], ys, [0.0]]) / highest))
+    return [Shape(f"{area}z", fill=mark.stroke.ink.value, opacity=0.25)]
+
+
+@_shapes.register(Bars)
+def _(mark: Bars, x: Scale, y: Scale) -> list[Shape]:
+    return []  # rows of the page, not shapes: see `_bars`
+
+
+@_shapes.register(Level)
+def _(mark: Level, x: Scale, y: Scale) -> list[Shape]:
+    height = HEIGHT - y.place([mark.value] * 2, HEIGHT)
+    return [_line(path([0, WIDTH], height), mark.stroke)]
+
+
+@_shapes.register(Spans)
+def _(mark: Spans, x: Scale, y: Scale) -> list[Shape]:
+    edges = x.place(mark.edges, WIDTH)
+    areas = "".join(f"M{round(a)}-{10 * HEIGHT}H{round(b)}V{11 * HEIGHT}H{round(a)}z" for a, b in edges)
+    # With an edge, so that short ones are seen.
+    return [Shape(areas, mark.ink.value, 0.5, fill=mark.ink.value, opacity=0.22)] if areas else []
+
+
+# --- legends ----------------------------------------------------------------------------------------------------------
+
+
+def _legend(marks: Sequence[Mark]) -> Iterable[Entry]:
+    """The entries of the marks that have a label."""
+    for mark in marks:
+        if not mark.label:
+            continue
+        if isinstance(mark, Line | Level):
+            look = _line("M0 5h24", mark.stroke)
+        elif isinstance(mark, Histogram) and not mark.backdrop:
+            look = _line("M0 9v-5h8v-3h8v4h8v4", mark.stroke)
+        elif isinstance(mark, Points):
+            look = Shape("M12 5h0", mark.ink.value, 6.0, round=True)
+        else:
+            ink = mark.stroke.ink if isinstance(mark, Histogram) else mark.ink
+            look = Shape("M0 0h24v10h-24z", fill=ink.value, opacity=0.75 if isinstance(mark, Bars) else 0.25)
+        yield Entry(mark.label, look)

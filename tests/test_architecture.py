@@ -231,7 +231,7 @@ def offenders(found: Callable[[str], object]) -> dict[str, object]:
         ({"h5py", "polars", "tempfile", "shutil"}, r"io(\..*)?"),
         ({"pickle", "marshal", "shelve", "dill", "joblib"}, r""),
     ],
-    ids=["printed plots", "plots of the page", "command line", "terminal", "file formats", "pickle"],
+    ids=["printed plots", "command line", "terminal", "file formats", "pickle"],
 )
 def test_only_one_place_imports(packages: set[str], allowed: str) -> None:
     def found(module: str) -> set[str]:

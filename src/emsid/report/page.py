@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection
-from importlib.resources import files
 from pathlib import Path
 
 from emsid.estimation.nonlinear.control import FREE, Control
@@ -31,11 +30,7 @@ def page(report: Report) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("page.html.j2").render(
-        report=report,
-        plots=page_figure,
-        script=files("emsid.report").joinpath("page.js").read_text("utf-8") if any(report.figures) else "",
-    )
+    return environment.get_template("page.html.j2").render(report=report, plots=page_figure, script=any(report.figures))
 
 
 def write_report(

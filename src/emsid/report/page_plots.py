@@ -178,7 +178,7 @@ def page_figure(figure: Figure) -> PageFigure:
 
 def _page_plot(plot: Plot, x: Scale, y: Scale, room: int, legend: tuple[Entry, ...]) -> PagePlot:
     bars = tuple(_bars(plot, x)) if plot.y.names else ()
-    shapes = () if bars else tuple(shape for mark in plot.marks for shape in _shapes(mark, x, y))
+    shapes = () if bars else tuple(each for mark in plot.marks for each in _shapes(mark, x, y) if each.path)
     y_title = "" if bars else plot.y.title
     return PagePlot(
         plot.title, plot.x.title, y_title, x, y, shapes, round(_ROW * plot.height), room, legend, bars, plot.span

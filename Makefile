@@ -10,7 +10,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c c
 study: $(VENV)/installed
 	$(BIN)/emsid study
 
-test: $(VENV)/tested-with
+test: $(VENV)/compiled
 	$(BIN)/pytest -n 3
 
 lint: $(VENV)/tested-with
@@ -38,6 +38,11 @@ $(VENV)/installed: pyproject.toml constraints.txt
 
 $(VENV)/tested-with: $(VENV)/installed
 	$(INSTALL) -e '.[dev]'
+	@touch $@
+
+# Machine code of the kernels, once, so that three test processes do not each compile the same ones.
+$(VENV)/compiled: $(VENV)/tested-with $(shell grep -rlE --include='*.py' 'njit|_kernel|_compiled' src)
+	$(BIN)/python -c 'from emsid.study.workflow import Settings, study; study(Settings(duration=2.0))'
 	@touch $@
 
 $(VENV)/measured-with: $(VENV)/installed

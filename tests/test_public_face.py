@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from base64 import b64decode
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -131,3 +135,94 @@ def test_simulating_on_a_record_is_the_free_run(linear_record, linear_fit):
 def test_what_cannot_be_simulated_is_answered(linear_fit, wrong):
     with pytest.raises(emsid.EmsidError):
         wrong(linear_fit)
+
+
+# --- how results look ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def plant_fit():
+    """A rigid motor of known resistance, fitted to 12 s of its own speed."""
+    rng = np.random.default_rng(2)
+    voltage = 3.0 * np.sign(rng.standard_normal(40)).repeat(15)
+    speed = emsid.plant.simulate(emsid.Motor().rigid(), voltage, 1e-2).load_speed[: len(voltage)]
+    record = emsid.Record(voltage, speed, 1e-2, input_units=("V",), output_units=("rad/s",))
+    return emsid.fit(
+        emsid.plants.rigid_motor(), record, fixed={"resistance": 2.0}, free=("motor_constant", "rotor_inertia")
+    )
+
+
+@pytest.fixture(scope="session")
+def identification(linear_record):
+    return emsid.identify(linear_record, models=("arx",))
+
+
+def results(record, fit, plant_fit, identification):
+    comparison = emsid.compare([fit], record)
+    return {
+        "record": record,
+        "fit": fit,
+        "plant": plant_fit,
+        "comparison": comparison,
+        "identification": identification,
+    }
+
+
+@pytest.fixture(scope="session", params=["record", "fit", "plant", "comparison", "identification"])
+def result(request, linear_record, linear_fit, plant_fit, identification):
+    return results(linear_record, linear_fit, plant_fit, identification)[request.param]
+
+
+def test_repr_is_one_line(result):
+    assert "\n" not in repr(result)
+    assert len(repr(result)) < 120
+
+
+def test_a_result_draws_itself_in_a_notebook(result):
+    html = result._repr_html_()
+    assert "<table>" in html
+    image = re.search(r'src="data:image/svg\+xml;base64,([^"]+)"', html)
+    assert b"<svg" in b64decode(image[1])
+
+
+def test_a_result_can_be_plotted(result, tmp_path):
+    figure = result.plot()
+    figure.savefig(tmp_path / "figure.svg")
+    assert (tmp_path / "figure.svg").stat().st_size > 1000
+
+
+def test_a_fit_prints_every_parameter_with_interval_and_ending(linear_fit):
+    head, names, *rows = str(linear_fit).splitlines()
+    assert head.startswith("arx: solved")
+    assert names.split("  ")[0] == "parameter"
+    for row, name, (low, high) in zip(rows, linear_fit.names, linear_fit.interval(), strict=True):
+        printed, _, least, _, most = row.split()
+        assert printed == name
+        assert float(least) == pytest.approx(low, abs=0.06 * (high - low))
+        assert float(most) == pytest.approx(high, abs=0.06 * (high - low))
+
+
+def test_a_fit_of_a_plant_prints_units_and_what_was_fixed(plant_fit):
+    rows = {line.split()[0]: line for line in str(plant_fit).splitlines()}
+    assert "N·m/A" in rows["motor_constant"]
+    assert "fixed" in rows["resistance"]
+    assert "Ω" in rows["resistance"]
+    assert rows["rigid-motor:"].split()[1] == plant_fit.ending.value
+
+
+def test_a_parameter_that_the_data_do_not_determine_has_no_interval():
+    positive = np.random.default_rng(0).uniform(1, 2, 200)
+    record = emsid.Record(positive, np.roll(positive, 1), dt=0.1)
+    fit = emsid.fit(emsid.Structure.parse("u(t-1)", "abs(u(t-1))"), record)
+    assert "not determined" in str(fit)
+
+
+def test_names_from_files_are_escaped_in_a_notebook(linear_record):
+    bad = replace(linear_record, name="<script>alert(1)</script>", input_names=("<b>u</b>",))
+    assert "<script>" not in bad._repr_html_()
+    assert "<b>" not in bad._repr_html_()
+    comparison = emsid.compare(emsid.fit(emsid.arx(na=1, nb=1), bad), bad)
+    assert "<script>" not in comparison._repr_html_()
+    named = emsid.fit(emsid.Structure.parse("y(t-1)", "u(t-1)", name="<i>mine</i>"), bad)
+    assert "<i>" not in named._repr_html_()
+    assert len(repr(named)) < 120

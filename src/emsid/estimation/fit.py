@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.findings import Finding
+from emsid.presentation import Presented
 
 Array = NDArray[np.float64]
 M = TypeVar("M", covariant=True)
@@ -26,8 +27,8 @@ class Ending(Enum):
     INTERRUPTED = "interrupted"  # by the user; what was found is kept
 
 
-@dataclass(frozen=True, eq=False)
-class Fit(Generic[M]):
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(Presented, Generic[M]):
     """A model fitted to a record.
 
     Attributes:
@@ -61,6 +62,11 @@ class Fit(Generic[M]):
     iterations: int = 0
     history: Array | None = None
     findings: tuple[Finding, ...] = ()
+
+    def __repr__(self) -> str:
+        name = getattr(self.model, "name", type(self.model).__name__)
+        short = name if len(name) <= 40 else f"{name[:39]}…"
+        return f"{type(self).__name__}({short}: {len(self.estimate)} parameters by {self.method}, {self.ending.value})"
 
     @property
     def standard_error(self) -> Array:

@@ -24,6 +24,7 @@ from emsid.models.plants.parameters import find_handle, parts, without_overlap
 from emsid.models.plants.search.choice import Mechanical
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
 from emsid.models.plants.search.result import GreyBoxFit
+from emsid.presentation import Presented
 from emsid.record import Record, concatenate
 from emsid.units import with_unit
 from emsid.validation.agreement import disagreement
@@ -39,8 +40,8 @@ NAMED = 4
 BEYOND = 0.1
 
 
-@dataclass(frozen=True, eq=False)
-class Identification:
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Presented):
     """What came out.
 
     Attributes:
@@ -62,6 +63,10 @@ class Identification:
     profiles: Mapping[str, tuple[Profile, ...]] = field(default_factory=dict)
     asides: tuple[str, ...] = ()
     interrupted: bool = False
+
+    def __repr__(self) -> str:
+        best = self.chosen.model.name[:40]
+        return f"Identification({len(self.verification.fits)} models on {self.judged_on}; best {best})"
 
     @property
     def seen(self) -> bool:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError
+from emsid.presentation import Presented
 from emsid.units import readable_unit
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Record:
+class Record(Presented):
     """A sampled experiment. Its samples cannot be written to, nor do they change with the arrays it was made from.
 
     Args:

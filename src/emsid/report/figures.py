@@ -123,6 +123,16 @@ def _pdf(sheet: Sheet, about: dict[str, str]) -> bytes:
 _WRITERS: dict[str, Callable[[Sheet, dict[str, str]], bytes]] = {"svg": _svg, "pdf": _pdf}
 
 
+def sheet(figure: Figure) -> Sheet:
+    """A figure as Matplotlib has it, to be changed or saved."""
+    from matplotlib import rc_context
+
+    with rc_context(_SETTINGS):
+        drawn = _sheet(figure)
+    drawn.set_dpi(144)
+    return drawn
+
+
 _LINE_STYLES: dict[Dash, Any] = {
     Dash.SOLID: "-",
     Dash.DASHED: (0, (5, 2.5)),

@@ -15,6 +15,7 @@ import numpy as np
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.models.model import Model, Run
+from emsid.presentation import Presented
 from emsid.record import Record, concatenate
 from emsid.units import with_unit
 from emsid.validation.metrics import Array, fit_percent, mean_squared_error
@@ -125,8 +126,8 @@ class Assessment:
     prediction: Run
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Presented):
     """Several models on the same samples of the same records.
 
     Attributes:
@@ -150,13 +151,11 @@ class Comparison:
         """The model with the smallest free-run error, `Row.ranked_by`."""
         return self.assessments[0]
 
-    def __str__(self) -> str:
-        head = f"{'model':<34}{'method':<8}{'free-run RMSE':>15}{'fit %':>9}{'one-step MSE':>14}"
-        lines = [
-            f"{row.model:<34}{row.method:<8}{row.simulation_rmse:>15.5g}{row.fit_percent:>9.2f}{row.one_step_mse:>14.4g}"
-            for row in self.rows
-        ]
-        return "\n".join([head, *lines])
+    def __repr__(self) -> str:
+        best = self.best.row
+        name = best.model if len(best.model) <= 40 else f"{best.model[:39]}…"
+        where = self.best.record.name[:30]
+        return f"Comparison({len(self.rows)} models on {where}; best {name}, fit {best.fit_percent:.2f} %)"
 
 
 def assess(

@@ -68,7 +68,7 @@ class Combination:
     parameters: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class GreyBoxFit(Fit[GreyBox]):
     """A `Fit` that knows its physics.
 

@@ -1,0 +1,292 @@
+"""Results as text, as HTML for a notebook, and as Matplotlib figures; `emsid.presentation` brings these to the results.
+
+The HTML of a result is its table and a drawing as an image in the text itself, so that a notebook stays one file. All
+text that may come from a file is escaped.
+"""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import singledispatch
+from html import escape
+from math import isfinite
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from emsid.errors import DataError
+from emsid.estimation.fit import Ending, Fit
+from emsid.identification import Identification
+from emsid.models.plants.search.result import GreyBoxFit
+from emsid.record import Record
+from emsid.report.document import Axis, Bars, Figure, Ink, Line, Plot, Stroke, Table
+from emsid.report.figures import draw, sheet
+from emsid.report.numbers import estimate, number, sentence
+from emsid.report.views.conventions import MEASURED, channels, output_axis
+from emsid.report.views.free_run import responses
+from emsid.report.views.tables import results_table
+from emsid.report.views.timeline import TIME, timeline, with_gaps
+from emsid.units import readable_unit
+from emsid.validation.comparison import Comparison
+from emsid.wording import sentence as worded
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Sheet
+
+MOST_DRAWN = 5
+"""More models than this in one plot cannot be told apart; the best are drawn."""
+MOST_BARS = 24
+"""At most this many parameters are drawn, those with the widest intervals first."""
+
+
+class ParameterRow(NamedTuple):
+    """A line of the table of a fit: all of it as text."""
+
+    name: str
+    value: str
+    interval: str
+    unit: str
+
+
+def parameter_rows(fit: Fit[Any]) -> list[ParameterRow]:
+    """Every parameter with its estimate, its 95 % interval and its unit; in place of an interval why there is none."""
+    if isinstance(fit, GreyBoxFit):
+        half = {name: (high - low) / 2 for name, (low, high) in zip(fit.names, fit.interval(), strict=True)}
+        return [_row(row.name, row.value, half.get(row.name), row.unit, row.status) for row in fit.table]
+    halves = np.diff(fit.interval(), axis=1)[:, 0] / 2
+    estimates = zip(fit.names, fit.estimate.tolist(), halves.tolist(), strict=True)
+    return [_row(name, value, half, "", "estimated") for name, value, half in estimates]
+
+
+def _row(name: str, value: float, half: float | None, unit: str, status: str) -> ParameterRow:
+    shown = readable_unit(unit) if unit else ""
+    if half is None or status in ("held", "fixed", "at a bound"):
+        return ParameterRow(name, number(value), status, shown)
+    if not isfinite(half):
+        return ParameterRow(name, number(value), "not determined by these data", shown)
+    ends = f"{estimate(value - half, half)} … {estimate(value + half, half)}"
+    return ParameterRow(name, estimate(value, half), ends + " (conditional)" * (status == "conditional"), shown)
+
+
+def how_it_ended(fit: Fit[Any]) -> str:
+    """Method, ending and size of a fit, in a line."""
+    steps = f" after {fit.iterations} steps" if fit.iterations else ""
+    ended = {
+        Ending.SOLVED: "solved",
+        Ending.CONVERGED: f"converged{steps}",
+        Ending.RANK_DEFICIENT: f"ended{steps}; the data do not determine every parameter",
+        Ending.STALLED: f"stalled{steps} before a minimum",
+        Ending.OUT_OF_BUDGET: f"stopped{steps}, before a minimum: the budget was used up",
+        Ending.INTERRUPTED: f"interrupted{steps}; the best so far is kept",
+    }[fit.ending]
+    return f"{ended}, {fit.samples:,.0f} samples, method {fit.method}"
+
+
+def remarks(fit: Fit[Any]) -> list[str]:
+    """What the fit has to say, in sentences."""
+    return [worded(each) for each in fit.findings] + ([sentence(fit.message)] if fit.message else [])
+
+
+# --- text ------------------------------------------------------------------------------------------------------------
+
+
+@singledispatch
+def text(thing: Any) -> str:
+    """A result as lines of text."""
+    return repr(thing)
+
+
+@text.register
+def _(fit: Fit) -> str:  # type: ignore[type-arg]
+    rows = parameter_rows(fit)
+    shown = 4 if any(row.unit for row in rows) else 3
+    header = ("parameter", "estimate", "95 % interval", "unit")[:shown]
+    table = _aligned(header, [row[:shown] for row in rows], words=(0, 3))
+    return "\n".join([f"{fit.model.name}: {how_it_ended(fit)}", *table * bool(rows), *remarks(fit)])
+
+
+@text.register
+def _(comparison: Comparison) -> str:
+    cells = [
+        (r.model, r.method, number(r.simulation_rmse), _percent(r.fit_percent), number(r.one_step_mse))
+        for r in comparison.rows
+    ]
+    return "\n".join(_aligned(("model", "method", "free-run RMSE", "fit %", "one-step MSE"), cells, words=(0, 1)))
+
+
+@text.register
+def _(result: Identification) -> str:
+    failed = [f"{name}: not fitted. {sentence(why)}" for name, why in result.failed.items()]
+    return "\n".join([f"Free run on {result.judged_on}:", text(result.verification), *failed])
+
+
+def _percent(fit: float) -> str:
+    return f"{fit:.2f}" if isfinite(fit) else "–"
+
+
+def _aligned(header: Sequence[str], rows: Sequence[Sequence[str]], words: Sequence[int]) -> list[str]:
+    """Lines of a table; columns of words stand at the left, of numbers at the right."""
+    widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
+    return [
+        "  ".join(
+            cell.ljust(width) if k in words else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in (header, *rows)
+    ]
+
+
+# --- figures ---------------------------------------------------------------------------------------------------------
+
+
+@singledispatch
+def figure(thing: Any) -> Figure | None:
+    """The figure that shows a result; None where there is nothing to draw."""
+    return None
+
+
+@figure.register
+def _(record: Record) -> Figure:
+    t, samples = timeline(record)
+    plots = []
+    for values, names, units in (
+        (record.input, record.input_names, record.input_units),
+        (record.output, record.output_names, record.output_units),
+    ):
+        for x, name, unit in zip(values.T, names, units, strict=True):
+            line = Line(t, with_gaps(x, samples), stroke=Stroke(Ink.BLUE, width=0.9), held=values is record.input)
+            plots.append(Plot((line,), TIME, Axis(name, unit), height=0.6))
+    return Figure("record", f"{record.name}: inputs and outputs.", tuple(plots), shared_x=True)
+
+
+@figure.register
+def _(comparison: Comparison) -> Figure:
+    drawn = comparison.assessments[:MOST_DRAWN]
+    whole = responses(drawn, [slice(0, len(comparison.best.record))], name="comparison")
+    return replace(whole, caption=f"Free runs on {comparison.best.record.name}.")
+
+
+@figure.register
+def _(result: Identification) -> Figure | None:
+    return figure(result.verification)
+
+
+@figure.register
+def _(fit: GreyBoxFit) -> Figure:
+    plots = []
+    for segment, run in zip(fit.segments[:2], fit.simulated()[:2], strict=True):
+        t, samples = timeline(segment)
+        for k in channels(segment):
+            lines = (
+                Line(t, with_gaps(segment.output[:, k], samples), "measured", MEASURED),
+                Line(t, with_gaps(run[:, k], samples), f"{fit.model.name}, free run", Stroke(Ink.RED, width=0.9)),
+            )
+            plots.append(Plot(lines, TIME, output_axis(segment, k)))
+    if not plots:
+        return _interval_widths(fit)  # type: ignore[return-value]
+    return Figure("fit", f"{fit.model.name}: free run on the data it was fitted to.", tuple(plots))
+
+
+@figure.register
+def _(fit: Fit) -> Figure | None:  # type: ignore[type-arg]
+    return _interval_widths(fit)
+
+
+def _interval_widths(fit: Fit[Any]) -> Figure | None:
+    """Half the 95 % interval of every parameter in percent of its estimate."""
+    half = np.diff(fit.interval(), axis=1)[:, 0] / 2
+    share = 100 * half / np.maximum(np.abs(fit.estimate), np.finfo(float).tiny)
+    order = [int(k) for k in np.argsort(-share) if np.isfinite(share[k]) and share[k] > 0][:MOST_BARS]
+    if not order:
+        return None
+    names = tuple(fit.names[k] for k in order)
+    log = bool(share[order].max() > 20 * share[order].min())
+    low, high = float(share[order].min()), float(share[order].max())
+    x = Axis(
+        "Half the 95 % interval, share of the estimate", "%", log, (0.5 * low, 2 * high) if log else (0, 1.05 * high)
+    )
+    bars = Bars(share[order], tuple(number(float(fit.estimate[k])) for k in order))
+    plots = (Plot((bars,), x, Axis("Parameter", names=names), height=0.17 + 0.19 * len(order)),)
+    return Figure("estimates", f"{fit.model.name}: how well each parameter is known.", plots)
+
+
+def plot(thing: Any) -> Sheet:
+    """A result as a Matplotlib figure.
+
+    Raises:
+        DataError: where there is nothing to draw.
+    """
+    drawn = figure(thing)
+    if drawn is None:
+        raise DataError(f"there is nothing to draw of {thing!r}: no parameter has an interval")
+    return sheet(drawn)
+
+
+# --- HTML ------------------------------------------------------------------------------------------------------------
+
+
+@singledispatch
+def tables(thing: Any) -> tuple[list[str], Table | None, list[str]]:
+    """What stands before the table of a result, the table, and what stands after it."""
+    return [repr(thing)], None, []
+
+
+@tables.register
+def _(record: Record) -> tuple[list[str], Table | None, list[str]]:
+    names, units = record.input_names + record.output_names, record.input_units + record.output_units
+    values = np.hstack([record.input, record.output])
+    sides = ("input",) * len(record.input_names) + ("output",) * len(record.output_names)
+    rows = tuple(
+        (name, side, readable_unit(unit), number(float(x.min())), number(float(x.mean())), number(float(x.max())))
+        for name, side, unit, x in zip(names, sides, units, values.T, strict=True)
+    )
+    return [repr(record)], Table(("Channel", "Side", "Unit", "Smallest", "Mean", "Largest"), rows, text_columns=3), []
+
+
+@tables.register
+def _(fit: Fit) -> tuple[list[str], Table | None, list[str]]:  # type: ignore[type-arg]
+    rows = tuple((row.name, row.unit, row.value, row.interval) for row in parameter_rows(fit))
+    table = Table(("Parameter", "Unit", "Estimate", "95 % interval"), rows, text_columns=2)
+    return [f"{fit.model.name}: {how_it_ended(fit)}"], table if rows else None, remarks(fit)
+
+
+@tables.register
+def _(comparison: Comparison) -> tuple[list[str], Table | None, list[str]]:
+    unit = comparison.best.record.output_units[0]
+    table = results_table(comparison.rows, unit=unit)
+    return [table.caption], table, [table.note] * bool(table.note)
+
+
+@tables.register
+def _(result: Identification) -> tuple[list[str], Table | None, list[str]]:
+    _, table, notes = tables(result.verification)
+    failed = [f"{name}: not fitted. {sentence(why)}" for name, why in result.failed.items()]
+    return [f"Free run on {result.judged_on}: the best model is {result.chosen.model.name}."], table, [*notes, *failed]
+
+
+def html(thing: Any) -> str:
+    """A result as HTML for a notebook."""
+    before, table, after = tables(thing)
+    parts = [f"<p>{escape(line)}</p>" for line in before]
+    if table is not None:
+        parts.append(_html_table(table))
+    parts += [f"<p>{escape(line)}</p>" for line in after]
+    drawn = figure(thing)
+    if drawn is not None:
+        image = b64encode(draw(drawn)["svg"]).decode()
+        parts.append(
+            f'<img alt="{escape(drawn.caption)}" style="max-width: 40em" src="data:image/svg+xml;base64,{image}">'
+        )
+    return f"<div>{''.join(parts)}</div>"
+
+
+def _html_table(table: Table) -> str:
+    def line(cells: Sequence[str], tag: str) -> str:
+        sides = ("left" if k < table.text_columns else "right" for k in range(len(cells)))
+        inner = (f'<{tag} style="text-align: {side}">{escape(c)}</{tag}>' for c, side in zip(cells, sides, strict=True))
+        return f"<tr>{''.join(inner)}</tr>"
+
+    body = "".join(line(row, "td") for row in table.rows)
+    return f"<table><thead>{line(table.header, 'th')}</thead><tbody>{body}</tbody></table>"

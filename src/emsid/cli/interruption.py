@@ -51,6 +51,10 @@ class Interruption:
         if self.pressed:
             raise KeyboardInterrupt
 
+    def end(self, interrupted: bool) -> None:
+        """The command is done; `emsid.cli.program` says whether it was interrupted."""
+        self.pressed = self.pressed or interrupted
+
     @contextmanager
     def put_off(self) -> Iterator[None]:
         """What is short and belongs together is done to its end."""

@@ -1,14 +1,19 @@
-"""Tables and a progress bar on a terminal, and what it shows in place of signs that it has not."""
+"""The only place that prints: lines, tables and a progress bar.
+
+Whatever is printed may hold text from a file (names of columns, models and units). Such text is data: control
+characters and those that change the direction of writing are shown as escapes, and nothing in it is markup. Signs that
+the terminal's encoding does not have are spelled out.
+"""
 
 from __future__ import annotations
 
 import codecs
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import isfinite
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from emsid.cli.interruption import INTERRUPTION
 from emsid.units import plain_unit, readable_unit
@@ -37,67 +42,116 @@ def _spell_out(problem: UnicodeError) -> tuple[str, int]:
 codecs.register_error(SPELT_OUT, _spell_out)
 
 
-def _shown(text: str) -> str:
+# Control characters but the tab, separators of lines, what changes the direction of writing or cannot be seen at all,
+# and halves of characters.
+_UNPRINTABLE = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff]"
+)
+
+
+def harmless(text: str) -> str:
+    r"""A text with everything that a terminal would obey shown as an escape, such as ``\x1b``; lines stay."""
+    return _UNPRINTABLE.sub(lambda found: found[0].encode("unicode_escape", "surrogatepass").decode(), text)
+
+
+def one_line(text: str) -> str:
+    """A text as one harmless line."""
+    return harmless(" ".join(text.splitlines()))
+
+
+def shown(text: str) -> str:
     """A text as it will stand on this terminal, for columns to be as wide."""
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
-    return text.encode(encoding, SPELT_OUT).decode(encoding)
+    return one_line(text).encode(encoding, SPELT_OUT).decode(encoding)
+
+
+def say(*lines: str) -> None:
+    """Print lines on standard output."""
+    for line in lines:
+        print(harmless(line), flush=True)
+
+
+def say_json(content: bytes) -> None:
+    """Print a JSON document on standard output; its texts escape what a terminal would obey."""
+    text = content.decode()
+    print(_UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text), end="", flush=True)
+
+
+Align = Literal["left", "right"]
+
+
+def plain_table(title: str, headings: Mapping[str, Align], rows: Iterable[Sequence[str]]) -> Table:
+    """A table of texts, none of which is taken for markup."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=Text(shown(title)), title_justify="left", box=None, pad_edge=False)
+    for heading, align in headings.items():
+        table.add_column(Text(shown(heading)), justify=align, no_wrap=True)
+    for row in rows:
+        table.add_row(*(Text(shown(cell)) for cell in row))
+    return table
+
+
+EXPLAINED = (
+    "free run: the model sees only the inputs; one-step: it also sees the measured output up to the sample before. "
+    "fit %: 100 is exact, 0 is no better than the mean of the output."
+)
+"""What stands under a table of errors."""
 
 
 def error_table(rows: Sequence[Row], title: str, unit: str = "") -> Table:
     """A line for every row, or where it is of several outputs, for every output."""
-    from rich.markup import escape
-    from rich.table import Table
-
     from emsid.validation.comparison import OutputErrors
 
     several = any(row.outputs for row in rows)
-    words = ("model", "method", "data", *("output",) * several)
-    rmse = "free-run RMSE" if several or not unit else f"free-run RMSE [{_shown(readable_unit(unit))}]"
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    for heading in words:
-        table.add_column(heading, no_wrap=True)
-    for heading in (rmse, "free-run MSE", "fit %", "one-step MSE"):
-        table.add_column(escape(heading), justify="right", no_wrap=True)
+    rmse = "free-run RMSE" if several or not unit else f"free-run RMSE [{readable_unit(unit)}]"
+    headings: dict[str, Align] = dict.fromkeys(("model", "method", "data", *("output",) * several), "left")
+    headings |= dict.fromkeys((rmse, "free-run MSE", "free-run fit %", "one-step MSE"), "right")
+    lines = []
     for row in rows:
         note = "" if row.diverged_at is None else f" (diverged at sample {row.diverged_at})"
         for errors in row.outputs or (row,):
             names = []
             if isinstance(errors, OutputErrors):
-                names = [_shown(f"{errors.output} [{plain_unit(errors.unit)}]".removesuffix(" []"))]
-            table.add_row(
-                row.model + note,
-                row.method,
-                row.data,
-                *map(escape, names),
-                f"{errors.simulation_rmse:.5g}",
-                f"{errors.simulation_mse:.4g}",
-                f"{errors.fit_percent:.2f}" if isfinite(errors.fit_percent) else "–",
-                f"{errors.one_step_mse:.4g}",
+                names = [f"{errors.output} [{plain_unit(errors.unit)}]".removesuffix(" []")]
+            fit = f"{errors.fit_percent:.2f}" if isfinite(errors.fit_percent) else "–"
+            lines.append(
+                (
+                    row.model + note,
+                    row.method,
+                    row.data,
+                    *names,
+                    f"{errors.simulation_rmse:.5g}",
+                    f"{errors.simulation_mse:.4g}",
+                    fit,
+                    f"{errors.one_step_mse:.4g}",
+                )
             )
-    return table
+    return plain_table(title, headings, lines)
 
 
 def physical_table(fit: GreyBoxFit) -> Table:
-    """What a record says of a plant: its parameters, and where some had to be held, what it tells all the same."""
-    from rich.table import Table
-
-    table = Table(title=f"{fit.model.name}, with 95 % intervals", title_justify="left", box=None, pad_edge=False)
-    for column, heading in enumerate(("quantity", "", "value", "±", "unit", "")):
-        table.add_column(_shown(heading), justify="right" if column in (2, 3) else "left", no_wrap=True)
+    """The parameters of a plant, and where some could not be estimated, the combinations of them that could."""
     rows = [(row.name, row.symbol, row.value, row.standard_error, row.unit, row.status) for row in fit.table]
     if any(row.status in ("held", "conditional") for row in fit.table):
-        told = [(each.quantity, each.standard_error) for each in fit.combinations]
-        rows += [(each.name, each.formula, each.value, error, each.unit, "told") for each, error in told]
+        combined = [(each.quantity, each.standard_error) for each in fit.combinations]
+        rows += [(each.name, each.formula, each.value, error, each.unit, "combination") for each, error in combined]
+    lines = []
     for name, symbol, value, error, unit, status in rows:
         width = "" if not error or not isfinite(error) else f"{1.96 * error:.2g}"  # none where a bound holds it
-        table.add_row(*map(_shown, (name, symbol, f"{value:.5g}", width, plain_unit(unit), status)))
-    return table
+        lines.append((name, symbol, f"{value:.5g}", width, plain_unit(unit), status))
+    headings: dict[str, Align] = dict.fromkeys(("quantity", "symbol"), "left")
+    headings |= dict.fromkeys(("value", "±"), "right")
+    headings |= dict.fromkeys(("unit", "status"), "left")
+    return plain_table(f"{fit.model.name}, with 95 % intervals", headings, lines)
 
 
 def show(table: Table) -> None:
+    """Print a table, as wide as the terminal where there is one."""
     from rich.console import Console
 
-    console = Console()
+    console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(width=160)
     console.print(table)
@@ -110,13 +164,13 @@ def progress_bar() -> Iterator[Callable[[str, float], None]]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
     bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
     task = bar.add_task("starting", total=1.0)
 
     def advance(what: str, fraction: float) -> None:
         INTERRUPTION.raise_again()
-        bar.update(task, description=what, completed=fraction)
+        bar.update(task, description=one_line(what), completed=fraction)
 
     bar.start()
     try:

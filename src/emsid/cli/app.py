@@ -1,0 +1,37 @@
+"""The program that commands register with, and what ``emsid --help`` says."""
+
+import sys
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    help="Identify electromechanical systems: from a record of voltage and speed to a model you can trust.",
+    epilog="""
+    \b
+    Examples:
+      emsid study                                                    a complete study, without data of your own
+      emsid describe log.csv --input voltage --output speed --time t
+      emsid identify log.csv --input voltage --output speed --dt 1ms
+      emsid validate emsid-result/friction-narx.json other.csv
+    """,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        print(f"emsid {sys.modules['emsid'].__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=_version)
+    ] = False,
+) -> None:
+    pass

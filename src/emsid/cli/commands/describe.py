@@ -1,0 +1,52 @@
+"""``emsid describe``."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from emsid.cli.app import app
+from emsid.cli.reading import reads_records
+from emsid.cli.terminal import say
+
+
+@app.command()
+@reads_records()
+def describe(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records.")],
+    reader: Any,
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            metavar="FRACTION",
+            help="What counts as excitation: singular values of the lagged input above this fraction of the largest.",
+        ),
+    ] = 1e-3,
+) -> None:
+    """Show what a record contains.
+
+    Samples, segments, time axis, ranges, crest factor, order of persistent excitation.
+
+    \b
+    Example:
+      emsid describe log.csv --input voltage --output speed --time t
+    """
+    from emsid.excitation import crest_factor, largest_order, persistent_excitation_order
+    from emsid.units import with_unit
+
+    for path in files:
+        record = reader(path)
+        order, largest = persistent_excitation_order(record, tolerance=tolerance), largest_order(record)
+        crest = crest_factor(record)
+        say(str(record))
+        if record.time_axis is not None:
+            say(f"  time column {reader.given['time']}: {record.time_axis}")
+        for name, unit in zip(
+            record.input_names + record.output_names, record.input_units + record.output_units, strict=True
+        ):
+            x = record.channel(name)
+            span = with_unit(f"{x.min():.5g} … {x.max():.5g}", unit)
+            say(f"  {name}: {span}, mean {x.mean():.5g}, deviation {x.std():.5g}")
+        say(f"  input crest factor {crest:.2f}")
+        counted = f"singular values of the lagged input above {tolerance:g} of the largest"
+        say(f"  persistently exciting of order {f'at least {order}' if order == largest else order}, by {counted}")

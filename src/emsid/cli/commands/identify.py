@@ -1,0 +1,187 @@
+"""``emsid identify``."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from emsid.cli.app import app
+from emsid.cli.interruption import INTERRUPTION
+from emsid.cli.options import Json, Out, Transient, counts, names, physical_names, physical_values, quantity
+from emsid.cli.reading import reads_records
+from emsid.cli.terminal import EXPLAINED, error_table, physical_table, progress_bar, say, say_json, show
+from emsid.cli.writing import as_json, check_folder, draughtsman, draw, kept, say_where, write
+from emsid.errors import DataError
+
+if TYPE_CHECKING:
+    from emsid.identification import Identification
+    from emsid.identification.candidates import Physical
+
+
+@app.command()
+@reads_records()
+def identify(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records to identify from.")],
+    reader: Any,
+    validate: Annotated[
+        list[Path], typer.Option(metavar="FILE", help="Unseen record to rank on; repeat for more.")
+    ] = [],  # noqa: B006
+    models: Annotated[
+        str | None,
+        typer.Option(metavar="NAME,...", help="Candidates, by default the regressions and wiener-hammerstein."),
+    ] = None,
+    unseen: Annotated[
+        float,
+        typer.Option(
+            metavar="FRACTION", help="Part kept unseen where nothing is --validate'd: the end, or some of many files."
+        ),
+    ] = 0.3,
+    transient: Transient = None,
+    na: Annotated[int | None, typer.Option(metavar="N", help="Coefficients of past outputs.", min=0)] = None,
+    nb: Annotated[int | None, typer.Option(metavar="N", help="Coefficients of past inputs.", min=1)] = None,
+    nk: Annotated[int | None, typer.Option(metavar="N", help="Delay in samples.", min=0)] = None,
+    degree: Annotated[int | None, typer.Option(metavar="N", help="Degree of the polynomial.", min=1)] = None,
+    taps: Annotated[int | None, typer.Option(metavar="N", help="Taps of the first filter.", min=1)] = None,
+    knots: Annotated[
+        int | None, typer.Option(metavar="N", help="Hinges on either side of zero; knots or degree of a map.", min=0)
+    ] = None,
+    orders: Annotated[
+        str | None, typer.Option(metavar="N,...", help="Orders of the filters of a cascade of blocks.")
+    ] = None,
+    static: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Static map of a cascade, of those `emsid list` names; by default chosen."),
+    ] = None,
+    ridge: Annotated[float, typer.Option(metavar="WEIGHT", help="Weight of the squared parameters.", min=0)] = 0.0,
+    forgetting: Annotated[
+        float | None, typer.Option(metavar="FACTOR", help="Estimate recursively with this forgetting factor.")
+    ] = None,
+    fix: Annotated[
+        list[str], typer.Option(metavar="NAME=X", help="A physical parameter that is known, in SI units.")
+    ] = [],  # noqa: B006
+    datasheet: Annotated[
+        Path | None, typer.Option(metavar="TOML", help="What a datasheet says of the physical parameters.")
+    ] = None,
+    brake: Annotated[
+        list[float],
+        typer.Option(metavar="CODE", help="Value of the command, or of a second --input, with which a motor brakes."),
+    ] = [],  # noqa: B006
+    coast: Annotated[
+        list[float], typer.Option(metavar="CODE", help="The same, with which its bridge is open and it coasts.")
+    ] = [],  # noqa: B006
+    free: Annotated[
+        str | None,
+        typer.Option(metavar="NAME,...", help="Physical parameters to estimate: these, without refinements."),
+    ] = None,
+    recent: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S", parser=quantity("s"), help="Forget what disturbed a physical model's free run after this time."
+        ),
+    ] = None,
+    profile: Annotated[
+        str | None,
+        typer.Option(metavar="NAME,...", help="Physical parameters to take a likelihood profile of."),
+    ] = None,
+    out: Out = Path("emsid-result"),
+    json: Json = False,
+) -> None:
+    """Fit models to a record and rank them.
+
+    Models are ranked by their free run on data that none of them was fitted to.
+
+    Orders, delay and knots that are not given are chosen on a part of the record held back for that. Writes
+    report.html, result.json, a file for every model, and the figures as SVG and PDF.
+
+    \b
+    Examples:
+      emsid identify log.csv --input voltage --output speed --dt 0.001
+      emsid identify log.dat -u PWM -y mVel --dt 0.010048 --mask "abs(PWM) > 255" --validate other.dat
+      emsid identify drives.csv -u u11 -y z11 --dt 0.02 --models wiener-hammerstein --static abs
+      emsid identify log.csv -u voltage -y speed --time t --models rigid-motor --fix resistance=1.2
+      emsid identify log.csv -u voltage -y speed --time t --models rigid-motor --profile voltage_dead_zone.half_width
+      emsid identify arm.mat -u vir -y "d(qm)" --time t --scale vir=35.15065 --models friction-narx --knots 8
+      emsid identify arm.csv -u force -y x --time t --models linear-axis --free mass,offset --datasheet arm.toml
+    """
+    from emsid.identification import candidates
+    from emsid.identification import workflow as identification
+    from emsid.io import read_datasheet
+    from emsid.models.blocks.search.map_families import FAMILIES
+    from emsid.models.plants.drive import Bridge
+
+    if static is not None and static not in FAMILIES:
+        raise DataError(f"no static map {static!r}; there are {', '.join(FAMILIES)}")
+    asked = names(models, "--models") or candidates.USUAL
+    plants = [each.plant for each in _physical_first(asked)]
+    options = candidates.Options(
+        na=na,
+        nb=nb,
+        nk=nk,
+        degree=degree,
+        taps=taps,
+        knots=knots,
+        orders=counts(orders, "--orders"),
+        static=None if static is None else FAMILIES[static],
+        ridge=ridge,
+        forgetting=forgetting,
+        fix=physical_values(fix, "--fix", plants),
+        datasheet={} if datasheet is None else read_datasheet(datasheet),
+        codes=(*((code, Bridge.BRAKE) for code in brake), *((code, Bridge.COAST) for code in coast)),
+        free=physical_names(free, "--free", plants),
+        recent=recent,
+        profile=physical_names(profile, "--profile", plants),
+    )
+    if not 0 < unseen < 1:
+        raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
+    check_folder(out)
+    records, tests = [reader(path) for path in files], [reader(path) for path in validate]
+    with draughtsman() as drawing:
+        with progress_bar() as report_progress:
+            result = identification.identify(
+                records,
+                tests or None,
+                models=asked,
+                options=options,
+                transient=transient,
+                unseen=unseen,
+                progress=report_progress,
+            )
+        with kept(result, "identification") as result:
+            write(out, {"result.json": result.to_data()}, result.verification.fits, result.record, reader.remembered)
+            if json:
+                say_json(as_json(result.to_data()))
+            else:
+                _print(result)
+        drawn = draw(out, lambda: identification.report(result), drawing)
+    if not json:
+        written = [f"{fit.model.name}.json" for fit in result.verification.fits]
+        possible = [f"{name}.json" for name in candidates.CANDIDATES]
+        say_where(out, drawn, "result.json", *written, possible=possible)
+    INTERRUPTION.end(result.interrupted or not drawn)
+
+
+def _physical_first(asked: Sequence[str]) -> "list[Physical]":
+    """The physical candidates, those that were asked for first: they say what parameters are called and measured in."""
+    from emsid.identification.candidates import CANDIDATES, Physical
+
+    physical = {name: each for name, each in CANDIDATES.items() if isinstance(each, Physical)}
+    order = dict.fromkeys((*(name for name in asked if name in physical), *physical))
+    return [physical[name] for name in order]
+
+
+def _print(result: "Identification") -> None:
+    """The first screen: the errors of every model, the chosen model and what is to be known about it."""
+    from emsid.identification import workflow as identification
+    from emsid.models.plants.search.result import GreyBoxFit
+
+    title = f"on {result.judged_on} ({result.unseen.name})"
+    show(error_table(result.verification.rows, title, result.unseen.output_units[0]))
+    say(EXPLAINED)
+    for fit in result.verification.fits:
+        if isinstance(fit, GreyBoxFit):
+            show(physical_table(fit))
+    say(f"chosen: {result.chosen.model.name}")
+    if not isinstance(result.chosen, GreyBoxFit):
+        say(result.chosen.model.equation())
+    say(*identification.remarks(result))

@@ -1,0 +1,156 @@
+"""Options that several commands have, how their text is read, and how the arguments of the library are spelled."""
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from math import isfinite
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from emsid.errors import DataError, EmsidError
+
+SPELLINGS = {
+    "units": "unit",
+    "fixed": "fix",
+    "profiles": "profile",
+    "validation": "validate",
+    "plant.codes": "brake",
+}
+"""Arguments of the library whose option has another name."""
+
+
+def option(argument: str) -> str:
+    """The option for an argument of the library.
+
+    >>> option("counts_per_revolution"), option("units")
+    ('--counts-per-revolution', '--unit')
+    """
+    return f"--{SPELLINGS.get(argument, argument).replace('_', '-')}"
+
+
+def with_options(problem: EmsidError) -> str:
+    """The message of an error, and the options that mend it in brackets: ``… (--dt, --time)``."""
+    options = [spelled for spelled in map(option, problem.arguments) if spelled not in str(problem)]
+    return f"{problem} ({', '.join(options)})" if options else str(problem)
+
+
+# --- values that a person types --------------------------------------------------------------------------------------
+
+
+def quantity(unit: str) -> Callable[[str | float], float]:
+    """What reads a number in this unit, or one with a unit of its own: ``0.01``, ``10ms``, ``10 ms``."""
+
+    def read(text: str | float) -> float:
+        if isinstance(text, float):  # a default
+            return text
+        number = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf))\s*(.*?)\s*", text)
+        if number is None:
+            raise typer.BadParameter(f"{text!r} is not a number; write it like 0.01, or with a unit")
+        if not number[2]:
+            return float(number[1])
+        from emsid.units import conversion
+
+        try:
+            gain, zero, _ = conversion(number[2], unit)
+        except DataError as problem:
+            raise typer.BadParameter(str(problem)) from None
+        return gain * float(number[1]) + zero
+
+    read.__name__ = f"number or quantity in {unit}"
+    return read
+
+
+def pairs(texts: Iterable[str], name: str, form: str = "COLUMN=VALUE") -> dict[str, str]:
+    """``NAME=VALUE`` of every text."""
+    found: dict[str, str] = {}
+    for text in texts:
+        key, equals, value = text.rpartition("=")
+        if not equals or not key or not value:
+            raise DataError(f"{name} {text!r}: write it as {form}")
+        if found.setdefault(key, value) != value:
+            raise DataError(f"{name} gives {key} twice, as {found[key]} and as {value}; leave one of them out")
+    return found
+
+
+def numbers(texts: Iterable[str], name: str) -> dict[str, float]:
+    """``COLUMN=NUMBER`` of every text."""
+    found = {}
+    for key, value in pairs(texts, name).items():
+        try:
+            found[key] = float(value)
+        except ValueError:
+            raise DataError(f"{name} {key}={value}: {value!r} is not a number") from None
+    return found
+
+
+def names(text: str | None, name: str) -> tuple[str, ...]:
+    """``NAME,NAME,…``, each once."""
+    if text is None:
+        return ()
+    found = tuple(dict.fromkeys(each.strip() for each in text.split(",")))
+    if not all(found):
+        raise DataError(f"{name} {text!r}: write it as names with commas between")
+    return found
+
+
+def counts(text: str | None, name: str) -> tuple[int, ...]:
+    """``N,N,…``."""
+    try:
+        return () if text is None else tuple(int(count) for count in text.split(","))
+    except ValueError:
+        raise DataError(f"{name} {text!r}: write it as whole numbers with commas between") from None
+
+
+def physical_values(texts: Iterable[str], name: str, plants: Sequence[Any]) -> dict[str, float]:
+    """``PARAMETER=VALUE`` of every text in SI units, where the value may have a unit: ``resistance=2 ohm``.
+
+    Args:
+        texts: what was typed.
+        name: of the option, for messages.
+        plants: those that may have the parameter; the first that has it says its unit.
+    """
+    from emsid.plant.motor import read_number
+
+    found = {}
+    for key, value in pairs(texts, name, "NAME=VALUE").items():
+        parameter, handle = _known(key, plants)
+        number = read_number(f"{name} {parameter}", value, handle.parameter.unit)
+        if not isfinite(number):
+            raise DataError(f"{name} {key}={value}: give a finite number")
+        if parameter in found:
+            raise DataError(f"{name} gives {parameter} twice; leave one of them out")
+        found[parameter] = number
+    return found
+
+
+def physical_names(text: str | None, name: str, plants: Sequence[Any]) -> tuple[str, ...]:
+    """``PARAMETER,PARAMETER,…``, where a symbol stands for the name."""
+    return tuple(_known(each, plants)[0] for each in names(text, name))
+
+
+def _known(key: str, plants: Sequence[Any]) -> tuple[str, Any]:
+    """The name and the handle of a parameter in the first plant that has it.
+
+    Raises:
+        ModelError: where no plant has it, with the names that the first one has.
+    """
+    from emsid.models.plants.parameters import find_handle
+
+    problems: list[EmsidError] = []
+    for plant in plants:
+        try:
+            handle = find_handle(plant, key)
+        except EmsidError as problem:
+            problems.append(problem)
+        else:
+            return next(name for name, each in plant.handles.items() if each is handle), handle
+    raise problems[0]
+
+
+Transient = Annotated[
+    int | None,
+    typer.Option(metavar="N", help="Samples that start a free run and are left out of every error.", min=0),
+]
+Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report, the figures and the results.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]

@@ -1,0 +1,63 @@
+"""The program from its first signal handler to its exit status."""
+
+import signal
+import sys
+import warnings
+from io import StringIO, TextIOWrapper
+from typing import NoReturn
+
+import typer
+
+from emsid.cli import commands
+from emsid.cli.app import app
+from emsid.cli.interruption import INTERRUPTED, INTERRUPTION, leave_quietly
+from emsid.cli.options import with_options
+from emsid.cli.terminal import SPELT_OUT, one_line
+from emsid.errors import EmsidError
+
+USER_ERROR = 2
+
+__all__ = ["commands", "main"]
+
+
+def main() -> None:
+    """Run the command line; what a user can mend is one line on standard error and exit status 2."""
+    INTERRUPTION.begin()
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # they speak to programmers
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as a shell does for what runs in the background
+        signal.signal(signal.SIGINT, INTERRUPTION)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # with all that is cleaned up on leaving
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors=SPELT_OUT)  # a terminal that has no ² or Ω gets ^2 and ohm
+    try:
+        try:
+            status = app(sys.argv[1:] or ["--help"], prog_name="emsid", standalone_mode=False)
+        finally:
+            sys.stdout.flush()
+        if INTERRUPTION.pressed:
+            _end(INTERRUPTION.words, INTERRUPTED)
+        sys.exit(status)
+    except typer.TyperException as problem:  # an option or argument that there is not, or of another type
+        message = getattr(problem, "format_message", problem.__str__)()
+        command = getattr(getattr(problem, "ctx", None), "command_path", "emsid")
+        _end(f"{message[:1].lower()}{message[1:].rstrip('.')}; see {command} --help", USER_ERROR)
+    except EmsidError as problem:
+        _end(with_options(problem), USER_ERROR)
+    except OSError as problem:  # files are no matter for this place: it is where one prints to
+        sys.stdout = StringIO()  # what is left of the output must not fail once more on leaving
+        if isinstance(problem, BrokenPipeError):  # the reader has seen enough
+            sys.exit(1)
+        _end(f"the output cannot be written ({(problem.strerror or str(problem)).lower()})", USER_ERROR)
+    except BaseException:
+        if INTERRUPTION.pressed:
+            _end(INTERRUPTION.words, INTERRUPTED)
+        raise
+    finally:
+        leave_quietly()
+
+
+def _end(words: str, status: int) -> NoReturn:
+    print(f"emsid: {one_line(words)}", file=sys.stderr)
+    sys.exit(status)

@@ -1,0 +1,164 @@
+"""The options that say how files are read, shared by every command that reads records."""
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import typer
+
+from emsid.cli.options import numbers, option, pairs, quantity
+from emsid.errors import DataError
+
+if TYPE_CHECKING:
+    from emsid.record import Record
+
+Command = TypeVar("Command", bound=Callable[..., None])
+
+
+@dataclass(frozen=True)
+class Reader:
+    """How files are read: the arguments of `emsid.io.read` that were given.
+
+    Args:
+        given: by name.
+        usual: what the command gives where the user says nothing.
+    """
+
+    given: Mapping[str, Any]
+    usual: Mapping[str, Any]
+
+    def __call__(self, path: Path) -> "Record":
+        """Read a file."""
+        from emsid.io import read
+
+        return read(path, **self.given)
+
+    @property
+    def typed(self) -> list[str]:
+        """The options that the user gave."""
+        return [option(name) for name, value in self.given.items() if value != self.usual.get(name)]
+
+    @property
+    def remembered(self) -> dict[str, Any]:
+        """What holds for other files of the same kind too, as a model file keeps it: all but the rows."""
+        return {name: value for name, value in self.given.items() if name != "rows"}
+
+    def after(self, remembered: Mapping[str, Any] | None) -> "Reader":
+        """The same, and where nothing is given, as a model file remembers it.
+
+        Gains, offsets and units are given column by column. A sample time takes the place of a time column, and the
+        other way round. An empty text leaves out what the file remembers.
+        """
+        before = dict(remembered or {})
+        if "dt" in self.given and "time" not in self.given:
+            before = {name: value for name, value in before.items() if name not in ("time", "time_unit", "resample")}
+        elif "time" in self.given:
+            before = {name: value for name, value in before.items() if name not in ("dt", "time_unit")}
+        merged = {
+            name: {**before.get(name, {}), **value} if isinstance(value, dict) else value
+            for name, value in self.given.items()
+        }
+        return Reader({name: value for name, value in (before | merged).items() if value not in ("", [])}, {})
+
+
+def _rows(text: str) -> slice:
+    first, colon, last = text.partition(":")
+    try:
+        if not colon:
+            raise ValueError
+        return slice(int(first) if first else None, int(last) if last else None)
+    except ValueError:
+        raise DataError(f"--rows {text!r}: write it as A:B, the data rows from A up to but not B") from None
+
+
+def _reader(
+    *,
+    input: Annotated[
+        list[str], typer.Option("--input", "-u", metavar="COL", help="Input column, such as the voltage; may repeat.")
+    ],
+    output: Annotated[
+        list[str],
+        typer.Option("--output", "-y", metavar="COL", help="Output column, or d(COL) for the derivative of a column."),
+    ],
+    dt: Annotated[
+        float | None, typer.Option(metavar="S", parser=quantity("s"), help="Sample time: 0.001 (seconds) or 1ms.")
+    ] = None,
+    time: Annotated[str | None, typer.Option(metavar="COL", help="Time column, checked for regularity.")] = None,
+    time_unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help="Unit of the time column, if its header does not say: s, ms, us.")
+    ] = None,
+    resample: Annotated[
+        bool, typer.Option("--resample", help="Interpolate an irregular time axis to a regular one.")
+    ] = False,
+    rows: Annotated[str | None, typer.Option(metavar="A:B", help="Data rows to take, from A up to but not B.")] = None,
+    mask: Annotated[
+        str | None, typer.Option(metavar="EXPR", help='Samples to leave out, as in "abs(PWM) > 255".')
+    ] = None,
+    scale: Annotated[list[str], typer.Option(metavar="COL=GAIN", help="Multiply a column by a gain.")] = [],  # noqa: B006
+    offset: Annotated[list[str], typer.Option(metavar="COL=X", help="Add to a column, after its gain.")] = [],  # noqa: B006
+    unit: Annotated[
+        list[str],
+        typer.Option(metavar="COL=UNIT", help="Unit of a column: rpm, deg/s, count/sample, pwm, …; converted to SI."),
+    ] = [],  # noqa: B006
+    counts_per_revolution: Annotated[
+        float | None, typer.Option(metavar="N", help="Encoder counts in one revolution, for the unit count.")
+    ] = None,
+    supply_voltage: Annotated[
+        float | None, typer.Option(metavar="V", parser=quantity("V"), help="Voltage at full pwm, for the unit pwm.")
+    ] = None,
+    pwm_full_scale: Annotated[
+        float | None, typer.Option(metavar="N", help="Value of full pwm.  [default: 255]", show_default=False)
+    ] = None,
+    derivative_window: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Samples (odd) in the filter of d(COL).  [default: 9]", show_default=False),
+    ] = None,
+) -> dict[str, Any]:
+    """The arguments of `emsid.io.read` that these options give."""
+    given = {
+        "input": input,
+        "output": output,
+        "dt": dt,
+        "time": time,
+        "time_unit": time_unit,
+        "rows": None if rows is None else _rows(rows),
+        "mask": mask,
+        "scale": numbers(scale, "--scale"),
+        "offset": numbers(offset, "--offset"),
+        "units": pairs(unit, "--unit"),
+        "counts_per_revolution": counts_per_revolution,
+        "supply_voltage": supply_voltage,
+        "pwm_full_scale": pwm_full_scale,
+        "resample": resample or None,
+        "derivative_window": derivative_window,
+    }
+    return {name: value for name, value in given.items() if value not in (None, {}, [])}
+
+
+def reads_records(**defaults: Any) -> Callable[[Command], Command]:
+    """Give a command the options of `_reader`; the `Reader` that they make is its argument ``reader``.
+
+    Args:
+        defaults: of options that may be left out in this command.
+    """
+
+    def decorate(command: Command) -> Command:
+        own = {name: p for name, p in inspect.signature(command).parameters.items() if name != "reader"}
+        shared = {
+            name: p.replace(default=defaults.get(name, p.default))
+            for name, p in inspect.signature(_reader).parameters.items()
+        }
+
+        def with_reader(**values: Any) -> None:
+            given = _reader(**{name: values.pop(name) for name in shared})
+            command(reader=Reader(given, defaults), **values)
+
+        parameters = [p.replace(kind=p.KEYWORD_ONLY) for p in (*own.values(), *shared.values())]
+        with_reader.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        with_reader.__annotations__ = {p.name: p.annotation for p in parameters}
+        with_reader.__name__, with_reader.__doc__ = command.__name__, command.__doc__
+        return with_reader  # type: ignore[return-value]
+
+    return decorate

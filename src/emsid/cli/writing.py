@@ -1,0 +1,100 @@
+"""What a command leaves in its folder: results, model files, the report; and what it prints about them."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from emsid.cli.interruption import INTERRUPTION
+from emsid.cli.terminal import progress_bar, say
+from emsid.errors import DataError
+
+if TYPE_CHECKING:
+    from emsid.identification import Identification
+    from emsid.study import Study
+
+Result = TypeVar("Result", "Study", "Identification")
+
+
+def draughtsman() -> Any:
+    """A process that draws while models are fitted."""
+    from emsid.report.drawing import draughtsman
+
+    return draughtsman()
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that cannot be written to before hours are spent on what goes there."""
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
+        raise DataError(f"--out {folder}: {there} is not a folder that can be written to; choose another")
+
+
+def write(
+    folder: Path,
+    documents: Mapping[str, Any],
+    fits: Any = (),
+    origin: Any = None,
+    reading: Mapping[str, Any] | None = None,
+) -> None:
+    """Write JSON documents and model files into a folder.
+
+    Args:
+        folder: where to.
+        documents: what goes into the file of each name.
+        fits: whose models are saved.
+        origin: the record that they were identified from.
+        reading: how that record was read.
+    """
+    from emsid.io import atomic_write, save
+
+    for fit in fits:
+        save(fit.model, folder / f"{fit.model.name}.json", origin)
+    for name, content in documents.items():  # after the models, which it names
+        atomic_write(folder / name, as_json(content))
+
+
+def as_json(content: Any) -> bytes:
+    """A document as indented JSON."""
+    import msgspec
+
+    return msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n"
+
+
+@contextmanager
+def kept(result: "Result", what: str) -> Iterator["Result"]:
+    """The result, with whether it was interrupted, to be written and printed even if that is interrupted.
+
+    Then Ctrl-C means what comes next: the drawing.
+    """
+    stopped = result.interrupted or INTERRUPTION.pressed
+    INTERRUPTION.pressed = False
+    with INTERRUPTION.put_off():
+        yield replace(result, interrupted=stopped)
+    INTERRUPTION.words = f"{what} was interrupted; what had been found by then is above and written"
+
+
+def draw(folder: Path, report: Callable[[], Any], draughtsman: Any) -> bool:
+    """Write the report with its figures; false where Ctrl-C was pressed meanwhile."""
+    try:
+        INTERRUPTION.raise_again()
+        from emsid.report.page import write_report
+
+        with progress_bar() as report_progress:
+            write_report(report(), folder, report_progress, draughtsman)
+    except BaseException as problem:
+        if not (INTERRUPTION.pressed or isinstance(problem, KeyboardInterrupt)) or isinstance(problem, SystemExit):
+            raise
+        return False
+    return True
+
+
+def say_where(folder: Path, drawn: bool, *names: str, possible: Iterable[str] = ()) -> None:
+    """Where to look, and what in there is of another run."""
+    report = ("report.html", "figures/") if drawn else ()
+    say(f"written to {folder}/: {', '.join((*report[:1], *names, *report[1:]))}")
+    old = [name for name in ("report.html", *possible) if name not in (*report, *names) and (folder / name).exists()]
+    if old:
+        say(f"from an earlier run, not from this one: {', '.join(old)}")

@@ -326,7 +326,6 @@ LONGEST = 60
 LONG_YET = {
     "plant.simulation._run": "one compiled loop, in which every branch is a state of the motor",
     "models.plants.search.estimation.simulation_error": "",
-    "cli.commands.identify": "",
     "identification.workflow.identify": "",
     "estimation.nonlinear.gauss_newton.gauss_newton": "",
 }

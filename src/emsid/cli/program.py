@@ -37,7 +37,7 @@ def main() -> None:
         finally:
             sys.stdout.flush()
         if INTERRUPTION.pressed:
-            _end(INTERRUPTION.words, INTERRUPTED)
+            _end_interrupted()
         sys.exit(status)
     except typer.TyperException as problem:  # an option or argument that there is not, or of another type
         message = getattr(problem, "format_message", problem.__str__)()
@@ -52,10 +52,16 @@ def main() -> None:
         _end(f"the output cannot be written ({(problem.strerror or str(problem)).lower()})", USER_ERROR)
     except BaseException:
         if INTERRUPTION.pressed:
-            _end(INTERRUPTION.words, INTERRUPTED)
+            _end_interrupted()
         raise
     finally:
         leave_quietly()
+
+
+def _end_interrupted() -> NoReturn:
+    """Say what became of what was interrupted."""
+    INTERRUPTION.pressed = False
+    _end(INTERRUPTION.words, INTERRUPTED)
 
 
 def _end(words: str, status: int) -> NoReturn:

@@ -73,48 +73,61 @@ def _rows(text: str) -> slice:
         raise DataError(f"--rows {text!r}: write it as A:B, the data rows from A up to but not B") from None
 
 
+Input = Annotated[
+    list[str], typer.Option("--input", "-u", metavar="COL", help="Input column, such as the voltage; may repeat.")
+]
+Output = Annotated[
+    list[str],
+    typer.Option("--output", "-y", metavar="COL", help="Output column, or d(COL) for the derivative of a column."),
+]
+Dt = Annotated[
+    float | None, typer.Option(metavar="S", parser=quantity("s"), help="Sample time: 0.001 (seconds) or 1ms.")
+]
+Time = Annotated[str | None, typer.Option(metavar="COL", help="Time column, checked for regularity.")]
+TimeUnit = Annotated[
+    str | None, typer.Option(metavar="UNIT", help="Unit of the time column, if its header does not say: s, ms, us.")
+]
+Resample = Annotated[bool, typer.Option("--resample", help="Interpolate an irregular time axis to a regular one.")]
+Rows = Annotated[str | None, typer.Option(metavar="A:B", help="Data rows to take, from A up to but not B.")]
+Mask = Annotated[str | None, typer.Option(metavar="EXPR", help='Samples to leave out, as in "abs(PWM) > 255".')]
+Scale = Annotated[list[str], typer.Option(metavar="COL=GAIN", help="Multiply a column by a gain.")]
+Offset = Annotated[list[str], typer.Option(metavar="COL=X", help="Add to a column, after its gain.")]
+Unit = Annotated[
+    list[str],
+    typer.Option(metavar="COL=UNIT", help="Unit of a column: rpm, deg/s, count/sample, pwm, …; converted to SI."),
+]
+CountsPerRevolution = Annotated[
+    float | None, typer.Option(metavar="N", help="Encoder counts in one revolution, for the unit count.")
+]
+SupplyVoltage = Annotated[
+    float | None, typer.Option(metavar="V", parser=quantity("V"), help="Voltage at full pwm, for the unit pwm.")
+]
+PwmFullScale = Annotated[
+    float | None, typer.Option(metavar="N", help="Value of full pwm.  [default: 255]", show_default=False)
+]
+DerivativeWindow = Annotated[
+    int | None,
+    typer.Option(metavar="N", help="Samples (odd) in the filter of d(COL).  [default: 9]", show_default=False),
+]
+
+
 def _reader(
     *,
-    input: Annotated[
-        list[str], typer.Option("--input", "-u", metavar="COL", help="Input column, such as the voltage; may repeat.")
-    ],
-    output: Annotated[
-        list[str],
-        typer.Option("--output", "-y", metavar="COL", help="Output column, or d(COL) for the derivative of a column."),
-    ],
-    dt: Annotated[
-        float | None, typer.Option(metavar="S", parser=quantity("s"), help="Sample time: 0.001 (seconds) or 1ms.")
-    ] = None,
-    time: Annotated[str | None, typer.Option(metavar="COL", help="Time column, checked for regularity.")] = None,
-    time_unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help="Unit of the time column, if its header does not say: s, ms, us.")
-    ] = None,
-    resample: Annotated[
-        bool, typer.Option("--resample", help="Interpolate an irregular time axis to a regular one.")
-    ] = False,
-    rows: Annotated[str | None, typer.Option(metavar="A:B", help="Data rows to take, from A up to but not B.")] = None,
-    mask: Annotated[
-        str | None, typer.Option(metavar="EXPR", help='Samples to leave out, as in "abs(PWM) > 255".')
-    ] = None,
-    scale: Annotated[list[str], typer.Option(metavar="COL=GAIN", help="Multiply a column by a gain.")] = [],  # noqa: B006
-    offset: Annotated[list[str], typer.Option(metavar="COL=X", help="Add to a column, after its gain.")] = [],  # noqa: B006
-    unit: Annotated[
-        list[str],
-        typer.Option(metavar="COL=UNIT", help="Unit of a column: rpm, deg/s, count/sample, pwm, …; converted to SI."),
-    ] = [],  # noqa: B006
-    counts_per_revolution: Annotated[
-        float | None, typer.Option(metavar="N", help="Encoder counts in one revolution, for the unit count.")
-    ] = None,
-    supply_voltage: Annotated[
-        float | None, typer.Option(metavar="V", parser=quantity("V"), help="Voltage at full pwm, for the unit pwm.")
-    ] = None,
-    pwm_full_scale: Annotated[
-        float | None, typer.Option(metavar="N", help="Value of full pwm.  [default: 255]", show_default=False)
-    ] = None,
-    derivative_window: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Samples (odd) in the filter of d(COL).  [default: 9]", show_default=False),
-    ] = None,
+    input: Input,
+    output: Output,
+    dt: Dt = None,
+    time: Time = None,
+    time_unit: TimeUnit = None,
+    resample: Resample = False,
+    rows: Rows = None,
+    mask: Mask = None,
+    scale: Scale = [],  # noqa: B006
+    offset: Offset = [],  # noqa: B006
+    unit: Unit = [],  # noqa: B006
+    counts_per_revolution: CountsPerRevolution = None,
+    supply_voltage: SupplyVoltage = None,
+    pwm_full_scale: PwmFullScale = None,
+    derivative_window: DerivativeWindow = None,
 ) -> dict[str, Any]:
     """The arguments of `emsid.io.read` that these options give."""
     given = {

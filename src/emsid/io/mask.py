@@ -1,20 +1,22 @@
-"""Masks: the samples to leave out of a record, said by an SQL condition on the columns of the file.
+"""Masks: the samples to leave out of a record, given as a condition on the columns of the file.
 
-``abs(PWM) > 255``, ``state = 'IDLE' OR "Speed (rpm)" IS NULL``. The condition is evaluated by polars, but its SQL could
-also open files (``… IN (SELECT … FROM read_csv('…'))``). So the text is first taken apart here, completely, and only
-plain words, numbers, quoted names and texts, operators and the functions listed below are let through.
+``abs(PWM) > 255``, ``state = 'IDLE' OR "Speed (rpm)" IS NULL``: the conditions of SQL. A condition is never evaluated
+as a program. Its words and signs are put into the syntax of Python (``=`` becomes ``==``, every name a placeholder),
+Python's own parser makes a tree of it, and the nodes of the tree that are listed here become a Polars expression.
+Anything else is refused.
 
-polars plans an expression in a time that grows with the square of its depth, and ``a OR b OR c OR …`` is as deep as it
-is long. So conditions are divided here at their ORs and ANDs, and put together as a balanced tree.
+Polars plans an expression in a time that grows with the square of its depth, so the parts of an OR or an AND are put
+together as a balanced tree.
 """
 
 from __future__ import annotations
 
+import ast
 import operator
 import re
 from collections.abc import Callable, Mapping, Sequence
-from itertools import accumulate
-from typing import TYPE_CHECKING, NamedTuple
+from functools import reduce
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,24 +27,25 @@ from emsid.io.columns import nearest
 if TYPE_CHECKING:
     import polars as pl
 
-FUNCTIONS = (
-    *("abs", "ceil", "exp", "floor", "isfinite", "isnan", "ln", "log10", "mod", "pow", "round", "sign", "sqrt"),
-    *("avg", "max", "median", "min", "stddev"),
-    *("coalesce", "greatest", "least"),
-)
+_OF_A_VALUE = ("abs", "ceil", "exp", "floor", "isfinite", "isnan", "ln", "log10", "round", "sign", "sqrt")
+_OF_ALL_ROWS = ("avg", "max", "median", "min", "stddev")
+_OF_SEVERAL = ("mod", "pow", "coalesce", "greatest", "least")
+FUNCTIONS = (*_OF_A_VALUE, *_OF_ALL_ROWS, *_OF_SEVERAL)
 """The functions that a mask may use: of a value, over all rows, of several values.
 
-A missing value counts as NaN for ``isnan`` and ``isfinite``, which know nothing else of it: they are always true or
-false.
+A missing value counts as NaN for ``isnan`` and ``isfinite``.
 """
 
-# Nobody writes more by hand, and a list goes after IN: parts of a mask, operators in a condition between ANDs and ORs
-# (these form a chain that is as deep as long), brackets in brackets.
 MOST_TOKENS, MOST_OPERATORS, DEEPEST = 20_000, 100, 30
+"""Limits on the length of a mask, on its operators between two ANDs or ORs, and on brackets in brackets."""
 
-# In polars NaN is greater than infinity, which SQL has no word for.
-_INSTEAD = {"isnan": ("coalesce((", ") > exp(1000), true)"), "isfinite": ("coalesce(abs(", ") < exp(1000), false)")}
-_WORDS = {"and", "or", "not", "is", "null", "between", "in", "like", "true", "false"}
+_PYTHON = {
+    **{word: word for word in ("and", "or", "not", "is", "in")},
+    **{"null": "None", "true": "True", "false": "False", "between": "is", "like": "in like"},
+    **{"=": "==", "<>": "!="},
+}
+"""The words and signs that Python spells differently. ``x between a and b`` becomes ``x is a is b``."""
+
 _TOKEN = re.compile(
     r"""(?P<space>\s+)
     | (?P<number>(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)(?!\w)
@@ -52,13 +55,30 @@ _TOKEN = re.compile(
     | (?P<sign><=|>=|<>|!=|==|[=<>+*%(),]|-(?!-)|/(?!\*))""",
     re.VERBOSE,
 )
+_BINARY: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Mod: operator.mod,
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+}
+
+
+class _NotUnderstood(Exception):
+    """A part of the condition that is not in the language of masks."""
 
 
 def left_out(mask: str, columns: Mapping[str, pl.Series]) -> NDArray[np.bool_]:
-    """(N,) true where the condition ``mask`` holds, or cannot be told because a value is missing.
+    """(N,) true where the condition ``mask`` holds, or cannot be decided because a value is missing.
 
     Args:
-        mask: an SQL condition; names with anything but letters, digits and ``_`` in them go into double quotes.
+        mask: a condition; names with anything but letters, digits and ``_`` in them go into double quotes.
         columns: every column of the file by name, equally long.
 
     Raises:
@@ -66,32 +86,32 @@ def left_out(mask: str, columns: Mapping[str, pl.Series]) -> NDArray[np.bool_]:
     """
     import polars as pl
 
-    tokens = _taken_apart(mask, columns)
-    frame = pl.DataFrame([_comparable(column).alias(name) for name, column in columns.items()])
+    text, values = _in_python(mask, columns)
+    used = {f"v{k}": columns[name[1:]] for k, name in enumerate(values) if name.startswith('"')}
+    frame = pl.DataFrame([_comparable(column).alias(name) for name, column in (used or columns).items()])
     try:
-        result = frame.select(_condition(tokens).alias("out"))["out"]
-    except DataError as problem:
-        raise DataError(f"the mask {_shown(mask)} {problem}") from None
-    except (Exception, pl.exceptions.PanicException) as problem:  # a panic of the parser is no Exception
-        reason = str(problem).strip().partition("\n")[0]
-        raise DataError(f"the mask {_shown(mask)} is not understood ({reason}); write it like abs(PWM) > 255") from None
+        tree = ast.parse(text, mode="eval")
+        result = frame.select(_Expression(values).of(tree.body).alias("out"))["out"]
+    except (Exception, pl.exceptions.PanicException) as problem:  # a panic of Polars is no Exception
+        reason = "" if isinstance(problem, (SyntaxError, MemoryError, RecursionError)) else str(problem).strip()
+        because = f" ({reason.partition(chr(10))[0]})" if reason else ""
+        raise DataError(f"the mask {_shown(mask)} is not understood{because}; write it like abs(PWM) > 255") from None
     if result.dtype != pl.Boolean:
         raise DataError(f"the mask {_shown(mask)} is not true or false; write a condition like abs(PWM) > 255")
     out = result.fill_null(True).to_numpy()
-    return np.broadcast_to(out, frame.height) if len(out) == 1 else out
+    return np.broadcast_to(out, len(next(iter(columns.values())))) if len(out) == 1 else out
 
 
-class _Token(NamedTuple):
-    text: str
-    word: str = ""  # in lower case, of one that is neither name nor number nor text
-    opens: int = 0  # 1 for an opening bracket or a function with it, −1 for a closing one
+def _in_python(mask: str, columns: Mapping[str, pl.Series]) -> tuple[str, list[str]]:
+    """The condition in Python's syntax, and what its placeholders ``v0``, ``v1``, … stand for: ``'text'`` or ``"column``.
 
-
-def _taken_apart(mask: str, columns: Mapping[str, pl.Series]) -> list[_Token]:
-    """The parts of a plain condition on ``columns``; anything else is refused."""
-    tokens: list[_Token] = []
-    closings: list[str] = []  # of the brackets that are open
-    at = 0
+    Raises:
+        DataError: for a sign that no mask has, an unknown function or column, or more than anybody writes by hand.
+    """
+    parts: list[str] = []
+    values: dict[str, int] = {}
+    depth = at = operators = 0
+    between: list[int] = []  # how deep in brackets every BETWEEN stands whose AND has not come
     while at < len(mask):
         token = _TOKEN.match(mask, at)
         if token is None:
@@ -100,94 +120,165 @@ def _taken_apart(mask: str, columns: Mapping[str, pl.Series]) -> list[_Token]:
                 "abs(PWM) > 255"
             )
         at = token.end()
-        word, quoted, text = token["word"], token["name"], token[0]
-        if word and token["call"]:
-            function = word.lower()
-            if function not in {*FUNCTIONS, *_WORDS}:
+        if token["space"]:
+            continue
+        word, text = token["word"], token[0]
+        key = (word or text).lower()
+        if token["call"] and key not in _PYTHON:
+            if key not in FUNCTIONS:
                 raise DataError(
                     f"the mask {_shown(mask)} uses a function {word!r}, which is none of {', '.join(FUNCTIONS)}; a "
                     f'column with brackets in its name goes into double quotes: "{word}(…)"'
                 )
-            if function in _WORDS:  # AND (…), IN (…)
-                tokens.append(_Token(word, function))
-                text = "("
-            opening, closing = _INSTEAD.get(function, (text, ")"))
-            closings.append(closing)
-            tokens.append(_Token(opening, opens=1))
-        elif quoted or (word and word.lower() not in _WORDS):
-            name = word or quoted[1:-1]
-            if name not in columns:
-                raise DataError(
-                    f"the mask {_shown(mask)} uses {name!r}, which is no column{nearest(name, columns)}; there are "
-                    f"{', '.join(columns)}"
-                )
-            tokens.append(_Token(text))
-        elif text == "(":
-            closings.append(")")
-            tokens.append(_Token(text, opens=1))
-        elif text == ")" and closings:
-            tokens.append(_Token(closings.pop(), opens=-1))
-        elif text == ")":
-            raise DataError(f"the mask {_shown(mask)} is not understood: it closes a bracket that none has opened")
-        elif not token["space"]:
-            tokens.append(_Token(text, (word or token["sign"] or "").lower()))
-        if len(tokens) > MOST_TOKENS or len(closings) > DEEPEST:
-            raise DataError(
-                f"the mask {_shown(mask)} is too long: more than {MOST_TOKENS:,} names, numbers and signs, or "
-                f"{DEEPEST} brackets in brackets; mark these samples in a column of their own and mask by that"
-            )
-    if closings:
+            parts.append(key)
+        elif token["text"]:
+            parts.append(f"(v{values.setdefault(text, len(values))})")
+        elif token["name"] or (word and key not in _PYTHON):
+            name = word or text[1:-1]
+            _check_column(mask, name, columns)
+            parts.append(f"v{values.setdefault(f'"{name}', len(values))}")
+        elif token["number"]:
+            parts.append(text.lstrip("0") or "0" if text.isdigit() else text)
+        elif key == "and" and between and between[-1] == depth:
+            between.pop()
+            parts.append("is")
+        else:
+            if key == "between":
+                between.append(depth)
+                if parts[-1:] == ["not"]:  # not is, is not
+                    parts[-1:], key = ["is"], "not"
+            operators = 0 if key in ("and", "or") else operators + (key not in ("(", ")", ",", "not"))
+            parts.append(_PYTHON.get(key, key))
+        opened = bool(token["call"]) or text == "("
+        if token["call"]:
+            parts.append("(")
+        depth += opened - (text == ")")
+        _check_size(mask, depth, len(parts), operators)
+    if depth:
         raise DataError(f"the mask {_shown(mask)} is not understood: a bracket is not closed; write ')' at its end")
-    return tokens
+    return " ".join(parts), list(values)
 
 
-def _condition(tokens: Sequence[_Token]) -> pl.Expr:
-    """The condition, no deeper than its brackets and the logarithm of its length."""
+def _check_column(mask: str, name: str, columns: Mapping[str, pl.Series]) -> None:
+    if name not in columns:
+        raise DataError(
+            f"the mask {_shown(mask)} uses {name!r}, which is no column{nearest(name, columns)}; there are "
+            f"{', '.join(columns)}"
+        )
+
+
+def _check_size(mask: str, depth: int, tokens: int, operators: int) -> None:
+    if depth < 0:
+        raise DataError(f"the mask {_shown(mask)} is not understood: it closes a bracket that none has opened")
+    if tokens > MOST_TOKENS or depth > DEEPEST:
+        raise DataError(
+            f"the mask {_shown(mask)} is too long: more than {MOST_TOKENS:,} names, numbers and signs, or "
+            f"{DEEPEST} brackets in brackets; mark these samples in a column of their own and mask by that"
+        )
+    if operators > MOST_OPERATORS:
+        raise DataError(
+            f"the mask {_shown(mask)} has more than {MOST_OPERATORS} operators between two ANDs or ORs; divide it"
+        )
+
+
+class _Expression:
+    """Makes Polars expressions of the nodes of a tree.
+
+    Args:
+        values: what the placeholders stand for.
+    """
+
+    def __init__(self, values: Sequence[str]) -> None:
+        self.values = values
+
+    def of(self, node: ast.expr) -> Any:
+        """The expression of a node.
+
+        Raises:
+            _NotUnderstood: for a node that is not in the language of masks.
+        """
+        import polars as pl
+
+        match node:
+            case ast.BoolOp():
+                return _balanced([self.of(each) for each in node.values], isinstance(node.op, ast.And))
+            case ast.UnaryOp(op=ast.Not()):
+                return ~self.of(node.operand)
+            case ast.UnaryOp(op=ast.USub()):
+                return -self.of(node.operand)
+            case ast.UnaryOp(op=ast.UAdd()):
+                return self.of(node.operand)
+            case ast.BinOp() if type(node.op) in _BINARY:
+                return _BINARY[type(node.op)](self.of(node.left), self.of(node.right))
+            case ast.Compare():
+                return self._compared(node)
+            case ast.Call(func=ast.Name(id=name)) if name in FUNCTIONS:
+                return _function(name, [self.of(each) for each in node.args])
+            case ast.Name(id=name) if re.fullmatch(r"v\d+", name):
+                value = self.values[int(name[1:])]
+                return pl.lit(value[1:-1]) if value.startswith("'") else pl.col(name)
+            case ast.Constant(value=value):
+                return pl.lit(value)
+        raise _NotUnderstood
+
+    def _compared(self, node: ast.Compare) -> Any:
+        left = self.of(node.left)
+        match node.ops, node.comparators:
+            case [ast.Is() | ast.IsNot() as sign], [ast.Constant(value=None)]:
+                return left.is_null() if isinstance(sign, ast.Is) else left.is_not_null()
+            case [ast.Is() | ast.IsNot() as sign, ast.Is()], [low, high]:
+                inside = left.is_between(self.of(low), self.of(high))
+                return inside if isinstance(sign, ast.Is) else ~inside
+            case [ast.In() | ast.NotIn() as sign], [choices]:
+                among = self._among(left, choices)
+                return among if isinstance(sign, ast.In) else ~among
+        right = [self.of(each) for each in node.comparators]
+        if not all(type(sign) in _BINARY for sign in node.ops):
+            raise _NotUnderstood
+        pairs = zip(node.ops, [left, *right[:-1]], right, strict=True)
+        return _balanced([_BINARY[type(sign)](a, b) for sign, a, b in pairs], True)
+
+    def _among(self, left: Any, choices: ast.expr) -> Any:
+        """``left in (a, b, …)``, and ``left like 'pattern'``, which stands in the tree as ``left in like(…)``."""
+        if isinstance(choices, ast.Call) and isinstance(choices.func, ast.Name) and choices.func.id == "like":
+            (pattern,) = choices.args
+            if not (isinstance(pattern, ast.Name) and self.values[int(pattern.id[1:])].startswith("'")):
+                raise _NotUnderstood
+            text = self.values[int(pattern.id[1:])][1:-1]
+            signs = {"%": ".*", "_": "."}
+            return left.str.contains("(?s)^" + "".join(signs.get(sign, re.escape(sign)) for sign in text) + "$")
+        several = choices.elts if isinstance(choices, ast.Tuple) else [choices]
+        return _balanced([left == self.of(each) for each in several], False)
+
+
+def _function(name: str, given: list[Any]) -> Any:
     import polars as pl
 
-    for word, joined in (("or", operator.or_), ("and", operator.and_)):
-        parts = _divided(tokens, word)
-        if len(parts) > 1:
-            return _balanced([_condition(part) for part in parts], joined)
-    nots = next((k for k, token in enumerate(tokens) if token.word != "not"), len(tokens))
-    if nots:
-        condition = _condition(tokens[nots:])
-        return ~condition if nots % 2 else condition
-    if _is_bracketed(tokens):
-        return _condition(tokens[1:-1])
-    if sum(bool(token.word) and token.word != "," for token in tokens) > MOST_OPERATORS:
-        raise DataError(f"has more than {MOST_OPERATORS} operators between two ANDs or ORs; divide it")
-    text = " ".join(token.text for token in tokens)
-    return pl.sql_expr(f"({text})" if text else "")
+    x = given[0]
+    if name in ("coalesce", "greatest", "least"):
+        of = {"coalesce": pl.coalesce, "greatest": pl.max_horizontal, "least": pl.min_horizontal}[name]
+        return of(given)
+    if len(given) == 2 and name in ("mod", "pow"):
+        return x % given[1] if name == "mod" else x.pow(given[1])
+    if len(given) != 1 or name in _OF_SEVERAL:
+        raise _NotUnderstood(f"{name} of {len(given)} values")
+    match name:
+        case "isnan":
+            return x.is_nan().fill_null(True)
+        case "isfinite":
+            return x.is_finite().fill_null(False)
+        case "round":
+            return x.round(0)
+    return getattr(x, {"ln": "log", "avg": "mean", "stddev": "std"}.get(name, name))()
 
 
-def _divided(tokens: Sequence[_Token], word: str) -> list[Sequence[_Token]]:
-    """The tokens between those that are this word and in no bracket; the AND of a BETWEEN does not divide."""
-    parts, begin, depth, between = [], 0, 0, False
-    for k, token in enumerate(tokens):
-        depth += token.opens
-        if depth or not token.word:
-            continue
-        if token.word == word and not (between and word == "and"):
-            parts.append(tokens[begin:k])
-            begin = k + 1
-        between = token.word == "between" or (between and token.word != "and")
-    return [*parts, tokens[begin:]]
-
-
-def _is_bracketed(tokens: Sequence[_Token]) -> bool:
-    """Whether the first bracket, which is no function's, closes at the very end."""
-    if not (tokens and tokens[0].text == "("):
-        return False
-    depths = list(accumulate(token.opens for token in tokens))
-    return 0 not in depths[:-1] and depths[-1] == 0
-
-
-def _balanced(parts: Sequence[pl.Expr], joined: Callable[[pl.Expr, pl.Expr], pl.Expr]) -> pl.Expr:
-    if len(parts) == 1:
-        return parts[0]
-    half = len(parts) // 2
-    return joined(_balanced(parts[:half], joined), _balanced(parts[half:], joined))
+def _balanced(parts: Sequence[Any], every: bool) -> Any:
+    """All parts joined by AND, or by OR, no deeper than the logarithm of their number."""
+    joined = list(parts)
+    while len(joined) > 1:
+        pairs = [joined[k : k + 2] for k in range(0, len(joined), 2)]
+        joined = [reduce(operator.and_ if every else operator.or_, pair) for pair in pairs]
+    return joined[0]
 
 
 def _shown(mask: str) -> str:

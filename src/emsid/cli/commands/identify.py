@@ -1,6 +1,7 @@
 """``emsid identify``."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,71 +20,88 @@ if TYPE_CHECKING:
     from emsid.identification.candidates import Physical
 
 
+Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records to identify from.")]
+Validate = Annotated[list[Path], typer.Option(metavar="FILE", help="Unseen record to rank on; repeat for more.")]
+Models = Annotated[
+    str | None,
+    typer.Option(metavar="NAME,...", help="Candidates, by default the regressions and wiener-hammerstein."),
+]
+Unseen = Annotated[
+    float,
+    typer.Option(
+        metavar="FRACTION", help="Part kept unseen where nothing is --validate'd: the end, or some of many files."
+    ),
+]
+Na = Annotated[int | None, typer.Option(metavar="N", help="Coefficients of past outputs.", min=0)]
+Nb = Annotated[int | None, typer.Option(metavar="N", help="Coefficients of past inputs.", min=1)]
+Nk = Annotated[int | None, typer.Option(metavar="N", help="Delay in samples.", min=0)]
+Degree = Annotated[int | None, typer.Option(metavar="N", help="Degree of the polynomial.", min=1)]
+Taps = Annotated[int | None, typer.Option(metavar="N", help="Taps of the first filter.", min=1)]
+Knots = Annotated[
+    int | None, typer.Option(metavar="N", help="Hinges on either side of zero; knots or degree of a map.", min=0)
+]
+Orders = Annotated[str | None, typer.Option(metavar="N,...", help="Orders of the filters of a cascade of blocks.")]
+Static = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="Static map of a cascade, of those `emsid list` names; by default chosen."),
+]
+Ridge = Annotated[float, typer.Option(metavar="WEIGHT", help="Weight of the squared parameters.", min=0)]
+Forgetting = Annotated[
+    float | None, typer.Option(metavar="FACTOR", help="Estimate recursively with this forgetting factor.")
+]
+Fix = Annotated[list[str], typer.Option(metavar="NAME=X", help="A physical parameter that is known, in SI units.")]
+Datasheet = Annotated[
+    Path | None, typer.Option(metavar="TOML", help="What a datasheet says of the physical parameters.")
+]
+Brake = Annotated[
+    list[float],
+    typer.Option(metavar="CODE", help="Value of the command, or of a second --input, with which a motor brakes."),
+]
+Coast = Annotated[
+    list[float], typer.Option(metavar="CODE", help="The same, with which its bridge is open and it coasts.")
+]
+Free = Annotated[
+    str | None,
+    typer.Option(metavar="NAME,...", help="Physical parameters to estimate: these, without refinements."),
+]
+Recent = Annotated[
+    float | None,
+    typer.Option(
+        metavar="S", parser=quantity("s"), help="Forget what disturbed a physical model's free run after this time."
+    ),
+]
+Profile = Annotated[
+    str | None,
+    typer.Option(metavar="NAME,...", help="Physical parameters to take a likelihood profile of."),
+]
+
+
 @app.command()
 @reads_records()
 def identify(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records to identify from.")],
+    files: Files,
     reader: Any,
-    validate: Annotated[
-        list[Path], typer.Option(metavar="FILE", help="Unseen record to rank on; repeat for more.")
-    ] = [],  # noqa: B006
-    models: Annotated[
-        str | None,
-        typer.Option(metavar="NAME,...", help="Candidates, by default the regressions and wiener-hammerstein."),
-    ] = None,
-    unseen: Annotated[
-        float,
-        typer.Option(
-            metavar="FRACTION", help="Part kept unseen where nothing is --validate'd: the end, or some of many files."
-        ),
-    ] = 0.3,
+    validate: Validate = [],  # noqa: B006
+    models: Models = None,
+    unseen: Unseen = 0.3,
     transient: Transient = None,
-    na: Annotated[int | None, typer.Option(metavar="N", help="Coefficients of past outputs.", min=0)] = None,
-    nb: Annotated[int | None, typer.Option(metavar="N", help="Coefficients of past inputs.", min=1)] = None,
-    nk: Annotated[int | None, typer.Option(metavar="N", help="Delay in samples.", min=0)] = None,
-    degree: Annotated[int | None, typer.Option(metavar="N", help="Degree of the polynomial.", min=1)] = None,
-    taps: Annotated[int | None, typer.Option(metavar="N", help="Taps of the first filter.", min=1)] = None,
-    knots: Annotated[
-        int | None, typer.Option(metavar="N", help="Hinges on either side of zero; knots or degree of a map.", min=0)
-    ] = None,
-    orders: Annotated[
-        str | None, typer.Option(metavar="N,...", help="Orders of the filters of a cascade of blocks.")
-    ] = None,
-    static: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Static map of a cascade, of those `emsid list` names; by default chosen."),
-    ] = None,
-    ridge: Annotated[float, typer.Option(metavar="WEIGHT", help="Weight of the squared parameters.", min=0)] = 0.0,
-    forgetting: Annotated[
-        float | None, typer.Option(metavar="FACTOR", help="Estimate recursively with this forgetting factor.")
-    ] = None,
-    fix: Annotated[
-        list[str], typer.Option(metavar="NAME=X", help="A physical parameter that is known, in SI units.")
-    ] = [],  # noqa: B006
-    datasheet: Annotated[
-        Path | None, typer.Option(metavar="TOML", help="What a datasheet says of the physical parameters.")
-    ] = None,
-    brake: Annotated[
-        list[float],
-        typer.Option(metavar="CODE", help="Value of the command, or of a second --input, with which a motor brakes."),
-    ] = [],  # noqa: B006
-    coast: Annotated[
-        list[float], typer.Option(metavar="CODE", help="The same, with which its bridge is open and it coasts.")
-    ] = [],  # noqa: B006
-    free: Annotated[
-        str | None,
-        typer.Option(metavar="NAME,...", help="Physical parameters to estimate: these, without refinements."),
-    ] = None,
-    recent: Annotated[
-        float | None,
-        typer.Option(
-            metavar="S", parser=quantity("s"), help="Forget what disturbed a physical model's free run after this time."
-        ),
-    ] = None,
-    profile: Annotated[
-        str | None,
-        typer.Option(metavar="NAME,...", help="Physical parameters to take a likelihood profile of."),
-    ] = None,
+    na: Na = None,
+    nb: Nb = None,
+    nk: Nk = None,
+    degree: Degree = None,
+    taps: Taps = None,
+    knots: Knots = None,
+    orders: Orders = None,
+    static: Static = None,
+    ridge: Ridge = 0.0,
+    forgetting: Forgetting = None,
+    fix: Fix = [],  # noqa: B006
+    datasheet: Datasheet = None,
+    brake: Brake = [],  # noqa: B006
+    coast: Coast = [],  # noqa: B006
+    free: Free = None,
+    recent: Recent = None,
+    profile: Profile = None,
     out: Out = Path("emsid-result"),
     json: Json = False,
 ) -> None:
@@ -136,17 +154,26 @@ def identify(
         raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
     check_folder(out)
     records, tests = [reader(path) for path in files], [reader(path) for path in validate]
+    search = partial(
+        identification.identify,
+        records,
+        tests or None,
+        models=asked,
+        options=options,
+        transient=transient,
+        unseen=unseen,
+    )
+    _run(search, reader, out, json)
+
+
+def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: bool) -> None:
+    """Identify, write and print the result, draw the report."""
+    from emsid.identification import candidates
+    from emsid.identification import workflow as identification
+
     with draughtsman() as drawing:
         with progress_bar() as report_progress:
-            result = identification.identify(
-                records,
-                tests or None,
-                models=asked,
-                options=options,
-                transient=transient,
-                unseen=unseen,
-                progress=report_progress,
-            )
+            result = search(progress=report_progress)
         with kept(result, "identification") as result:
             write(out, {"result.json": result.to_data()}, result.verification.fits, result.record, reader.remembered)
             if json:

@@ -14,26 +14,31 @@ from emsid.cli.terminal import EXPLAINED, error_table, progress_bar, say, say_js
 from emsid.cli.writing import as_json, check_folder, draughtsman, draw, kept, say_where, write
 from emsid.errors import DataError
 
+Record = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Identify from this record instead of the virtual bench.")
+]
+Verify = Annotated[Path | None, typer.Option(metavar="FILE", help="Verify on this record.")]
+Motor = Annotated[Path | None, typer.Option(metavar="TOML", help="Parameters of the motor to simulate.")]
+Step = Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Sample time of the simulated records.")]
+Duration = Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Length of the simulated records.")]
+Seed = Annotated[int, typer.Option(metavar="N", help="Seed of the noise on the bench.", min=0)]
+Forgetting = Annotated[float, typer.Option(metavar="FACTOR", help="Forgetting of recursive estimates.")]
+Knots = Annotated[int, typer.Option(metavar="N", help="Hinges on either side of zero.", min=0)]
+
 
 @app.command()
 @reads_records(input=["voltage"], output=["speed"])
 def study(
     reader: Any,
     out: Out = Path("emsid-study"),
-    record: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Identify from this record instead of the virtual bench.")
-    ] = None,
-    verify: Annotated[Path | None, typer.Option(metavar="FILE", help="Verify on this record.")] = None,
-    motor: Annotated[Path | None, typer.Option(metavar="TOML", help="Parameters of the motor to simulate.")] = None,
-    step: Annotated[
-        float, typer.Option(metavar="S", parser=quantity("s"), help="Sample time of the simulated records.")
-    ] = 0.005,
-    duration: Annotated[
-        float, typer.Option(metavar="S", parser=quantity("s"), help="Length of the simulated records.")
-    ] = 20.0,
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the noise on the bench.", min=0)] = 1,
-    forgetting: Annotated[float, typer.Option(metavar="FACTOR", help="Forgetting of recursive estimates.")] = 1.0,
-    knots: Annotated[int, typer.Option(metavar="N", help="Hinges on either side of zero.", min=0)] = 12,
+    record: Record = None,
+    verify: Verify = None,
+    motor: Motor = None,
+    step: Step = 0.005,
+    duration: Duration = 20.0,
+    seed: Seed = 1,
+    forgetting: Forgetting = 1.0,
+    knots: Knots = 12,
     transient: Transient = None,
     json: Json = False,
 ) -> None:

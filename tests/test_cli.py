@@ -549,9 +549,7 @@ def test_ctrl_c_keeps_what_was_found(moment, drawn, log, tmp_path):
 REGRESSIONS = ("--models", "arx, wiener-hammerstein-regression", "--na", 1, "--nb", 1, "--nk", 1, "--degree", 2)
 
 
-@pytest.mark.parametrize(
-    "then", ["workflow._held", "workflow.compare", "workflow._held+workflow.compare"]
-)
+@pytest.mark.parametrize("then", ["workflow._held", "workflow.compare", "workflow._held+workflow.compare"])
 def test_ctrl_c_twice_within_a_moment_is_ctrl_c_once(then, log, tmp_path):
     words = ("identify", log, *IDENTIFY, *REGRESSIONS, "--taps", 1, "--out", "out")
     moments = ("in_turn", "emsid.identification", f"candidates.wiener_hammerstein_regression+{then}")

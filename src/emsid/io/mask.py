@@ -41,8 +41,13 @@ MOST_TOKENS, MOST_OPERATORS, DEEPEST = 20_000, 100, 30
 
 _PYTHON = {
     **{word: word for word in ("and", "or", "not", "is", "in")},
-    **{"null": "None", "true": "True", "false": "False", "between": "is", "like": "in like"},
-    **{"=": "==", "<>": "!="},
+    "null": "None",
+    "true": "True",
+    "false": "False",
+    "between": "is",
+    "like": "in like",
+    "=": "==",
+    "<>": "!=",
 }
 """The words and signs that Python spells differently. ``x between a and b`` becomes ``x is a is b``."""
 
@@ -103,7 +108,9 @@ def left_out(mask: str, columns: Mapping[str, pl.Series]) -> NDArray[np.bool_]:
 
 
 def _in_python(mask: str, columns: Mapping[str, pl.Series]) -> tuple[str, list[str]]:
-    """The condition in Python's syntax, and what its placeholders ``v0``, ``v1``, … stand for: ``'text'`` or ``"column``.
+    """The condition in Python's syntax, and what its placeholders ``v0``, ``v1``, … stand for.
+
+    A text stands there with its quotes, a column with a double quote before it.
 
     Raises:
         DataError: for a sign that no mask has, an unknown function or column, or more than anybody writes by hand.
@@ -136,7 +143,7 @@ def _in_python(mask: str, columns: Mapping[str, pl.Series]) -> tuple[str, list[s
         elif token["name"] or (word and key not in _PYTHON):
             name = word or text[1:-1]
             _check_column(mask, name, columns)
-            parts.append(f"v{values.setdefault(f'"{name}', len(values))}")
+            parts.append(f"v{values.setdefault(chr(34) + name, len(values))}")
         elif token["number"]:
             parts.append(text.lstrip("0") or "0" if text.isdigit() else text)
         elif key == "and" and between and between[-1] == depth:
@@ -255,9 +262,10 @@ def _function(name: str, given: list[Any]) -> Any:
     import polars as pl
 
     x = given[0]
-    if name in ("coalesce", "greatest", "least"):
-        of = {"coalesce": pl.coalesce, "greatest": pl.max_horizontal, "least": pl.min_horizontal}[name]
-        return of(given)
+    if name == "coalesce":
+        return pl.coalesce(given)
+    if name in ("greatest", "least"):
+        return pl.max_horizontal(given) if name == "greatest" else pl.min_horizontal(given)
     if len(given) == 2 and name in ("mod", "pow"):
         return x % given[1] if name == "mod" else x.pow(given[1])
     if len(given) != 1 or name in _OF_SEVERAL:

@@ -18,6 +18,7 @@ from emsid.errors import DataError
 if TYPE_CHECKING:
     from emsid.identification import Identification
     from emsid.identification.candidates import Physical
+    from emsid.models.blocks.search.map_families import Family
 
 
 Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records to identify from.")]
@@ -125,11 +126,8 @@ def identify(
     from emsid.identification import candidates
     from emsid.identification import workflow as identification
     from emsid.io import read_datasheet
-    from emsid.models.blocks.search.map_families import FAMILIES
     from emsid.models.plants.drive import Bridge
 
-    if static is not None and static not in FAMILIES:
-        raise DataError(f"no static map {static!r}; there are {', '.join(FAMILIES)}")
     asked = names(models, "--models") or candidates.USUAL
     plants = [each.plant for each in _physical_first(asked)]
     options = candidates.Options(
@@ -140,7 +138,7 @@ def identify(
         taps=taps,
         knots=knots,
         orders=counts(orders, "--orders"),
-        static=None if static is None else FAMILIES[static],
+        static=_family(static),
         ridge=ridge,
         forgetting=forgetting,
         fix=physical_values(fix, "--fix", plants),
@@ -154,15 +152,8 @@ def identify(
         raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
     check_folder(out)
     records, tests = [reader(path) for path in files], [reader(path) for path in validate]
-    search = partial(
-        identification.identify,
-        records,
-        tests or None,
-        models=asked,
-        options=options,
-        transient=transient,
-        unseen=unseen,
-    )
+    given = {"models": asked, "options": options, "transient": transient, "unseen": unseen}
+    search = partial(identification.identify, records, tests or None, **given)
     _run(search, reader, out, json)
 
 
@@ -186,6 +177,14 @@ def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: 
         possible = [f"{name}.json" for name in candidates.CANDIDATES]
         say_where(out, drawn, "result.json", *written, possible=possible)
     INTERRUPTION.end(result.interrupted or not drawn)
+
+
+def _family(static: str | None) -> "Family | None":
+    from emsid.models.blocks.search.map_families import FAMILIES
+
+    if static is not None and static not in FAMILIES:
+        raise DataError(f"no static map {static!r}; there are {', '.join(FAMILIES)}")
+    return None if static is None else FAMILIES[static]
 
 
 def _physical_first(asked: Sequence[str]) -> "list[Physical]":

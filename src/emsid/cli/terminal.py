@@ -21,6 +21,7 @@ from emsid.units import plain_unit, readable_unit
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from emsid.estimation.nonlinear.control import Control
     from emsid.models.plants.search.result import GreyBoxFit
     from emsid.validation.comparison import Row
 
@@ -157,24 +158,55 @@ def show(table: Table) -> None:
     console.print(table)
 
 
+class Progress:
+    """What a piece of work reports to: a bar that shows how many steps of how many are done, where that is known.
+
+    Args:
+        update: called with what is being done, how many steps are done, and of how many (None where nobody knows).
+    """
+
+    def __init__(self, update: Callable[[str, int, int | None], None]) -> None:
+        self.update = update
+
+    @property
+    def control(self) -> Control:
+        """For work that looks at a `Control`."""
+        from emsid.estimation.nonlinear.control import Control
+
+        return Control(
+            cancelled=lambda: INTERRUPTION.pressed,
+            report=lambda activity: self.update(activity.doing, activity.done, activity.total),
+        )
+
+    def __call__(self, what: str, fraction: float) -> None:
+        """For work that only says what it is doing; nobody knows how far it has come."""
+        INTERRUPTION.raise_again()
+        self.update(what, 0, None)
+
+
 @contextmanager
-def progress_bar() -> Iterator[Callable[[str, float], None]]:
-    """A bar on standard error that names what is being done."""
+def progress_bar() -> Iterator[Progress]:
+    """A bar on standard error, where that is a terminal, that names what is being done."""
+    from rich import progress
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-    task = bar.add_task("starting", total=1.0)
+    columns = (
+        progress.TextColumn("{task.description}", markup=False),
+        progress.BarColumn(),
+        progress.TextColumn("{task.fields[steps]}"),
+        progress.TimeElapsedColumn(),
+    )
+    bar = progress.Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    task = bar.add_task("starting", total=None, steps="")
 
-    def advance(what: str, fraction: float) -> None:
-        INTERRUPTION.raise_again()
-        bar.update(task, description=one_line(what), completed=fraction)
+    def update(what: str, done: int, total: int | None) -> None:
+        steps = "" if total is None else f"{done}/{total}"
+        bar.update(task, description=one_line(what), completed=done, total=total, steps=steps)
 
     bar.start()
     try:
-        yield advance
+        yield Progress(update)
     finally:
         with INTERRUPTION.put_off():  # the work is done or has been left, and nothing of it may be lost
             bar.stop()

@@ -18,13 +18,6 @@ if TYPE_CHECKING:
 Result = TypeVar("Result", "Study", "Identification")
 
 
-def draughtsman() -> Any:
-    """A process that draws while models are fitted."""
-    from emsid.report.drawing import draughtsman
-
-    return draughtsman()
-
-
 def check_folder(folder: Path) -> None:
     """Refuse a folder that cannot be written to before hours are spent on what goes there."""
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
@@ -76,14 +69,14 @@ def kept(result: "Result", what: str) -> Iterator["Result"]:
     INTERRUPTION.words = f"{what} was interrupted; what had been found by then is above and written"
 
 
-def draw(folder: Path, report: Callable[[], Any], draughtsman: Any) -> bool:
+def draw(folder: Path, report: Callable[[], Any]) -> bool:
     """Write the report with its figures; false where Ctrl-C was pressed meanwhile."""
     try:
         INTERRUPTION.raise_again()
         from emsid.report.page import write_report
 
-        with progress_bar() as report_progress:
-            write_report(report(), folder, report_progress, draughtsman)
+        with progress_bar() as progress:
+            write_report(report(), folder, progress.control)
     except BaseException as problem:
         if not (INTERRUPTION.pressed or isinstance(problem, KeyboardInterrupt)) or isinstance(problem, SystemExit):
             raise

@@ -12,7 +12,7 @@ from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Out, Transient, counts, names, physical_names, physical_values, quantity
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, error_table, physical_table, progress_bar, say, say_json, show
-from emsid.cli.writing import as_json, check_folder, draughtsman, draw, kept, say_where, write
+from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
@@ -152,7 +152,7 @@ def identify(
         raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
     check_folder(out)
     records, tests = [reader(path) for path in files], [reader(path) for path in validate]
-    given = {"models": asked, "options": options, "transient": transient, "unseen": unseen}
+    given: dict[str, Any] = {"models": asked, "options": options, "transient": transient, "unseen": unseen}
     search = partial(identification.identify, records, tests or None, **given)
     _run(search, reader, out, json)
 
@@ -162,16 +162,15 @@ def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: 
     from emsid.identification import candidates
     from emsid.identification import workflow as identification
 
-    with draughtsman() as drawing:
-        with progress_bar() as report_progress:
-            result = search(progress=report_progress)
-        with kept(result, "identification") as result:
-            write(out, {"result.json": result.to_data()}, result.verification.fits, result.record, reader.remembered)
-            if json:
-                say_json(as_json(result.to_data()))
-            else:
-                _print(result)
-        drawn = draw(out, lambda: identification.report(result), drawing)
+    with progress_bar() as progress:
+        result = search(progress=progress)
+    with kept(result, "identification") as result:
+        write(out, {"result.json": result.to_data()}, result.verification.fits, result.record, reader.remembered)
+        if json:
+            say_json(as_json(result.to_data()))
+        else:
+            _print(result)
+    drawn = draw(out, lambda: identification.report(result))
     if not json:
         written = [f"{fit.model.name}.json" for fit in result.verification.fits]
         possible = [f"{name}.json" for name in candidates.CANDIDATES]

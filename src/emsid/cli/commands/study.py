@@ -11,7 +11,7 @@ from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Out, Transient, quantity
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, error_table, progress_bar, say, say_json, show
-from emsid.cli.writing import as_json, check_folder, draughtsman, draw, kept, say_where, write
+from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
 from emsid.errors import DataError
 
 Record = Annotated[
@@ -69,21 +69,17 @@ def study(
     if motor is not None:
         settings = replace(settings, motor=read_motor(motor))
     records = None if record is None or verify is None else (reader(record), reader(verify))
-    with draughtsman() as drawing:
-        drawing.begin(paper.motor_section(settings).figures)
-        with progress_bar() as report_progress:
-            result = paper.study(
-                settings, records, report_progress, lambda part: drawing.begin(paper.part_section(part).figures)
-            )
-        with kept(result, "the study") as result:
-            write(out, {"study.json": result.to_data()})
-            if json:
-                say_json(as_json(result.to_data()))
-            else:
-                for part in result.parts:
-                    show(error_table(part.rows, f"{part.name} study"))
-                say(EXPLAINED, *paper.findings(result))
-        drawn = draw(out, lambda: paper.report(result), drawing)
+    with progress_bar() as progress:
+        result = paper.study(settings, records, progress)
+    with kept(result, "the study") as result:
+        write(out, {"study.json": result.to_data()})
+        if json:
+            say_json(as_json(result.to_data()))
+        else:
+            for part in result.parts:
+                show(error_table(part.rows, f"{part.name} study"))
+            say(EXPLAINED, *paper.findings(result))
+    drawn = draw(out, lambda: paper.report(result))
     if not json:
         say_where(out, drawn, "study.json")
     INTERRUPTION.end(result.interrupted or not drawn)

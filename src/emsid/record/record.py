@@ -12,6 +12,7 @@ import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from math import nan
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError
 from emsid.presentation import Presented
+from emsid.record.frames import as_names, numbers, seconds
 from emsid.units import readable_unit
 
 if TYPE_CHECKING:
@@ -34,10 +36,11 @@ class Record(Presented):
 
     Args:
         input: (N, nu) inputs; a 1-D array is one channel.
-        output: (N, ny) outputs; a 1-D array is one channel. May have no column where only an input is known.
-        dt: sample time in seconds.
-        input_names, output_names: a name for every channel, ``u1, u2, …`` and ``y1, y2, …`` by default.
-        input_units, output_units: a unit for every channel, empty where unknown.
+        output: (N, ny) outputs; a 1-D array is one channel. Left out where only an input is known.
+        dt: sample time in seconds; it has to be given.
+        input_names, output_names: a name for every channel, ``u1, u2, …`` and ``y1, y2, …`` by default; a text is the
+            name of one channel.
+        input_units, output_units: a unit for every channel, likewise, empty where unknown.
         breaks: the first sample of every further segment, ascending; empty for a record without gaps.
         times: the time in seconds of the first sample of every segment; by default the segments follow each other.
         name: where the record comes from, for messages and figures.
@@ -50,8 +53,8 @@ class Record(Presented):
     """
 
     input: Array
-    output: Array
-    dt: float
+    output: Array = None  # type: ignore[assignment]  # an array once it is made
+    dt: float = nan
     input_names: tuple[str, ...] = ()
     output_names: tuple[str, ...] = ()
     input_units: tuple[str, ...] = ()
@@ -65,6 +68,10 @@ class Record(Presented):
         def put(field: str, value: object) -> None:
             object.__setattr__(self, field, value)  # frozen for everybody else
 
+        for each in ("input_names", "output_names", "input_units", "output_units"):
+            put(each, as_names(getattr(self, each)))
+        if self.output is None:
+            put("output", np.empty((np.shape(self.input)[0] if np.ndim(self.input) else 0, 0)))
         for side in ("input", "output"):
             names = tuple(getattr(self, f"{side}_names"))
             put(side, _channels(getattr(self, side), f"{self.name}: {side}", len(names)))
@@ -75,7 +82,8 @@ class Record(Presented):
         if not len(self.input):
             raise DataError(f"{self.name}: there are no samples; a record needs at least one")
         if not (isinstance(self.dt, Real) and np.isfinite(self.dt) and self.dt > 0):
-            raise DataError(f"{self.name}: sample time {self.dt} s; give a positive number of seconds")
+            given = "no sample time" if self.dt is nan else f"sample time {self.dt} s"
+            raise DataError(f"{self.name}: {given}; give a positive number of seconds as dt")
         put("dt", float(self.dt))
         for side, letter in (("input", "u"), ("output", "y")):
             width = getattr(self, side).shape[1]
@@ -98,6 +106,70 @@ class Record(Presented):
         put("times", tuple(float(t) for t in self.times) or tuple(edge * self.dt for edge in edges[:-1]))
         if len(self.times) != len(edges) - 1:
             raise DataError(f"{self.name}: {len(self.times)} segment times for {len(edges) - 1} segments")
+
+    @classmethod
+    def from_frame(
+        cls,
+        frame: Any,
+        *,
+        input: str | Sequence[str],
+        output: str | Sequence[str] = (),
+        time: str | None = None,
+        dt: float | None = None,
+        units: Mapping[str, str] | None = None,
+        resample: bool = False,
+        name: str = "frame",
+    ) -> Record:
+        """A record from the columns of a pandas frame, a Polars frame, or a dictionary of arrays.
+
+        >>> Record.from_frame({"t": [0.0, 0.1, 0.2], "v": [0, 1, 1], "w": [0, 0, 2.5]}, input="v", output="w", time="t")
+        Record(frame: 3 samples, dt 0.1 s; v, w)
+
+        Args:
+            frame: where the columns are.
+            input, output: the columns that drive the system and those that answer; one name or several.
+            time: the column with the time, in seconds or as dates and times, or the name of the index of a pandas
+                frame. Left out with ``dt`` left out too, that index is the time.
+            dt: sample time in seconds, where there is no time.
+            units: by column, the unit it is in; the channel is then converted to SI, as by `emsid.read`.
+            resample: bring an irregular time to an equidistant one: inputs held, outputs interpolated.
+            name: of the record.
+
+        Raises:
+            DataError: for a column that is not there, is named twice or holds no numbers, a time that is not regular,
+                units of other columns, or without a sample time.
+        """
+        from emsid.record.time_axis import resample as resampled
+        from emsid.record.time_axis import time_axis
+
+        inputs, outputs = as_names(input), as_names(output)
+        given = dict(units or {})
+        strange = [column for column in given if column not in (*inputs, *outputs)]
+        if strange:
+            raise DataError(f"{name}: units are given for {strange[0]!r}, which is neither input nor output")
+        at = None if dt is not None and time is None else seconds(frame, time)
+        if at is None and dt is None:
+            raise DataError(f"{name}: no sample time; give dt in seconds, or the time column")
+        axis = None if at is None else time_axis(at)
+        if axis is not None and not (axis.regular or resample):
+            raise DataError(f"{name}: the time is not regular: {axis}; give resample=True to make it equidistant")
+        if axis is not None and dt is not None and not resample and not np.isclose(dt, axis.dt, rtol=0.01, atol=0.0):
+            raise DataError(f"{name}: the time has a step of {axis.dt:g} s and dt is {dt:g} s; leave one of them out")
+        record = cls(
+            numbers(frame, inputs),
+            numbers(frame, outputs),
+            axis.dt if axis is not None and dt is None else dt,  # type: ignore[arg-type]
+            inputs,
+            outputs,
+            tuple(given.get(column, "") for column in inputs),
+            tuple(given.get(column, "") for column in outputs),
+            times=() if at is None else (float(at[0]),),
+            name=name,
+            time_axis=axis,
+        )
+        if resample and at is not None:
+            record = resampled(at, record, dt)
+        return record.convert() if given else record
 
     def __len__(self) -> int:
         return len(self.input)

@@ -1,0 +1,107 @@
+"""Columns of a data frame as arrays, whatever library the frame is from.
+
+Nothing is imported here: a pandas frame, a Polars frame and a dictionary of arrays are all read by what they share,
+``frame[name]``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import DataError
+
+Array = NDArray[np.float64]
+
+
+def as_names(names: str | Iterable[str]) -> tuple[str, ...]:
+    """One name, or several: a text is one name, not a list of letters."""
+    return (names,) if isinstance(names, str) else tuple(names)
+
+
+def numbers(frame: Any, names: Sequence[str]) -> Array:
+    """(N, columns) the named columns as numbers; what is missing becomes NaN.
+
+    Raises:
+        DataError: for a column that is not there or that holds no numbers.
+    """
+    columns = [_number_column(frame, name) for name in names]
+    lengths = {name: len(column) for name, column in zip(names, columns, strict=True)}
+    if len(set(lengths.values())) > 1:
+        raise DataError(f"columns of different lengths: {lengths}; they must agree")
+    return np.column_stack(columns) if columns else np.empty((_length(frame), 0))
+
+
+def seconds(frame: Any, time: str | None) -> Array | None:
+    """(N,) the time of every row in seconds; None where the frame has none.
+
+    Args:
+        frame: where to look.
+        time: the column, or the name of the index of a pandas frame; None takes that index, unless it only counts.
+
+    Raises:
+        DataError: for a column that is not there, or that holds no times.
+    """
+    index = getattr(frame, "index", None)
+    if callable(index):  # of a list or a tuple
+        index = None
+    if time is None:
+        return None if index is None or type(index).__name__ == "RangeIndex" else _as_seconds(index, "the index")
+    if time not in _names(frame) and index is not None and getattr(index, "name", None) == time:
+        return _as_seconds(index, f"index {time!r}")
+    return _as_seconds(_column(frame, time), f"column {time!r}")
+
+
+def _as_seconds(values: Any, what: str) -> Array:
+    kind = str(getattr(values, "dtype", "")).lower()
+    if kind.startswith("datetime"):
+        array: Any = np.asarray(values, dtype="datetime64[ns]")  # of times with a zone, in UTC
+    else:
+        array = np.asarray(values.to_numpy() if hasattr(values, "to_numpy") else values)
+    if array.dtype.kind in "mM":
+        result: Array = (array - array[:1]) / np.timedelta64(1, "s")
+        return result
+    return _as_floats(values, what)
+
+
+def _number_column(frame: Any, name: str) -> Array:
+    return _as_floats(_column(frame, name), f"column {name!r}")
+
+
+def _as_floats(values: Any, what: str) -> Array:
+    try:
+        try:
+            array = values.to_numpy(dtype=np.float64, na_value=np.nan)  # pandas, with its own kinds of missing values
+        except (AttributeError, TypeError):
+            array = np.asarray(values.to_numpy() if hasattr(values, "to_numpy") else values)
+            if array.dtype.kind not in "biufO":
+                raise ValueError(array.dtype) from None
+            array = array.astype(np.float64)
+    except (TypeError, ValueError):
+        raise DataError(f"{what} holds something else than numbers; convert it, or name another column") from None
+    if array.ndim != 1:
+        raise DataError(f"{what} has shape {array.shape}; give each column its own name, and one value to a row")
+    return np.asarray(array, dtype=np.float64)
+
+
+def _column(frame: Any, name: str) -> Any:
+    names = _names(frame)
+    if name not in names:
+        raise DataError(f"there is no column {name!r}; there are {', '.join(map(str, names))}")
+    return frame[name]
+
+
+def _names(frame: Any) -> list[Any]:
+    found = getattr(frame, "columns", None)
+    if found is None:
+        found = frame.keys() if hasattr(frame, "keys") else getattr(getattr(frame, "dtype", None), "names", None)
+    if found is None:
+        raise DataError(f"a {type(frame).__name__} has no columns; give a data frame, or a dictionary of arrays")
+    return list(found)
+
+
+def _length(frame: Any) -> int:
+    return len(frame[next(iter(_names(frame)))])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -21,6 +23,27 @@ def recordings() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no folder of recordings at {folder}; name it in EMSID_RECORDINGS")
     return folder
+
+
+@pytest.fixture(scope="session")
+def command() -> Callable[..., int]:
+    """The command line, run in this process with these words: its exit status.
+
+    A fresh interpreter takes seconds to load compiler and libraries, and is for tests of signals and of what only a
+    process has.
+    """
+    from emsid.cli import main
+
+    def run(*words: object) -> int:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "argv", ["emsid", *map(str, words)])
+            try:
+                main()
+            except SystemExit as end:
+                return int(end.code or 0)
+        return 0
+
+    return run
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

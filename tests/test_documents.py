@@ -1,9 +1,8 @@
-"""The documents beside the README: every term that the program shows is explained, and every version has its section."""
+"""The documents beside the README: every term that the program shows is explained, every version has its section."""
 
 from __future__ import annotations
 
 import re
-import sys
 from html import unescape
 from pathlib import Path
 
@@ -27,11 +26,9 @@ def plain(heading: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def headings(tmp_path_factory):
+def headings(tmp_path_factory, command):
     """Headings of the tables that an identification prints and writes, with every kind of model in it."""
     import rich.table
-
-    from emsid.cli import main
 
     folder = tmp_path_factory.mktemp("headings")
     printed: list[str] = []
@@ -47,12 +44,8 @@ def headings(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setattr(rich.table.Table, "add_column", noted)
-        for words in (("simulate", "--duration", "4", "--out", "log.csv"), (*identify, *models, *known)):
-            patch.setattr(sys, "argv", ["emsid", *words])
-            try:
-                main()
-            except SystemExit as end:
-                assert not end.code
+        assert command("simulate", "--duration", 4, "--out", "log.csv") == 0
+        assert command(*identify, *models, *known) == 0
     page = (folder / "out" / "report.html").read_text("utf-8")
     written = re.findall(r"<th\b[^>]*>(.*?)</th>", page, re.DOTALL)
     assert printed

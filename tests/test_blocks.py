@@ -190,8 +190,10 @@ def test_filter_rows_is_lfilter() -> None:
     rows = rng.standard_normal((7, 300))
     for block in FILTERS.values():
         out, start = np.empty_like(rows), rng.standard_normal((7, block.states))
-        filter_rows(*block.transfer, rows, out, start)
-        expected = lfilter(*block.transfer, rows, zi=start)[0] if block.states else lfilter(*block.transfer, rows)
+        end = start.copy()
+        filter_rows(*block.transfer, rows, out, end)
+        expected, kept = lfilter(*block.transfer, rows, zi=start) if block.states else (block.numerator[0] * rows, end)
+        np.testing.assert_allclose(end, kept, rtol=1e-11, atol=1e-13)
         np.testing.assert_allclose(out, expected, rtol=1e-11, atol=1e-13)
         np.testing.assert_allclose(block.output(rows[3], start[3]), expected[3], rtol=1e-11, atol=1e-13)
 

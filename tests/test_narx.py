@@ -23,7 +23,7 @@ from emsid import (
     friction_narx,
     wiener_hammerstein_regression,
 )
-from emsid.models.model import RUNAWAY
+from emsid.models.free_run import RUNAWAY
 from emsid.models.regression.narx import free_run_reference
 from emsid.models.regression.regressors import Transform
 from emsid.models.regression.structures import regression_reference
@@ -325,7 +325,7 @@ def test_data_with_something_missing_are_refused(missing: str) -> None:
         (Record(np.ones((9, 2)), np.ones(9), 0.02), "identified at 0.01 s and record is sampled every 0.02 s"),
         (Record(np.ones(9), np.ones(9), 0.01), "uses input u2"),
         (Record(np.ones((9, 2)), np.ones((9, 2)), 0.01), "one output"),
-        (Record(np.ones((2, 2)), np.ones(2), 0.01), "looks back 2"),
+        (Record(np.ones((2, 2)), np.ones(2), 0.01), "longer than the 2 samples that start arx"),
     ],
 )
 def test_records_it_cannot_be_run_on_are_refused(record: Record, message: str) -> None:

@@ -69,7 +69,7 @@ def test_parameters_are_read_back_to_the_last_bit(parameter: float, transform: T
 
 @pytest.mark.parametrize("block", [1, 7, 10_000])
 def test_blocks_cut_the_regression_anywhere(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
-    monkeypatch.setattr("emsid.models.regression.structures.BLOCK", block)
+    monkeypatch.setattr("emsid.models.regression.narx.BLOCK", block)
     rng = np.random.default_rng(0)
     structure = friction_narx(2, 2, knots=(0.3,))
     record = Record(rng.uniform(-1, 1, 50), rng.uniform(-1, 1, 50), 0.1, breaks=(20, 21))

@@ -202,7 +202,7 @@ def test_what_cannot_be_compared_is_refused() -> None:
     fit, record = fit_of(arx(2, 1), [-1.4, 0.6, 0.9]), bench(50)
     with pytest.raises(DataError, match="no segment is longer than the 60 samples that start arx"):
         assess(fit, record, 60)
-    with pytest.raises(ModelError, match="looks back 2"):
+    with pytest.raises(ModelError, match="longer than the 2 samples that start arx"):
         assess(fit, record[:2])
     with pytest.raises(ModelError, match="resample"):
         compare([fit], replace(record, dt=0.1, times=()))

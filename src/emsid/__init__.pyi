@@ -44,7 +44,7 @@ from .models.plants.motor import DrivenMotor as DrivenMotor
 from .models.plants.own_plant import OwnPlant as OwnPlant
 from .models.plants.search.estimation import simulation_error as simulation_error
 from .models.regression.narx import Narx as Narx
-from .models.regression.structures import Structure as Structure
+from .models.regression.narx import Structure as Structure
 from .models.regression.structures import arx as arx
 from .models.regression.structures import friction_narx as friction_narx
 from .models.regression.structures import wiener_hammerstein_regression as wiener_hammerstein_regression

@@ -5,10 +5,10 @@
 'y(t-1)*u(t-2)^2'
 """
 
-from emsid.models.regression.narx import Narx, Recursion
+from emsid.models.regression.narx import Narx, Structure
+from emsid.models.regression.recursion import Recursion
 from emsid.models.regression.regressors import Factor, Regressor, Transform, parse_regressor
 from emsid.models.regression.structures import (
-    Structure,
     arx,
     friction_narx,
     input_knots,

@@ -28,7 +28,8 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.choice import REFINEMENTS, STARTS, Mechanical, Refinement, choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.problem import Recent, Weighting, all_alike
-from emsid.models.regression.structures import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
+from emsid.models.regression.narx import Structure
+from emsid.models.regression.structures import arx, friction_narx, input_knots, wiener_hammerstein_regression
 from emsid.record import Record
 from emsid.selection.coordinate_search import coordinate_search
 from emsid.validation.comparison import assess

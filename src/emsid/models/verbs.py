@@ -26,8 +26,7 @@ from emsid.models.model import Model
 from emsid.models.plants.grey_box import GreyBox, signals_of
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.regression.narx import Narx
-from emsid.models.regression.structures import Structure
+from emsid.models.regression.narx import Narx, Structure
 from emsid.plant import Motor
 from emsid.record import Record
 

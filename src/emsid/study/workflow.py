@@ -29,7 +29,8 @@ from emsid.models.blocks.search.topologies import Options as CascadeOptions
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import GreyBoxFit
-from emsid.models.regression.structures import Structure, arx, friction_narx, input_knots, wiener_hammerstein_regression
+from emsid.models.regression.narx import Structure
+from emsid.models.regression.structures import arx, friction_narx, input_knots, wiener_hammerstein_regression
 from emsid.plant import Bench, Friction, Motor
 from emsid.record import Record, check_same_channels
 from emsid.validation.comparison import Assessment, Row, assess

@@ -72,6 +72,10 @@ class Block(Protocol):
         """(N,) y for x (N,), starting from a state (s,)."""
         ...
 
+    def run(self, x: Array, state: Array) -> tuple[Array, Array]:
+        """(N,) y for x (N,), starting from a state (s,), and the state (s,) after it."""
+        ...
+
     def push(self, x: Array, rows: Array) -> None:
         """Turn rows (k, N) of ways in which x moves, in place, into those in which y moves then."""
         ...

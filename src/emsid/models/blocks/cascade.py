@@ -36,16 +36,17 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.gauss_newton import Infeasible, gauss_newton
 from emsid.models.blocks.block import Block, block_from_data
-from emsid.models.blocks.filters import INTERPOLATION_REACH, Rational, interpolated
-from emsid.models.model import RUNAWAY, Run
+from emsid.models.blocks.filters import INTERPOLATION_REACH, Rational, between, interpolated
+from emsid.models.free_run import as_record, continued, free_run, predict
+from emsid.models.model import Run, levels
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
@@ -70,6 +71,18 @@ TRIAL_STATES = 64
 CLOUD, FLAT = 10_000, 1e-12
 
 
+class CascadeState(NamedTuple):
+    """The state of a cascade between two samples.
+
+    Attributes:
+        inputs: (k,) past inputs that delay and interpolation still need, the oldest first.
+        blocks: (s,) the states of all blocks, one after the other.
+    """
+
+    inputs: Array
+    blocks: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Cascade:
     """A sequence of blocks, with offsets and an input delay.
@@ -81,6 +94,7 @@ class Cascade:
         delay: nk, samples from the input to its first effect.
         oversampling: L, how many times faster than the record the blocks run.
         name: what to call it in tables and files.
+        dt: sample time in s of the records that it is for; None for any.
 
     Raises:
         ModelError: without blocks, for what is no block, a delay or oversampling that is no whole number or too small,
@@ -93,6 +107,7 @@ class Cascade:
     delay: int = 0
     oversampling: int = 1
     name: str = "cascade"
+    dt: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "blocks", tuple(self.blocks))
@@ -105,6 +120,8 @@ class Cascade:
         check_whole(f"{self.name}: oversampling", self.oversampling, 1, "blocks run at least as fast as the record")
         if not np.isfinite([self.input_offset, self.output_offset]).all():
             raise ModelError(f"{self.name}: offsets {self.input_offset}, {self.output_offset}; give finite numbers")
+        if self.dt is not None and not (np.isfinite(self.dt) and self.dt > 0):
+            raise ModelError(f"{self.name}: sample time {self.dt} s; it must be a positive number of seconds")
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -141,6 +158,19 @@ class Cascade:
     def edge(self) -> int:
         """Samples of a segment at whose time the input between samples, or before them, is not known."""
         return self.delay + (INTERPOLATION_REACH if self.oversampling > 1 else 0)
+
+    @property
+    def latency(self) -> int:
+        """Samples by which the output is behind the input: to interpolate, the next `INTERPOLATION_REACH` are needed.
+
+        A delay of the model is part of them.
+        """
+        return max(INTERPOLATION_REACH - self.delay, 0) if self.oversampling > 1 else 0
+
+    @property
+    def _kept(self) -> int:
+        """How many past inputs the next output needs."""
+        return self.delay if self.oversampling == 1 else INTERPOLATION_REACH + max(self.delay, INTERPOLATION_REACH)
 
     def with_parameters(self, theta: Array) -> Cascade:
         """The same cascade with other parameters (p,)."""
@@ -253,41 +283,73 @@ class Cascade:
             clouds.append(np.concatenate(visited))
         return np.concatenate(clouds, axis=1)
 
-    def simulate(self, record: Record, transient: int | None = None) -> Run:
-        """Free run over every segment; the measured outputs of its start serve only to find the starting states.
+    def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> CascadeState:
+        """The state where a constant input has stood for ever; see `Model.at_rest`."""
+        u = float(levels(self.name, level, 1)[0])
+        return CascadeState(np.full(self._kept, u), self.resting(u))
+
+    def initial(self, segment: Record, samples: int) -> CascadeState:
+        """The state after the first ``samples`` samples of a segment; see `starting` for how it is found."""
+        u, y = segment.input[:, 0], segment.output[:samples, 0]
+        states = self.starting(u, y)
+        passed = max(samples - self.latency, 0) * self.oversampling
+        x, first = self._entering(u[: samples + 2 * INTERPOLATION_REACH])[:passed], 0
+        after = []
+        for block in self.blocks:
+            x, state = block.run(x, states[first : first + block.states])
+            after.append(state)
+            first += block.states
+        # Before the segment the input goes on as it does to be interpolated, point-symmetrically.
+        before = 2 * u[0] - u[1 : 1 + max(self._kept - samples, 0)][::-1]
+        waiting = np.concatenate([before, u[:samples]])
+        return CascadeState(waiting[len(waiting) - self._kept :], np.concatenate(after))
+
+    def run(self, state: CascadeState, inputs: Array) -> tuple[Array, CascadeState]:
+        """The outputs (N, 1) for inputs (N, 1), `latency` samples late, and the state after them."""
+        samples, reach = len(inputs), INTERPOLATION_REACH
+        held = np.concatenate([state.inputs, inputs[:, 0]])
+        window = held[: samples + 2 * reach]
+        x = held[:samples] if self.oversampling == 1 else between(window, self.oversampling)
+        x, first, after = x - self.input_offset, 0, []
+        for block in self.blocks:
+            x, kept = block.run(x, state.blocks[first : first + block.states])
+            after.append(kept)
+            first += block.states
+        return self.sampled([x])[:, None], CascadeState(held[samples:], np.concatenate(after))
+
+    def advance(self, state: CascadeState, u: ArrayLike) -> tuple[Array, CascadeState]:
+        """The output (1,) for the input of one sample, `latency` samples late, and the state after it."""
+        outputs, state = self.run(state, levels(self.name, u, 1)[None, :])
+        return outputs[0], state
+
+    def ahead(self, segment: Record, samples: int, horizon: int) -> Array:
+        """The free run: all noise is taken to be on the output, so past outputs say nothing about the next one."""
+        return continued(self, self.initial(segment, samples), segment, samples)
+
+    def check_record(self, record: Record) -> None:
+        """Refuse a record of other than one input and one output, which may be missing.
+
+        Raises:
+            ModelError: naming the channels to choose from.
+        """
+        check_channels(self, record, outputs=(0, 1))
+
+    def simulate(self, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None) -> Run:
+        """Free run; the measured outputs of the start of a segment serve only to find its starting states.
 
         Args:
-            record: one input, one output.
+            record: one input, one output, or inputs alone.
             transient: samples of every segment that start it, at least `memory`, which is the default.
+            dt: sample time of inputs alone, if the cascade has none.
 
         Raises:
             ModelError: for a record of other channels, or without a segment longer than the start.
         """
-        skip = self.memory if transient is None else max(transient, self.memory)
-        check_channels(self, record)
-        if all(len(segment) <= skip for segment in record.segments):
-            raise ModelError(f"{record.name}: no segment is longer than the {skip} samples that start {self.name}")
-        output, counted = record.output.copy(), np.zeros(len(record), dtype=bool)
-        bound = RUNAWAY * float(np.ptp(record.output) + np.max(np.abs(record.output)))  # a segment may be a standstill
-        first, diverged = 0, None
-        for segment in record.segments:
-            u, y = segment.input[:, 0], segment.output[:, 0]
-            stop = first + len(segment)
-            if len(segment) > skip:
-                with np.errstate(over="ignore", invalid="ignore"):
-                    run = self.output(u, self.starting(u, y[:skip]))
-                away = np.flatnonzero(~(np.abs(run) <= bound)) if bound > 0 else np.flatnonzero(~np.isfinite(run))
-                if len(away):
-                    run[away[0] :] = np.nan
-                    diverged = first + int(away[0]) if diverged is None else diverged
-                output[first + skip : stop, 0] = run[skip:]
-                counted[first + skip : stop] = True
-            first = stop
-        return Run(output, counted, diverged)
+        return free_run(self, as_record(self, record, dt), transient)
 
     def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
-        """The free run: all noise is taken to be on the output, so past outputs say nothing about the next one."""
-        return self.simulate(record, transient)
+        """The free run, as past outputs say nothing about the next one."""
+        return predict(self, record, horizon, transient)
 
     def equation(self) -> str:
         """One line per block; an offset that is rounding beside the other parameters is left out."""
@@ -311,6 +373,7 @@ class Cascade:
             "output_offset": self.output_offset,
             "delay": self.delay,
             "oversampling": self.oversampling,
+            **({} if self.dt is None else {"dt": self.dt}),
         }
 
     @classmethod
@@ -328,6 +391,7 @@ class Cascade:
                 int(data["delay"]),
                 int(data["oversampling"]),
                 str(data["name"]),
+                None if data.get("dt") is None else float(data["dt"]),
             )
         except (KeyError, TypeError, ValueError) as problem:
             raise ModelError(f"not a cascade: {problem!r}") from None
@@ -362,10 +426,12 @@ class Cascade:
         return [(np.trim_zeros(b, "f"), a) for b, a in pairs]
 
     def _entering(self, u: Array) -> Array:
-        """The input delayed (its first value held before the start), interpolated, less u₀."""
+        """The input interpolated, delayed (its first value held before the start), less u₀."""
+        x = interpolated(u, self.oversampling)
         if self.delay:
-            u = np.concatenate([np.full(min(self.delay, len(u)), u[0]), u[: -self.delay]])
-        return interpolated(u, self.oversampling) - self.input_offset
+            late = min(self.delay * self.oversampling, len(x))
+            x = np.concatenate([np.full(late, u[0]), x[: len(x) - late]])
+        return x - self.input_offset
 
 
 @dataclass(frozen=True, eq=False)
@@ -390,14 +456,19 @@ class _Start:
         return [(error[edge:], rows[:, edge:].T), (self.firmness @ (theta - self.centre), self.firmness)]
 
 
-def check_channels(model: Cascade, record: Record) -> None:
+def check_channels(model: Cascade, record: Record, outputs: Sequence[int] = (1,)) -> None:
     """Refuse a record of other than one input and one output.
+
+    Args:
+        model: a cascade.
+        record: a record.
+        outputs: how many there may be.
 
     Raises:
         ModelError: naming the channels to choose from.
     """
     for side, names in (("input", record.input_names), ("output", record.output_names)):
-        if len(names) != 1:
+        if len(names) not in (outputs if side == "output" else (1,)):
             raise ModelError(
                 f"{model.name} has one {side} and {record.name} {len(names)}; choose one of "
                 f"{', '.join(names) or 'them'}"

@@ -146,10 +146,13 @@ class Rational:
 
     def output(self, x: Array, state: Array) -> Array:
         """(N,) the filtered signal."""
-        rows: Array = np.array([x], dtype=float)
-        filter_rows(*self.transfer, rows, rows, np.array([state], dtype=float))
-        y: Array = rows[0]
-        return y
+        return self.run(x, state)[0]
+
+    def run(self, x: Array, state: Array) -> tuple[Array, Array]:
+        """(N,) the filtered signal, and the state (s,) after it."""
+        rows, after = np.array([x], dtype=float), np.array([state], dtype=float)
+        filter_rows(*self.transfer, rows, rows, after)
+        return rows[0], after[0]
 
     def push(self, x: Array, rows: Array) -> None:
         """Every row (k, N), in place, filtered from a zero state."""
@@ -247,13 +250,23 @@ def interpolated(u: Array, factor: int) -> Array:
     return u if factor == 1 else _interpolated(np.asarray(u, dtype=float).tobytes(), factor)
 
 
-@lru_cache(maxsize=16)
-def _interpolated(samples: bytes, factor: int) -> Array:
+def between(u: Array, factor: int) -> Array:
+    """((N − 2·reach)·factor,) the band-limited signal through samples u (N,), from the sample ``reach`` on.
+
+    ``reach`` is `INTERPOLATION_REACH`: the samples at either end are there to be looked at only.
+    """
     from scipy.signal import resample_poly
 
+    at = INTERPOLATION_REACH * factor
+    fine: Array = resample_poly(u, factor, 1, window=_low_pass(factor))[at:-at]
+    return fine
+
+
+@lru_cache(maxsize=16)
+def _interpolated(samples: bytes, factor: int) -> Array:
     u, reach = np.frombuffer(samples), INTERPOLATION_REACH
     around = np.pad(u, reach, "reflect", reflect_type="odd") if len(u) > reach else np.pad(u, reach, "edge")
-    fine: Array = resample_poly(around, factor, 1, window=_low_pass(factor))[reach * factor : -reach * factor]
+    fine = between(around, factor)
     fine.flags.writeable = False
     return fine
 
@@ -276,7 +289,7 @@ def _in_delays(coefficients: Array, first: int) -> str:
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
-def filter_rows(b: Array, a: Array, rows: Array, out: Array, start: Array) -> None:
+def filter_rows(b: Array, a: Array, rows: Array, out: Array, states: Array) -> None:
     """Filter every row (k, N) by B/A into ``out``, which may be ``rows``; a faster `lfilter`.
 
     A recursion waits for itself; four rows side by side keep the processor busy meanwhile.
@@ -285,7 +298,7 @@ def filter_rows(b: Array, a: Array, rows: Array, out: Array, start: Array) -> No
         b, a: (s + 1,) in q⁻¹; ``a[0]`` is one.
         rows: (k, N) what is filtered.
         out: (k, N) where it goes.
-        start: (k, s) the state, of the transposed direct form, in which each begins.
+        states: (k, s) the state, of the transposed direct form, in which each begins; then that in which it ends.
     """
     count, samples = rows.shape
     order = len(a) - 1
@@ -295,7 +308,7 @@ def filter_rows(b: Array, a: Array, rows: Array, out: Array, start: Array) -> No
         width = min(4, count - first)
         for j in range(width):
             for i in range(order):
-                state[i, j] = start[first + j, i]
+                state[i, j] = states[first + j, i]
         for t in range(samples):
             for j in range(width):
                 x[j] = rows[first + j, t]
@@ -306,3 +319,6 @@ def filter_rows(b: Array, a: Array, rows: Array, out: Array, start: Array) -> No
                     state[i, j] = b[i + 1] * x[j] - a[i + 1] * y[j] + state[i + 1, j]
             for j in range(width):
                 out[first + j, t] = y[j]
+        for j in range(width):
+            for i in range(order):
+                states[first + j, i] = state[i, j]

@@ -28,6 +28,7 @@ from emsid.models.blocks.cascade import Cascade, check_channels
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.gain import redundant, unit_gain
 from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.free_run import check_sample_time
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
@@ -246,7 +247,7 @@ def search(
     if skip is not None:
         check_whole(f"{start.name}: skip", skip, 0, "these are samples to be left out")
     start.check()
-    cascade = unit_gain(start)
+    cascade = replace(unit_gain(start), dt=_sample_time(start, records))
     cascade.check()
     problem = FreeRun(cascade, freedom(cascade, hold), gather(cascade, records, skip), max(skip or 0, cascade.edge))
     problem.check_values()
@@ -321,6 +322,12 @@ def _honest(minimum: Minimum, problem: FreeRun) -> Array:
     return covariance
 
 
+def _sample_time(start: Cascade, records: Record | Sequence[Record]) -> float | None:
+    """That of the cascade, or else of the first record."""
+    first = records if isinstance(records, Record) else next(iter(records), None)
+    return start.dt if first is None or start.dt is not None else first.dt
+
+
 def gather(cascade: Cascade, records: Record | Sequence[Record], skip: int | None) -> tuple[tuple[Array, Array], ...]:
     """(u, y) of every segment that is long enough to be used.
 
@@ -332,6 +339,7 @@ def gather(cascade: Cascade, records: Record | Sequence[Record], skip: int | Non
     segments = []
     for record in several:
         check_channels(cascade, record)
+        check_sample_time(cascade, record)
         segments += [
             (np.ascontiguousarray(piece.input[:, 0]), np.ascontiguousarray(piece.output[:, 0]))
             for piece in record.segments

@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError, EmsidError, ModelError, listed
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
-from emsid.models.model import RUNAWAY, Run, check_samples
+from emsid.models.free_run import as_record, continued, free_run, predict
+from emsid.models.model import Run
 from emsid.models.plants.drive import Bridge, Feed
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
@@ -24,6 +25,7 @@ from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Plant, Signal, parts
 from emsid.models.plants.plant_file import plant_from_data, plant_to_data
 from emsid.models.plants.search.problem import FreeRunError, all_alike, free_states, guess_state
+from emsid.models.plants.state import PlantState
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -57,42 +59,70 @@ class GreyBox:
             return BEGINNING if self.plant.drive.delay > 0 or self.plant.sensor.lag > 0 else 1
         return BEGINNING
 
-    def simulate(self, record: Record, transient: int | None = None) -> Run:
-        """Free run over every segment, from the state that fits its first samples best."""
+    @property
+    def dt(self) -> None:
+        """None: a plant runs at any sample time; its state knows which."""
+        return None
+
+    @property
+    def latency(self) -> int:
+        """None: its input is held between samples."""
+        return 0
+
+    def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> PlantState:
+        """The state in which the plant stands still at zero, under a command that has stood for ever.
+
+        Args:
+            level: of the command; unless friction or a dead zone holds the plant there, it begins to move.
+            dt: sample time in s.
+        """
+        if dt is None:
+            raise ModelError(f"{self.name} runs at any sample time; give one, dt=… in s", arguments=("dt",))
+        u = np.atleast_1d(np.asarray(level, dtype=float))
+        return self.plant.start(np.zeros(self.plant.states), u, dt, self.signals)
+
+    def initial(self, segment: Record, samples: int) -> PlantState:
+        """The state after the first ``samples`` samples of a segment; see `beginning` for how it is found."""
+        start = self.plant.start(self.beginning(segment, samples), segment.input[0], segment.dt, self.signals)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.run(start, segment.input[:samples])[1]
+
+    def run(self, state: PlantState, inputs: Array) -> tuple[Array, PlantState]:
+        """The outputs (N, ny) for inputs (N, nu), and the state after them."""
+        return self.plant.run(state, np.ascontiguousarray(inputs, dtype=float), self.signals)
+
+    def advance(self, state: PlantState, u: ArrayLike) -> tuple[Array, PlantState]:
+        """The output (ny,) for the input (nu,) of one sample, and the state after it."""
+        outputs, state = self.run(state, np.atleast_1d(np.asarray(u, dtype=float))[None, :])
+        return outputs[0], state
+
+    def ahead(self, segment: Record, samples: int, horizon: int) -> Array:
+        """ŷ(t | t − horizon) = ŷ(t) + [y − ŷ](t − horizon): the error of the free run is taken to stay as it is."""
+        run = continued(self, self.initial(segment, samples), segment, samples)
+        error = segment.output[samples:] - run
+        run[horizon:] += error[: max(len(run) - horizon, 0)]
+        return run
+
+    def check_record(self, record: Record) -> None:
+        """Refuse a record of other channels or units; its outputs may be missing."""
         check_channels(self.plant, self.signals, record)
-        check_samples(self.name, "a transient", transient, 0)
-        start = max(self.memory, transient or 0)
-        bound = RUNAWAY * max(float(np.max(np.abs(record.output))), np.finfo(float).tiny)
-        output, counted = record.output.copy(), np.zeros(len(record), dtype=bool)
-        diverged_at, offset = None, 0
-        for segment in record.segments:
-            if len(segment) > start:
-                run = self._run(segment, self.initial(segment, start))
-                lost = np.flatnonzero(~(np.abs(run) <= bound).all(axis=1))
-                if len(lost):
-                    run[lost[0] :] = np.nan
-                    diverged_at = offset + int(lost[0]) if diverged_at is None else diverged_at
-                output[offset + start : offset + len(segment)] = run[start:]
-                counted[offset + start : offset + len(segment)] = True
-            offset += len(segment)
-        return Run(output, counted, diverged_at)
+
+    def simulate(self, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None) -> Run:
+        """Free run over every segment, from the state that fits its first samples best; over inputs alone, from rest.
+
+        Args:
+            record: a record, or inputs (N,) or (N, nu) alone.
+            transient: samples of every segment that start it, at least `memory`, which is the default.
+            dt: sample time in s of inputs alone.
+        """
+        return free_run(self, as_record(self, record, dt), transient)
 
     def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
         """ŷ(t | t − horizon) = ŷ(t) + [y − ŷ](t − horizon): the error of the free run is taken to stay as it is."""
-        check_samples(self.name, "a horizon", horizon, 1)
-        run = self.simulate(record, transient)
-        output, offset = run.output.copy(), 0
-        for segment in record.segments:
-            here = slice(offset, offset + len(segment))
-            error = segment.output - run.output[here]
-            late = np.zeros_like(error)
-            late[horizon:] = error[:-horizon] if horizon < len(error) else 0.0
-            output[here] = np.where(run.counted[here, None], run.output[here] + late, run.output[here])
-            offset += len(segment)
-        return Run(output, run.counted, run.diverged_at)
+        return predict(self, record, horizon, transient)
 
-    def initial(self, segment: Record, samples: int) -> Array:
-        """The state at the start of a segment that its first ``samples`` samples suggest."""
+    def beginning(self, segment: Record, samples: int) -> Array:
+        """The state at the first sample of a segment that its first ``samples`` samples suggest."""
         head = segment[: max(samples, 1)]
         guess = guess_state(self.plant, self.signals, head)
         free = free_states(self.plant, self.signals, head)
@@ -145,10 +175,6 @@ class GreyBox:
         except (KeyError, TypeError, ValueError, AttributeError) as problem:
             raise ModelError(f"not a grey-box model: {problem!r}") from None
 
-    def _run(self, segment: Record, state: Array) -> Array:
-        with np.errstate(over="ignore", invalid="ignore"):
-            return self.plant.simulate(segment.input, segment.dt, state, self.signals)
-
 
 _BY_UNIT = {
     "rad/s": Signal.SPEED, "m/s": Signal.SPEED, "rpm": Signal.SPEED, "deg/s": Signal.SPEED,
@@ -191,6 +217,8 @@ def check_channels(plant: Plant, signals: Sequence[Signal], record: Record) -> N
     """Refuse a record that a plant has not the channels for, or that was written in units it does not work in."""
     if not isinstance(plant, OwnPlant):
         _check_command(plant, record)
+    if not record.output.shape[1]:
+        return
     if record.output.shape[1] != len(signals):
         raise DataError(
             f"{record.name}: {record.output.shape[1]} outputs and {len(signals)} signals said to be in them"

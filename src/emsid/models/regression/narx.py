@@ -1,44 +1,210 @@
-"""`Narx`: a structure with its parameters, run one step, several steps or freely.
+"""Linear-in-the-parameters structures as data, and a structure with its parameters as a model.
 
-The free run puts the model's own past outputs where the regressors ask for measured ones. Every regressor is a product
-of lagged inputs times one of lagged outputs, so with the regressors gathered by the latter::
+A model that is linear in its parameters, ``y(t) = φᵀ(t)θ + e(t)`` (paper, eq. 3.6), is nothing but a list of
+regressors φᵢ, and a regressor is nothing but a product of powers of lagged channels, a channel being an output, an
+input, or a static transform of one. So a `Structure` is a value: it prints its equation, reads it back, saves as text,
+and one compiled kernel builds the regression of any of them. ARX, the paper's Wiener–Hammerstein regression and
+regressions with friction terms are functions that return such a list.
 
-    y(t) = c₀(t) + Σₖ cₖ(t) ψₖ(y(t − 1), y(t − 2), …)        cₖ(t) = Σ of θᵢ · (products of inputs)
-
-the coefficients cₖ are computed for many samples at once, and only the sum is left to the loop from sample to sample.
+Sign convention (the paper's and MATLAB's): ``A(q)y = B(q)u + e`` with ``A = 1 + a₁q⁻¹ + …``, so the regressor of a₁ is
+−y(t−1).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
-import numba
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.linear.information import TILE, add_multiple
-from emsid.models.model import RUNAWAY, Run, check_samples
-from emsid.models.regression.kernels import fill, multiply, transformed
-from emsid.models.regression.regressors import Factor, Integers, Regressor, Tables, parse_regressor, tables
-from emsid.models.regression.structures import Structure
+from emsid.models.free_run import as_record, free_run, predict
+from emsid.models.model import Run, levels
+from emsid.models.regression.kernels import fill, fill_rounding, fold_regression
+from emsid.models.regression.recursion import Recursion, predict_ahead, recursion, run_freely, weigh
+from emsid.models.regression.regressors import Regressor, Tables, parse_regressor, tables
 from emsid.record import Record
 
 Array = NDArray[np.float64]
 
+# Rows of a regression built at a time: small enough for the second-level cache.
+BLOCK = 4096
+# Nonlinear models are looked at for so many samples to see where they come to rest.
+SETTLING = 100_000
+# A free run that changes by no more than this part of itself over its memory has come to rest.
+SETTLED = 1e-12
 
-class Recursion(NamedTuple):
-    """A model as the kernels read it."""
 
-    weights: Array  # (n,) θ with the signs of the regressors
-    coefficients: Integers  # (n,) k of the cₖ that each belongs to
-    inputs: Tables  # the input part of each regressor
-    lags: Integers  # (p,) ψ₁ … ψₚ are y(t − lag), the newest last: only it has to be waited for
-    outputs: Tables  # ψₚ₊₁ …, products of outputs
+@dataclass(frozen=True)
+class Structure:
+    """A list of regressors: everything about a linear-in-the-parameters model but its parameters.
+
+    Args:
+        regressors: the list, or their text: ``Structure.parse("y(t-1)", "u(t-1)^2")``.
+        name: what to call it in tables and files.
+        parameter_names: a name for every parameter, θ1, θ2, … by default.
+        inputs: how many input channels a record must have; by default as many as are used.
+    """
+
+    regressors: tuple[Regressor, ...]
+    name: str = "structure"
+    parameter_names: tuple[str, ...] = ()
+    inputs: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.regressors:
+            raise ModelError(f"{self.name}: a structure needs at least one regressor")
+        if len(set(self.regressors)) < len(self.regressors):
+            twice = next(r for k, r in enumerate(self.regressors) if r in self.regressors[:k])
+            raise ModelError(f"{self.name}: regressor {twice} stands twice in the list")
+        used = max((f.channel for r in self.regressors for f in r.factors), default=0)
+        if self.inputs < 0 or 0 < self.inputs < used:
+            raise ModelError(
+                f"{self.name}: {self.inputs} inputs, and its regressors use {used}; give that many or more, or none"
+            )
+        names = self.parameter_names or tuple(f"θ{k + 1}" for k in range(len(self)))
+        if len(names) != len(self):
+            raise ModelError(f"{self.name}: {len(names)} parameter names for {len(self)} regressors")
+        object.__setattr__(self, "parameter_names", names)
+        object.__setattr__(self, "inputs", max(self.inputs, used))
+
+    @classmethod
+    def parse(cls, *texts: str, name: str = "structure") -> Structure:
+        """The structure whose regressors are written as text.
+
+        Understood are products and powers of ``y(t-1)``, ``u(t-2)``, ``u2(t)``, ``sign(…)``, ``abs(…)``,
+        ``tanh(…/0.1)``, ``exp(-abs(…)/0.1)``, ``max(…-0.3, 0)``, ``min(…+0.3, 0)``, a leading minus, and ``1``.
+
+        >>> Structure.parse("y(t-1)*u(t-2)^2", "sign(y(t-1))", "max(u(t-1)-0.3, 0)").equation()
+        'y(t) = θ1*y(t-1)*u(t-2)^2 + θ2*sign(y(t-1)) + θ3*max(u(t-1)-0.3, 0) + e(t)'
+
+        Raises:
+            ModelError: where a text is not understood, with the text and the part at fault.
+        """
+        return cls(tuple(parse_regressor(text) for text in texts), name=name)
+
+    def __len__(self) -> int:
+        return len(self.regressors)
+
+    def __add__(self, other: Structure) -> Structure:
+        """Both lists of regressors, those of `other` that are already there left out."""
+        new = [k for k, regressor in enumerate(other.regressors) if regressor not in self.regressors]
+        return Structure(
+            self.regressors + tuple(other.regressors[k] for k in new),
+            name=self.name,
+            inputs=max(self.inputs, other.inputs),
+        )
+
+    @cached_property
+    def memory(self) -> int:
+        """How many past samples a prediction needs: the largest lag."""
+        return max((f.lag for r in self.regressors for f in r.factors), default=0)
+
+    def equation(self, parameters: Sequence[float] | Array | None = None) -> str:
+        """The difference equation, with names or with numbers for the parameters; what has weight zero is left out."""
+        terms = []
+        for k, regressor in enumerate(self.regressors):
+            if parameters is not None and parameters[k] == 0:
+                continue
+            product = str(Regressor(regressor.factors))
+            tail = "" if product == "1" else f"*{product}"
+            if parameters is None:
+                sign, weight = ("-" if regressor.negative else "+"), self.parameter_names[k]
+            else:
+                value = -parameters[k] if regressor.negative else parameters[k]
+                sign, weight = ("-" if value < 0 else "+"), f"{abs(value):.6g}"
+            terms.append(f"{sign} {weight}{tail}")
+        text = " ".join(terms) or "0"
+        return f"y(t) = {text.removeprefix('+ ')} + e(t)"
+
+    @cached_property
+    def tables(self) -> Tables:
+        """The structure as the kernels read it."""
+        return tables(self.regressors)
+
+    def check(self, record: Record) -> None:
+        """Refuse a record that this structure cannot be fitted to or run on.
+
+        Raises:
+            ModelError: for other than one output, too few inputs, or no segment longer than the memory.
+        """
+        self.check_channels(record)
+        longest = max(len(segment) for segment in record.segments)
+        if longest <= self.memory:
+            raise ModelError(
+                f"{record.name}: its longest segment has {longest} samples; {self.name} looks back {self.memory}; "
+                "record longer, leave out less, or choose fewer or smaller lags"
+            )
+
+    def check_channels(self, record: Record, outputs: Sequence[int] = (1,)) -> None:
+        """Refuse a record of other channels.
+
+        Args:
+            record: a record.
+            outputs: how many there may be.
+
+        Raises:
+            ModelError: for another number of outputs, or too few inputs.
+        """
+        if record.output.shape[1] not in outputs:
+            raise ModelError(
+                f"{self.name} has one output and {record.name} {record.output.shape[1]}; choose one of "
+                f"{', '.join(record.output_names) or 'them'}"
+            )
+        if record.input.shape[1] < self.inputs:
+            raise ModelError(f"{self.name} uses input u{self.inputs}; {record.name} has {record.input.shape[1]}")
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """Every regressor as text."""
+        return tuple(str(regressor) for regressor in self.regressors)
+
+    def chunks(self, record: Record, size: int) -> Sequence[tuple[Record, int, int]]:
+        """The samples with enough past, in pieces (segment, start, stop) of at most ``size``."""
+        return [
+            (segment, start, min(start + size, len(segment)))
+            for segment in record.segments
+            for start in range(self.memory, len(segment), size)
+        ]
+
+    def blocks(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
+        """[Φ y] of samples ``start`` to ``stop`` of a segment in blocks of columns (n + 1, ≤ `BLOCK`)."""
+        for first in range(start, stop, BLOCK):
+            count = min(BLOCK, stop - first)
+            block = np.empty((len(self) + 1, count))
+            fill(block, self.tables, *self._window(segment, first, first + count), self.memory, count)
+            yield block
+
+    def rounding(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
+        """What the products in `blocks` have lost by rounding, (n, ≤ `BLOCK`) each; transforms count as exact."""
+        for first in range(start, stop, BLOCK):
+            count = min(BLOCK, stop - first)
+            lost = np.empty((len(self), count))
+            fill_rounding(lost, self.tables, *self._window(segment, first, first + count), self.memory)
+            yield lost
+
+    def fold(self, factor: Array, segment: Record, start: int, stop: int) -> None:
+        """Fold [Φ y] of samples ``start`` to ``stop`` of a segment into a factor (n + 1, n + 1), in place."""
+        fold_regression(factor, self.tables, *self._window(segment, start, stop), self.memory)
+
+    def _window(self, segment: Record, start: int, stop: int) -> tuple[Array, Array]:
+        """y (m,) and u (nu, m) of these samples and of those that they look back to, as the kernels read them."""
+        seen = slice(start - self.memory, stop)
+        return segment.output[seen, 0], np.ascontiguousarray(segment.input[seen].T)
+
+    def model(self, parameters: Array, record: Record) -> Narx:
+        """The model with these parameters, at the sample time of this record."""
+        return Narx(self, parameters, record.dt)
+
+    def regression(self, record: Record) -> tuple[Array, Array]:
+        """Φ (N, n) and y (N,) of a whole record, for whoever wants to look at them."""
+        self.check(record)
+        stacked = np.hstack([b for chunk in self.chunks(record, len(record)) for b in self.blocks(*chunk)])
+        return stacked[:-1].T, stacked[-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,31 +246,77 @@ class Narx:
         """The difference equation with numbers."""
         return self.structure.equation(self.parameters)
 
-    def simulate(self, record: Record, transient: int | None = None) -> Run:
-        """Free run over every segment, started by its first ``transient`` measured samples (at least the memory)."""
-        # Where nothing was measured, as in a run over an input alone, only an overflow tells a divergence.
-        bound = RUNAWAY * float(np.max(np.abs(record.output))) or np.finfo(float).max
+    @property
+    def latency(self) -> int:
+        """None: it works on the samples themselves."""
+        return 0
 
-        def advance(run: Array, segment: Record, start: int) -> int:
-            return int(free_run(run, _channels(segment), self._recursion, start, bound))
+    def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> Array:
+        """The state where a constant input has stood for ever, (memory, 1 + nu): output and inputs, the newest last.
 
-        return self._run(record, transient, advance)
+        Where the output is no linear function of past outputs, it is where a free run from zero comes to rest. A model
+        that comes to rest nowhere, such as an integrator, starts at an output of zero.
+        """
+        u = levels(self.name, level, self.structure.inputs)
+        state = np.empty((self.memory, 1 + len(u)))
+        state[:, 1:] = u
+        state[:, 0] = self._rest(u)
+        return state
+
+    def _rest(self, u: Array) -> float:
+        """The output at rest, or zero."""
+        table = self._recursion
+        coefficients = np.empty((2 + len(table.lags) + len(table.outputs.signs), 1))
+        weigh(coefficients, np.repeat(u[:, None], self.memory + 1, axis=1), table, self.memory, 1)
+        free, linear = float(coefficients[0, 0]), coefficients[1 : 1 + len(table.lags), 0]
+        if not len(table.outputs.signs):
+            left = 1.0 - float(linear.sum())
+            return free / left if abs(left) > SETTLED * (1.0 + float(np.abs(linear).sum())) else 0.0
+        state = np.concatenate([np.zeros((self.memory, 1)), np.tile(u, (self.memory, 1))], axis=1)
+        with np.errstate(all="ignore"):
+            end = self.run(state, np.tile(u, (SETTLING, 1)))[0][-self.memory - 1 :, 0]
+        return float(end[-1]) if np.ptp(end) <= SETTLED * abs(end[-1]) else 0.0
+
+    def initial(self, segment: Record, samples: int) -> Array:
+        """The last `memory` outputs and inputs of these samples, (memory, 1 + nu)."""
+        here = slice(samples - self.memory, samples)
+        return np.concatenate([segment.output[here], segment.input[here]], axis=1)
+
+    def run(self, state: Array, inputs: Array) -> tuple[Array, Array]:
+        """The outputs (N, 1) for inputs (N, nu), and the state (memory, 1 + nu) after them."""
+        memory, stop = self.memory, self.memory + len(inputs)
+        y, u = np.empty(stop), np.empty((inputs.shape[1], stop))
+        y[:memory], u[:, :memory], u[:, memory:] = state[:, 0], state[:, 1:].T, inputs.T
+        reached = run_freely(y, u, self._recursion, memory)
+        y[reached:] = np.nan
+        after = np.concatenate([y[len(inputs) :, None], u[:, len(inputs) :].T], axis=1)
+        return y[memory:, None], after
+
+    def advance(self, state: Array, u: ArrayLike) -> tuple[Array, Array]:
+        """The output (1,) for the input (nu,) of one sample, and the state after it."""
+        outputs, state = self.run(state, levels(self.name, u, self.structure.inputs)[None, :])
+        return outputs[0], state
+
+    def ahead(self, segment: Record, samples: int, horizon: int) -> Array:
+        """ŷ(t | t − horizon): simulated from measured outputs up to ``horizon`` samples before."""
+        measured, start = segment.output[:, 0], samples
+        values = np.empty(len(segment))
+        if horizon == 1:
+            for block in self.structure.blocks(segment, start, len(segment)):
+                np.dot(self.parameters, block[:-1], out=values[start : start + block.shape[1]])
+                start += block.shape[1]
+        else:
+            u = np.ascontiguousarray(segment.input.T)
+            predict_ahead(values, measured, u, self._recursion, self.memory, samples, horizon)
+        return values[samples:, None]
+
+    def simulate(self, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None) -> Run:
+        """Free run over a record, or over inputs alone; see `emsid.models.free_run.free_run`."""
+        return free_run(self, as_record(self, record, dt), transient)
 
     def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
         """ŷ(t | t − horizon): simulated from measured outputs up to ``horizon`` samples before."""
-        check_samples(self.name, "a horizon", horizon, 1)
-
-        def advance(run: Array, segment: Record, start: int) -> int:
-            if horizon == 1:
-                for block in self.structure.blocks(segment, start, len(segment)):
-                    np.dot(self.parameters, block[:-1], out=run[start : start + block.shape[1]])
-                    start += block.shape[1]
-            else:
-                measured = segment.output[:, 0]
-                predict_ahead(run, measured, _channels(segment), self._recursion, self.memory, start, horizon)
-            return len(segment)
-
-        return self._run(record, transient, advance)
+        return predict(self, record, horizon, transient)
 
     def to_data(self) -> dict[str, Any]:
         """Regressors as text, parameters, sample time."""
@@ -141,56 +353,17 @@ class Narx:
             )
         return cls(structure, np.array(stored.parameters), stored.dt)
 
-    def _run(self, record: Record, transient: int | None, advance: Callable[[Array, Record, int], int]) -> Run:
-        """Let ``advance`` overwrite every segment from its start on, up to the sample that it returns."""
-        self.check(record)
-        check_samples(self.name, "a transient", transient, 0)
-        start = max(self.memory, transient or 0)
-        output, counted = record.output.copy(), np.zeros(len(record), dtype=bool)
-        diverged_at, offset = None, 0
-        for segment in record.segments:
-            stop = offset + len(segment)
-            if len(segment) > start:
-                reached = offset + advance(output[offset:stop, 0], segment, start)
-                if reached < stop:
-                    output[reached:stop] = np.nan
-                    diverged_at = reached if diverged_at is None else diverged_at
-                counted[offset + start : stop] = True
-            offset = stop
-        return Run(output, counted, diverged_at)
-
-    def check(self, record: Record) -> None:
-        """Refuse a record of other channels or another sample time.
+    def check_record(self, record: Record) -> None:
+        """Refuse a record of other channels; its output may be missing.
 
         Raises:
             ModelError: saying what is different.
         """
-        self.structure.check(record)
-        if not np.isclose(self.dt, record.dt, rtol=1e-3, atol=0.0):
-            raise ModelError(
-                f"{self.name} was identified at {self.dt:g} s and {record.name} is sampled every {record.dt:g} s; "
-                "resample the record"
-            )
+        self.structure.check_channels(record, outputs=(0, 1))
 
     @cached_property
     def _recursion(self) -> Recursion:
-        regressors = self.structure.regressors
-        parts = [tuple(f for f in regressor.factors if f.channel == 0) for regressor in regressors]
-        plain = sorted({p for p in parts if p and p == (Factor(0, p[0].lag),)}, key=lambda p: -p[0].lag)
-        others = sorted({p for p in parts if p}.difference(plain))
-        place = {part: k for k, part in enumerate([(), *plain, *others])}
-        return Recursion(
-            np.where([regressor.negative for regressor in regressors], -self.parameters, self.parameters),
-            np.array([place[part] for part in parts]),
-            tables([Regressor(tuple(f for f in regressor.factors if f.channel)) for regressor in regressors]),
-            np.array([part[0].lag for part in plain], dtype=np.int64),
-            tables([Regressor(part) for part in others]),
-        )
-
-
-def _channels(segment: Record) -> Array:
-    """u (nu, N), each channel in one piece."""
-    return np.ascontiguousarray(segment.input.T)
+        return recursion(self.structure.regressors, self.parameters)
 
 
 class _Stored(msgspec.Struct, forbid_unknown_fields=True):
@@ -203,93 +376,10 @@ class _Stored(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def free_run_reference(model: Narx, record: Record, start: int) -> Array:
-    """The free run by the definition, one regression row at a time: slow, obvious, compared with `free_run`."""
+    """The free run by the definition, one regression row at a time: slow, obvious, compared with `Narx.run`."""
     y = record.output[:, 0].copy()
     for t in range(start, len(record)):
         row = np.empty((len(model.structure) + 1, 1))
         fill(row, model.structure.tables, y, record.input.T, t, 1)
         y[t] = row[:-1, 0] @ model.parameters
     return y
-
-
-@numba.njit(cache=True, nogil=True)
-def free_run(y: Array, u: Array, recursion: Recursion, start: int, bound: float) -> int:
-    """Overwrite y (N,) from ``start`` on by the model's own output, driven by u (nu, N).
-
-    Returns the first sample that is not within ±``bound``, where the run ends, or the number of samples.
-    """
-    coefficient = _room(recursion, TILE)
-    for first in range(start, len(y), TILE):
-        count = min(TILE, len(y) - first)
-        _weigh(coefficient, u, recursion, first, count)
-        reached = _advance(y, coefficient, recursion, first, 0, count, bound)
-        if reached < first + count:
-            return reached
-    return len(y)
-
-
-@numba.njit(cache=True, nogil=True)
-def predict_ahead(
-    result: Array, y: Array, u: Array, recursion: Recursion, memory: int, start: int, horizon: int
-) -> None:
-    """ŷ(t | t − horizon) for every t from ``start`` on: a free run of ``horizon`` steps begun anew for each."""
-    window = np.empty(memory + horizon)
-    coefficient = _room(recursion, TILE + horizon)
-    for first in range(start, len(y), TILE):
-        begin, end = max(first - horizon + 1, memory), min(first + TILE, len(y))
-        _weigh(coefficient, u, recursion, begin, end - begin)
-        for t in range(first, end):
-            origin = max(t - horizon + 1, memory)
-            for i in range(memory):
-                window[i] = y[origin - memory + i]
-            _advance(window, coefficient, recursion, memory, origin - begin, t - origin + 1, np.inf)
-            result[t] = window[memory + t - origin]
-
-
-@numba.njit(cache=True, nogil=True)
-def _room(recursion: Recursion, samples: int) -> Array:
-    """For c₀, c₁, … at so many samples, and one row to work in."""
-    return np.empty((1 + len(recursion.lags) + len(recursion.outputs.signs) + 1, samples))
-
-
-@numba.njit(cache=True, nogil=True)
-def _weigh(coefficient: Array, u: Array, recursion: Recursion, start: int, count: int) -> None:
-    """Write the cₖ of samples ``start`` … into the first columns of ``coefficient``."""
-    _, offsets, factors, parameters = recursion.inputs
-    coefficient[:, :count] = 0.0
-    product = coefficient[-1, :count]
-    for j in range(len(recursion.weights)):
-        product[:] = recursion.weights[j]
-        for f in range(offsets[j], offsets[j + 1]):
-            channel, lag, power, code = factors[f]
-            multiply(product, u[channel - 1, start - lag : start - lag + count], code, parameters[f], power)
-        add_multiple(coefficient[recursion.coefficients[j]], 1.0, product, count)
-
-
-@numba.njit(cache=True, nogil=True)
-def _advance(
-    y: Array, coefficient: Array, recursion: Recursion, start: int, column: int, count: int, bound: float
-) -> int:
-    """Overwrite ``count`` samples of y from ``start`` on; their cₖ begin at ``column``.
-
-    Returns the sample after the last, or the first that is not within ±``bound``.
-    """
-    lags = recursion.lags
-    _, offsets, factors, parameters = recursion.outputs
-    for i in range(count):
-        t = start + i
-        total = coefficient[0, column + i]
-        for k in range(len(offsets) - 1):
-            product = coefficient[1 + len(lags) + k, column + i]
-            for f in range(offsets[k], offsets[k + 1]):
-                _, lag, power, code = factors[f]
-                value = transformed(code, y[t - lag], parameters[f])
-                for _ in range(power):
-                    product *= value
-            total += product
-        for k in range(len(lags)):
-            total += coefficient[1 + k, column + i] * y[t - lags[k]]
-        y[t] = total
-        if not abs(total) <= bound:
-            return t
-    return start + count

@@ -1,207 +1,26 @@
-"""Linear-in-the-parameters structures as data.
+"""The structures that the paper and practice ask for: functions that return a list of regressors.
 
-A model that is linear in its parameters, ``y(t) = φᵀ(t)θ + e(t)`` (paper, eq. 3.6), is nothing but a list of
-regressors φᵢ, and a regressor is nothing but a product of powers of lagged channels, a channel being an output, an
-input, or a static transform of one. So a `Structure` is a value: it prints its equation, reads it back, saves as text,
-and one compiled kernel builds the regression of any of them. ARX, the paper's Wiener–Hammerstein regression and
-regressions with friction terms are functions that return such a list.
-
-Sign convention (the paper's and MATLAB's): ``A(q)y = B(q)u + e`` with ``A = 1 + a₁q⁻¹ + …``, so the regressor of a₁ is
-−y(t−1).
+ARX, the paper's Wiener–Hammerstein regression, and regressions with friction terms; `narx` says what a structure is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterable, Sequence
 from itertools import combinations_with_replacement
 from math import comb
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.models.regression.kernels import fill, fill_rounding, fold_regression
-from emsid.models.regression.regressors import (
-    HIGHEST_POWER,
-    Factor,
-    Regressor,
-    Tables,
-    Transform,
-    parse_regressor,
-    tables,
-)
+from emsid.models.regression.narx import Structure
+from emsid.models.regression.regressors import HIGHEST_POWER, Factor, Regressor, Transform
 from emsid.record import Record
-
-if TYPE_CHECKING:
-    from emsid.models.regression.narx import Narx
 
 Array = NDArray[np.float64]
 
-# Rows of a regression built at a time: small enough for the second-level cache.
-BLOCK = 4096
 # More coefficients of a kind than this are a slip of the finger, not a model.
 MOST = 1000
-
-
-@dataclass(frozen=True)
-class Structure:
-    """A list of regressors: everything about a linear-in-the-parameters model but its parameters.
-
-    Args:
-        regressors: the list, or their text: ``Structure.parse("y(t-1)", "u(t-1)^2")``.
-        name: what to call it in tables and files.
-        parameter_names: a name for every parameter, θ1, θ2, … by default.
-        inputs: how many input channels a record must have; by default as many as are used.
-    """
-
-    regressors: tuple[Regressor, ...]
-    name: str = "structure"
-    parameter_names: tuple[str, ...] = ()
-    inputs: int = 0
-
-    def __post_init__(self) -> None:
-        if not self.regressors:
-            raise ModelError(f"{self.name}: a structure needs at least one regressor")
-        if len(set(self.regressors)) < len(self.regressors):
-            twice = next(r for k, r in enumerate(self.regressors) if r in self.regressors[:k])
-            raise ModelError(f"{self.name}: regressor {twice} stands twice in the list")
-        used = max((f.channel for r in self.regressors for f in r.factors), default=0)
-        if self.inputs < 0 or 0 < self.inputs < used:
-            raise ModelError(
-                f"{self.name}: {self.inputs} inputs, and its regressors use {used}; give that many or more, or none"
-            )
-        names = self.parameter_names or tuple(f"θ{k + 1}" for k in range(len(self)))
-        if len(names) != len(self):
-            raise ModelError(f"{self.name}: {len(names)} parameter names for {len(self)} regressors")
-        object.__setattr__(self, "parameter_names", names)
-        object.__setattr__(self, "inputs", max(self.inputs, used))
-
-    @classmethod
-    def parse(cls, *texts: str, name: str = "structure") -> Structure:
-        """The structure whose regressors are written as text.
-
-        Understood are products and powers of ``y(t-1)``, ``u(t-2)``, ``u2(t)``, ``sign(…)``, ``abs(…)``,
-        ``tanh(…/0.1)``, ``exp(-abs(…)/0.1)``, ``max(…-0.3, 0)``, ``min(…+0.3, 0)``, a leading minus, and ``1``.
-
-        >>> Structure.parse("y(t-1)*u(t-2)^2", "sign(y(t-1))", "max(u(t-1)-0.3, 0)").equation()
-        'y(t) = θ1*y(t-1)*u(t-2)^2 + θ2*sign(y(t-1)) + θ3*max(u(t-1)-0.3, 0) + e(t)'
-
-        Raises:
-            ModelError: where a text is not understood, with the text and the part at fault.
-        """
-        return cls(tuple(parse_regressor(text) for text in texts), name=name)
-
-    def __len__(self) -> int:
-        return len(self.regressors)
-
-    def __add__(self, other: Structure) -> Structure:
-        """Both lists of regressors, those of `other` that are already there left out."""
-        new = [k for k, regressor in enumerate(other.regressors) if regressor not in self.regressors]
-        return Structure(
-            self.regressors + tuple(other.regressors[k] for k in new),
-            name=self.name,
-            inputs=max(self.inputs, other.inputs),
-        )
-
-    @cached_property
-    def memory(self) -> int:
-        """How many past samples a prediction needs: the largest lag."""
-        return max((f.lag for r in self.regressors for f in r.factors), default=0)
-
-    def equation(self, parameters: Sequence[float] | Array | None = None) -> str:
-        """The difference equation, with names or with numbers for the parameters; what has weight zero is left out."""
-        terms = []
-        for k, regressor in enumerate(self.regressors):
-            if parameters is not None and parameters[k] == 0:
-                continue
-            product = str(Regressor(regressor.factors))
-            tail = "" if product == "1" else f"*{product}"
-            if parameters is None:
-                sign, weight = ("-" if regressor.negative else "+"), self.parameter_names[k]
-            else:
-                value = -parameters[k] if regressor.negative else parameters[k]
-                sign, weight = ("-" if value < 0 else "+"), f"{abs(value):.6g}"
-            terms.append(f"{sign} {weight}{tail}")
-        text = " ".join(terms) or "0"
-        return f"y(t) = {text.removeprefix('+ ')} + e(t)"
-
-    @cached_property
-    def tables(self) -> Tables:
-        """The structure as the kernels read it."""
-        return tables(self.regressors)
-
-    def check(self, record: Record) -> None:
-        """Refuse a record that this structure cannot be fitted to or run on.
-
-        Raises:
-            ModelError: for other than one output, too few inputs, or no segment longer than the memory.
-        """
-        if record.output.shape[1] != 1:
-            raise ModelError(
-                f"{self.name} has one output and {record.name} {record.output.shape[1]}; choose one of "
-                f"{', '.join(record.output_names) or 'them'}"
-            )
-        if record.input.shape[1] < self.inputs:
-            raise ModelError(f"{self.name} uses input u{self.inputs}; {record.name} has {record.input.shape[1]}")
-        longest = max(len(segment) for segment in record.segments)
-        if longest <= self.memory:
-            raise ModelError(
-                f"{record.name}: its longest segment has {longest} samples; {self.name} looks back {self.memory}; "
-                "record longer, leave out less, or choose fewer or smaller lags"
-            )
-
-    @cached_property
-    def labels(self) -> tuple[str, ...]:
-        """Every regressor as text."""
-        return tuple(str(regressor) for regressor in self.regressors)
-
-    def chunks(self, record: Record, size: int) -> Sequence[tuple[Record, int, int]]:
-        """The samples with enough past, in pieces (segment, start, stop) of at most ``size``."""
-        return [
-            (segment, start, min(start + size, len(segment)))
-            for segment in record.segments
-            for start in range(self.memory, len(segment), size)
-        ]
-
-    def blocks(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
-        """[Φ y] of samples ``start`` to ``stop`` of a segment in blocks of columns (n + 1, ≤ `BLOCK`)."""
-        for first in range(start, stop, BLOCK):
-            count = min(BLOCK, stop - first)
-            block = np.empty((len(self) + 1, count))
-            fill(block, self.tables, *self._window(segment, first, first + count), self.memory, count)
-            yield block
-
-    def rounding(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
-        """What the products in `blocks` have lost by rounding, (n, ≤ `BLOCK`) each; transforms count as exact."""
-        for first in range(start, stop, BLOCK):
-            count = min(BLOCK, stop - first)
-            lost = np.empty((len(self), count))
-            fill_rounding(lost, self.tables, *self._window(segment, first, first + count), self.memory)
-            yield lost
-
-    def fold(self, factor: Array, segment: Record, start: int, stop: int) -> None:
-        """Fold [Φ y] of samples ``start`` to ``stop`` of a segment into a factor (n + 1, n + 1), in place."""
-        fold_regression(factor, self.tables, *self._window(segment, start, stop), self.memory)
-
-    def _window(self, segment: Record, start: int, stop: int) -> tuple[Array, Array]:
-        """y (m,) and u (nu, m) of these samples and of those that they look back to, as the kernels read them."""
-        seen = slice(start - self.memory, stop)
-        return segment.output[seen, 0], np.ascontiguousarray(segment.input[seen].T)
-
-    def model(self, parameters: Array, record: Record) -> Narx:
-        """The model with these parameters, at the sample time of this record."""
-        from emsid.models.regression.narx import Narx
-
-        return Narx(self, parameters, record.dt)
-
-    def regression(self, record: Record) -> tuple[Array, Array]:
-        """Φ (N, n) and y (N,) of a whole record, for whoever wants to look at them."""
-        self.check(record)
-        stacked = np.hstack([b for chunk in self.chunks(record, len(record)) for b in self.blocks(*chunk)])
-        return stacked[:-1].T, stacked[-1]
 
 
 def arx(na: int, nb: int, nk: int = 1, inputs: int = 1) -> Structure:

@@ -101,6 +101,10 @@ class StaticMap(ABC):
         """(N,) f(x)."""
         return self.value(x)
 
+    def run(self, x: Array, state: Array) -> tuple[Array, Array]:
+        """(N,) f(x), and no state."""
+        return self.value(x), state
+
     def push(self, x: Array, rows: Array) -> None:
         """Every row (k, N), in place, times the slope."""
         rows *= self.slope(x)

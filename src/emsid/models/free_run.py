@@ -1,0 +1,165 @@
+"""The free run of a model over a record: segments, start, transient and divergence, in one place.
+
+Every segment is run by itself. Where outputs were measured, its first samples start the model (`Model.initial`); from
+there on the model sees nothing but the input. A record without outputs starts at rest with no input, as an experiment
+does that begins when it is switched on; where another level had stood before, `Model.at_rest` and `Model.run` say so.
+
+A run has diverged where it is `RUNAWAY` times larger than anything measured. Where nothing moves in the data, as with a
+motor that stands still or with inputs alone, no size tells a divergence, only numbers that are no longer finite.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import DataError, ModelError
+from emsid.models.model import Model, Run, check_samples
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+# A free run this many times larger than anything measured is outside all that the model describes.
+RUNAWAY = 1e3
+# Sample times that differ by a smaller part are the same, written with other precision.
+SAME_DT = 1e-3
+
+
+def free_run(model: Model, record: Record, transient: int | None = None) -> Run:
+    """The output of a model over a record, from its inputs alone after the start of every segment.
+
+    Args:
+        model: any.
+        record: with the model's channels; its outputs may be missing, then every segment starts at rest.
+        transient: samples at the start of every segment that are not counted; with outputs they start the model, and
+            are at least `Model.memory`, which is the default.
+
+    Raises:
+        ModelError: for a record of other channels or of another sample time, or without a segment longer than the
+            start.
+    """
+
+    def run(segment: Record, samples: int) -> Array:
+        if segment.output.shape[1]:
+            return continued(model, model.initial(segment, samples), segment, samples)
+        return continued(model, model.at_rest(0.0, segment.dt), segment, 0)
+
+    return _over_segments(model, record, transient, run)
+
+
+def predict(model: Model, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
+    """ŷ(t | t − horizon) of a model over a record with measured outputs.
+
+    Args:
+        model: any.
+        record: with the model's channels.
+        horizon: how many samples ahead, at least one.
+        transient: as in `free_run`.
+
+    Raises:
+        ModelError: as `free_run` does.
+        DataError: for a record without outputs.
+    """
+    check_samples(model.name, "a horizon", horizon, 1)
+    if not record.output.shape[1]:
+        raise DataError(f"{record.name} has no output to predict ahead from; simulate it")
+    return _over_segments(model, record, transient, lambda segment, samples: model.ahead(segment, samples, horizon))
+
+
+def as_record(model: Model, data: Record | ArrayLike, dt: float | None = None) -> Record:
+    """A record as it is, or inputs (N,) or (N, nu) as a record without outputs.
+
+    Args:
+        model: whose sample time is taken where none is given.
+        data: a record or inputs.
+        dt: sample time in s.
+
+    Raises:
+        ModelError: for inputs without a sample time.
+    """
+    if isinstance(data, Record):
+        return data
+    step = model.dt if dt is None else dt
+    if step is None:
+        raise ModelError(f"{model.name} runs at any sample time; give that of the inputs, dt=… in s", arguments=("dt",))
+    inputs = np.asarray(data)
+    return Record(inputs, np.empty((len(inputs) if inputs.ndim else 0, 0)), step, name="input")
+
+
+def check_sample_time(model: Model, record: Record) -> None:
+    """Refuse a record of another sample time than the model's, where it has one.
+
+    Raises:
+        ModelError: with both.
+    """
+    if model.dt is not None and not np.isclose(model.dt, record.dt, rtol=SAME_DT, atol=0.0):
+        raise ModelError(
+            f"{model.name} was identified at {model.dt:g} s and {record.name} is sampled every {record.dt:g} s; "
+            "resample the record"
+        )
+
+
+def continued(model: Model, state: object, segment: Record, samples: int) -> Array:
+    """(N − samples, ny) the outputs of a segment from the sample on at which a model is in this state.
+
+    A model that interpolates its input asks for some beyond the end; there it goes on point-symmetrically.
+    """
+    inputs, late = segment.input, model.latency
+    rest = inputs[samples:]
+    if late:
+        tail = 2 * inputs[-1] - inputs[-1 - late : -1][::-1] if len(inputs) > late else np.repeat(inputs[-1:], late, 0)
+        rest = np.concatenate([rest, tail])
+    with np.errstate(all="ignore"):
+        return model.run(state, rest)[0][late:]
+
+
+def _over_segments(
+    model: Model, record: Record, transient: int | None, values_of: Callable[[Record, int], Array]
+) -> Run:
+    """A run of ``values_of(segment, samples)`` over every segment that is longer than what starts it."""
+    model.check_record(record)
+    check_sample_time(model, record)
+    check_samples(model.name, "a transient", transient, 0)
+    measured = bool(record.output.shape[1])
+    least = model.memory if measured else 0
+    start, segments = max(least, transient or 0), record.segments
+    if all(len(segment) <= least for segment in segments):
+        raise ModelError(
+            f"{record.name}: no segment is longer than the {least} samples that start {model.name}; record longer, "
+            "leave out less, or choose a model of smaller order"
+        )
+    bound, diverged_at, first = _bound(record.output), None, 0
+    output = record.output.copy() if measured else None
+    counted = np.zeros(len(record), dtype=bool)
+    for segment in segments:
+        stop = first + len(segment)
+        if not measured or len(segment) > start:
+            values = values_of(segment, start)
+            lost = _first_beyond(values, bound)
+            if lost is not None:
+                values[lost:] = np.nan
+                diverged_at = stop - len(values) + lost if diverged_at is None else diverged_at
+            if output is None:
+                output = np.zeros((len(record), values.shape[1]))
+            output[stop - len(values) : stop] = values
+            counted[first + start : stop] = True
+        first = stop
+    return Run(np.zeros((len(record), 0)) if output is None else output, counted, diverged_at)
+
+
+def _bound(output: Array) -> float:
+    """What a run may be at most, given the measured output (N, ny)."""
+    if not output.size:
+        return float(np.finfo(float).max)
+    low, high = output.min(axis=0), output.max(axis=0)
+    moves = bool((high > low).any())
+    return RUNAWAY * float(np.maximum(-low, high).max()) if moves else float(np.finfo(float).max)
+
+
+def _first_beyond(values: Array, bound: float) -> int | None:
+    """The first row that is not within ±bound, if any."""
+    if values.max(initial=0.0) <= bound and values.min(initial=0.0) >= -bound:  # NaN is neither
+        return None
+    return int(np.flatnonzero(~(np.abs(values) <= bound).all(axis=1))[0])

@@ -1,0 +1,130 @@
+"""The free run of a structure, compiled.
+
+The model's own past outputs stand where the regressors ask for measured ones. Every regressor is a product of lagged
+inputs times one of lagged outputs, so with the regressors gathered by the latter::
+
+    y(t) = c₀(t) + Σₖ cₖ(t) ψₖ(y(t − 1), y(t − 2), …)        cₖ(t) = Σ of θᵢ · (products of inputs)
+
+the coefficients cₖ are computed for many samples at once, and only the sum is left to the loop from sample to sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.estimation.linear.information import TILE, add_multiple
+from emsid.models.regression.kernels import multiply, transformed
+from emsid.models.regression.regressors import Factor, Integers, Regressor, Tables, tables
+
+Array = NDArray[np.float64]
+
+
+class Recursion(NamedTuple):
+    """A model as the kernels read it."""
+
+    weights: Array  # (n,) θ with the signs of the regressors
+    coefficients: Integers  # (n,) k of the cₖ that each belongs to
+    inputs: Tables  # the input part of each regressor
+    lags: Integers  # (p,) ψ₁ … ψₚ are y(t − lag), the newest last: only it has to be waited for
+    outputs: Tables  # ψₚ₊₁ …, products of outputs
+
+
+def recursion(regressors: Sequence[Regressor], parameters: Array) -> Recursion:
+    """Regressors with their parameters as the kernels read them."""
+    parts = [tuple(f for f in regressor.factors if f.channel == 0) for regressor in regressors]
+    plain = sorted({p for p in parts if p and p == (Factor(0, p[0].lag),)}, key=lambda p: -p[0].lag)
+    others = sorted({p for p in parts if p}.difference(plain))
+    place = {part: k for k, part in enumerate([(), *plain, *others])}
+    return Recursion(
+        np.where([regressor.negative for regressor in regressors], -parameters, parameters),
+        np.array([place[part] for part in parts]),
+        tables([Regressor(tuple(f for f in regressor.factors if f.channel)) for regressor in regressors]),
+        np.array([part[0].lag for part in plain], dtype=np.int64),
+        tables([Regressor(part) for part in others]),
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def run_freely(y: Array, u: Array, recursion: Recursion, start: int) -> int:
+    """Overwrite y (N,) from ``start`` on by the model's own output, driven by u (nu, N).
+
+    Returns the first sample that is no number, where the run ends, or the number of samples.
+    """
+    coefficient = _room(recursion, TILE)
+    for first in range(start, len(y), TILE):
+        count = min(TILE, len(y) - first)
+        weigh(coefficient, u, recursion, first, count)
+        reached = _advance(y, coefficient, recursion, first, 0, count)
+        if reached < first + count:
+            return reached
+    return len(y)
+
+
+@numba.njit(cache=True, nogil=True)
+def predict_ahead(
+    result: Array, y: Array, u: Array, recursion: Recursion, memory: int, start: int, horizon: int
+) -> None:
+    """ŷ(t | t − horizon) for every t from ``start`` on: a free run of ``horizon`` steps begun anew for each."""
+    window = np.empty(memory + horizon)
+    coefficient = _room(recursion, TILE + horizon)
+    for first in range(start, len(y), TILE):
+        begin, end = max(first - horizon + 1, memory), min(first + TILE, len(y))
+        weigh(coefficient, u, recursion, begin, end - begin)
+        for t in range(first, end):
+            origin = max(t - horizon + 1, memory)
+            for i in range(memory):
+                window[i] = y[origin - memory + i]
+            _advance(window, coefficient, recursion, memory, origin - begin, t - origin + 1)
+            result[t] = window[memory + t - origin]
+
+
+@numba.njit(cache=True, nogil=True)
+def _room(recursion: Recursion, samples: int) -> Array:
+    """For c₀, c₁, … at so many samples, and one row to work in."""
+    return np.empty((1 + len(recursion.lags) + len(recursion.outputs.signs) + 1, samples))
+
+
+@numba.njit(cache=True, nogil=True)
+def weigh(coefficient: Array, u: Array, recursion: Recursion, start: int, count: int) -> None:
+    """Write the cₖ of samples ``start`` … into the first columns of ``coefficient``."""
+    _, offsets, factors, parameters = recursion.inputs
+    coefficient[:, :count] = 0.0
+    product = coefficient[-1, :count]
+    for j in range(len(recursion.weights)):
+        product[:] = recursion.weights[j]
+        for f in range(offsets[j], offsets[j + 1]):
+            channel, lag, power, code = factors[f]
+            multiply(product, u[channel - 1, start - lag : start - lag + count], code, parameters[f], power)
+        add_multiple(coefficient[recursion.coefficients[j]], 1.0, product, count)
+
+
+@numba.njit(cache=True, nogil=True)
+def _advance(y: Array, coefficient: Array, recursion: Recursion, start: int, column: int, count: int) -> int:
+    """Overwrite ``count`` samples of y from ``start`` on; their cₖ begin at ``column``.
+
+    Returns the sample after the last, or the first that is no number.
+    """
+    lags = recursion.lags
+    _, offsets, factors, parameters = recursion.outputs
+    for i in range(count):
+        t = start + i
+        total = coefficient[0, column + i]
+        for k in range(len(offsets) - 1):
+            product = coefficient[1 + len(lags) + k, column + i]
+            for f in range(offsets[k], offsets[k + 1]):
+                _, lag, power, code = factors[f]
+                value = transformed(code, y[t - lag], parameters[f])
+                for _ in range(power):
+                    product *= value
+            total += product
+        for k in range(len(lags)):
+            total += coefficient[1 + k, column + i] * y[t - lags[k]]
+        y[t] = total
+        if np.isnan(total):
+            return t
+    return start + count

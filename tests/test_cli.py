@@ -183,7 +183,7 @@ BAD = {
     "orders in words": (("identify", "LOG", *IDENTIFY, "--orders", "two"), ("--orders",)),
     "orders for another structure": (
         ("identify", "LOG", *IDENTIFY, "--models", "wiener", "--orders", "2,2"),
-        ("wiener has 1 filter; --orders gives 2", "one for each"),
+        ("wiener has 1 filter; 2 orders are given", "one for each (--orders)"),
     ),
     "unknown static map": (("identify", "LOG", *IDENTIFY, "--static", "cubic"), ("cubic", "dead-zone")),
     "unknown physical parameter": (

@@ -194,7 +194,8 @@ class TestTime:
     def test_none_at_all(self, log: Path, write: Write) -> None:
         message = failure(log, input="u", output="y")
         assert (
-            message == "no sample time; give dt (--dt SECONDS) or time (--time COLUMN); 't' looks like the time column"
+            message
+            == "no sample time; give dt in seconds, or time, the column that holds it; 't' looks like the time column"
         )
         path = write("Pendulum\n(dt=10)\nu\ty\n1\t2\n3\t4\n", "a.dat")
         assert failure(path, input="u", output="y").endswith("the file says '(dt=10)' above its header (mind the unit)")
@@ -208,7 +209,7 @@ class TestTime:
         message = failure(path, input="u", output="y", time="t")
         assert "time column 't' is not regular: 7 samples, dt 1 s" in message
         assert "1 gap (at row 7 of the file, 3 s), 1 duplicate (at row 5 of the file)" in message
-        assert "--resample" in message
+        assert "give resample" in message
         assert "--dt SECONDS" in message
         assert read(path, input="u", output="y", dt=1).dt == 1
         assert "1 gap (at row 7 of the file" in failure(path, input="u", output="y", time="t", rows=slice(3, None))
@@ -364,7 +365,7 @@ class TestColumns:
 
     def test_units(self, log: Path) -> None:
         assert "unit 'Volt-ish' is not understood" in failure(log, input="u", output="y", dt=1, units={"u": "Volt-ish"})
-        assert "--counts-per-revolution" in failure(log, input="u", output="y", dt=1, units={"y": "count/sample"})
+        assert "give counts_per_revolution" in failure(log, input="u", output="y", dt=1, units={"y": "count/sample"})
 
     def test_overflow(self, log: Path) -> None:
         assert "column 'y' becomes inf in row 4 of the file by" in failure(

@@ -77,12 +77,12 @@ def test_a_meaning_that_the_unit_does_not_use_is_not_looked_at() -> None:
 @pytest.mark.parametrize(
     ("unit", "target", "meanings", "message"),
     [
-        ("count", None, {}, "needs a meaning for 'count': give --counts-per-revolution"),
-        ("count", None, {"counts_per_revolution": 0}, "--counts-per-revolution"),
-        ("counts/sample", None, {"counts_per_revolution": 9}, "needs a meaning for 'sample': give --dt"),
-        ("pwm", None, {}, "--supply-voltage"),
-        ("pwm", None, {"supply_voltage": float("inf")}, "--supply-voltage"),
-        ("pwm", None, {"supply_voltage": 12, "pwm_full_scale": 0}, "--pwm-full-scale"),
+        ("count", None, {}, "what 'count' stands for is not known; give counts_per_revolution"),
+        ("count", None, {"counts_per_revolution": 0}, "give counts_per_revolution"),
+        ("counts/sample", None, {"counts_per_revolution": 9}, "what 'sample' stands for is not known; give dt"),
+        ("pwm", None, {}, "give supply_voltage"),
+        ("pwm", None, {"supply_voltage": float("inf")}, "give supply_voltage"),
+        ("pwm", None, {"supply_voltage": 12, "pwm_full_scale": 0}, "pwm_full_scale is"),
         ("V", "A", {}, "unit 'V' cannot become 'A'"),
         ("furlong pairs", None, {}, "is not understood"),
         ("kg*", None, {}, "is not understood"),

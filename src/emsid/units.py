@@ -91,20 +91,23 @@ def conversion(
         DataError: for an unknown unit, one of another quantity, or one whose meaning has not been given.
     """
     given = {
-        "count": (counts_per_revolution, "--counts-per-revolution"),
-        "sample": (sample_time, "--dt"),
-        "pwm": (supply_voltage, "--supply-voltage"),
+        "count": (counts_per_revolution, "counts_per_revolution"),
+        "sample": (sample_time, "dt"),
+        "pwm": (supply_voltage, "supply_voltage"),
     }
     meanings: dict[str, float] = {}
     for word in re.findall(r"[A-Za-z]+", f"{unit} {target or ''}"):
         key = word.lower().removesuffix("s")
         if key in given:
-            value, option = given[key]
+            value, argument = given[key]
             if value is None or not 0 < value < inf:
-                raise DataError(f"unit {unit!r} needs a meaning for {word!r}: give {option} (a positive number)")
+                raise DataError(
+                    f"unit {unit!r}: what {word!r} stands for is not known; give {argument}, a positive number",
+                    arguments=(argument,),
+                )
             meanings[key] = value
     if "pwm" in meanings and not 0 < pwm_full_scale < inf:
-        raise DataError(f"a full scale of {pwm_full_scale:g} for 'pwm'; give --pwm-full-scale a positive number")
+        raise DataError(f"pwm_full_scale is {pwm_full_scale:g}; give a positive number", arguments=("pwm_full_scale",))
 
     for text in (unit, target or ""):
         if len(text) > MOST_LETTERS or _ENDLESS.search(text):

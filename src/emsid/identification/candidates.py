@@ -228,8 +228,9 @@ class Blocks:
             return None, None
         if len(options.orders) != wanted:
             raise ModelError(
-                f"{self.layout.name} has {wanted} filter{'s' * (wanted > 1)}; --orders gives {len(options.orders)}: "
-                "give one for each"
+                f"{self.layout.name} has {wanted} filter{'s' * (wanted > 1)}; {len(options.orders)} orders are given: "
+                "give one for each",
+                arguments=("orders",),
             )
         given = iter(options.orders)
         first = next(given) if self.layout.first else None
@@ -323,4 +324,7 @@ def fit_or_problem(search: Callable[[], Fit[Any]]) -> Fit[Any]:
     try:
         return search()
     except (ValueError, ArithmeticError) as problem:
-        raise ModelError(f"the numbers are out of range ({problem}); scale the channels, check --dt") from problem
+        raise ModelError(
+            f"the numbers are out of range ({problem}); scale the channels, check the sample time",
+            arguments=("scale", "dt"),
+        ) from problem

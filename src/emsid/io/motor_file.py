@@ -73,7 +73,7 @@ def motor_template() -> str:
     from emsid.plant import Motor
 
     lines = [
-        "# A motor to simulate, for --motor. A number is in SI units, a text has a unit, a pair of a friction is",
+        "# A motor to simulate. A number is in SI units, a text has a unit, a pair of a friction is",
         "# [forward, backward]. What is left out keeps the value it has here.",
         "[motor]",
     ]
@@ -99,7 +99,7 @@ def datasheet_template(kind: str) -> str:
     from emsid.models.plants.datasheet import KINDS, UNKNOWN
 
     lines = [
-        f"# What is known of a {kind}, for --datasheet; the names are also those for --fix, --free and --profile.",
+        f"# What is known of a {kind}, for an identification: a datasheet.",
         "# A friction has two directions, NAME.forward and NAME.backward; NAME is both.",
         "# Take away the # before what you have something to say of, and write",
         '#     "2.1 ohm"                                    where the search starts (a number is in SI units)',

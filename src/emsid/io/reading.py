@@ -170,7 +170,8 @@ def read(
         )
     except DataError as problem:
         message = str(problem)
-        raise DataError(f"{file}: {message.removeprefix(f'{file.name}: ')}") from None
+        message = message.removeprefix(f"{file.name}: ")
+        raise DataError(f"{file}: {message}", arguments=problem.arguments) from None
 
 
 @dataclass(frozen=True)
@@ -351,9 +352,9 @@ def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
     breaks = 1 + np.flatnonzero(~selection.follows)
     if clock.time is None:
         if clock.dt is None:
-            raise DataError(_no_sample_time(selection.columns))
+            raise DataError(_no_sample_time(selection.columns), arguments=("dt", "time"))
         if clock.resample:
-            raise DataError("resampling needs a time column; name it with time (--time COLUMN)")
+            raise DataError("resampling needs a time column; name it", arguments=("time",))
         starts = selection.rows[[0, *breaks]] * clock.dt
         return replace(record, dt=clock.dt, breaks=tuple(map(int, breaks)), times=tuple(map(float, starts)))
 
@@ -365,7 +366,7 @@ def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
             seconds if len(rows) == len(seconds) - 1 else np.append(0.0, np.cumsum(np.diff(seconds)[selection.follows]))
         )
     except DataError as problem:
-        raise DataError(f"{column}: {problem}") from None
+        raise DataError(f"{column}: {problem}", arguments=problem.arguments) from None
     axis = axis._replace(
         samples=len(seconds),
         gaps=tuple(selection.number(rows[k - 1]) for k in axis.gaps),
@@ -385,13 +386,15 @@ def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
         return replace(whole, time_axis=axis)
     if not axis.regular:
         raise DataError(
-            f"{column} is not regular: {axis}; give resample (--resample) to bring it to an equidistant one, or "
-            "dt (--dt SECONDS) in its place to take the samples as equidistant"
+            f"{column} is not regular: {axis}; give resample to interpolate it to an equidistant one, or "
+            "dt in its place to take the samples as equidistant",
+            arguments=("resample", "dt"),
         )
     if clock.dt is not None and abs(clock.dt - axis.dt) > _AGREEMENT * axis.dt:
         raise DataError(
             f"{column} says a sample time of {axis.dt:.6g} s and dt is {clock.dt:g} s; leave one of them out, or "
-            "give the unit of the column with time_unit (--time-unit)"
+            "give the unit of the column with time_unit",
+            arguments=("time_unit",),
         )
     starts = seconds[[0, *breaks]]
     return replace(
@@ -413,7 +416,8 @@ def _differentiated(record: Record, names: Collection[str], window: int) -> Reco
         longest = max(map(len, record.segments))
         raise DataError(
             f"the longest segment has {longest} samples, too few for a derivative over {window}; take more rows, relax "
-            "the mask or give a shorter derivative_window (--derivative-window)"
+            "the mask or give a shorter derivative_window",
+            arguments=("derivative_window",),
         )
 
     def differentiated(values: Array, channels: Sequence[str]) -> Array:
@@ -486,7 +490,7 @@ def _no_sample_time(columns: Columns) -> str:
             says = line if re.search(r"\bdt\W*\d", line) else " / ".join(columns.preamble[k : k + 2])
             hint += f"; the file says {' '.join(says.split())!r} above its header (mind the unit)"
             break
-    return f"no sample time; give dt (--dt SECONDS) or time (--time COLUMN){hint}"
+    return f"no sample time; give dt in seconds, or time, the column that holds it{hint}"
 
 
 def _besides(columns: Columns) -> str:

@@ -77,7 +77,8 @@ def time_axis(time: ArrayLike) -> TimeAxis:
     if t.ndim != 1 or len(t) < 2:
         raise DataError(
             f"a time column tells the sample time from two samples on, and this has {t.size}; take more rows, or give "
-            "dt (--dt SECONDS) in its place"
+            "dt in its place",
+            arguments=("dt",),
         )
     if not np.isfinite(t).all():
         raise DataError(
@@ -89,7 +90,8 @@ def time_axis(time: ArrayLike) -> TimeAxis:
     if not len(forward):
         raise DataError(
             f"the time never advances, it is {t[0]:g} s at first and {t[-1]:g} s at last; name the column that holds "
-            "the time, or give dt (--dt SECONDS) in its place"
+            "the time, or give dt in its place",
+            arguments=("time", "dt"),
         )
     dt = float(np.median(forward))
     gap, back = steps > 1.5 * dt, steps <= 0

@@ -227,8 +227,9 @@ def check_excitation(record: Record) -> None:
             largest = float(max(x.max(), -x.min()))
             if not 1 / LARGEST < largest < LARGEST:
                 raise DataError(
-                    f"{record.name}: {kind} {name!r} reaches {largest:.3g}, which cannot be computed with; bring it to "
-                    f"an ordinary size (--scale {name}=…)"
+                    f"{record.name}: {kind} {name!r} reaches {largest:.3g}, which cannot be computed with; scale it to "
+                    "an ordinary size",
+                    arguments=("scale",),
                 )
 
 

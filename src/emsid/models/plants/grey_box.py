@@ -230,7 +230,8 @@ def check_channels(plant: Plant, signals: Sequence[Signal], record: Record) -> N
         if unit and unit != fitting[signal]:
             raise DataError(
                 f"{record.name}: output {name!r} is in {unit}, {plant.name} gives a {signal.value} in "
-                f"{fitting[signal]}; convert it (--unit) or choose another model"
+                f"{fitting[signal]}; convert it or choose another model",
+                arguments=("units",),
             )
 
 
@@ -279,23 +280,24 @@ def _check_command(plant: Plant, record: Record) -> None:
     """Refuse inputs that do not drive a plant."""
     coded = isinstance(plant, (DrivenMotor, LinearAxis)) and bool(plant.drive.codes)
     if record.input.shape[1] > (2 if coded else 1):
-        codes = (
-            " and the one with its codes" if coded else ", or say which values of a second are codes (--brake, --coast)"
-        )
+        codes = " and the one with its codes" if coded else ", or say which values of a second are codes"
         raise DataError(
-            f"{record.name}: {record.input.shape[1]} inputs for {plant.name}; name the one that drives it{codes}"
+            f"{record.name}: {record.input.shape[1]} inputs for {plant.name}; name the one that drives it{codes}",
+            arguments=() if coded else ("brake", "coast"),
         )
     if isinstance(plant, (DrivenMotor, LinearAxis)) and not _has_bridge(plant, record):
         brakes = [f"{code:g}" for code, bridge in plant.drive.codes if bridge is Bridge.BRAKE]
         if brakes:
             raise ModelError(
                 f"{plant.name} has no bridge here that could brake with {listed(brakes)}; say that nothing drives it "
-                "there (--coast), or leave these samples out (--mask)"
+                "there, or leave these samples out with a mask",
+                arguments=("coast", "mask"),
             )
     feed = plant.feed if isinstance(plant, DrivenMotor) else None
     name, unit = record.input_names[0], record.input_units[0]
     if unit.lower() not in _NO_QUANTITY and unit not in _COMMANDS[feed]:
         raise DataError(
             f"{record.name}: input {name!r} is in {unit}, and {plant.name} takes {' or '.join(_COMMANDS[feed])}; "
-            "correct its unit (--unit) or choose another column"
+            "correct its unit or choose another column",
+            arguments=("units",),
         )

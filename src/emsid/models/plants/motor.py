@@ -168,7 +168,8 @@ class DrivenMotor(Parametrised):
             if np.any(conducts != 1.0):
                 raise ModelError(
                     "a bridge that coasts is simulated for a rigid motor without inductance only; choose rigid-motor, "
-                    "or leave out where it does (--mask)"
+                    "or leave out these samples with a mask",
+                    arguments=("mask",),
                 )
             pieces = _pieces(made, dt, late)
             start = State(*state.motion.tolist())

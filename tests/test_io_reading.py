@@ -210,7 +210,7 @@ class TestTime:
         assert "time column 't' is not regular: 7 samples, dt 1 s" in message
         assert "1 gap (at row 7 of the file, 3 s), 1 duplicate (at row 5 of the file)" in message
         assert "give resample" in message
-        assert "--dt SECONDS" in message
+        assert "or dt in its place" in message
         assert read(path, input="u", output="y", dt=1).dt == 1
         assert "1 gap (at row 7 of the file" in failure(path, input="u", output="y", time="t", rows=slice(3, None))
         resampled = read(path, input="u", output="y", time="t", resample=True)

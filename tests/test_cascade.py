@@ -14,7 +14,8 @@ from scipy.optimize import least_squares
 from coverage_cascade import CASES as COVERED
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
-from emsid.estimation.nonlinear.gauss_newton import Infeasible, Iteration
+from emsid.estimation.nonlinear.control import Control
+from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.estimation.nonlinear.losses import Huber
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.diagnostics import advice
@@ -151,7 +152,7 @@ def test_known_blocks_come_back_from_a_start_nearby(name: str) -> None:
         1 + 0.03 * np.random.default_rng(3).uniform(-1, 1, len(coordinates.free))
     )
     fit = fit_cascade(truth.with_parameters(coordinates.parameters(off)), record, tolerance=1e-6, max_iterations=100)
-    assert fit.ending is Ending.CONVERGED, fit.message
+    assert fit.ending is Ending.CONVERGED, fit.findings
     np.testing.assert_allclose(fit.model.parameters, truth.parameters, rtol=1e-5, atol=1e-6)
 
 
@@ -172,7 +173,7 @@ def test_several_segments_with_unknown_starts() -> None:
     fit = fit_cascade(truth, [whole.mask(gone)], tolerance=1e-6)
     np.testing.assert_allclose(fit.model.parameters, truth.parameters, rtol=1e-6, atol=1e-8)
     assert fit.samples == 2930
-    skipping = fit_cascade(truth, whole.mask(gone), skip=120, tolerance=1e-6)
+    skipping = fit_cascade(truth, whole.mask(gone), transient=120, tolerance=1e-6)
     assert skipping.samples == 2930 - 3 * 120
     np.testing.assert_allclose(skipping.model.parameters, truth.parameters, rtol=1e-4, atol=1e-6)
 
@@ -180,7 +181,7 @@ def test_several_segments_with_unknown_starts() -> None:
 def test_hold_keeps_a_parameter_and_a_robust_loss_forgives_outliers() -> None:
     truth = unit_gain(CASCADES["hammerstein"])
     clean = record_of(truth, 2000, noise=0.01)
-    fit = fit_cascade(truth, clean, hold=["f.b_r"])
+    fit = fit_cascade(truth, clean, fixed=["f.b_r"])
     assert "f.b_r" not in fit.names
     assert fit.model.blocks[0].b_r == truth.blocks[0].b_r  # type: ignore[attr-defined]
     spoiled = clean.output.copy()
@@ -188,7 +189,7 @@ def test_hold_keeps_a_parameter_and_a_robust_loss_forgives_outliers() -> None:
     robust = fit_cascade(truth, replace(clean, output=spoiled), loss=Huber(0.01))
     np.testing.assert_allclose(robust.model.parameters, truth.parameters, rtol=0.05, atol=0.01)
     with pytest.raises(ModelError, match=r"no parameter 'f\.x'"):
-        fit_cascade(truth, clean, hold=["f.x"])
+        fit_cascade(truth, clean, fixed=["f.x"])
 
 
 def test_dead_zone_edges_come_back_with_honest_intervals() -> None:
@@ -348,25 +349,10 @@ def test_without_python_control_it_is_said_what_to_install(monkeypatch: pytest.M
 def test_interruption_keeps_the_best_so_far() -> None:
     truth = unit_gain(CASCADES["wiener-hammerstein"])
 
-    def stop(iteration: Iteration) -> None:
-        raise KeyboardInterrupt
-
     start = truth.with_parameters(freedom(truth).parameters(truth.parameters[freedom(truth).free] * 1.05))
-    fit = fit_cascade(start, record_of(truth, 600, noise=0.05), progress=stop)
+    fit = fit_cascade(start, record_of(truth, 600, noise=0.05), control=Control(cancelled=lambda: True))
     assert fit.ending is Ending.INTERRUPTED
-    assert "best so far" in fit.message
-
-
-def test_an_interruption_while_starting_states_are_found_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    model = CASCADES["wiener-hammerstein"]
-    record = record_of(model, 300)
-
-    def stop(self: Cascade, signals: object) -> Array:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Cascade, "gradient", stop)
-    with pytest.raises(KeyboardInterrupt):
-        model.starting(record.input[:, 0], record.output[: model.memory, 0])
+    assert [(f.code, f.data["steps"]) for f in fit.findings] == [("search-cancelled", 0)]
 
 
 def test_what_the_records_leave_open_is_said_once_and_in_words() -> None:
@@ -374,8 +360,10 @@ def test_what_the_records_leave_open_is_said_once_and_in_words() -> None:
     record = record_of(truth, 600, noise=0.01)
     fit = fit_cascade(replace(truth, blocks=(FAST, DeadZone(-0.2, 50.0), SLOW)), record, max_iterations=100)
     assert fit.ending is Ending.RANK_DEFICIENT
-    assert fit.message.startswith("the records say nothing of f.b_r and f.m_r")
-    assert "state 1" not in fit.message
+    (finding,) = fit.findings
+    assert finding.code == "parameters-undetermined"
+    assert finding.data["without_effect"] == ["f.b_r", "f.m_r"]
+    assert {name for group in finding.data["inseparable"] for name in group} <= {*fit.names, "starting states"}
     lost = {name for name, error in zip(fit.names, fit.standard_error, strict=True) if not np.isfinite(error)}
     assert lost >= {"f.b_r", "f.m_r"}
     words = advice(fit, record)
@@ -410,8 +398,8 @@ def test_bad_input() -> None:
         fit_cascade(Cascade((fir([0.0, 0.0]), DeadZone(-1, 1), SLOW)), record)
     with pytest.raises(Infeasible, match="block 2: saturation from 1 to -1"):
         fit_cascade(Cascade((FAST, Saturation(1.0, 1.0, -1.0), SLOW)), record)
-    with pytest.raises(ModelError, match="skip -1"):
-        fit_cascade(model, record, skip=-1)
+    with pytest.raises(ModelError, match="transient -1"):
+        fit_cascade(model, record, transient=-1)
     nowhere = UserMap(lambda x, p: np.where(x < 1, x, np.nan), lambda x, p: np.ones_like(x))
     with pytest.raises(ModelError, match=r"block 2: from an input of 1.* it makes nan"):
         fit_cascade(Cascade((FAST, nowhere, SLOW)), record)

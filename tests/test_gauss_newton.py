@@ -12,7 +12,8 @@ from scipy.optimize import least_squares
 
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
-from emsid.estimation.nonlinear.gauss_newton import PATIENCE, Infeasible, Iteration, gauss_newton
+from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
+from emsid.estimation.nonlinear.gauss_newton import PATIENCE, Infeasible, Minimum, gauss_newton
 from emsid.estimation.nonlinear.losses import SQUARES, Cauchy, Huber, Loss
 from emsid.estimation.uncertainty.robust_covariance import automatic_window, long_run_variance, weighted_variance
 
@@ -48,6 +49,10 @@ def decay(noise: float = 0.05, outliers: float = 0.0, experiments: int = 1) -> C
         return [np.column_stack([ei, -theta[0] * x[i] * ei, np.ones_like(ei)]) for ei, i in zip(e, parts, strict=True)]
 
     return Curves(residual, jacobian)
+
+
+def codes(found: Minimum) -> list[str]:
+    return [finding.code for finding in found.findings]
 
 
 def by_scipy(problem: Curves, start: list[float], lower: object, upper: object, loss: str = "linear") -> Array:
@@ -171,23 +176,29 @@ def test_honest_endings() -> None:
     problem = decay()
     short = gauss_newton(problem, [1, 9, 0.7], max_iterations=1)
     assert short.ending is Ending.OUT_OF_BUDGET
-    assert "after 1 steps" in short.message
-    assert gauss_newton(problem, [1, 9, 0.7], max_seconds=0).ending is Ending.OUT_OF_BUDGET
+    assert codes(short) == ["steps-used-up"]
+    assert short.findings[0].data["steps"] == short.iterations == 1
+    assert short.findings[0].data["offset"] > 1e-3
+    late = gauss_newton(problem, [1, 9, 0.7], control=FREE.within(0))
+    assert (late.ending, codes(late), late.iterations) == (Ending.OUT_OF_BUDGET, ["time-used-up"], 0)
+    assert gauss_newton(problem, [1, 1, 0.7], control=FREE.within(600)).findings == ()
     backwards = Curves(problem.residual, lambda t: [-j for j in problem.jacobian(t)])
     stalled = gauss_newton(backwards, [1, 1, 0.7])
     assert stalled.ending is Ending.STALLED
-    assert "no step lowers the cost" in stalled.message
+    assert codes(stalled) == ["search-stalled"]
+    assert stalled.findings[0].data["offset"] > 1e-3
     alias = Curves(
         lambda t: problem.residual(np.array([t[0] + t[3], *t[1:3]])),
         lambda t: [np.column_stack([j, j[:, 0]]) for j in problem.jacobian(np.array([t[0] + t[3], *t[1:3]]))],
     )
     deficient = gauss_newton(alias, [1, 1, 0.7, 0.1], names=("a", "b", "c", "d"))
     assert deficient.ending is Ending.RANK_DEFICIENT
-    assert "cannot tell these parameters apart: " in deficient.message
+    assert codes(deficient) == ["parameters-undetermined"]
+    assert deficient.findings[0].data == {"without_effect": [], "inseparable": [["d", "a"]]}
     assert np.isinf(np.diag(deficient.covariance)).sum() == 1
 
 
-def test_a_search_that_is_not_worth_it_ends_in_the_valley() -> None:
+def test_a_search_ends_in_a_valley_where_the_cost_hardly_falls() -> None:
     """Rosenbrock's, beside a residual of 100 that no parameter changes: all there is to gain is 0.24 % of the cost."""
     problem = Curves(
         lambda t: [np.array([10 * (t[1] - t[0] ** 2), 1 - t[0], 100.0])],
@@ -196,48 +207,72 @@ def test_a_search_that_is_not_worth_it_ends_in_the_valley() -> None:
     whole = gauss_newton(problem, [-1.2, 1.0], tolerance=1e-8)
     assert whole.ending is Ending.CONVERGED
     np.testing.assert_allclose(whole.estimate, 1, rtol=1e-4)
-    short = gauss_newton(problem, [-1.2, 1.0], tolerance=1e-8, worth=0.01)
+    short = gauss_newton(problem, [-1.2, 1.0], tolerance=1e-8, least_saving=0.01)
     assert short.ending is Ending.OUT_OF_BUDGET
-    assert short.message.startswith(f"the last {PATIENCE} steps lowered the cost by less than 1 %, ")
+    assert codes(short) == ["cost-hardly-falls"]
+    assert short.findings[0].data["last_steps"] == PATIENCE
     assert short.costs == whole.costs[: PATIENCE + 1]
-    assert gauss_newton(problem, [-1.2, 1.0], tolerance=1e-8, worth=1e-9).costs == whole.costs
+    assert gauss_newton(problem, [-1.2, 1.0], tolerance=1e-8, least_saving=1e-9).costs == whole.costs
 
 
 def test_a_bound_that_holds_is_named() -> None:
     found = gauss_newton(decay(), [1, 1, 0.7], lower=[0, 0, 0.6], upper=9, names=("gain", "rate", "rest"))
-    assert found.message == "rest is held at its lower bound 0.6"
+    assert [(f.code, f.subject, f.data) for f in found.findings] == [
+        ("parameter-at-bound", "rest", {"side": "lower", "bound": 0.6})
+    ]
     fixed = gauss_newton(decay(), [1, 1, 0.6], lower=[0, 0, 0.6], upper=[9, 9, 0.6])
     np.testing.assert_allclose(found.estimate, fixed.estimate, rtol=1e-6)
     np.testing.assert_allclose(found.covariance, fixed.covariance, rtol=1e-4)
     assert found.covariance[2, 2] == 0
 
 
-def test_interruption_keeps_the_best_so_far() -> None:
-    seen: list[Iteration] = []
-
-    def stop(iteration: Iteration) -> None:
-        seen.append(iteration)
-        if len(seen) == 2:
-            raise KeyboardInterrupt
-
-    found = gauss_newton(decay(), [1, 9, 0.7], progress=stop, tolerance=1e-9)
-    assert found.ending is Ending.INTERRUPTED
-    np.testing.assert_array_equal(found.estimate, seen[-1].estimate)
+def test_a_cancelled_search_keeps_the_best_so_far() -> None:
+    seen: list[Activity] = []
+    control = Control(cancelled=lambda: len(seen) == 2, report=seen.append).during("decay")
+    found = gauss_newton(decay(), [1, 9, 0.7], control=control, tolerance=1e-9)
+    assert (found.ending, codes(found), found.iterations) == (Ending.INTERRUPTED, ["search-cancelled"], 2)
+    assert [(each.doing, each.done, each.total) for each in seen] == [("decay", 1, None), ("decay", 2, None)]
     assert found.cost == seen[-1].cost < found.costs[0]
+    assert found.findings[0].data == {"steps": 2, "offset": seen[-1].offset}
     there = gauss_newton(decay(), found.estimate, max_iterations=0)
     np.testing.assert_array_equal(found.covariance, there.covariance)
 
 
-def test_an_inner_search_passes_an_interruption_on_and_works_out_no_covariance() -> None:
-    def stop(iteration: Iteration) -> None:
-        raise KeyboardInterrupt
+def test_a_problem_that_is_stopped_within_a_step_ends_the_search_before_that_step() -> None:
+    """A slow simulation looks at its `Control` itself."""
+    calls = iter(range(1000))
 
-    with pytest.raises(KeyboardInterrupt):
-        gauss_newton(decay(), [1, 9, 0.7], progress=stop, inner=True)
-    found, outer = (gauss_newton(decay(), [1, 9, 0.7], inner=inner) for inner in (True, False))
-    np.testing.assert_array_equal(found.estimate, outer.estimate)
+    def residual(theta: Array) -> list[Array]:
+        if next(calls) >= 12:
+            raise Stopped(Ending.INTERRUPTED)
+        return decay().residual(theta)
+
+    found = gauss_newton(Curves(residual, decay().jacobian), [1, 9, 0.7], tolerance=1e-9)
+    whole = gauss_newton(decay(), [1, 9, 0.7], tolerance=1e-9)
+    assert (found.ending, codes(found)) == (Ending.INTERRUPTED, ["search-cancelled"])
+    assert 0 < found.iterations < whole.iterations
+    assert found.costs == whole.costs[: len(found.costs)]
+
+
+def test_a_search_without_covariances_finds_the_same_minimum() -> None:
+    found, whole = (gauss_newton(decay(), [1, 9, 0.7], covariances=wanted) for wanted in (False, True))
+    np.testing.assert_array_equal(found.estimate, whole.estimate)
     assert np.isinf(np.diag(found.covariance)).all()
-    assert np.isfinite(outer.covariance).all()
+    assert np.isfinite(whole.covariance).all()
+
+
+def test_a_control_says_when_to_stop() -> None:
+    assert FREE.ending is None
+    FREE.check()
+    assert Control(cancelled=lambda: True).within(0).ending is Ending.INTERRUPTED
+    with pytest.raises(Stopped) as stopped:
+        FREE.within(-1).doing("waiting")
+    assert stopped.value.ending is Ending.OUT_OF_BUDGET
+    heard: list[Activity] = []
+    outer = Control(report=heard.append)
+    outer.during("motor").doing("refining", 1, 4)
+    outer.during("motor").quietly().doing("nothing")
+    assert heard == [Activity("motor: refining", 1, 4)]
 
 
 @pytest.mark.parametrize(

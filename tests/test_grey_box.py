@@ -819,22 +819,22 @@ def test_values_that_are_not_physical_are_refused(build):
     [
         (
             {"bounds": {"motor_constant": (0.0501, 0.06)}},
-            "motor_constant is held at its lower bound 0.0501; the records ask for a smaller motor_constant than its "
+            "motor_constant is at its lower limit 0.0501; the records ask for a smaller motor_constant than its "
             "bounds allow: widen them, or check units and what is fixed",
         ),
         (
             {"bounds": {"motor_constant": (0.04, 0.0499)}},
-            "motor_constant is held at its upper bound 0.0499; the records ask for a larger motor_constant than its "
+            "motor_constant is at its upper limit 0.0499; the records ask for a larger motor_constant than its "
             "bounds allow: widen them, or check units and what is fixed",
         ),
         (
             {"datasheet": {"motor_constant": Given(0.055, 0.05)}},
-            "motor_constant is held at its lower bound 0.05225; the records ask for a smaller motor_constant than the "
+            "motor_constant is at its lower limit 0.05225; the records ask for a smaller motor_constant than the "
             "datasheet allows: widen its tolerance, or check units and what is fixed",
         ),
         (
             {"fixed": {"voltage_dead_zone.half_width": 1.2}},
-            "rotor_friction.coulomb is held at its lower bound 0; the records ask for a smaller rotor_friction.coulomb "
+            "rotor_friction.coulomb is at its lower limit 0; the records ask for a smaller rotor_friction.coulomb "
             "than is physical: fix it there, or check units, signs and what else is fixed",
         ),
     ],
@@ -846,8 +846,8 @@ def test_a_fit_that_ends_at_a_bound_says_which_and_what_to_do(arguments, said):
     fit = simulation_error(start, GOOD, free=free, **arguments)
     assert said in fit.message
     (row,) = [row for row in fit.table if row.status == "at a bound"]
-    assert said.startswith(f"{row.name} is held")
-    assert f"bound {row.value:.4g};" in said
+    assert said.startswith(f"{row.name} is at")
+    assert f"limit {row.value:.4g};" in said
 
 
 def test_a_fit_that_stalls_at_a_bound_says_both():
@@ -859,8 +859,8 @@ def test_a_fit_that_stalls_at_a_bound_says_both():
         MOTOR.put({"motor_constant": 0.0501}), GOOD, free=FREE, bounds=bounds, weighting=in_steps, look_around=False
     )
     assert fit.ending is Ending.STALLED
-    assert "no step lowers the cost, " in fit.message
-    assert "motor_constant is held at its lower bound 0.0501; the records ask for a smaller" in fit.message
+    assert "the search stalled before a minimum" in fit.message
+    assert "motor_constant is at its lower limit 0.0501; the records ask for a smaller" in fit.message
 
 
 def test_a_parameter_without_room_is_not_said_to_be_held():

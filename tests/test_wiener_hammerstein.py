@@ -17,17 +17,17 @@ from scipy.signal import lfilter
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.frequency_response import fit_rational, frequency_response
-from emsid.estimation.nonlinear.gauss_newton import Iteration
+from emsid.estimation.nonlinear.control import Activity, Control, Stopped
 from emsid.excitation import SIGNALS
 from emsid.io import read
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.diagnostics import advice
 from emsid.models.blocks.filters import Rational, fir
-from emsid.models.blocks.fitting import FreeRun
 from emsid.models.blocks.gain import unit_gain
 from emsid.models.blocks.search import choice as cascade_choice
 from emsid.models.blocks.search.cross_validation import CHOICE_SAMPLES, held_back, shortened
 from emsid.models.blocks.search.estimation import (
+    estimate,
     hammerstein,
     hammerstein_wiener,
     wiener,
@@ -36,7 +36,7 @@ from emsid.models.blocks.search.estimation import (
 from emsid.models.blocks.search.map_families import ABS, COULOMB, DEAD_ZONE, FAMILIES, POLYNOMIAL, SPLINE, Family, given
 from emsid.models.blocks.search.orders import map_sizes, order_shares, total_orders
 from emsid.models.blocks.search.starts import _splits, regression_candidate, scanned, unfolded_candidates
-from emsid.models.blocks.search.topologies import HAMMERSTEIN, WIENER, WIENER_HAMMERSTEIN, Layout, Options
+from emsid.models.blocks.search.topologies import HAMMERSTEIN, WIENER, WIENER_HAMMERSTEIN, CascadeSearch, Topology
 from emsid.models.blocks.static_maps import Abs, CubicSpline, DeadZone, Polynomial, Saturation, UserMap
 from emsid.plant import Bench, Motor, simulate
 from emsid.plant.dead_zone import DeadZoneLaw
@@ -50,7 +50,7 @@ FAST = Rational([0.5, 0.2], [-0.4])
 SLOW = Rational([0.1, 0.05], [-1.3, 0.45])
 KNOTS = np.linspace(-4, 4, 9)
 BEND = CubicSpline(KNOTS, KNOTS - 0.04 * KNOTS**3 / 3 + 0.05 * KNOTS**2)
-AT_RATE = Options(oversampling=1)
+AT_RATE = CascadeSearch(oversampling=1)
 FRICTIONLESS: dict[str, Any] = {"rotor_friction": Friction(0.0), "load_friction": Friction(0.0)}
 
 
@@ -90,7 +90,7 @@ def test_structures_are_found_from_a_record_alone(
     estimator: Callable[..., Fit[Cascade]], orders: object, truth: Cascade
 ) -> None:
     fit = estimator(record_of(truth), orders, replace(AT_RATE, size=9))
-    assert fit.ending is Ending.CONVERGED, fit.message
+    assert fit.ending is Ending.CONVERGED, fit.findings
     assert unexplained(fit, record_of(truth, 2000, noise=0.0, seed=1)) < (
         0.03 if estimator is hammerstein_wiener else 0.01
     )
@@ -141,9 +141,9 @@ def test_the_family_of_the_map_is_chosen_where_none_is_given(
 
 def test_a_record_is_given_no_more_knots_than_it_can_carry() -> None:
     few, many = (record_of(Cascade((BEND, SLOW)), samples) for samples in (120, 4000))
-    sizes = [map_sizes(SPLINE, HAMMERSTEIN, [each], (None, 2), Options()) for each in (few, many)]
+    sizes = [map_sizes(SPLINE, HAMMERSTEIN, [each], (None, 2), CascadeSearch()) for each in (few, many)]
     assert sizes == [(8, 12, 18), SPLINE.sizes]
-    assert map_sizes(SPLINE, HAMMERSTEIN, [few], (None, 2), Options(size=20)) == (20,)
+    assert map_sizes(SPLINE, HAMMERSTEIN, [few], (None, 2), CascadeSearch(size=20)) == (20,)
 
 
 def test_a_pair_of_filters_that_fails_does_not_fail_the_others() -> None:
@@ -206,7 +206,7 @@ def test_dead_zone_of_a_simulated_motor(motor: Motor, seed: int) -> None:
     record = Record(u, speed + 0.01 * np.std(speed) * rng.standard_normal(len(u)), 0.005)
     zone = motor.voltage_dead_zone
     assert zone is not None
-    fit = hammerstein(record, None, Options(static=DEAD_ZONE))
+    fit = hammerstein(record, None, CascadeSearch(static=DEAD_ZONE))
     interval = fit.interval(0.99)
     for name, value in (("f.b_l", zone.b_l), ("f.b_r", zone.b_r)):
         at = fit.names.index(name)
@@ -255,20 +255,20 @@ def test_a_sensor_that_bends_is_given_knots_and_one_that_does_not_is_not() -> No
 
 def test_every_sample_of_a_short_record_judges_once_and_a_long_one_keeps_its_end() -> None:
     short, long = (record_of(Cascade((SLOW,)), samples) for samples in (403, 6000))
-    _, rounds = held_back([short], Options())
+    _, rounds = held_back([short], CascadeSearch())
     judged = np.concatenate([unseen.output[:, 0] for _, parts in rounds for unseen in parts])
     np.testing.assert_array_equal(judged, short.output[:, 0])
     for rest, (unseen,) in rounds:
         assert sum(len(piece) for record in rest for piece in record.segments) == 403 - len(unseen)
         assert not np.isin(unseen.output, np.concatenate([p.output for r in rest for p in r.segments])).any()
-    shown, [(rest, (unseen,))] = held_back([long], Options())
+    shown, [(rest, (unseen,))] = held_back([long], CascadeSearch())
     assert rest is shown
     assert len(shown[0]) == 4500
     np.testing.assert_array_equal(unseen.output, long[4500:].output)
 
 
 def test_orders_below_that_of_the_response_are_tried() -> None:
-    def totals(layout: Layout, orders: tuple[int | None, int | None]) -> list[int]:
+    def totals(layout: Topology, orders: tuple[int | None, int | None]) -> list[int]:
         record = record_of(Cascade((FAST, BEND, SLOW)), 8000, noise=0.001)
         return total_orders(layout, [(record.input[:, 0], record.output[:, 0])], orders)
 
@@ -323,30 +323,30 @@ def test_frequency_response_and_the_rational_function_through_it() -> None:
         frequency_response([(np.zeros(200), np.ones(200))])
 
 
-def test_progress_is_told() -> None:
-    told: list[tuple[str, Iteration | None]] = []
+def test_every_activity_is_reported() -> None:
+    heard: list[Activity] = []
     truth = Cascade((BEND, SLOW))
-    hammerstein(record_of(truth, 800), 2, replace(AT_RATE, size=6, progress=lambda *what: told.append(what)))
-    assert any("start values" in what for what, _ in told)
-    assert any(isinstance(iteration, Iteration) for _, iteration in told)
+    settings = replace(AT_RATE, size=6)
+    estimate(HAMMERSTEIN, record_of(truth, 800), (None, 2), settings, Control(report=heard.append))
+    assert any("start values" in each.doing for each in heard)
+    fitting = [each for each in heard if each.doing == "fitting hammerstein"]
+    assert [each.done for each in fitting] == list(range(1, len(fitting) + 1))
+    assert all(each.cost and each.offset for each in fitting)
 
 
-def test_interruption_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
-    truth = Cascade((BEND, SLOW))
-
-    def stop(what: str, iteration: Iteration | None) -> None:
-        if what.startswith("fitting"):
-            raise KeyboardInterrupt
-
-    fit = hammerstein(record_of(truth, 800), 2, replace(AT_RATE, size=6, progress=stop))
+def test_a_cancelled_search_keeps_the_best_so_far() -> None:
+    record = record_of(Cascade((BEND, SLOW)), 800)
+    doing: list[str] = []
+    control = Control(
+        cancelled=lambda: "fitting hammerstein to all data" in doing, report=lambda each: doing.append(each.doing)
+    )
+    fit = estimate(HAMMERSTEIN, record, (None, 2), replace(AT_RATE, size=6), control)
     assert fit.ending is Ending.INTERRUPTED
-    assert "best" in fit.message
-
-    def stop_at_once(what: str, iteration: Iteration | None) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        hammerstein(record_of(truth, 800), 2, replace(AT_RATE, progress=stop_at_once))
+    assert [(f.code, f.subject, f.data) for f in fit.findings] == [
+        ("choices-cut-short", "hammerstein", {"cancelled": True})
+    ]
+    with pytest.raises(Stopped):
+        estimate(HAMMERSTEIN, record, (None, 2), AT_RATE, Control(cancelled=lambda: True))
 
 
 def test_a_sampling_rate_at_which_nothing_starts_does_not_undo_what_another_gave(
@@ -357,7 +357,7 @@ def test_a_sampling_rate_at_which_nothing_starts_does_not_undo_what_another_gave
     begin = cascade_choice._starts
 
     def starts(*arguments: Any) -> list[Cascade]:
-        return begin(*arguments) if arguments[-1].oversampling == 1 else []
+        return begin(*arguments) if arguments[-2].oversampling == 1 else []
 
     monkeypatch.setattr(cascade_choice, "_starts", starts)
     fit = hammerstein(record, 2, options)
@@ -368,15 +368,11 @@ def test_a_sampling_rate_at_which_nothing_starts_does_not_undo_what_another_gave
         hammerstein(record, 2, options)
 
 
-def test_an_interruption_while_signs_are_given_back_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    def stop(self: FreeRun, theta: Array) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(FreeRun, "linearised", stop)
+def test_recovering_signs_can_be_cancelled() -> None:
     u = np.repeat(np.random.default_rng(0).uniform(-1, 1, 60), 10)
     y = np.abs(Rational([0.0, 0.1], [-0.9]).output(u, np.zeros(1)))
-    with pytest.raises(KeyboardInterrupt):
-        list(unfolded_candidates([(u, y)], (1, None), np.random.default_rng(0)))
+    with pytest.raises(Stopped):
+        list(unfolded_candidates([(u, y)], (1, None), np.random.default_rng(0), Control(cancelled=lambda: True)))
 
 
 def test_advice() -> None:
@@ -442,13 +438,13 @@ def test_bad_input(record: Record, orders: tuple[int, int], options: dict[str, o
         ({"delay": -1}, "delay -1"),
         ({"oversampling": 0}, "oversampling 0"),
         ({"size": 2.5}, r"size 2\.5"),
-        ({"workers": 0}, "workers 0"),
+        ({"threads": 0}, "threads 0"),
         ({"skip": -3}, "skip -3"),
     ],
 )
 def test_options_that_are_no_counts(options: dict[str, object], message: str) -> None:
     with pytest.raises(ModelError, match=message):
-        Options(**options)  # type: ignore[arg-type]
+        CascadeSearch(**options)  # type: ignore[arg-type]
 
 
 def test_no_record_and_a_validation_that_is_too_short() -> None:
@@ -456,13 +452,13 @@ def test_no_record_and_a_validation_that_is_too_short() -> None:
         hammerstein([])
     record = record_of(Cascade((BEND, SLOW)), 800)
     with pytest.raises(ModelError, match=r"takes 16 samples to start, .* has 5; give"):
-        hammerstein(record, 2, replace(AT_RATE, size=6, validation=record[:5]))
+        hammerstein(record, 2, replace(AT_RATE, size=6, unseen=record[:5]))
 
 
 def test_a_single_step_tells_no_map_from_a_filter() -> None:
     u = np.repeat([0.0, 1.0], [20, 480])
     step = Record(u, SLOW.output(u, np.zeros(2)), 1.0)
-    with pytest.raises(ModelError, match="wiener: the input changes 1 time between two values, which tells no static"):
+    with pytest.raises(ModelError, match="wiener: the input changes 1 time between two values, too seldom"):
         wiener(step, 2, AT_RATE)
 
 
@@ -490,7 +486,7 @@ def test_a_drive_with_friction_is_not_given_a_slow_pole_for_its_drift(
     )
     first, second = record.split(0.5)
     fit = estimator(first)
-    assert fit.ending is Ending.CONVERGED, fit.message
+    assert fit.ending is Ending.CONVERGED, fit.findings
     assert unexplained(fit, second) < most
 
 
@@ -499,7 +495,7 @@ def test_a_drive_with_friction_is_not_given_a_slow_pole_for_its_drift(
 def test_drives_whose_sensor_loses_the_sign(recordings: Path, channel: int, most: float) -> None:
     values = np.loadtxt(recordings / "coupled_drives" / "uniform_first400.csv", delimiter=",", skiprows=1)
     first, second = Record(values[:, channel], values[:, channel + 2], 0.02).split(0.7)
-    fit = wiener_hammerstein(first, None, Options(static=ABS))
+    fit = wiener_hammerstein(first, None, CascadeSearch(static=ABS))
     assert unexplained(fit, second) < most
 
 
@@ -508,7 +504,7 @@ def test_orders_of_the_benchmark_circuit_are_found(recordings: Path) -> None:
     """Two filters of third order; the response alone asks for eight poles."""
     values = np.loadtxt(recordings / "wiener_hammerstein_2009" / "estimation.csv", delimiter=",", skiprows=1)
     record = Record(values[:, 0], values[:, 1], 1 / 51_200)
-    fit = wiener_hammerstein(record[5200:35_000], None, Options(size=25))
+    fit = wiener_hammerstein(record[5200:35_000], None, CascadeSearch(size=25))
     assert [len(block.denominator) for block in fit.model.blocks if isinstance(block, Rational)] == [3, 3]
     assert unexplained(fit, record[85_000:]) < 0.0015
 
@@ -518,7 +514,7 @@ def test_benchmark_circuit(recordings: Path) -> None:
     """The circuit of 2009 from orders and a number of knots, on a part of the data short enough for a test."""
     values = np.loadtxt(recordings / "wiener_hammerstein_2009" / "estimation.csv", delimiter=",", skiprows=1)
     record = Record(values[:, 0], values[:, 1], 1 / 51_200)
-    fit = wiener_hammerstein(record[5200:25_000], (3, 3), Options(size=25, static=SPLINE))
+    fit = wiener_hammerstein(record[5200:25_000], (3, 3), CascadeSearch(size=25, static=SPLINE))
     held = record[85_000:]
     run = fit.model.simulate(held)
     error = float(np.sqrt(np.mean((run.output - held.output)[run.counted] ** 2)))
@@ -532,7 +528,7 @@ def test_a_pole_that_a_response_puts_on_the_unit_circle_is_no_end(excitation: st
     record = Bench.typical().run(Motor(), SIGNALS[excitation](1400, 0.005, 6.0, rng), 0.005, rng)
     _, a, _ = fit_rational(frequency_response([(record.input[:, 0], record.output[:, 0])]), order + 1, order)
     assert np.max(np.abs(np.roots(np.append(1.0, a)))) < 1 - 1e-4
-    fit = wiener_hammerstein(record, (1, 1), Options(workers=1, static=SPLINE, size=7))
+    fit = wiener_hammerstein(record, (1, 1), CascadeSearch(threads=1, static=SPLINE, size=7))
     run = fit.model.simulate(record)
     assert fit_percent(record.output[run.counted], run.output[run.counted]) > 90
 
@@ -540,7 +536,7 @@ def test_a_pole_that_a_response_puts_on_the_unit_circle_is_no_end(excitation: st
 def test_of_a_series_of_steps_every_choice_sees_all_heights() -> None:
     steps = [Record(np.repeat([0.0, height], [100, 900]), np.ones(1000), 0.01) for height in np.linspace(-6, 6, 26)]
     series = concatenate(steps)
-    _, [(known, unseen)] = held_back([series], Options())
+    _, [(known, unseen)] = held_back([series], CascadeSearch())
     for records in (shortened([series]), known, unseen):
         heights = np.concatenate([record.input[:, 0] for record in records])
         assert heights.min() < -4
@@ -561,6 +557,6 @@ def test_a_standstill_among_moving_segments_is_no_divergence() -> None:
 
 def test_filters_of_order_zero_leave_the_map_alone() -> None:
     truth = Cascade((DeadZone(-0.5, 0.7, 1.2, 0.8),))
-    fit = wiener_hammerstein(record_of(truth, 1500, noise=0.001), (0, 0), Options(static=DEAD_ZONE))
+    fit = wiener_hammerstein(record_of(truth, 1500, noise=0.001), (0, 0), CascadeSearch(static=DEAD_ZONE))
     np.testing.assert_allclose(fit.model.blocks[1].parameters, [-0.5, 0.7, 1.2, 0.8], atol=0.01)
     assert fit.model.delay == 0

@@ -16,11 +16,17 @@ from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.linear.recursive import recursive_least_squares
-from emsid.estimation.nonlinear.gauss_newton import Iteration
+from emsid.estimation.nonlinear.control import Activity, Control
 from emsid.models.blocks.search.estimation import estimate as estimate_cascade
 from emsid.models.blocks.search.map_families import Family
-from emsid.models.blocks.search.topologies import HAMMERSTEIN, HAMMERSTEIN_WIENER, WIENER, WIENER_HAMMERSTEIN, Layout
-from emsid.models.blocks.search.topologies import Options as CascadeOptions
+from emsid.models.blocks.search.topologies import (
+    HAMMERSTEIN,
+    HAMMERSTEIN_WIENER,
+    WIENER,
+    WIENER_HAMMERSTEIN,
+    CascadeSearch,
+    Topology,
+)
 from emsid.models.plants.datasheet import Given, applicable
 from emsid.models.plants.drive import Bridge
 from emsid.models.plants.grey_box import signals_of
@@ -203,38 +209,38 @@ class Blocks:
 
     Args:
         summary: what it is, in a few words.
-        layout: which filters stand beside the map.
+        topology: which filters stand beside the map.
     """
 
     summary: str
-    layout: Layout
+    topology: Topology
     uses: ClassVar[tuple[str, ...]] = ("nk", "knots", "orders", "static")
 
     def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
         """Choose orders, knots and delay on held-back data and fit to the free run over the whole record."""
         done = 0.0
 
-        def advance(what: str, iteration: Iteration | None) -> None:  # nobody knows how many steps there will be
+        def advance(activity: Activity) -> None:  # nobody knows how many steps there will be
             nonlocal done
             done += 0.05 * (1 - done)
             progress(done)
 
-        settings = CascadeOptions(static=options.static, size=options.knots, delay=options.nk, progress=advance)
-        return estimate_cascade(self.layout, record, self._orders(options), settings)
+        settings = CascadeSearch(static=options.static, size=options.knots, delay=options.nk)
+        return estimate_cascade(self.topology, record, self._orders(options), settings, Control(report=advance))
 
     def _orders(self, options: Options) -> tuple[int | None, int | None]:
-        wanted = self.layout.first + self.layout.second
+        wanted = self.topology.first + self.topology.second
         if not options.orders:
             return None, None
         if len(options.orders) != wanted:
             raise ModelError(
-                f"{self.layout.name} has {wanted} filter{'s' * (wanted > 1)}; {len(options.orders)} orders are given: "
+                f"{self.topology.name} has {wanted} filter{'s' * (wanted > 1)}; {len(options.orders)} orders are given: "
                 "give one for each",
                 arguments=("orders",),
             )
         given = iter(options.orders)
-        first = next(given) if self.layout.first else None
-        return first, next(given) if self.layout.second else None
+        first = next(given) if self.topology.first else None
+        return first, next(given) if self.topology.second else None
 
 
 @dataclass(frozen=True)

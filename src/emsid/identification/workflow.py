@@ -29,6 +29,7 @@ from emsid.record import Record, concatenate
 from emsid.units import with_unit
 from emsid.validation.agreement import disagreement
 from emsid.validation.comparison import Comparison, compare
+from emsid.wording import sentence
 
 if TYPE_CHECKING:
     from emsid.report.document import Report
@@ -326,7 +327,11 @@ def remarks(result: Identification) -> list[str]:
         if row.diverged_at is not None
     ]
     for fit in result.verification.fits:
-        words = [*fit.words, fit.ended] if isinstance(fit, GreyBoxFit) else [fit.message]
+        words = (
+            [*fit.words, fit.ended]
+            if isinstance(fit, GreyBoxFit)
+            else [fit.message, *(sentence(each) for each in fit.findings)]
+        )
         words += advice(fit, result.record) if isinstance(fit.model, Cascade) else []
         sentences += [f"{fit.model.name}: {each.rstrip('.')}." for each in words if each]
     sentences += [

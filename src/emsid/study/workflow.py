@@ -25,7 +25,7 @@ from emsid.excitation import sines
 from emsid.identification.candidates import Progress, fit_or_problem, stribeck_speeds
 from emsid.models.blocks.search.estimation import wiener_hammerstein
 from emsid.models.blocks.search.map_families import DEAD_ZONE
-from emsid.models.blocks.search.topologies import Options as CascadeOptions
+from emsid.models.blocks.search.topologies import CascadeSearch
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import GreyBoxFit
@@ -61,7 +61,7 @@ PAPER_MSE = {
 PAPER_LOAD_FRICTION_MSE = 3.341e-6
 
 # Three blocks that can be seen: a filter, the dead zone (4.9), a filter. A held input needs no oversampling.
-CASCADE = CascadeOptions(static=DEAD_ZONE, oversampling=1, max_iterations=30, workers=1)
+CASCADE = CascadeSearch(static=DEAD_ZONE, oversampling=1, max_iterations=30, threads=1)
 STRIBECK = ("rotor_friction.stribeck", "rotor_friction.stribeck_rate")
 KNOWN = ("resistance", "rotor_viscous")  # measured with an ohmmeter and neglected: voltage and speed leave both open
 

@@ -10,6 +10,8 @@ A file of this package holds the words for one subject: a function for every cod
 line passes a spelling of its own (``--mask``).
 """
 
+from emsid.wording import blocks as blocks
+from emsid.wording import search as search
 from emsid.wording.catalogue import CATALOGUE, Severity, Spelling, as_python, sentence, severity, words
 
 __all__ = ["CATALOGUE", "Severity", "Spelling", "as_python", "sentence", "severity", "words"]

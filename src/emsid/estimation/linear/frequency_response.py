@@ -104,7 +104,7 @@ def fit_rational(response: FrequencyResponse, nb: int, na: int, oversampling: in
         orders suffice.
     """
     problem = _Rational(response, nb, na, oversampling)
-    found = gauss_newton(problem, problem.iterated(20), max_iterations=30, inner=True)
+    found = gauss_newton(problem, problem.iterated(20), max_iterations=30, covariances=False)
     return found.estimate[:nb], _inside(found.estimate[nb:]), 2 * found.cost
 
 

@@ -1,7 +1,7 @@
-"""`Control`: when a search has to stop, and whom it tells what it is doing.
+"""`Control`: when a search has to stop, and who is told what it is doing.
 
-A search takes a `Control` and looks at it between steps. So it can be cancelled, or run out of time, only where it has
-a result that is whole; nothing in the mathematics knows of signals or of ``KeyboardInterrupt``.
+A search takes a `Control` and looks at it between steps. So it can be cancelled, or run out of time, only where its
+result is complete. The mathematics knows neither signals nor ``KeyboardInterrupt``.
 """
 
 from __future__ import annotations
@@ -22,11 +22,15 @@ class Activity:
         doing: in a few words: ``rigid-motor: refining 4 starts``.
         done: how many steps of it have been taken.
         total: how many there are, None where nobody knows.
+        cost: what the search minimises, after these steps; None where nothing is minimised.
+        offset: how far the linearised minimum is, in standard errors of the estimate; None where nothing is minimised.
     """
 
     doing: str
     done: int = 0
     total: int | None = None
+    cost: float | None = None
+    offset: float | None = None
 
 
 class Stopped(Exception):
@@ -43,11 +47,11 @@ class Stopped(Exception):
 
 @dataclass(frozen=True)
 class Control:
-    """When a search has to stop, and whom it tells what it is doing.
+    """When a search has to stop, and who is told what it is doing.
 
     Args:
         deadline: when the time is up, on the clock of `time.monotonic`.
-        cancelled: whether somebody has asked for an end.
+        cancelled: whether somebody has asked for an end. Once true, it stays true. Several threads may ask.
         report: called with every `Activity`.
     """
 
@@ -58,6 +62,19 @@ class Control:
     def within(self, seconds: float) -> Control:
         """The same with at most this much time from now on."""
         return replace(self, deadline=min(self.deadline, time.monotonic() + seconds))
+
+    def during(self, what: str) -> Control:
+        """The same for a part of the work: every activity reported through it begins with ``what``."""
+
+        def report(activity: Activity) -> None:
+            doing = f"{what}: {activity.doing}" if activity.doing else what
+            self.report(replace(activity, doing=doing))
+
+        return replace(self, report=report)
+
+    def quietly(self) -> Control:
+        """The same without reports."""
+        return Control(self.deadline, self.cancelled)
 
     @property
     def ending(self) -> Ending | None:
@@ -86,4 +103,4 @@ class Control:
 
 
 FREE = Control()
-"""No limit, and nobody who listens."""
+"""No limit, no reports."""

@@ -40,8 +40,7 @@ References:
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, TypeVar
@@ -52,8 +51,10 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.information import Information, Solution, inverse_triangle
+from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.estimation.nonlinear.losses import SQUARES, Loss
 from emsid.estimation.uncertainty.robust_covariance import long_run_variance
+from emsid.findings import Finding
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -65,7 +66,7 @@ M = TypeVar("M")
 ROUNDING = 1e-13
 # A singular value below so much (times n) of the largest is rounding; steps do not go along it.
 RANK = 4 * float(np.finfo(float).eps)
-# So many steps in a row have to be worth what is asked of them.
+# How many steps in a row have to lower the cost by `least_saving` together.
 PATIENCE = 4
 # With so much damping a step is a crumb along the gradient; where that fails the cost is not smooth here.
 LEAST_DAMPING, MOST_DAMPING = 1e-20, 1e16
@@ -98,23 +99,6 @@ class Problem(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Iteration:
-    """What the progress callback sees after every step taken.
-
-    Attributes:
-        number: how many steps have been taken.
-        cost: V(θ), half the sum of squares for squares.
-        offset: length of the remaining step in standard errors, what is compared with the tolerance.
-        estimate: (p,) θ.
-    """
-
-    number: int
-    cost: float
-    offset: float
-    estimate: Array
-
-
-@dataclass(frozen=True, eq=False)
 class Minimum:
     """Where a search ended, and how sure that is.
 
@@ -131,7 +115,7 @@ class Minimum:
         samples: N.
         rank, condition: of the derivative with columns of unit length, in the free parameters.
         ending: how the search ended.
-        message: one sentence where that needs one.
+        findings: what is to be known of how it ended, of bounds that were reached and of what the data leave open.
         iterations: steps taken.
         costs: V at the start and after every step.
     """
@@ -148,7 +132,7 @@ class Minimum:
     rank: int
     condition: float
     ending: Ending
-    message: str
+    findings: tuple[Finding, ...]
     iterations: int
     costs: tuple[float, ...]
 
@@ -168,9 +152,9 @@ class Minimum:
             condition=self.condition,
             rank=self.rank,
             ending=self.ending,
-            message=self.message,
             method=method,
             iterations=self.iterations,
+            findings=self.findings,
         )
 
 
@@ -200,12 +184,163 @@ class _Box:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """A θ with all that is known there; replaced as a whole, so that no interruption leaves half of one."""
+    """A θ with all that is known there."""
 
     theta: Array
     cost: float
     blocks: Sequence[Block]
     information: Information  # of the parameters that are not fixed
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where a search is after a number of steps; replaced as a whole, so that it can be left between any two.
+
+    Attributes:
+        point: θ, and what is known there.
+        scale: (n,) D, the largest lengths that the columns of √w·J have had.
+        damping: λ of the next step.
+        remaining: (n,) the undamped step to the linearised minimum, within bounds.
+        offset: its length in standard errors.
+        offset_before: the same one step ago.
+        costs: V at the start and after every step.
+    """
+
+    point: _Point
+    scale: Array
+    damping: float
+    remaining: Array
+    offset: float
+    offset_before: float
+    costs: tuple[float, ...]
+
+    @property
+    def steps(self) -> int:
+        """How many have been taken."""
+        return len(self.costs) - 1
+
+    @property
+    def cost_is_rounding(self) -> bool:
+        """Whether the cost can no longer tell two points apart; the linearisation still can."""
+        return _promised(self.point.information, self.remaining) <= ROUNDING * self.point.cost
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """How a search ended."""
+
+    ending: Ending
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """A search, step by step; the arguments are those of `gauss_newton`."""
+
+    problem: Problem
+    box: _Box
+    loss: Loss
+    max_iterations: int
+    tolerance: float
+    least_saving: float
+    noise: float
+    control: Control
+
+    def begin(self, theta: Array, damping: float) -> _Place:
+        """The place at the start.
+
+        Raises:
+            ModelError: without a finite residual there, and for fewer residuals than free parameters.
+        """
+        if not np.isfinite(_cost(self.problem, theta, self.loss)):
+            raise ModelError("the residual at the start is not finite; check the data and the start values")
+        point = _linearise(self.problem, theta, self.box.varied, self.loss)
+        if point.information.samples < len(self.box.varied):
+            raise ModelError(
+                f"{int(point.information.samples)} samples for {len(self.box.varied)} free parameters; "
+                "give more data or fix some parameters"
+            )
+        return self._at(point, np.zeros(len(self.box.varied)), damping, np.inf, (point.cost,))
+
+    def advance(self, place: _Place) -> _Place | None:
+        """The place after one more step; None where no step lowers the cost.
+
+        Raises:
+            Stopped: where the search has to end before one is found.
+        """
+        theta, damping = self._undamped(place), place.damping
+        if theta is None:
+            theta, damping = self._descend(place)
+        if theta is None:
+            return None
+        point = _linearise(self.problem, theta, self.box.varied, self.loss)
+        new = self._at(point, place.scale, damping, place.offset, (*place.costs, point.cost))
+        self.control.report(Activity("", new.steps, cost=new.point.cost, offset=new.offset))
+        return new
+
+    def end(self, place: _Place) -> _End | None:
+        """How the search ends here; None where it goes on."""
+        settled = place.cost_is_rounding and place.offset > 0.5 * place.offset_before
+        if place.offset <= self.tolerance or settled or self._step_is_rounding(place):
+            return _End(Ending.CONVERGED)
+        if place.steps >= self.max_iterations:
+            return self.short_of_minimum(place, Ending.OUT_OF_BUDGET, "steps-used-up")
+        if (ending := self.control.ending) is not None:
+            return self.stopped(place, ending)
+        if self._cost_hardly_falls(place):
+            data = {"last_steps": PATIENCE, "least_saving": self.least_saving}
+            return self.short_of_minimum(place, Ending.OUT_OF_BUDGET, "cost-hardly-falls", **data)
+        return None
+
+    def stopped(self, place: _Place, ending: Ending) -> _End:
+        """The end that `control` asks for."""
+        code = "search-cancelled" if ending is Ending.INTERRUPTED else "time-used-up"
+        return self.short_of_minimum(place, ending, code)
+
+    def short_of_minimum(self, place: _Place, ending: Ending, code: str, **data: float) -> _End:
+        """An end that is not at a minimum, with how far it is from one."""
+        return _End(ending, (Finding(code, data={"steps": place.steps, "offset": _finite(place.offset), **data}),))
+
+    def _at(self, point: _Point, scale: Array, damping: float, before: float, costs: tuple[float, ...]) -> _Place:
+        scale = np.maximum(scale, np.linalg.norm(point.information.factor[:-1, :-1], axis=0))
+        remaining = _bounded_step(point.information, *self.box.room(point.theta))
+        offset = _relative_offset(point.information, remaining, self.noise)
+        return _Place(point, scale, damping, remaining, offset, before, costs)
+
+    def _undamped(self, place: _Place) -> Array | None:
+        """θ after the undamped step, where the cost cannot tell any more whether that is better."""
+        if not place.cost_is_rounding:
+            return None
+        theta = self.box.moved(place.point.theta, place.remaining)
+        return theta if np.isfinite(_trial_cost(self.problem, theta, self.loss)) else None
+
+    def _descend(self, place: _Place) -> tuple[Array | None, float]:
+        """A θ with a lower cost and the damping to go on with; none where no step lowers it."""
+        point, damping, growth = place.point, place.damping, 2.0
+        while damping < MOST_DAMPING:
+            damped = point.information.with_prior(damping * place.scale**2)
+            step = _bounded_step(damped, *self.box.room(point.theta))
+            promised = _promised(point.information, step)
+            if promised <= ROUNDING * point.cost:
+                break
+            self.control.check()
+            theta = self.box.moved(point.theta, step)
+            ratio = (point.cost - _trial_cost(self.problem, theta, self.loss)) / promised
+            if ratio > 0:
+                return theta, max(damping * max(0.1, 1 - (2 * min(ratio, 1.0) - 1) ** 3), LEAST_DAMPING)
+            damping *= growth
+            growth *= 2.0
+        return None, damping
+
+    def _cost_hardly_falls(self, place: _Place) -> bool:
+        if not self.least_saving or place.steps < PATIENCE:
+            return False
+        return place.costs[-1] > (1 - self.least_saving) * place.costs[-1 - PATIENCE]
+
+    def _step_is_rounding(self, place: _Place) -> bool:
+        theta = place.point.theta[self.box.varied]
+        step = np.linalg.norm(place.scale * place.remaining)
+        return bool(step <= ROUNDING * np.linalg.norm(place.scale * theta))
 
 
 def gauss_newton(
@@ -216,114 +351,53 @@ def gauss_newton(
     upper: ArrayLike = np.inf,
     loss: Loss = SQUARES,
     max_iterations: int = 100,
-    max_seconds: float = np.inf,
     tolerance: float = 1e-3,
-    worth: float = 0.0,
+    least_saving: float = 0.0,
     damping: float = 1e-3,
     noise: float = 0.0,
     names: Sequence[str] = (),
-    progress: Callable[[Iteration], None] | None = None,
-    inner: bool = False,
+    control: Control = FREE,
+    covariances: bool = True,
 ) -> Minimum:
     """The θ that minimises Σ ℓ(r(θ)) within bounds, from a start.
 
-    Ctrl-C ends the search with the best θ so far and `Ending.INTERRUPTED`, unless it is an inner one.
-
     Args:
-        problem: residuals and their derivative.
+        problem: residuals and their derivative. It may raise `Stopped`, which ends the search like ``control``.
         start: (p,) θ to start from, within the bounds.
         lower, upper: (p,) or a number; a parameter whose two bounds coincide is fixed.
         loss: `SQUARES`, `Huber`, `Cauchy` or an object with the same three methods.
         max_iterations: steps that may be taken.
-        max_seconds: time that may be used; looked at between steps.
-        tolerance: length of the remaining step, in standard errors of the estimate, at which the search is
-            over.
-        worth: part of the cost that `PATIENCE` steps together have to save for the search to go on; for those who
-            compare minima, and need not know where in a flat valley one is.
+        tolerance: length of the remaining step, in standard errors of the estimate, at which the search has converged.
+        least_saving: the search ends where `PATIENCE` steps together lower the cost by less than this part of it. For
+            comparisons of costs, which need no exact minimum of a flat valley.
         damping: λ of the first step; the columns of J are of unit length to it.
-        noise: standard deviation that rounding alone gives a residual: standard errors are taken to be no smaller
-            than it makes them.
-        names: (p,) names for messages, θ1, θ2, … by default.
-        progress: called after every step taken.
-        inner: whether the search is a part of another one, which Ctrl-C has to end: it is passed on. Nobody asks for
-            its covariances then, which are given as infinite.
+        noise: standard deviation of the residual that rounding alone causes: standard errors are taken to be no
+            smaller than it makes them.
+        names: (p,) names for findings, θ1, θ2, … by default.
+        control: looked at before every trial step; where it ends the search, the best θ so far is kept. It is told of
+            every step taken.
+        covariances: whether they are worked out; otherwise they are given as infinite.
 
     Raises:
         ModelError: for a start outside its bounds or without a finite residual, bounds that cross, blocks of other
             shapes, fewer residuals than free parameters.
+        Stopped: by ``problem``, at the start.
     """
     theta, box = _check_start(start, lower, upper, names)
-    varied = box.varied
-    labels = tuple(names) or tuple(f"θ{k + 1}" for k in range(len(theta)))
-    deadline = time.monotonic() + max_seconds
-    if not np.isfinite(_cost(problem, theta, loss)):
-        raise ModelError("the residual at the start is not finite; check the data and the start values")
-    point = _linearise(problem, theta, varied, loss)
-    if point.information.samples < len(varied):
-        raise ModelError(
-            f"{int(point.information.samples)} samples for {len(varied)} free parameters; "
-            "give more data or fix some parameters"
-        )
-    costs = [point.cost]
-    widest, last = np.zeros(len(varied)), np.inf
-    try:
-        while True:
-            widest = np.maximum(widest, np.linalg.norm(point.information.factor[:-1, :-1], axis=0))
-            remaining = _bounded_step(point.information, *box.room(point.theta))
-            offset = _relative_offset(point.information, remaining, noise)
-            if len(costs) > 1 and progress is not None:
-                progress(Iteration(len(costs) - 1, point.cost, offset, point.theta.copy()))
-            # Here the cost can no longer tell two points apart, but the linearisation still can.
-            polish = _promised(point.information, remaining) <= ROUNDING * point.cost
-            settled = polish and offset > 0.5 * last
-            if offset <= tolerance or settled or _is_rounding(widest, remaining, point.theta[varied]):
-                ending, message = Ending.CONVERGED, ""
-                break
-            last = offset
-            short = f"{offset:.2g} standard errors short of the linearised minimum"
-            if len(costs) > max_iterations:
-                ending, message = Ending.OUT_OF_BUDGET, f"stopped after {max_iterations} steps, {short}"
-                break
-            if time.monotonic() > deadline:
-                ending, message = Ending.OUT_OF_BUDGET, f"stopped after {max_seconds:g} s, {short}"
-                break
-            if worth > 0 and len(costs) > PATIENCE and costs[-1] > (1 - worth) * costs[-1 - PATIENCE]:
-                ending = Ending.OUT_OF_BUDGET
-                message = f"the last {PATIENCE} steps lowered the cost by less than {100 * worth:g} %, {short}"
-                break
-            trial: Array | None = box.moved(point.theta, remaining)
-            if not (polish and np.isfinite(_trial_cost(problem, box.moved(point.theta, remaining), loss))):
-                trial, damping = _descend(problem, point, box, widest, loss, damping)
-            if trial is None:
-                ending, message = Ending.STALLED, f"no step lowers the cost, {short}"
-                break
-            point = _linearise(problem, trial, varied, loss)
-            costs.append(point.cost)
-    except KeyboardInterrupt:
-        if inner:
-            raise
-        ending = Ending.INTERRUPTED
-        message = f"interrupted after {len(costs) - 1} steps; the best so far is kept"
-    return _conclude(point, box, None if inner else loss, labels, ending, message, tuple(costs))
-
-
-def _descend(
-    problem: Problem, point: _Point, box: _Box, scale: Array, loss: Loss, damping: float
-) -> tuple[Array | None, float]:
-    """A θ with a lower cost and the damping to go on with; none where no step lowers it."""
-    growth = 2.0
-    while damping < MOST_DAMPING:
-        step = _bounded_step(point.information.with_prior(damping * scale**2), *box.room(point.theta))
-        promised = _promised(point.information, step)
-        if promised <= ROUNDING * point.cost:
+    search = _Search(problem, box, loss, max_iterations, tolerance, least_saving, noise, control)
+    place = search.begin(theta, damping)
+    while (end := search.end(place)) is None:
+        try:
+            following = search.advance(place)
+        except Stopped as stopped:
+            end = search.stopped(place, stopped.ending)
             break
-        trial = box.moved(point.theta, step)
-        ratio = (point.cost - _trial_cost(problem, trial, loss)) / promised
-        if ratio > 0:
-            return trial, max(damping * max(0.1, 1 - (2 * min(ratio, 1.0) - 1) ** 3), LEAST_DAMPING)
-        damping *= growth
-        growth *= 2.0
-    return None, damping
+        if following is None:
+            end = search.short_of_minimum(place, Ending.STALLED, "search-stalled")
+            break
+        place = following
+    labels = tuple(names) or tuple(f"θ{k + 1}" for k in range(len(theta)))
+    return _conclude(place, box, loss if covariances else None, labels, end)
 
 
 def _check_start(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Sequence[str]) -> tuple[Array, _Box]:
@@ -438,65 +512,85 @@ def _relative_offset(information: Information, step: Array, noise: float) -> flo
         return float(np.divide(moved / np.sqrt(n), max(residual / np.sqrt(freedom), noise)))
 
 
-def _is_rounding(scale: Array, step: Array, theta: Array) -> bool:
-    return bool(np.linalg.norm(scale * step) <= ROUNDING * np.linalg.norm(scale * theta))
+def _finite(number: float) -> float | None:
+    """The number as JSON can have it; None where it is infinite."""
+    return number if np.isfinite(number) else None
 
 
-def _conclude(
-    point: _Point,
-    box: _Box,
-    loss: Loss | None,
-    labels: tuple[str, ...],
-    ending: Ending,
-    message: str,
-    costs: tuple[float, ...],
-) -> Minimum:
-    """Words for the point at which the search ended, and covariances if a loss is given."""
-    theta, low, high, varied = point.theta, box.low, box.high, box.varied
-    gradient = -point.information.factor[:-1, :-1].T @ point.information.factor[:-1, -1]
-    pushed = np.zeros(len(theta))
-    pushed[varied] = gradient
-    held = ((theta <= low) & (pushed > 0)) | ((theta >= high) & (pushed < 0))
-    free = (low < high) & ~held
+def _conclude(place: _Place, box: _Box, loss: Loss | None, labels: Sequence[str], end: _End) -> Minimum:
+    """The minimum at which the search ended, with covariances if a loss is given."""
+    point, theta = place.point, place.point.theta
+    at_bound = _held_by_bounds(point, box)
+    free = (box.low < box.high) & ~at_bound
     columns = np.flatnonzero(free)
-    information = point.information.select(np.flatnonzero(free[varied]))
+    information = point.information.select(np.flatnonzero(free[box.varied]))
     solution = information.solve()
+    ending, findings = end.ending, list(end.findings)
+    if ending is Ending.CONVERGED and solution.rank < len(columns):
+        ending = Ending.RANK_DEFICIENT
+        findings.append(undetermined(solution, [labels[k] for k in columns]))
+    for k in np.flatnonzero(at_bound):
+        side = "lower" if theta[k] <= box.low[k] else "upper"
+        findings.append(Finding("parameter-at-bound", labels[k], {"side": side, "bound": float(theta[k])}))
+    white = robust = np.diag(np.full(len(columns), np.inf))
+    if loss is not None:
+        white, robust = _covariances(point.blocks, columns, information, solution, loss)
     residuals = tuple(r for r, _ in point.blocks)
     samples = sum(len(r) for r in residuals)
     square = float(sum(np.sum(r**2) for r in residuals))
     freedom = samples - solution.rank
-    white = robust = np.diag(np.full(len(columns), np.inf))
-    if loss is not None:
-        white, robust = _covariances(point.blocks, columns, information, solution, loss)
-    reached = [
-        f"{labels[k]} is held at its {'lower' if theta[k] <= low[k] else 'upper'} bound {theta[k]:.4g}"
-        for k in np.flatnonzero(held & (low < high))
-    ]
-    if ending is Ending.CONVERGED and solution.rank < len(columns):
-        ending = Ending.RANK_DEFICIENT
-        groups = "; ".join(", ".join(labels[columns[k]] for k in group) for group in solution.aliases)
-        message = f"the data cannot tell these parameters apart: {groups}"
-    message = "; ".join(filter(None, [message, *reached]))
-    full_white, full_robust = np.zeros((len(theta),) * 2), np.zeros((len(theta),) * 2)
-    full_white[np.ix_(columns, columns)] = white
-    full_robust[np.ix_(columns, columns)] = robust
     return Minimum(
         estimate=theta,
         cost=point.cost,
         residuals=residuals,
         information=information,
         free=free,
-        covariance=full_robust,
-        white_covariance=full_white,
+        covariance=_among_all(robust, columns, len(theta)),
+        white_covariance=_among_all(white, columns, len(theta)),
         noise_variance=square / freedom if freedom > 0 else np.nan,
         samples=samples,
         rank=solution.rank,
         condition=solution.condition,
         ending=ending,
-        message=message,
-        iterations=len(costs) - 1,
-        costs=costs,
+        findings=tuple(findings),
+        iterations=place.steps,
+        costs=place.costs,
     )
+
+
+def undetermined(solution: Solution, labels: Sequence[str]) -> Finding:
+    """Which parameters a derivative without full rank leaves open.
+
+    Args:
+        solution: of the information of the parameters.
+        labels: a name for each; where several parameters share one, it is named once.
+    """
+    groups = [list(dict.fromkeys(labels[k] for k in group)) for group in solution.aliases]
+    without_effect = [labels[group[0]] for group in solution.aliases if len(group) == 1]
+    inseparable = [group for group, members in zip(groups, solution.aliases, strict=True) if len(members) > 1]
+    return Finding(
+        "parameters-undetermined",
+        data={
+            "without_effect": list(dict.fromkeys(without_effect)),
+            "inseparable": [list(group) for group in dict.fromkeys(map(tuple, inseparable))],
+        },
+    )
+
+
+def _held_by_bounds(point: _Point, box: _Box) -> NDArray[np.bool_]:
+    """(p,) which of the parameters that are not fixed stand on a bound that the cost pushes them against."""
+    pushed = np.zeros(len(point.theta))
+    pushed[box.varied] = -point.information.factor[:-1, :-1].T @ point.information.factor[:-1, -1]
+    outwards = ((point.theta <= box.low) & (pushed > 0)) | ((point.theta >= box.high) & (pushed < 0))
+    held: NDArray[np.bool_] = outwards & (box.low < box.high)
+    return held
+
+
+def _among_all(part: Array, columns: Indices, count: int) -> Array:
+    """A covariance of the parameters in ``columns`` among zeros for the rest."""
+    whole = np.zeros((count, count))
+    whole[np.ix_(columns, columns)] = part
+    return whole
 
 
 def _covariances(

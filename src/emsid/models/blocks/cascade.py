@@ -63,8 +63,8 @@ REST = 1e-2
 ROUNDING = 1e-12
 # What finding a starting state may cost; a twentieth of its standard error is near enough, and half of it for the first
 # look, which is after the variance of the residual.
-FIRST_LOOK: dict[str, Any] = {"max_iterations": 4, "tolerance": 0.5, "inner": True}
-START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05, "inner": True}
+FIRST_LOOK: dict[str, Any] = {"max_iterations": 4, "tolerance": 0.5, "covariances": False}
+START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05, "covariances": False}
 # A search for it may begin at so many of the states that the input leads to.
 TRIAL_STATES = 64
 # The states that the input leads to are looked at over so many samples; no direction among them is flatter than this.

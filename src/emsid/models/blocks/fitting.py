@@ -10,7 +10,7 @@ segment, or, by choice, the first samples are left out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -20,10 +20,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.fit import Ending, Fit
-from emsid.estimation.nonlinear.gauss_newton import Iteration, Minimum, gauss_newton
+from emsid.estimation.fit import Fit
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton, undetermined
 from emsid.estimation.nonlinear.losses import SQUARES, Loss, Squares
 from emsid.estimation.uncertainty.model_error import model_error_covariance
+from emsid.findings import Finding
 from emsid.models.blocks.cascade import Cascade, check_channels
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.gain import redundant, unit_gain
@@ -76,21 +78,21 @@ class Freedom:
         return matrix
 
 
-def freedom(cascade: Cascade, hold: Sequence[str] = ()) -> Freedom:
-    """What is left free in a cascade of unit gain once redundant scales and levels, and ``hold``, are fixed.
+def freedom(cascade: Cascade, fixed: Sequence[str] = ()) -> Freedom:
+    """What is left free in a cascade of unit gain once redundant scales and levels, and ``fixed``, keep their values.
 
     Args:
         cascade: as `unit_gain` gives it.
-        hold: names of parameters that keep their values.
+        fixed: names of parameters that keep their values.
 
     Raises:
         ModelError: for a name that is not a parameter's.
     """
     names = cascade.names
-    unknown = [name for name in hold if name not in names]
+    unknown = [name for name in fixed if name not in names]
     if unknown:
         raise ModelError(f"{cascade.name} has no parameter {unknown[0]!r}; there are {', '.join(names)}")
-    held = {names.index(name) for name in hold}
+    held = {names.index(name) for name in fixed}
     tied = []
     for k in redundant(cascade):
         block, span = cascade.blocks[k], cascade.spans[k]
@@ -122,13 +124,13 @@ class FreeRun:
         cascade: of unit gain.
         freedom: its coordinates.
         segments: (u, y) of each.
-        skip: samples at the start of every segment whose residual is left out.
+        transient: samples at the start of every segment whose residual is left out.
     """
 
     cascade: Cascade
     freedom: Freedom
     segments: tuple[tuple[Array, Array], ...]
-    skip: int
+    transient: int
 
     @cached_property
     def start(self) -> Array:
@@ -158,14 +160,16 @@ class FreeRun:
 
     def shortened(self, samples: int) -> FreeRun:
         """The same on the first part of every segment, so many samples in all, or a few more."""
-        share = max(samples // len(self.segments), self.skip + 1)
+        share = max(samples // len(self.segments), self.transient + 1)
         return replace(self, segments=tuple((u[:share], y[:share]) for u, y in self.segments))
 
     def residuals(self, theta: Array) -> list[Array]:
         """Model less measurement, per segment."""
         model = self.model(theta)
         model.check()
-        return [(model.output(u, self._states(theta, k)) - y)[self.skip :] for k, (u, y) in enumerate(self.segments)]
+        return [
+            (model.output(u, self._states(theta, k)) - y)[self.transient :] for k, (u, y) in enumerate(self.segments)
+        ]
 
     def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
         """Residual and derivative, per segment; the derivative by other segments' states is zero."""
@@ -175,13 +179,13 @@ class FreeRun:
             signals = model.signals(u, self._states(theta, k))
             rows = model.gradient(signals)
             self.freedom.tie(rows)
-            derivative = np.empty((len(theta), len(u) - self.skip))
+            derivative = np.empty((len(theta), len(u) - self.transient))
             derivative[count:] = 0.0
             for j, row in enumerate(self.freedom.free):
-                derivative[j] = rows[row, self.skip :]
+                derivative[j] = rows[row, self.transient :]
             first = count + k * model.states
-            derivative[first : first + model.states] = rows[parameters:, self.skip :]
-            blocks.append(((model.sampled(signals) - y)[self.skip :], derivative.T))
+            derivative[first : first + model.states] = rows[parameters:, self.transient :]
+            blocks.append(((model.sampled(signals) - y)[self.transient :], derivative.T))
         return blocks
 
     def _states(self, theta: Array, k: int) -> Array:
@@ -192,14 +196,13 @@ class FreeRun:
 class Search(TypedDict, total=False):
     """What may be said of a search, as `search` says it."""
 
-    skip: int | None
-    hold: Sequence[str]
+    transient: int | None
+    fixed: Sequence[str]
     loss: Loss
     max_iterations: int
-    max_seconds: float
     tolerance: float
-    worth: float
-    progress: Callable[[Iteration], None] | None
+    least_saving: float
+    control: Control
 
 
 def fit_cascade(start: Cascade, records: Record | Sequence[Record], **how: Unpack[Search]) -> Fit[Cascade]:
@@ -221,40 +224,40 @@ def search(
     start: Cascade,
     records: Record | Sequence[Record],
     *,
-    skip: int | None = None,
-    hold: Sequence[str] = (),
+    transient: int | None = None,
+    fixed: Sequence[str] = (),
     loss: Loss = SQUARES,
     max_iterations: int = 50,
-    max_seconds: float = np.inf,
     tolerance: float = 0.05,
-    worth: float = 0.0,
-    progress: Callable[[Iteration], None] | None = None,
+    least_saving: float = 0.0,
+    control: Control = FREE,
 ) -> tuple[Minimum, FreeRun]:
     """What `fit_cascade` does before it concludes; for those who go on from the minimum, or compare several.
 
     Args:
         start: blocks with start values; it is brought to `unit_gain` first.
         records: one input and one output each; every segment of each is an experiment.
-        skip: samples left out at the start of every segment, whose states keep what the start finds from them; None
-            estimates the states along with the parameters.
-        hold: names of parameters that keep their (normalised) start values.
+        transient: samples left out of the errors at the start of every segment, whose states keep what the start finds
+            from them; None estimates the states along with the parameters.
+        fixed: names of parameters that keep their (normalised) start values.
         loss: `Squares`, `Huber` or `Cauchy`.
-        max_iterations, max_seconds, tolerance, worth, progress: as `gauss_newton` has them.
+        max_iterations, tolerance, least_saving, control: as `gauss_newton` has them.
 
     Raises:
         ModelError: for records of other channels or too short, a start that is unstable.
     """
-    if skip is not None:
-        check_whole(f"{start.name}: skip", skip, 0, "these are samples to be left out")
+    if transient is not None:
+        check_whole(f"{start.name}: transient", transient, 0, "these are samples to be left out")
     start.check()
     cascade = replace(unit_gain(start), dt=_sample_time(start, records))
     cascade.check()
-    problem = FreeRun(cascade, freedom(cascade, hold), gather(cascade, records, skip), max(skip or 0, cascade.edge))
+    segments = gather(cascade, records, transient)
+    problem = FreeRun(cascade, freedom(cascade, fixed), segments, max(transient or 0, cascade.edge))
     problem.check_values()
     theta = problem.start
     count = len(problem.freedom.free)
     low, high = np.full(len(theta), -np.inf), np.full(len(theta), np.inf)
-    if skip is not None:
+    if transient is not None:
         low[count:] = high[count:] = theta[count:]
     names = [cascade.names[k] for k in problem.freedom.free]
     names += [f"state {j + 1} of segment {k + 1}" for k in range(len(problem.segments)) for j in range(cascade.states)]
@@ -265,11 +268,10 @@ def search(
         upper=high,
         loss=loss,
         max_iterations=max_iterations,
-        max_seconds=max_seconds,
         tolerance=tolerance,
-        worth=worth,
+        least_saving=least_saving,
         names=names,
-        progress=progress,
+        control=control,
     )
     return minimum, problem
 
@@ -285,27 +287,18 @@ def conclude(minimum: Minimum, problem: FreeRun, loss: Loss = SQUARES) -> Fit[Ca
     fit = minimum.fit(cascade, names)
     return replace(
         fit,
-        message=_untold(minimum, names) if fit.ending is Ending.RANK_DEFICIENT else fit.message,
+        findings=_with_states_as_one(minimum, names),
         names=tuple(cascade.names[k] for k in kept),
         estimate=cascade.parameters[kept],
         covariance=covariance[np.ix_(kept, kept)],
     )
 
 
-def _untold(minimum: Minimum, names: Sequence[str]) -> str:
-    """What the records leave open, in words; all that is not named is a starting state."""
-    free = np.flatnonzero(minimum.free)
-
-    def called(group: Sequence[int]) -> str:
-        own = [names[free[k]] for k in group if free[k] < len(names)]
-        words = own + ["starting states"] * (len(own) < len(group))
-        return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
-
-    aliases = minimum.information.solve().aliases
-    silent = called([group[0] for group in aliases if len(group) == 1]) if any(len(g) == 1 for g in aliases) else ""
-    alike = list(dict.fromkeys(called(group) for group in aliases if len(group) > 1))
-    said = [f"say nothing of {silent}"] * bool(silent) + [f"cannot tell {group} apart" for group in alike]
-    return "the records " + "; they ".join(said)
+def _with_states_as_one(minimum: Minimum, names: Sequence[str]) -> tuple[Finding, ...]:
+    """The findings of a minimum, in which all that is not in ``names`` is called a starting state."""
+    labels = [names[k] if k < len(names) else "starting states" for k in np.flatnonzero(minimum.free)]
+    open_ = undetermined(minimum.information.solve(), labels)
+    return tuple(open_ if finding.code == open_.code else finding for finding in minimum.findings)
 
 
 def _honest(minimum: Minimum, problem: FreeRun) -> Array:
@@ -328,14 +321,16 @@ def _sample_time(start: Cascade, records: Record | Sequence[Record]) -> float | 
     return start.dt if first is None or start.dt is not None else first.dt
 
 
-def gather(cascade: Cascade, records: Record | Sequence[Record], skip: int | None) -> tuple[tuple[Array, Array], ...]:
+def gather(
+    cascade: Cascade, records: Record | Sequence[Record], transient: int | None
+) -> tuple[tuple[Array, Array], ...]:
     """(u, y) of every segment that is long enough to be used.
 
     Raises:
         ModelError: for records of other channels, or where no segment is long enough.
     """
     several = [records] if isinstance(records, Record) else list(records)
-    needed = skip if skip is not None else cascade.memory
+    needed = transient if transient is not None else cascade.memory
     segments = []
     for record in several:
         check_channels(cascade, record)

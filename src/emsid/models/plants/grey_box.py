@@ -130,7 +130,9 @@ class GreyBox:
             return guess
         problem = FreeRunError(self.plant, self.signals, (head,), (), (guess,), (free,), all_alike, 1)
         try:
-            return problem.states(gauss_newton(problem, problem.start, max_iterations=10, inner=True).estimate)[0]
+            return problem.states(gauss_newton(problem, problem.start, max_iterations=10, covariances=False).estimate)[
+                0
+            ]
         except EmsidError:
             return guess
 

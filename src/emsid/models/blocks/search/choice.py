@@ -18,7 +18,7 @@ from typing import TypeVar, Unpack
 import numpy as np
 
 from emsid.errors import ModelError
-from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import Minimum
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
@@ -35,7 +35,7 @@ from emsid.models.blocks.search.starts import (
     started,
     unfolded_candidates,
 )
-from emsid.models.blocks.search.topologies import Layout, Options, Orders
+from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
 from emsid.record import Record
 
 T = TypeVar("T")
@@ -46,7 +46,7 @@ REFINED, REFINED_RANDOM = 4, 24
 REFINED_MAPS = 2
 # How many steps a refinement for a choice takes at most, how many standard errors from the minimum it may end, and what
 # a few more steps must save of the cost.
-CHOICE_STEPS, CHOICE_TOLERANCE, CHOICE_WORTH = 25, 0.2, 1e-3
+CHOICE_STEPS, CHOICE_TOLERANCE, CHOICE_SAVING = 25, 0.2, 1e-3
 # Chance is not called in where a start leaves less than this part of the output unexplained.
 LINEAR_SUFFICES = 0.5
 # A more complex alternative must be this much better on held-back data.
@@ -82,34 +82,35 @@ class Plan:
 
 
 def improving(
-    layout: Layout,
+    topology: Topology,
     shown: Sequence[Record],
     rounds: Sequence[Round],
     orders: Orders,
-    options: Options,
+    settings: CascadeSearch,
     template: Cascade,
+    control: Control = FREE,
 ) -> Iterator[Choice]:
     """Better and better choices, the last one final: first the filters, with a trial map, then the map."""
-    part, families = shortened(shown), options.families
-    sizes = {family: map_sizes(family, layout, shown, orders, options) for family in families}
-    direct = families[0].direct and not layout.outer
+    part, families = shortened(shown), settings.families
+    sizes = {family: map_sizes(family, topology, shown, orders, settings) for family in families}
+    direct = families[0].direct and not topology.outer
     best: Choice | None = None
-    for rate in oversamplings(shown) if options.oversampling is None else (options.oversampling,):
-        options.tell(f"start values at {rate} times the sampling rate")
-        starts = _starts(layout, shown, orders, options, replace(template, oversampling=rate))
-        options.tell(f"refining {len(starts)} of them")
+    for rate in oversamplings(shown) if settings.oversampling is None else (settings.oversampling,):
+        control.doing(f"start values at {rate} times the sampling rate")
+        starts = _starts(topology, shown, orders, settings, replace(template, oversampling=rate), control)
+        control.doing(f"refining {len(starts)} of them")
         plans = [Plan(start, families[0], sizes[families[0]][0]) if direct else Plan(start) for start in starts]
-        refined = _refined(plans, part, rounds, options.workers, best)
+        refined = _refined(plans, part, rounds, settings.threads, control, best)
         if refined and not direct:
             first = _simplest(refined, _complexity)
             refined = [first, *(choice for choice in refined if choice is not first)]
-            options.tell(f"static map: {families[0].name}")
+            control.doing(f"static map: {families[0].name}")
             typical = sizes[families[0]][len(sizes[families[0]]) // 2]
             placed = [
-                Plan(_with_map(choice.model, layout, families[0], typical, part), families[0], typical)
+                Plan(_with_map(choice.model, topology, families[0], typical, part), families[0], typical)
                 for choice in refined[:REFINED_MAPS]
             ]
-            refined = _refined(placed, part, rounds, options.workers, best)
+            refined = _refined(placed, part, rounds, settings.threads, control, best)
         if refined:
             choice = _simplest(refined, _complexity)
             if best is None or choice.error < WORTH * best.error:
@@ -118,16 +119,16 @@ def improving(
     assert best is not None
 
     def better(best: Choice, others: Sequence[tuple[Family, int]]) -> Choice:
-        plans = [Plan(_with_map(best.model, layout, family, size, part), family, size) for family, size in others]
-        found = _refined(plans, part, rounds, options.workers, best) if plans else []
+        plans = [Plan(_with_map(best.model, topology, family, size, part), family, size) for family, size in others]
+        found = _refined(plans, part, rounds, settings.threads, control, best) if plans else []
         return _simplest([best, *found], _complexity)
 
     if len(families) > 1:
-        options.tell("family of the static map")
+        control.doing("family of the static map")
         best = better(best, [(family, sizes[family][len(sizes[family]) // 2]) for family in families[1:]])
         yield best
     assert best.family is not None
-    options.tell(f"size of the {best.family.name}")
+    control.doing(f"size of the {best.family.name}")
     yield better(best, [(best.family, size) for size in sizes[best.family] if size != best.size])
 
 
@@ -148,48 +149,49 @@ def _complexity(choice: Choice) -> int:
 
 
 def _starts(
-    layout: Layout,
+    topology: Topology,
     records: Sequence[Record],
     orders: Orders,
-    options: Options,
+    settings: CascadeSearch,
     template: Cascade,
+    control: Control,
 ) -> list[Cascade]:
     """The cascades worth refining, from all sources, best first; the best of every order before the rest."""
     segments = delayed(records, template.delay)
-    rng = np.random.default_rng(0) if options.rng is None else options.rng
-    leading = options.families[0]
-    if leading.folds and layout.first:
+    rng = np.random.default_rng(0) if settings.rng is None else settings.rng
+    leading = settings.families[0]
+    if leading.folds and topology.first:
         unfolding = []
-        for share in folded_order_shares(layout, orders):
+        for share in folded_order_shares(topology, orders):
             with suppress(ModelError):
-                for pair, level in unfolded_candidates(segments, share, rng):
+                for pair, level in unfolded_candidates(segments, share, rng, control):
                     around = replace(template, input_offset=level)
-                    unfolding += scanned([pair], segments, leading.trial, around, options.workers)
+                    unfolding += scanned([pair], segments, leading.trial, around, settings.threads)
         if unfolding:
             return [candidate.cascade for candidate in unfolding]
-    totals = total_orders(layout, segments, orders)
+    totals = total_orders(topology, segments, orders)
     pairs: list[Filters] = []
     for total in totals:
-        for first, second in order_shares(layout, orders, total):
+        for first, second in order_shares(topology, orders, total):
             with suppress(ModelError):  # too short for a frequency response: the other sources remain
                 pairs += linear_candidates(segments, (first, second), total, template.oversampling)
-            if layout.second and template.oversampling == 1:
+            if topology.second and template.oversampling == 1:
                 with suppress(ModelError):
                     _, behind = regression_candidate(records, second or 0, 3, max(template.delay, 0))
-                    pairs.append((_through(first) if layout.first else None, behind))
-    found = scanned(pairs, segments, leading.trial, template, options.workers)
+                    pairs.append((_through(first) if topology.first else None, behind))
+    found = scanned(pairs, segments, leading.trial, template, settings.threads)
     level = float(np.std(np.concatenate([y for _, y in segments])))
     if (found and found[0].error < LINEAR_SUFFICES * level) or template.oversampling > 1:
         best_of_order = {_order(candidate.cascade): candidate for candidate in reversed(found)}
         ahead = [candidate for candidate in found if candidate in best_of_order.values()]
         behind_them = [candidate for candidate in found if candidate not in ahead]
         # With two filters it takes several starts of an order to find how its poles are shared out.
-        lower = len(ahead) - 1 if layout.first and layout.second else 0
+        lower = len(ahead) - 1 if topology.first and topology.second else 0
         return [candidate.cascade for candidate in (ahead + behind_them)[: REFINED + lower]]
     draws: list[Filters] = []
-    for first, second in order_shares(layout, orders, totals[-1]):
+    for first, second in order_shares(topology, orders, totals[-1]):
         draws += random_candidates((first, second), len(segments[0][0]), rng)
-    found += scanned(draws, segments, leading.trial, template, options.workers)
+    found += scanned(draws, segments, leading.trial, template, settings.threads)
     found.sort(key=lambda candidate: candidate.error)
     return [candidate.cascade for candidate in found[:REFINED_RANDOM]]
 
@@ -207,7 +209,8 @@ def _refined(
     plans: Sequence[Plan],
     part: Sequence[Record],
     rounds: Sequence[Round],
-    workers: int,
+    threads: int,
+    control: Control,
     rival: Choice | None = None,
 ) -> list[Choice]:
     """The plans refined on a part of the data and judged round by round, best first; failures are left out.
@@ -217,7 +220,12 @@ def _refined(
     Raises:
         ModelError: where one is needed and none is left.
     """
-    budget: Search = {"max_iterations": CHOICE_STEPS, "tolerance": CHOICE_TOLERANCE, "worth": CHOICE_WORTH}
+    budget: Search = {
+        "max_iterations": CHOICE_STEPS,
+        "tolerance": CHOICE_TOLERANCE,
+        "least_saving": CHOICE_SAVING,
+        "control": control.quietly(),
+    }
 
     def refine(plan: Plan) -> Choice:
         found = searched(plan.model, part, **budget)
@@ -231,17 +239,17 @@ def _refined(
         return replace(choice, error=float(np.sqrt(np.mean(np.square(held)))))
 
     problems: list[Exception] = []
-    refined = _successes(refine, plans, workers, problems)
+    refined = _successes(refine, plans, threads, control, problems)
     judged: list[Choice] = []
     if len(rounds) > 1:  # every round costs a fit, which only the best of its kind is worth
         kinds = {(_kind(each.model), each.size): each for each in sorted(refined, key=lambda each: -each.known)}
         refined = sorted(kinds.values(), key=lambda each: each.known)
         if rival is None:
-            judged, refined = _successes(judge, refined[:1], workers, problems), refined[1:]
+            judged, refined = _successes(judge, refined[:1], threads, control, problems), refined[1:]
         # All data judge in turn, so that what is worse than this even on what it was refined on has lost.
         best = min((choice.error for choice in (*judged, rival) if choice), default=np.inf)
         refined = [choice for choice in refined if choice.known < best / WORTH]
-    judged = sorted([*judged, *_successes(judge, refined, workers, problems)], key=lambda choice: choice.error)
+    judged = sorted([*judged, *_successes(judge, refined, threads, control, problems)], key=lambda choice: choice.error)
     if rival is None and not judged:
         name = plans[0].model.name if plans else "cascade"
         why = f" ({problems[0]})" if problems else ""
@@ -250,7 +258,7 @@ def _refined(
 
 
 def _successes(
-    step: Callable[[T], Choice], items: Sequence[T], workers: int, problems: list[Exception]
+    step: Callable[[T], Choice], items: Sequence[T], threads: int, control: Control, problems: list[Exception]
 ) -> list[Choice]:
     """What a step gives for each item, where it does not fail or run away; why others fail joins the problems."""
 
@@ -262,8 +270,10 @@ def _successes(
             return None
         return None if np.isnan([choice.known, choice.error]).any() else choice
 
-    with ThreadPoolExecutor(workers) as pool:
-        return [choice for choice in pool.map(attempt, items) if choice is not None]
+    with ThreadPoolExecutor(threads) as pool:
+        found = [choice for choice in pool.map(attempt, items) if choice is not None]
+    control.check()  # what was cut short decides nothing
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,33 +313,34 @@ def searched(start: Cascade, records: Sequence[Record], **how: Unpack[Search]) -
     from a few samples, cannot repeat. Where that has happened, the states are found as a free run finds them and held.
     """
     free = Found(*search(start, records, **how), records)
-    if how.get("skip") is not None or free.minimum.ending is Ending.INTERRUPTED or not free.drifts:
+    control = how.get("control", FREE)
+    if how.get("transient") is not None or control.ending or not free.drifts:
         return free
-    how["skip"] = start.memory
+    how["transient"] = start.memory
     held = Found(*search(start, records, **how), records)
-    if held.minimum.ending is Ending.INTERRUPTED:
+    if control.ending:
         return held
     # Once more with the states that it has now.
     again = Found(*search(held.model, records, **how), records)
     return min(held, again, key=lambda found: found.error)
 
 
-def _with_map(model: Cascade, layout: Layout, family: Family, size: int, part: Sequence[Record]) -> Cascade:
+def _with_map(model: Cascade, topology: Topology, family: Family, size: int, part: Sequence[Record]) -> Cascade:
     """The model with its map replaced by one of the family, and the outer map, if any.
 
     That begins as a straight line; one of the same family that is there already stays as it is.
     """
     segments = as_arrays(part)
     start = started(model, lambda x, z: family.start(x, z, size), segments)
-    if layout.outer and len(start.blocks) > 2 and type(start.blocks[0]) is not type(start.blocks[-1]):
+    if topology.outer and len(start.blocks) > 2 and type(start.blocks[0]) is not type(start.blocks[-1]):
         start = started(start, lambda x, z: family.start(x, z, size), segments, -1)
-    if layout.outer and len(start.blocks) == 2:
+    if topology.outer and len(start.blocks) == 2:
         y = np.concatenate([start.output(u, start.resting(float(u[0]))) for u, _ in segments])
         start = replace(start, blocks=(*start.blocks, family.start(y, y, size)), output_offset=0.0)
     return start
 
 
-def placed(choice: Choice, records: Sequence[Record], options: Options) -> Cascade:
+def placed(choice: Choice, records: Sequence[Record], settings: CascadeSearch) -> Cascade:
     """The choice with its knots spread over all of the data."""
     family = choice.family
     if family is None or not family.sizes or len(choice.model.blocks) < 2:

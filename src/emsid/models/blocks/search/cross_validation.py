@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.models.blocks.search.topologies import Options
+from emsid.models.blocks.search.topologies import CascadeSearch
 from emsid.record import Record, concatenate
 
 Array = NDArray[np.float64]
@@ -29,10 +29,10 @@ CHOICE_SAMPLES = 8_000
 SERIES = 8
 
 
-def held_back(records: Sequence[Record], options: Options) -> tuple[list[Record], list[Round]]:
+def held_back(records: Sequence[Record], settings: CascadeSearch) -> tuple[list[Record], list[Round]]:
     """What choices may be made from, and the rounds in which they are judged, each on data that it does not fit."""
-    if options.validation is not None:
-        judge = [options.validation] if isinstance(options.validation, Record) else list(options.validation)
+    if settings.unseen is not None:
+        judge = [settings.unseen] if isinstance(settings.unseen, Record) else list(settings.unseen)
         return list(records), [(records, [record[:CHOICE_SAMPLES] for record in judge])]
     if sum(len(record) for record in records) < SHORT:
         return list(records), [_without_fold(records, k) for k in range(FOLDS)]

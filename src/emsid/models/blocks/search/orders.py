@@ -17,7 +17,7 @@ from emsid.errors import ModelError
 from emsid.estimation.linear.frequency_response import fit_rational, frequency_response
 from emsid.models.blocks.search.cross_validation import as_arrays
 from emsid.models.blocks.search.map_families import Family
-from emsid.models.blocks.search.topologies import Layout, Options, Orders
+from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -35,20 +35,20 @@ HELD = 0.5
 SAMPLES_PER_PARAMETER = 5
 
 
-def total_orders(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: Orders) -> list[int]:
+def total_orders(topology: Topology, segments: Sequence[tuple[Array, Array]], orders: Orders) -> list[int]:
     """Orders of the best linear approximation to try: what is given; or what describes the response most briefly.
 
     To a response, a nonlinearity can look like poles and zeros, so lower orders are tried too: all of them where there
     is one filter only, and some where there are two, as every one of them can be shared out in many ways.
     """
-    least, most = _least(layout, orders), _total(layout, segments, orders)
-    return list(range(max(most - LOWER, least) if layout.first and layout.second else least, most + 1))
+    least, most = _least(topology, orders), _total(topology, segments, orders)
+    return list(range(max(most - LOWER, least) if topology.first and topology.second else least, most + 1))
 
 
-def _total(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: Orders) -> int:
+def _total(topology: Topology, segments: Sequence[tuple[Array, Array]], orders: Orders) -> int:
     """The order that is given, or that describes the frequency response most briefly."""
-    least = _least(layout, orders)
-    if not _open(layout, orders):
+    least = _least(topology, orders)
+    if not _open(topology, orders):
         return least
     try:
         response = frequency_response(segments)
@@ -61,14 +61,14 @@ def _total(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: Orde
     return min(costs, key=lambda n: costs[n] / scale + (2 * n + 1) * np.log(points))
 
 
-def _open(layout: Layout, orders: Orders) -> int:
+def _open(topology: Topology, orders: Orders) -> int:
     """How many of the filters have no order given."""
-    return sum(order is None for order, wanted in zip(orders, (layout.first, layout.second), strict=True) if wanted)
+    return sum(order is None for order, wanted in zip(orders, (topology.first, topology.second), strict=True) if wanted)
 
 
-def _least(layout: Layout, orders: Orders) -> int:
+def _least(topology: Topology, orders: Orders) -> int:
     """The orders given, and one for every filter without."""
-    return sum(order or 0 for order in orders) + _open(layout, orders)
+    return sum(order or 0 for order in orders) + _open(topology, orders)
 
 
 def oversamplings(records: Sequence[Record]) -> tuple[int, ...]:
@@ -77,11 +77,11 @@ def oversamplings(records: Sequence[Record]) -> tuple[int, ...]:
     return (1,) if held > HELD else (1, 2)
 
 
-def order_shares(layout: Layout, orders: Orders, total: int) -> list[Orders]:
+def order_shares(topology: Topology, orders: Orders, total: int) -> list[Orders]:
     """The orders of the two filters that a total order may stand for."""
-    if not layout.first:
+    if not topology.first:
         return [(None, total)]
-    if not layout.second:
+    if not topology.second:
         return [(total, None)]
     pairs = [(first, total - first) for first in range(total + 1)]
 
@@ -91,18 +91,18 @@ def order_shares(layout: Layout, orders: Orders, total: int) -> list[Orders]:
     return [pair for pair in pairs if allowed(pair)]
 
 
-def folded_order_shares(layout: Layout, orders: Orders) -> list[tuple[int, int | None]]:
+def folded_order_shares(topology: Topology, orders: Orders) -> list[tuple[int, int | None]]:
     """Orders to try where the frequency response tells none, because the sign was lost."""
     first = FOLDED_FIRST if orders[0] is None else (orders[0],)
     second: tuple[int | None, ...] = (None,)
-    if layout.second:
+    if topology.second:
         second = FOLDED_SECOND if orders[1] is None else (orders[1],)
     return list(product(first, second))
 
 
-def input_delay(layout: Layout, segments: Sequence[tuple[Array, Array]], orders: Orders) -> int:
+def input_delay(topology: Topology, segments: Sequence[tuple[Array, Array]], orders: Orders) -> int:
     """The least delay with which the orders describe the measured frequency response about as well as with the best."""
-    total = _total(layout, segments, orders)
+    total = _total(topology, segments, orders)
     try:
         response = frequency_response(segments)
     except ModelError:
@@ -122,20 +122,20 @@ def input_delay(layout: Layout, segments: Sequence[tuple[Array, Array]], orders:
 
 def map_sizes(
     family: Family,
-    layout: Layout,
+    topology: Topology,
     records: Sequence[Record],
     orders: Orders,
-    options: Options,
+    settings: CascadeSearch,
 ) -> tuple[int, ...]:
     """The sizes of a family to try: what is given, or those that the records can carry, the least in any case."""
-    if options.size is not None:
-        return (options.size,)
-    room = sum(len(record) for record in records) / SAMPLES_PER_PARAMETER - filter_parameters(layout, orders)
+    if settings.size is not None:
+        return (settings.size,)
+    room = sum(len(record) for record in records) / SAMPLES_PER_PARAMETER - filter_parameters(topology, orders)
     sizes = family.sizes or (0,)
     return (sizes[0], *(size for size in sizes[1:] if size <= room))
 
 
-def filter_parameters(layout: Layout, orders: Orders) -> int:
+def filter_parameters(topology: Topology, orders: Orders) -> int:
     """Coefficients of the filters, of first order where nothing is said."""
-    there = [order for order, wanted in zip(orders, (layout.first, layout.second), strict=True) if wanted]
+    there = [order for order, wanted in zip(orders, (topology.first, topology.second), strict=True) if wanted]
     return sum(2 * (1 if order is None else order) + 1 for order in there)

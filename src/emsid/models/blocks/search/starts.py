@@ -41,10 +41,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.fit import Ending
 from emsid.estimation.linear.frequency_response import fit_rational, frequency_response
 from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import gather
+from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import least_squares_step
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
@@ -140,7 +140,10 @@ def regression_candidate(records: Sequence[Record], order: int, degree: int, del
 
 
 def unfolded_candidates(
-    segments: Segments, orders: tuple[int | None, int | None], rng: np.random.Generator
+    segments: Segments,
+    orders: tuple[int | None, int | None],
+    rng: np.random.Generator,
+    control: Control = FREE,
 ) -> Iterator[tuple[Filters, float]]:
     """The filter before a sensor that loses the sign with a quick one behind it, and the input that makes no output.
 
@@ -150,6 +153,10 @@ def unfolded_candidates(
         segments: (u, y) of each; the longest is used.
         orders: of the first and the second filter; None where the structure has no such filter.
         rng: source of chance.
+        control: when to stop.
+
+    Raises:
+        Stopped: where the search has to end; there is no model yet that could be kept.
     """
     first, second = orders
     if first is None:
@@ -160,9 +167,9 @@ def unfolded_candidates(
     for found in unfoldings(u, y, first, rng)[:UNFOLDINGS]:
         level = found.constant / (1 + found.denominator.sum())
         start = Cascade((_stable(Rational(found.numerator, found.denominator)),), output_offset=level)
-        minimum, problem = search(start, Record(u, found.signal, 1.0), max_iterations=30, tolerance=0.2)
-        if minimum.ending is Ending.INTERRUPTED:  # there is no model yet that could be kept
-            raise KeyboardInterrupt
+        record = Record(u, found.signal, 1.0)
+        minimum, problem = search(start, record, max_iterations=30, tolerance=0.2, control=control.quietly())
+        control.check()
         for model in (start, problem.model(minimum.estimate)):
             (block,) = model.blocks
             assert isinstance(block, Rational)
@@ -208,7 +215,7 @@ def scanned(
     segments: Segments,
     trial: Callable[[Array], tuple[StaticMap, ...]],
     template: Cascade,
-    workers: int,
+    threads: int,
 ) -> list[Candidate]:
     """Every pair of filters with the map that suits it best, best first; those that suit nothing are left out.
 
@@ -217,7 +224,7 @@ def scanned(
         segments: (u, y) of each; the longest is tried on.
         trial: for the signal x that enters the map, maps to try, each linear in its parameters.
         template: what offsets, delay, oversampling and name to give the candidates.
-        workers: threads.
+        threads: threads.
 
     Raises:
         ModelError: where there is none left, with what is wrong with the first.
@@ -234,7 +241,7 @@ def scanned(
             problems.append(problem)
             return []
 
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         found = [candidate for several in pool.map(score, filters) for candidate in several]
     if problems and not found:
         raise problems[0]

@@ -240,7 +240,9 @@ def _others_at_their_best(
     """V, plant and initial states where all that was estimated is estimated again, but for one parameter."""
     problem = _problem(fit, plant, [other for other in fit.names if other != name], states)
     lower, upper = problem.within(fit.limits)
-    found = gauss_newton(problem, problem.start, lower=lower, upper=upper, worth=worth, names=problem.names, inner=True)
+    found = gauss_newton(
+        problem, problem.start, lower=lower, upper=upper, least_saving=worth, names=problem.names, covariances=False
+    )
     return found.cost, problem.plant_at(found.estimate), problem.states(found.estimate)
 
 

@@ -21,10 +21,12 @@ from numpy.typing import NDArray
 from emsid.errors import DataError, EmsidError, ModelError, listed
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.information import inverse_triangle
-from emsid.estimation.nonlinear.gauss_newton import Infeasible, Iteration, Minimum, gauss_newton
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.nonlinear.gauss_newton import Infeasible, Minimum, gauss_newton
 from emsid.estimation.threads import one_blas_thread
 from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance
 from emsid.estimation.uncertainty.identifiability import Identifiability, identifiability
+from emsid.findings import Finding
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.grey_box import GreyBox, check_channels, fed, signals_of
 from emsid.models.plants.linear_axis import LinearAxis
@@ -39,6 +41,7 @@ from emsid.plant import Motor
 from emsid.plant.motor import read_number
 from emsid.record import Record, check_same_channels
 from emsid.units import with_unit
+from emsid.wording import sentence
 
 Array = NDArray[np.float64]
 
@@ -56,9 +59,8 @@ def simulation_error(
     weighting: Weighting = all_alike,
     look_around: bool = True,
     max_iterations: int = 60,
-    max_seconds: float = inf,
     threads: int | None = None,
-    progress: Callable[[Iteration], None] | None = None,
+    control: Control = FREE,
 ) -> GreyBoxFit:
     """The physical parameters that minimise the error of the free run over one or several records.
 
@@ -74,9 +76,8 @@ def simulation_error(
         look_around: whether to begin at the datasheet, or where a regression on the records says if that simulates
             better; otherwise the search begins with the plant as it is given.
         max_iterations: of the search, all its rounds together; what is held only in the end adds a few.
-        max_seconds: of every round.
         threads: how many, by default as many as there are cores.
-        progress: called after every step.
+        control: when to stop, and whom to tell of every step.
 
     Raises:
         ModelError: for names that the plant does not have, bounds that exclude a start, a datasheet that contradicts
@@ -110,7 +111,7 @@ def simulation_error(
         )
 
     def search(problem: FreeRunError, iterations: int) -> Minimum:
-        return _search(problem, limits, iterations, max_seconds, progress)
+        return _search(problem, limits, iterations, control)
 
     start = subject
     if look_around:
@@ -145,15 +146,13 @@ def simulation_error(
             if not interrupted:
                 continue
             back = search(problem, 0)
-            ended = replace(back, ending=ended.ending, message=ended.message, iterations=ended.iterations)
+            ended = replace(back, ending=ended.ending, findings=ended.findings, iterations=ended.iterations)
         ended = _with_colour(problem, ended)
         problem = problem.begun_at(ended.estimate)
         inside = [name for name, free in zip(names, ended.free, strict=False) if free]
         kept = _hold(_told(problem, inside, ended), inside, preference)
         if interrupted or (len(kept) == len(inside) and not under_way):
-            minimum = replace(
-                ended, message=ended.message.replace(f"after {ended.iterations} steps", f"after {steps} steps")
-            )
+            minimum = replace(ended, findings=tuple(_after(steps, finding) for finding in ended.findings))
         elif len(kept) < len(inside):
             names = [name for name in names if name not in inside or name in kept]
             bar = ended.cost + _tolerable(ended)
@@ -179,7 +178,7 @@ def simulation_error(
     return GreyBoxFit(
         **{f: getattr(fit, f) for f in Fit.__dataclass_fields__ if f not in ("message", "iterations")},
         iterations=steps,
-        message="; ".join(filter(None, [fit.message, *words])),
+        message="; ".join([*(sentence(finding).rstrip(".") for finding in fit.findings), *words]),
         table=rows,
         combinations=known_together,
         words=tuple(words),
@@ -587,8 +586,7 @@ def _search(
     problem: FreeRunError,
     limits: Limits,
     max_iterations: int,
-    max_seconds: float,
-    progress: Callable[[Iteration], None] | None,
+    control: Control,
 ) -> Minimum:
     lower, upper = problem.within(limits)
     return gauss_newton(
@@ -597,12 +595,16 @@ def _search(
         lower=lower,
         upper=upper,
         max_iterations=max_iterations,
-        max_seconds=max_seconds,
         tolerance=1e-2,
         noise=problem.precision,
         names=problem.names,
-        progress=progress,
+        control=control,
     )
+
+
+def _after(steps: int, finding: Finding) -> Finding:
+    """A finding of the last round of a search, with the steps of all rounds."""
+    return replace(finding, data={**finding.data, "steps": steps}) if "steps" in finding.data else finding
 
 
 def _with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:

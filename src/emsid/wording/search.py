@@ -1,0 +1,55 @@
+"""How a search for parameters ended."""
+
+from emsid.errors import listed
+from emsid.findings import Finding
+from emsid.wording.catalogue import Severity, Spelling, words
+
+
+@words("search-stalled", Severity.PROBLEM)
+def search_stalled(f: Finding, argument: Spelling) -> str:
+    return f"the search stalled before a minimum ({_so_far(f)}); the estimates and intervals are not reliable"
+
+
+@words("steps-used-up", Severity.WARNING)
+def steps_used_up(f: Finding, argument: Spelling) -> str:
+    return f"the search ended at its limit of steps, before a minimum ({_so_far(f)}); allow more steps"
+
+
+@words("time-used-up", Severity.WARNING)
+def time_used_up(f: Finding, argument: Spelling) -> str:
+    return f"the search ended at its time limit, before a minimum ({_so_far(f)}); allow more time"
+
+
+@words("search-cancelled", Severity.WARNING)
+def search_cancelled(f: Finding, argument: Spelling) -> str:
+    return f"the search was interrupted before a minimum ({_so_far(f)}); the best estimate so far is kept"
+
+
+@words("cost-hardly-falls", Severity.INFO)
+def cost_hardly_falls(f: Finding, argument: Spelling) -> str:
+    data = f.data
+    return (
+        f"the last {data['last_steps']} steps lowered the cost by less than {100 * data['least_saving']:g} %, so the "
+        f"search ended before a minimum ({_so_far(f)})"
+    )
+
+
+@words("parameter-at-bound", Severity.WARNING)
+def parameter_at_bound(f: Finding, argument: Spelling) -> str:
+    return f"{f.subject} is at its {f.data['side']} limit {f.data['bound']:.4g}"
+
+
+@words("parameters-undetermined", Severity.PROBLEM)
+def parameters_undetermined(f: Finding, argument: Spelling) -> str:
+    silent, groups = f.data["without_effect"], f.data["inseparable"]
+    said = [f"{listed(silent)} {'have' if len(silent) > 1 else 'has'} no effect on the output in these data"] * bool(
+        silent
+    )
+    said += [f"these data do not determine {listed(group)} separately" for group in groups]
+    return "; ".join(said)
+
+
+def _so_far(f: Finding) -> str:
+    steps, offset = f.data["steps"], f.data["offset"]
+    counted = f"{steps} step{'s' * (steps != 1)}"
+    return counted if offset is None else f"{counted}, {offset:.2g} standard errors short of the linearised minimum"

@@ -53,7 +53,7 @@ def wiener_hammerstein(
     Args:
         records: one input and one output each.
         orders: of the two filters; each has as many poles, and one numerator coefficient more.
-        options: everything else.
+        settings: everything else.
 
     Raises:
         ModelError: for records of other channels or too short for the orders, an input that does not excite the map.
@@ -67,7 +67,7 @@ def hammerstein(
     """Static map, then a filter of this order.
 
     Args:
-        records, options: as in `estimation`.
+        records, settings: as in `wiener_hammerstein`.
         order: of the filter, chosen on held-back data where it is None.
     """
     return estimate(HAMMERSTEIN, records, (None, order), settings)
@@ -79,7 +79,7 @@ def wiener(
     """A filter of this order, then a static map.
 
     Args:
-        records, options: as in `estimation`.
+        records, settings: as in `wiener_hammerstein`.
         order: of the filter, chosen on held-back data where it is None.
     """
     return estimate(WIENER, records, (order, None), settings)
@@ -91,7 +91,7 @@ def hammerstein_wiener(
     """Static map, a filter of this order, and a second map of the same family.
 
     Args:
-        records, options: as in `estimation`.
+        records, settings: as in `wiener_hammerstein`.
         order: of the filter, chosen on held-back data where it is None.
     """
     return estimate(HAMMERSTEIN_WIENER, records, (None, order), settings)

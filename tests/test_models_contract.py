@@ -1,0 +1,299 @@
+"""What holds for every kind of model: one state machine, run sample by sample, in blocks or at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from emsid import DrivenMotor, LinearAxis, ModelError, OwnPlant, Record, concatenate, load, save
+from emsid.models import MODELS
+from emsid.models.blocks.block import KINDS
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational, fir
+from emsid.models.blocks.static_maps import (
+    Abs,
+    CoulombLinear,
+    CubicSpline,
+    DeadZone,
+    PiecewiseLinear,
+    Polynomial,
+    Saturation,
+    StaticMap,
+    UserMap,
+)
+from emsid.models.free_run import RUNAWAY
+from emsid.models.model import Model
+from emsid.models.plants.drive import Drive, Sensor
+from emsid.models.plants.grey_box import GreyBox
+from emsid.models.plants.parameters import Signal
+from emsid.models.regression.narx import Narx, Structure
+from emsid.models.regression.structures import arx, friction_narx, wiener_hammerstein_regression
+from emsid.plant import Friction, Motor
+from emsid.plant.motor import Parameter
+
+Array = NDArray[np.float64]
+DT = 0.01
+SAMPLES = 160
+
+KNOTS = np.array([-3.0, -1.0, 0.0, 1.5, 3.0])
+MAPS: dict[str, StaticMap] = {
+    "polynomial": Polynomial(np.array([0.2, 1.5, 0.1, 0.05])),
+    "dead-zone": DeadZone(-0.35, 0.25, 0.7, 1.3),
+    "saturation": Saturation(1.7, -1.1, 0.9),
+    "coulomb-linear": CoulombLinear(0.4, 1.2, width=0.3),
+    "piecewise-linear": PiecewiseLinear(KNOTS, np.tanh(KNOTS)),
+    "spline": CubicSpline(KNOTS, np.tanh(KNOTS)),
+    "abs": Abs(),
+    "user": UserMap(lambda x, p: p[0] * np.cbrt(x), lambda x, p: x, lambda x, p: x[None, :], np.array([1.3])),
+}
+FAST, SLOW = Rational([0.3], [-0.7]), Rational([0.0, 0.2, 0.1], [-1.1, 0.4], delay=1)
+
+
+def regressions() -> Iterator[tuple[str, Narx]]:
+    for name, structure, parameters in (
+        ("arx", arx(2, 2), [-1.2, 0.4, 0.1, 0.05]),
+        ("finite impulse response", arx(0, 3, nk=0), [0.5, 0.3, 0.1]),
+        ("no memory", Structure.parse("u(t)", "u(t)^2", "1"), [1.0, 0.2, 0.1]),
+        (
+            "paper's",
+            wiener_hammerstein_regression(2, 2, 2, taps=2),
+            [-1.2, 0.4, 0.1, 0.05, 0.02, 0.01, 0.02, 0.01, 0.01, 0.01],
+        ),
+        (
+            "friction",
+            friction_narx(2, 2, knots=(-0.5, 0.5), speeds=(0.3,)),
+            [-1.2, 0.3, 0.1, 0.05, 0.02, 0.01, 0.03, 0.01, 0.01, 0.002, 0.003],
+        ),
+        ("bilinear", Structure.parse("y(t-1)", "y(t-2)*u(t-1)", "u(t-1)", "abs(y(t-1))^2"), [0.8, 0.02, 0.3, -0.01]),
+    ):
+        yield name, Narx(structure, np.array(parameters), DT)
+
+
+def cascades() -> Iterator[tuple[str, Cascade]]:
+    for name, static in MAPS.items():
+        yield f"wiener-hammerstein, {name}", Cascade((FAST, static, SLOW), 0.1, 0.2, dt=DT)
+    bend = MAPS["polynomial"]
+    yield "hammerstein", Cascade((bend, SLOW), dt=DT)
+    yield "wiener", Cascade((SLOW, bend), dt=DT)
+    yield "hammerstein-wiener", Cascade((bend, SLOW, MAPS["saturation"]), dt=DT)
+    yield "static", Cascade((bend,), dt=DT)
+    yield "finite", Cascade((fir([0.5, 0.2, 0.1], delay=2),), dt=DT)
+    for rate in (1, 2, 3):
+        for delay in (0, 2, 20):
+            yield f"oversampling {rate}, delay {delay}", Cascade((FAST, bend, SLOW), 0.1, 0.2, delay, rate, dt=DT)
+
+
+def plants() -> Iterator[tuple[str, GreyBox]]:
+    rigid = replace(Motor(), inductance=0.0).rigid()
+    speed, both = (Signal.SPEED,), (Signal.POSITION, Signal.SPEED)
+    sticky = replace(rigid, rotor_friction=Friction(0.02, 0.01, 2.0))
+    for name, plant, signals in (
+        ("rigid motor", DrivenMotor(rigid), speed),
+        ("rigid motor, late, slow sensor", DrivenMotor(sticky, Drive(delay=1.4 * DT), Sensor(lag=2 * DT, average=True)), both),
+        ("rigid motor, late by whole samples", DrivenMotor(rigid, Drive(delay=3 * DT)), speed),
+        ("rigid motor, coasting", DrivenMotor(rigid, Drive(supply=12.0, freewheel=0.5)), (Signal.SPEED, Signal.CURRENT)),
+        ("elastic motor", DrivenMotor(Motor(), Drive(delay=0.4 * DT), Sensor(lag=DT)), (Signal.SPEED, Signal.CURRENT)),
+        ("linear axis", LinearAxis(drive=Drive(delay=0.3 * DT), sensor=Sensor(lag=DT)), both),
+        ("own plant", OWN, speed),
+    ):  # fmt: skip
+        yield name, GreyBox(plant, signals)
+
+
+OWN = OwnPlant(
+    lambda x, u, p: np.array([x[1], p[0] * u[0] - p[1] * x[1] - 4.0 * np.sin(x[0])]),
+    lambda x, u, p: np.array([x[1]]),
+    (Parameter("gain", "k", "1", "gain"), Parameter("damping", "d", "1/s", "damping")),
+    (3.0, 2.0),
+    states=2,
+)
+ALL: dict[str, Model] = {**dict(regressions()), **dict(cascades()), **dict(plants())}
+every_model = pytest.mark.parametrize("model", ALL.values(), ids=ALL.keys())
+UNSAVED = ("user", "own plant")
+
+
+def inputs(seed: int = 0, samples: int = SAMPLES) -> Array:
+    rng = np.random.default_rng(seed)
+    slow = 3.0 * np.sin(2 * np.pi * 0.8 * DT * np.arange(samples))
+    return slow + 0.5 * rng.standard_normal(samples)
+
+
+def measured(model: Model, seed: int = 0) -> Record:
+    """A record of the model itself, with a little noise on its output."""
+    u, rng = inputs(seed), np.random.default_rng(100 + seed)
+    clean = model.simulate(u, dt=DT).output
+    return Record(u, clean + 1e-3 * np.std(clean, axis=0) * rng.standard_normal(clean.shape), DT)
+
+
+def same(one: Any, other: Any) -> None:
+    """Two states, arrays or tuples of them, are equal."""
+    if isinstance(one, tuple):
+        for a, b in zip(one, other, strict=True):
+            same(a, b)
+    else:
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
+def test_every_kind_of_model_and_of_block_is_here() -> None:
+    assert {type(model) for model in ALL.values()} == set(MODELS.values())
+    assert {block.kind for block in MAPS.values()} | {"filter"} == {*KINDS, "user"}
+    assert all(isinstance(model, Model) for model in ALL.values())
+
+
+@every_model
+def test_sample_by_sample_and_in_blocks_is_at_once(model: Model) -> None:
+    record = measured(model)
+    start = model.initial(record, model.memory)
+    driven = record.input[model.memory :]
+    expected, end = model.run(start, driven)
+    assert expected.shape == (len(driven), record.output.shape[1])
+
+    state, single = start, []
+    for u in driven:
+        y, state = model.advance(state, u)
+        single.append(y)
+    np.testing.assert_allclose(single, expected, rtol=1e-12, atol=1e-12)
+    same(state, end)
+
+    state, blocks = start, []
+    for part in np.split(driven, [1, 3, 20, 21]):
+        y, state = model.run(state, part)
+        blocks.append(y)
+    np.testing.assert_allclose(np.concatenate(blocks), expected, rtol=1e-12, atol=1e-12)
+    same(state, end)
+
+
+@every_model
+def test_a_run_leaves_the_state_it_was_given_as_it_is(model: Model) -> None:
+    start = model.at_rest(0.0, DT)
+    first, _ = model.run(start, inputs()[:, None])
+    again, _ = model.run(start, inputs()[:, None])
+    np.testing.assert_array_equal(first, again)
+
+
+@every_model
+def test_a_free_run_is_the_start_and_then_inputs_only(model: Model) -> None:
+    record, late = measured(model), model.latency
+    run = model.simulate(record)
+    outputs, _ = model.run(model.initial(record, model.memory), record.input[model.memory :])
+    expected = outputs[late:]
+    np.testing.assert_array_equal(run.output[model.memory : len(record) - late], expected)
+    np.testing.assert_array_equal(run.output[: model.memory], record.output[: model.memory])
+    assert run.counted.tolist() == [k >= model.memory for k in range(len(record))]
+    assert run.diverged_at is None
+
+
+@every_model
+def test_a_record_without_outputs_starts_at_rest(model: Model) -> None:
+    u, late = inputs(), model.latency
+    silent = Record(u, np.empty((len(u), 0)), DT)
+    run = model.simulate(silent)
+    expected, _ = model.run(model.at_rest(0.0, DT), u[:, None])
+    np.testing.assert_array_equal(run.output[: len(u) - late], expected[late:])
+    assert run.counted.all()
+    assert model.simulate(silent, 10).counted.sum() == len(u) - 10
+    for given in (u, u[:, None], u.tolist()):
+        np.testing.assert_array_equal(model.simulate(given, dt=DT).output, run.output)
+
+
+@every_model
+def test_inputs_alone_take_the_sample_time_of_the_model(model: Model) -> None:
+    if model.dt is None:
+        with pytest.raises(ModelError, match="give that of the inputs"):
+            model.simulate(inputs())
+        with pytest.raises(ModelError, match="any sample time"):
+            model.at_rest(0.0)
+    else:
+        np.testing.assert_array_equal(model.simulate(inputs()).output, model.simulate(inputs(), dt=DT).output)
+
+
+@every_model
+def test_at_rest_nothing_moves(model: Model) -> None:
+    level = 0.0 if model.dt is None else 0.4
+    outputs, _ = model.run(model.at_rest(level, DT), np.full((50, 1), level))
+    ripple = 1e-6 if getattr(model, "oversampling", 1) > 1 else 1e-9  # the former is that of the interpolation
+    np.testing.assert_allclose(outputs, np.broadcast_to(outputs[:1], outputs.shape), rtol=ripple, atol=ripple)
+
+
+@every_model
+def test_a_standstill_in_the_data_is_no_divergence(model: Model) -> None:
+    record = measured(model)
+    for level in (0.0, 1e-6):
+        still = replace(record, output=np.full(record.output.shape, level))
+        assert model.simulate(still).diverged_at is None
+
+
+@every_model
+def test_segments_run_as_they_do_alone(model: Model) -> None:
+    pieces = measured(model, 1), measured(model, 2)
+    runs = [model.simulate(piece) for piece in pieces]
+    whole = model.simulate(concatenate(pieces))
+    np.testing.assert_array_equal(whole.output, np.concatenate([run.output for run in runs]))
+    np.testing.assert_array_equal(whole.counted, np.concatenate([run.counted for run in runs]))
+
+
+@every_model
+def test_another_sample_time_is_refused_by_what_has_one(model: Model) -> None:
+    record = measured(model)
+    other = replace(record, dt=2 * DT, times=())
+    for use in (model.simulate, model.predict):
+        if model.dt is None:
+            assert use(other).counted.any()
+        else:
+            with pytest.raises(ModelError, match=r"identified at 0.01 s and record is sampled every 0.02 s"):
+                use(other)
+
+
+@every_model
+def test_a_prediction_is_no_worse_than_the_free_run(model: Model) -> None:
+    record = measured(model)
+    free, near, far = model.simulate(record), model.predict(record), model.predict(record, 10_000)
+    counted = free.counted
+    assert np.array_equal(near.counted, counted)
+    np.testing.assert_allclose(far.output, free.output, rtol=1e-9, atol=1e-9)  # nothing measured reaches that far
+    missed = [np.mean((run.output - record.output)[counted] ** 2) for run in (near, free)]
+    assert missed[0] <= 4 * missed[1]  # the noise of one sample more
+
+
+@every_model
+def test_a_saved_model_runs_the_same(model: Model, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    if any(name in request.node.name for name in UNSAVED):
+        with pytest.raises(ModelError, match="cannot be saved|functions"):
+            save(model, tmp_path / "model.json")
+        return
+    save(model, tmp_path / "model.json")
+    again, record = load(tmp_path / "model.json"), measured(model)
+    assert (again.dt, again.memory, again.latency) == (model.dt, model.memory, model.latency)
+    np.testing.assert_array_equal(again.simulate(record).output, model.simulate(record).output)
+
+
+def test_a_cascade_saved_without_a_sample_time_is_read() -> None:
+    data = ALL["hammerstein"].to_data()
+    del data["dt"]
+    model = Cascade.from_data(data)
+    assert model.dt is None
+    assert model.simulate(Record(inputs(), inputs(1), 0.5)).counted.any()
+
+
+def test_a_run_that_leaves_all_bounds_is_cut_off_in_its_segment() -> None:
+    model = Narx(arx(1, 1), np.array([-2.0, 1.0]), DT)
+    record = Record(np.zeros(60), np.r_[1.0, 0.5 * np.ones(59)], DT)
+    run = model.simulate(concatenate([record, record]))
+    at = 1 + int(np.log2(RUNAWAY))
+    assert run.diverged_at == at
+    assert np.isnan(run.output[at:60]).all()
+    assert np.isnan(run.output[60 + at :]).all()
+    assert np.isfinite(run.output[:at]).all()
+    assert np.isfinite(run.output[60 : 60 + at]).all()
+
+
+def test_more_inputs_than_a_model_has_are_refused() -> None:
+    with pytest.raises(ModelError, match="one number for each"):
+        ALL["arx"].at_rest([1.0, 2.0])
+    with pytest.raises(ModelError, match="one number for each"):
+        ALL["hammerstein"].advance(ALL["hammerstein"].at_rest(), [1.0, 2.0])

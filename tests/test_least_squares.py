@@ -27,7 +27,8 @@ from emsid import (
 from emsid.estimation.linear import least_squares as module
 from emsid.estimation.linear.least_squares import gather
 from emsid.models.regression import structures
-from emsid.models.regression.regressors import Factor, Regressor, Transform
+from emsid.models.regression.regressors import Factor, Regressor
+from emsid.models.regression.transforms import Transform
 
 Array = NDArray[np.float64]
 

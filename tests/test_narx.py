@@ -25,8 +25,8 @@ from emsid import (
 )
 from emsid.models.free_run import RUNAWAY
 from emsid.models.regression.narx import free_run_reference
-from emsid.models.regression.regressors import Transform
 from emsid.models.regression.structures import regression_reference
+from emsid.models.regression.transforms import Transform
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from emsid import ModelError, Record, Structure, arx, friction_narx, wiener_hammerstein_regression
 from emsid.models.regression.kernels import fill
-from emsid.models.regression.regressors import HIGHEST_POWER, Factor, Regressor, Transform, parse_regressor
+from emsid.models.regression.regressors import HIGHEST_POWER, Factor, Regressor, parse_regressor
 from emsid.models.regression.structures import regression_reference
+from emsid.models.regression.transforms import Transform
 
 Array = NDArray[np.float64]
 

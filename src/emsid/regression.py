@@ -7,13 +7,14 @@
 
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.recursion import Recursion
-from emsid.models.regression.regressors import Factor, Regressor, Transform, parse_regressor
+from emsid.models.regression.regressors import Factor, Regressor, parse_regressor
 from emsid.models.regression.structures import (
     arx,
     friction_narx,
     input_knots,
     wiener_hammerstein_regression,
 )
+from emsid.models.regression.transforms import Transform
 
 __all__ = [
     "Factor",

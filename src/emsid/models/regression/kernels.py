@@ -9,26 +9,9 @@ from numpy.typing import NDArray
 from emsid.estimation.linear.information import TILE, copy_square, reflect, workspace
 from emsid.estimation.linear.least_squares import two_product
 from emsid.models.regression.regressors import Tables
+from emsid.models.regression.transforms import transformed
 
 Array = NDArray[np.float64]
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def transformed(code: int, x: float, p: float) -> float:
-    """A static transform of one value; the codes are `Transform`'s."""
-    if code == 0:
-        return x
-    if code == 1:
-        return float(np.sign(x))
-    if code == 2:
-        return float(np.tanh(x / p))
-    if code == 3:
-        return max(x - p, 0.0)
-    if code == 4:
-        return min(x - p, 0.0)
-    if code == 5:
-        return abs(x)
-    return float(np.exp(-abs(x) / p))
 
 
 @numba.njit(cache=True, nogil=True)

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.linear.information import TILE, add_multiple
-from emsid.models.regression.kernels import multiply, transformed
+from emsid.models.regression.kernels import multiply
 from emsid.models.regression.regressors import Factor, Integers, Regressor, Tables, tables
+from emsid.models.regression.transforms import transformed
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from math import isfinite
 from typing import NamedTuple
 
@@ -17,24 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.models.regression.transforms import Transform, has_parameter, has_scale, read_transform, written
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 # A power is multiplied out; beyond this it would only overflow.
 HIGHEST_POWER = 99
-
-
-class Transform(IntEnum):
-    """Static transforms of a channel x, with one parameter p; the value is its code in the kernels."""
-
-    VALUE = 0  # x
-    SIGN = 1  # sgn(x), eq. (4.8)
-    TANH = 2  # tanh(x/p), a sign that is smooth over p
-    ABOVE = 3  # max(x − p, 0), the right branch of a dead zone (4.9)
-    BELOW = 4  # min(x − p, 0), its left branch
-    ABS = 5  # |x|
-    DECAY = 6  # exp(−|x|/p), the Stribeck term of (4.7)
 
 
 @dataclass(frozen=True, order=True)
@@ -62,26 +50,15 @@ class Factor:
             raise ModelError(f"power {self.power}: powers are whole numbers from 1 to {HIGHEST_POWER}")
         if not isfinite(self.parameter):
             raise ModelError(f"{self.transform.name.lower()} with {self.parameter}: give a finite number")
-        if self.transform in (Transform.TANH, Transform.DECAY) and not self.parameter > 0:
+        if has_scale(self.transform) and not self.parameter > 0:
             raise ModelError(f"{self.transform.name.lower()} over {self.parameter}: its scale must be positive")
-        if self.transform in (Transform.VALUE, Transform.SIGN, Transform.ABS) and self.parameter:
+        if not has_parameter(self.transform) and self.parameter:
             raise ModelError(f"{self.transform.name.lower()} with {self.parameter}: it has no parameter; leave it zero")
 
     def __str__(self) -> str:
         letter = "y" if self.channel == 0 else "u" if self.channel == 1 else f"u{self.channel}"
         x = f"{letter}(t-{self.lag})" if self.lag else f"{letter}(t)"
-        # Every digit, so that what is read back is the same number.
-        number = f"{float(self.parameter)}".removesuffix(".0")
-        shift = f"{x}{-float(self.parameter):+}".removesuffix(".0") if self.parameter else x
-        text = {
-            Transform.VALUE: x,
-            Transform.SIGN: f"sign({x})",
-            Transform.TANH: f"tanh({x}/{number})",
-            Transform.ABOVE: f"max({shift}, 0)",
-            Transform.BELOW: f"min({shift}, 0)",
-            Transform.ABS: f"abs({x})",
-            Transform.DECAY: f"exp(-abs({x})/{number})",
-        }[self.transform]
+        text = written(self.transform, x, self.parameter)
         return text if self.power == 1 else f"{text}^{self.power}"
 
 
@@ -146,51 +123,20 @@ def _products(node: ast.expr, power: int) -> Iterator[tuple[ast.AST, int]]:
 def _factor(node: ast.AST, text: str) -> Factor:
     """One lagged channel, perhaps transformed."""
 
-    def lagged(inner: ast.AST, transform: Transform, parameter: float = 0.0) -> Factor:
-        match inner:
-            case ast.Call(ast.Name(letter), [ast.Name("t")], []):
-                lag = 0
-            case ast.Call(ast.Name(letter), [ast.BinOp(ast.Name("t"), ast.Sub(), ast.Constant(int(lag)))], []):
-                pass
-            case _:
-                raise ModelError(
-                    f"regressor {text!r}: {ast.unparse(inner)!r} is not a lagged channel such as y(t-1) or u(t-2)"
-                )
-        number = letter[1:] or "1"
-        if letter != "y" and not (letter[:1] == "u" and number.isdigit() and int(number) > 0):
-            raise ModelError(f"regressor {text!r}: no channel {letter!r}; there are y, u, u2, u3, …")
-        return Factor(0 if letter == "y" else int(number), lag, 1, transform, parameter)
-
-    match node:
-        case ast.Call(ast.Name("sign"), [inner], []):
-            return lagged(inner, Transform.SIGN)
-        case ast.Call(ast.Name("abs"), [inner], []):
-            return lagged(inner, Transform.ABS)
-        case ast.Call(ast.Name("tanh"), [ast.BinOp(inner, ast.Div(), ast.Constant(int() | float() as scale))], []):
-            return lagged(inner, Transform.TANH, float(scale))
-        case ast.Call(
-            ast.Name("exp"),
-            [
-                ast.BinOp(
-                    ast.UnaryOp(ast.USub(), ast.Call(ast.Name("abs"), [inner], [])),
-                    ast.Div(),
-                    ast.Constant(int() | float() as scale),
-                )
-            ],
-            [],
-        ):
-            return lagged(inner, Transform.DECAY, float(scale))
-        case ast.Call(ast.Name("max" | "min" as side), [hinge, ast.Constant(0 | 0.0)], []):
-            transform = Transform.ABOVE if side == "max" else Transform.BELOW
-            match hinge:
-                case ast.BinOp(inner, ast.Sub(), ast.Constant(int() | float() as knot)):
-                    return lagged(inner, transform, float(knot))
-                case ast.BinOp(inner, ast.Add(), ast.Constant(int() | float() as knot)):
-                    return lagged(inner, transform, -float(knot))
-                case _:
-                    return lagged(hinge, transform)
+    transform, inner, parameter = read_transform(node)
+    match inner:
+        case ast.Call(ast.Name(letter), [ast.Name("t")], []):
+            lag = 0
+        case ast.Call(ast.Name(letter), [ast.BinOp(ast.Name("t"), ast.Sub(), ast.Constant(int(lag)))], []):
+            pass
         case _:
-            return lagged(node, Transform.VALUE)
+            raise ModelError(
+                f"regressor {text!r}: {ast.unparse(inner)!r} is not a lagged channel such as y(t-1) or u(t-2)"
+            )
+    number = letter[1:] or "1"
+    if letter != "y" and not (letter[:1] == "u" and number.isdigit() and int(number) > 0):
+        raise ModelError(f"regressor {text!r}: no channel {letter!r}; there are y, u, u2, u3, …")
+    return Factor(0 if letter == "y" else int(number), lag, 1, transform, parameter)
 
 
 class Tables(NamedTuple):

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.models.regression.narx import Structure
-from emsid.models.regression.regressors import HIGHEST_POWER, Factor, Regressor, Transform
+from emsid.models.regression.regressors import HIGHEST_POWER, Factor, Regressor
+from emsid.models.regression.transforms import Transform
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -190,22 +191,13 @@ def _check_size(name: str, regressors: int, **counts: int) -> None:
 def regression_reference(structure: Structure, y: Iterable[float], u: Array) -> Array:
     """Φ by the definition, sample by sample: slow, obvious, and what `fill` is compared with."""
     signals = [np.asarray(list(y)), *np.asarray(u, dtype=float).T]
-    transforms = {
-        Transform.VALUE: lambda x, p: x,
-        Transform.SIGN: lambda x, p: np.sign(x),
-        Transform.TANH: lambda x, p: np.tanh(x / p),
-        Transform.ABOVE: lambda x, p: max(x - p, 0.0),
-        Transform.BELOW: lambda x, p: min(x - p, 0.0),
-        Transform.ABS: lambda x, p: abs(x),
-        Transform.DECAY: lambda x, p: np.exp(-abs(x) / p),
-    }
     rows = []
     for t in range(structure.memory, len(signals[0])):
         row = []
         for regressor in structure.regressors:
             value = -1.0 if regressor.negative else 1.0
             for f in regressor.factors:
-                value *= transforms[f.transform](signals[f.channel][t - f.lag], f.parameter) ** f.power
+                value *= f.transform.definition(signals[f.channel][t - f.lag], f.parameter) ** f.power
             row.append(value)
         rows.append(row)
     return np.array(rows)

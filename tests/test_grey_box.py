@@ -15,7 +15,7 @@ from emsid.estimation.uncertainty.identifiability import identifiability
 from emsid.io import read, read_datasheet
 from emsid.models.model import Model
 from emsid.models.plants.datasheet import Given, applicable, datasheet
-from emsid.models.plants.drive import Bridge, Drive, Feed, Sensor
+from emsid.models.plants.drive import Bridge, Drive, Feed
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
@@ -26,6 +26,7 @@ from emsid.models.plants.search.choice import STARTS, by_direction, choose, coas
 from emsid.models.plants.search.diagnostics import dead_zone_curve, friction_curve, likelihood_profile, stops
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.problem import Recent
+from emsid.models.plants.sensor import Sensor
 from emsid.plant import DeadZoneLaw, Friction, Motor, State, simulate
 from emsid.plant.motor import Parameter
 from emsid.record import Record, concatenate

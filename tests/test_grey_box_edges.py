@@ -8,10 +8,11 @@ import pytest
 from coverage_grey_box import EXCESS, FREE, MOTOR, STICTION, coverage_of_an_excess, simulated_record
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Ending
+from emsid.findings import Finding
 from emsid.identification.candidates import Options
 from emsid.identification.workflow import identify
 from emsid.models.plants.datasheet import Given
-from emsid.models.plants.drive import Bridge, Drive, Feed, Sensor
+from emsid.models.plants.drive import Bridge, Drive, Feed
 from emsid.models.plants.grey_box import GreyBox, assumptions, check_channels
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
@@ -22,6 +23,7 @@ from emsid.models.plants.search.choice import STARTS, choose, late_command, slow
 from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.problem import FreeRunError, all_alike
+from emsid.models.plants.sensor import Sensor
 from emsid.plant import Motor
 from emsid.plant.motor import Parameter
 from emsid.record import Record
@@ -454,7 +456,7 @@ def test_without_refinements_to_choose_nothing_is_held_back(monkeypatch):
         (
             DrivenMotor(ONE_MASS),
             ("V", ""),
-            r"; name the one that drives it, or say which values of a second are codes \(--b",
+            r"; name the one that drives it, or say which values of a second are codes",
         ),
         (
             DrivenMotor(ONE_MASS, Drive(codes=((2.0, Bridge.BRAKE),))),
@@ -491,7 +493,7 @@ def test_codes_where_there_is_no_bridge_are_no_drive_or_refused(model, unit, not
     record = Record(CODED, exact, DT, input_units=(unit,), output_units=(shown,), name="log")
     options = Options(free=plant.usual[1:], codes=((999.0, Bridge.COAST),))
     result = identify(record, models=(model,), options=options)
-    assert f"{model}: has no bridge here; with 999 it is taken to be without {nothing}." in result.asides
+    assert Finding("codes-without-bridge", model, {"codes": [999.0], "nothing": nothing}) in assumptions(plant, record)
     assert result.chosen.model.plant.drive.codes == options.codes
     with pytest.raises(ModelError, match=f"{model} has no bridge here that could brake with 999; say that nothing dri"):
         identify(record, models=(model,), options=replace(options, codes=((999.0, Bridge.BRAKE),)))
@@ -508,7 +510,7 @@ def test_a_motor_with_a_shaft_that_coasts_is_refused_with_what_to_do():
     coded = replace(STARTS["motor"], drive=Drive(codes=((999.0, Bridge.COAST),)))
     record = Record(CODED, LEVELS, DT, input_units=("V",), output_units=("rad/s",))
     with pytest.raises(
-        ModelError, match=r"without inductance only; choose rigid-motor, or leave out where it does \(--m"
+        ModelError, match=r"without inductance only; choose rigid-motor, or leave out these samples with a mask"
     ):
         simulation_error(coded, record)
 

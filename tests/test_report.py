@@ -25,7 +25,6 @@ from emsid.models.blocks.fitting import fit_cascade, static_band
 from emsid.models.blocks.static_maps import Abs, CoulombLinear, CubicSpline, PiecewiseLinear, Polynomial, Saturation
 from emsid.models.blocks.static_maps import DeadZone as DeadZoneMap
 from emsid.models.plants.datasheet import Given
-from emsid.models.plants.drive import Sensor
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
@@ -33,6 +32,7 @@ from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.sensor import Sensor
 from emsid.plant import DeadZoneLaw, Friction, Motor
 from emsid.plant.motor import Parameter
 from emsid.record import Record, concatenate

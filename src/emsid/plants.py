@@ -6,43 +6,57 @@
 """
 
 from emsid.models.plants.datasheet import Given, datasheet
-from emsid.models.plants.drive import Bridge, Drive, Feed, Sensor
+from emsid.models.plants.drive import Bridge, Drive, Feed
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.own_plant import OwnPlant
-from emsid.models.plants.parameters import Handle, Plant, Quantity, Signal
+from emsid.models.plants.parameters import Handle, Signal, by_direction, scalar
+from emsid.models.plants.plant import BasePlant, Plant, Quantity
+from emsid.models.plants.registry import register
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.nouns import linear_axis, motor, rigid_motor
 from emsid.models.plants.search.problem import Recent
 from emsid.models.plants.search.result import Combination, Estimate, GreyBoxFit
-from emsid.plant.motor import Parameter
+from emsid.models.plants.sensor import Sensor
+from emsid.models.plants.state import PlantState
+from emsid.plant.friction import FrictionLaw, LawParameter, friction_law
+from emsid.plant.parameter import Measure, Parameter
 
 __all__ = [
+    "BasePlant",
     "Bridge",
     "Combination",
     "Drive",
     "DrivenMotor",
     "Estimate",
     "Feed",
+    "FrictionLaw",
     "Given",
     "GreyBox",
     "GreyBoxFit",
     "Handle",
+    "LawParameter",
     "LinearAxis",
+    "Measure",
     "OwnPlant",
     "Parameter",
     "Plant",
+    "PlantState",
     "Profile",
     "Quantity",
     "Recent",
     "Sensor",
     "Signal",
+    "by_direction",
     "datasheet",
+    "friction_law",
     "likelihood_profile",
     "linear_axis",
     "motor",
+    "register",
     "rigid_motor",
+    "scalar",
     "simulation_error",
 ]

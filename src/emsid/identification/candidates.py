@@ -7,7 +7,7 @@ the record that it holds back for that; then it is fitted to the whole record.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
@@ -31,7 +31,9 @@ from emsid.models.plants.datasheet import Given, applicable
 from emsid.models.plants.drive import Bridge
 from emsid.models.plants.grey_box import signals_of
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.search.choice import REFINEMENTS, STARTS, Mechanical, Refinement, choose
+from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.registry import PLANTS
+from emsid.models.plants.search.choice import REFINEMENTS, Refinement, choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.problem import Recent, Weighting, all_alike
 from emsid.models.regression.narx import Structure
@@ -254,7 +256,7 @@ class Physical:
     """
 
     summary: str
-    plant: Mechanical
+    plant: DrivenPlant
     refinements: tuple[Refinement, ...] = REFINEMENTS
     uses: ClassVar[tuple[str, ...]] = ("fix", "datasheet", "codes", "free", "recent", "profile", "held_back")
 
@@ -285,9 +287,9 @@ class Physical:
             progress=progress,
         )
 
-    def coded(self, options: Options) -> Mechanical:
+    def coded(self, options: Options) -> DrivenPlant:
         """The plant to begin with, which knows what is no command."""
-        return replace(self.plant, drive=replace(self.plant.drive, codes=options.codes))
+        return self.plant.with_drive(codes=options.codes)
 
 
 # Every model that `emsid identify` knows by name.
@@ -309,12 +311,11 @@ CANDIDATES: dict[str, Candidate] = {
     "hammerstein": Blocks("static map, filter", HAMMERSTEIN),
     "wiener": Blocks("filter, static map", WIENER),
     "hammerstein-wiener": Blocks("static map, filter, static map", HAMMERSTEIN_WIENER),
-    "rigid-motor": Physical(
-        "a motor with its load as one mass: ohms, kg·m² and N·m with intervals",
-        STARTS["rigid-motor"],
-    ),
-    "motor": Physical("a motor that turns its load through an elastic shaft", STARTS["motor"], ()),
-    "linear-axis": Physical("a mass on a rail: force to position, kg and N with intervals", STARTS["linear-axis"]),
+    **{
+        name: Physical(kind.summary, kind.start.driven, REFINEMENTS if kind.refined else ())
+        for name, kind in PLANTS.items()
+        if kind.start.driven is not None
+    },
 }
 
 # What is tried when nobody names a model: what any record of one input and one output can be described by.

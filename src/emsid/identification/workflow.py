@@ -21,7 +21,7 @@ from emsid.models.blocks.diagnostics import advice
 from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.grey_box import assumptions
 from emsid.models.plants.parameters import find_handle, parts, without_overlap
-from emsid.models.plants.search.choice import Mechanical
+from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.presentation import Presented
@@ -146,7 +146,7 @@ def identify(
         ]
     several = (records,) if isinstance(records, Record) else tuple(records)
     record = _one(several)
-    asides += [sentence for plant in plants.values() for sentence in assumptions(plant, record)]
+    asides += [sentence(each) for plant in plants.values() for each in assumptions(plant, record)]
     if options.codes:
         absent = [f"{code:g}" for code, _ in options.codes if code not in record.input[:, -1]]
         asides += [
@@ -207,7 +207,7 @@ def identify(
     )
 
 
-def _check_physics(plants: Mapping[str, Mechanical], models: Sequence[str], options: Options) -> list[str]:
+def _check_physics(plants: Mapping[str, DrivenPlant], models: Sequence[str], options: Options) -> list[str]:
     """Which models a datasheet is set aside for, in sentences.
 
     Raises:
@@ -229,10 +229,10 @@ def _check_physics(plants: Mapping[str, Mechanical], models: Sequence[str], opti
             f"have are {', '.join(usable)}"
         )
 
-    def open_names(plant: Mechanical, names: Iterable[str]) -> tuple[str, ...]:
+    def open_names(plant: DrivenPlant, names: Iterable[str]) -> tuple[str, ...]:
         return without_overlap(plant, names, [name for name in options.fix if name in plant.handles])
 
-    def owners_of(name: str) -> list[Mechanical]:
+    def owners_of(name: str) -> list[DrivenPlant]:
         owners = [plant for plant in plants.values() if name in plant.handles]
         if not owners:
             find_handle(next(iter(plants.values())), name)  # says so

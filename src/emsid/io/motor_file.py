@@ -59,9 +59,10 @@ def read_datasheet(path: str | os.PathLike[str]) -> dict[str, Given]:
         ModelError: for a parameter that the plant does not have, a value in another unit or beyond what is physical,
             a tolerance without value, a parameter given twice.
     """
-    from emsid.models.plants.datasheet import KINDS, datasheet
+    from emsid.models.plants.datasheet import datasheet
+    from emsid.models.plants.registry import described
 
-    kind, table = _one_table(path, tuple(KINDS))
+    kind, table = _one_table(path, tuple(described()))
     try:
         return datasheet(kind, table)
     except ModelError as problem:
@@ -94,9 +95,10 @@ def datasheet_template(kind: str) -> str:
     """A TOML file that `read_datasheet` reads with every parameter of a kind of plant, nothing yet known of it.
 
     Args:
-        kind: a key of `KINDS`.
+        kind: a name of `emsid.models.plants.registry.described`.
     """
-    from emsid.models.plants.datasheet import KINDS, UNKNOWN
+    from emsid.models.plants.datasheet import UNKNOWN
+    from emsid.models.plants.registry import described
 
     lines = [
         f"# What is known of a {kind}, for an identification: a datasheet.",
@@ -107,7 +109,7 @@ def datasheet_template(kind: str) -> str:
         f'#     "{UNKNOWN}"                                    that it is to be estimated',
         f"[{kind}]",
     ]
-    for name, handle in KINDS[kind].handles.items():
+    for name, handle in described()[kind].handles.items():
         if name.endswith((".forward", ".backward")):
             continue
         entry = f'{name} = "{UNKNOWN}"'

@@ -23,19 +23,11 @@ from numpy.typing import NDArray
 
 from emsid.errors import DataError, ModelError
 from emsid.plant.dead_zone import DeadZoneLaw
-from emsid.plant.friction import Friction
+from emsid.plant.friction import Friction, FrictionLaw, find_law
+from emsid.plant.parameter import Measure, Parameter
 from emsid.units import conversion, with_unit
 
 Array = NDArray[np.float64]
-
-
-class Parameter(NamedTuple):
-    """A physical parameter of a motor: its name in `Motor`, dotted inside a part, and its SI unit."""
-
-    name: str
-    symbol: str
-    unit: str
-    description: str
 
 
 class StateSpace(NamedTuple):
@@ -47,8 +39,16 @@ class StateSpace(NamedTuple):
     D: Array
 
 
-def _quantity(default: float, symbol: str, unit: str, description: str) -> Any:
-    return field(default=default, metadata={"symbol": symbol, "unit": unit, "description": description})
+def _quantity(
+    default: float,
+    symbol: str,
+    unit: str,
+    description: str,
+    measure: Measure = Measure.OTHER,
+    positive: bool = False,
+) -> Any:
+    about = {"symbol": symbol, "unit": unit, "description": description, "measure": measure, "positive": positive}
+    return field(default=default, metadata=about)
 
 
 def _part(default: object, kind: type, description: str, *parameters: tuple[str, str, str, str]) -> Any:
@@ -57,15 +57,24 @@ def _part(default: object, kind: type, description: str, *parameters: tuple[str,
     return field(default=default, metadata={"kind": kind, "description": description, "parameters": table})
 
 
+def law_parameters(law: type[FrictionLaw], where: str = "", index: str = "", linear: bool = False) -> list[Parameter]:
+    """The parameters of a friction law where it acts, with symbols that say so."""
+    place = f" on the {where}" if where else ""
+    return [
+        Parameter(
+            each.name,
+            (linear and each.linear_symbol) or f"{each.symbol}{index}",
+            each.measure.unit(linear),
+            f"{each.description}{place}",
+        )
+        for each in law.parameters
+    ]
+
+
 def _friction(default: Friction, where: str, index: str) -> Any:
-    return _part(
-        default,
-        Friction,
-        f"friction on the {where}",
-        ("coulomb", f"α₀{index}", "N*m", f"Coulomb level on the {where}"),
-        ("stribeck", f"α₁{index}", "N*m", f"Stribeck excess at standstill on the {where}"),
-        ("stribeck_rate", f"α₂{index}", "s/rad", f"Stribeck rate on the {where}"),
-    )
+    parameters = law_parameters(Friction, where, index)
+    about = {"kind": FrictionLaw, "description": f"friction on the {where}", "parameters": tuple(parameters)}
+    return field(default=default, metadata=about | {"where": where, "index": index})
 
 
 def _dead_zone(default: DeadZoneLaw | None, where: str, unit: str) -> Any:
@@ -78,6 +87,9 @@ def _dead_zone(default: DeadZoneLaw | None, where: str, unit: str) -> Any:
         ("m_l", "m_l", "1", f"left slope of the dead zone on the {where}"),
         ("m_r", "m_r", "1", f"right slope of the dead zone on the {where}"),
     )
+
+
+_CALLED = {FrictionLaw: "Friction or another friction law", DeadZoneLaw: "DeadZoneLaw"}
 
 
 @dataclass(frozen=True)
@@ -108,33 +120,32 @@ class Motor:
         ModelError: for a value that is not physical.
     """
 
-    resistance: float = _quantity(2.0, "R_a", "ohm", "armature resistance")
+    resistance: float = _quantity(2.0, "R_a", "ohm", "armature resistance", positive=True)
     inductance: float = _quantity(2e-3, "L_a", "H", "armature inductance")
-    motor_constant: float = _quantity(0.05, "K_m", "N*m/A", "motor constant")
-    rotor_inertia: float = _quantity(2e-5, "J_m", "kg*m^2", "rotor moment of inertia")
-    rotor_viscous: float = _quantity(1e-5, "B_m", "N*m*s/rad", "rotor viscous friction")
-    shaft_stiffness: float = _quantity(10.0, "K_s", "N*m/rad", "shaft stiffness, infinite when rigid")
-    shaft_damping: float = _quantity(2e-3, "B_s", "N*m*s/rad", "shaft inner damping")
-    load_inertia: float = _quantity(3e-5, "J_L", "kg*m^2", "load moment of inertia")
-    load_viscous: float = _quantity(5e-6, "B_L", "N*m*s/rad", "load viscous friction")
-    rotor_friction: Friction = _friction(Friction(8e-3, 2e-3, 0.3), "rotor", "m")  # noqa: RUF009
-    load_friction: Friction = _friction(Friction(2e-6), "load", "L")  # noqa: RUF009
+    motor_constant: float = _quantity(0.05, "K_m", "N*m/A", "motor constant", positive=True)
+    rotor_inertia: float = _quantity(2e-5, "J_m", "kg*m^2", "rotor moment of inertia", positive=True)
+    rotor_viscous: float = _quantity(1e-5, "B_m", "N*m*s/rad", "rotor viscous friction", Measure.DAMPING)
+    shaft_stiffness: float = _quantity(10.0, "K_s", "N*m/rad", "shaft stiffness, infinite when rigid", positive=True)
+    shaft_damping: float = _quantity(2e-3, "B_s", "N*m*s/rad", "shaft inner damping", Measure.DAMPING)
+    load_inertia: float = _quantity(3e-5, "J_L", "kg*m^2", "load moment of inertia", positive=True)
+    load_viscous: float = _quantity(5e-6, "B_L", "N*m*s/rad", "load viscous friction", Measure.DAMPING)
+    rotor_friction: FrictionLaw = _friction(Friction(8e-3, 2e-3, 0.3), "rotor", "m")  # noqa: RUF009
+    load_friction: FrictionLaw = _friction(Friction(2e-6), "load", "L")  # noqa: RUF009
     voltage_dead_zone: DeadZoneLaw | None = _dead_zone(DeadZoneLaw(-0.5, 0.5), "voltage", "V")  # noqa: RUF009
     torque_dead_zone: DeadZoneLaw | None = _dead_zone(None, "torque", "N*m")  # noqa: RUF009
 
     def __post_init__(self) -> None:
-        positive = ("resistance", "motor_constant", "rotor_inertia", "shaft_stiffness", "load_inertia")
         for part in fields(self):
             value = getattr(self, part.name)
             if "kind" in part.metadata:
                 kind = part.metadata["kind"]
                 if not (isinstance(value, kind) or (value is None and kind is DeadZoneLaw)):
-                    raise ModelError(f"motor {part.name} is {value!r}; give a {kind.__name__}")
+                    raise ModelError(f"motor {part.name} is {value!r}; give a {_CALLED[kind]}")
                 continue
             if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or isnan(value):
                 raise ModelError(f"motor {part.name} is {value!r}; give a number in {part.metadata['unit']}")
-            if value < 0 or (value == 0 and part.name in positive):
-                needed = "positive" if part.name in positive else "zero or positive"
+            if value < 0 or (value == 0 and part.metadata["positive"]):
+                needed = "positive" if part.metadata["positive"] else "zero or positive"
                 raise ModelError(
                     f"motor {part.name} is {with_unit(f'{value:g}', part.metadata['unit'])}; it must be {needed}"
                 )
@@ -233,7 +244,12 @@ def _read_part(part: Field[Any], value: Any) -> Any:
         return value
     if not isinstance(value, Mapping):
         raise ModelError(f"motor {part.name} is {value!r}; give a table of its parameters")
-    units = {p.name: p.unit for p in part.metadata["parameters"]}
+    parameters = part.metadata["parameters"]
+    if kind is FrictionLaw:
+        kind = find_law(value.get("law", "coulomb-stribeck"))
+        parameters = law_parameters(kind, part.metadata["where"], part.metadata["index"])
+        value = {name: entry for name, entry in value.items() if name != "law"}
+    units = {p.name: p.unit for p in parameters}
     _refuse_unknown(value, units, f"motor {part.name}")
     if kind is DeadZoneLaw and not value:
         return None

@@ -1,6 +1,6 @@
 """The plant as slow and obvious as can be: the reference that `emsid.plant.simulation` is tested and timed against.
 
-SciPy integrates (4.1)–(4.11) as they stand, with the laws of `Friction` and `DeadZoneLaw`, and is stopped and restarted
+SciPy integrates (4.1)–(4.11) as they stand, with any `FrictionLaw` and `DeadZoneLaw`, and is stopped and restarted
 where a sliding body comes to rest, where a held one breaks away and where the voltage changes. Corners of a torque
 dead zone are left to its step-size control. Only a motor with inductance and an elastic shaft is covered.
 """
@@ -8,12 +8,13 @@ dead zone are left to its step-size control. Only a motor with inductance and an
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from emsid.plant.friction import Friction
+from emsid.plant.friction import FrictionLaw
 from emsid.plant.motor import Motor
 
 Array = NDArray[np.float64]
@@ -85,12 +86,17 @@ def _derivative(motor: Motor, x: Array, volt: float, motion: tuple[int, ...]) ->
     )
 
 
-def _acceleration(net: float, friction: Friction, inertia: float, speed: float, direction: int) -> float:
+def _acceleration(net: float, friction: FrictionLaw, inertia: float, speed: float, direction: int) -> float:
     """Of a body held (direction 0) or sliding; trial steps of the integrator beyond standstill keep its direction."""
     if direction == 0:
         return 0.0
-    level, excess, rate = friction.forward if direction > 0 else friction.backward
-    return float(net - direction * (level + excess * np.exp(-rate * direction * speed))) / inertia
+    level = type(friction).level(direction * speed, _numbers(friction), int(direction < 0))
+    return float(net - direction * level) / inertia
+
+
+@lru_cache(maxsize=8)
+def _numbers(friction: FrictionLaw) -> Array:
+    return friction.numbers
 
 
 def _event(motor: Motor, body: int, direction: int) -> Callable[[float, Array], float]:

@@ -35,6 +35,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError, ModelError
+from emsid.plant.friction import Friction, FrictionLaw
 from emsid.plant.motor import Motor
 
 Array = NDArray[np.float64]
@@ -298,8 +299,22 @@ class _Constants(NamedTuple):
     scale: Array  # (4,) current, speeds and twist that one volt causes
 
 
+def _paper_law(law: FrictionLaw) -> Friction:
+    """The friction (4.7), whose Taylor series the kernels know.
+
+    Raises:
+        ModelError: for any other friction law.
+    """
+    if not isinstance(law, Friction):
+        raise ModelError(
+            f"friction law {type(law).__name__}: a motor with a shaft, an inductance or a torque dead zone is "
+            "simulated with coulomb-stribeck friction only; use a rigid motor with inductance 0"
+        )
+    return law
+
+
 def _constants(motor: Motor) -> _Constants:
-    frictions = (motor.rotor_friction, motor.load_friction)
+    frictions = (_paper_law(motor.rotor_friction), _paper_law(motor.load_friction))
     levels = np.array([[f.forward, f.backward] for f in frictions])
     breakaway = levels[:, :, 0] + levels[:, :, 1]
     if motor.is_rigid:

@@ -390,7 +390,7 @@ def _ratio(linear: Row, other: Row) -> str:
 def _why(linear: Row, paper: Row, motor: Motor) -> str:
     """Why an even polynomial does not help on a motor that is alike in both directions."""
     zone, friction = motor.voltage_dead_zone or motor.torque_dead_zone, motor.rotor_friction
-    alike = friction.forward == friction.backward and (zone is None or zone.b_l == -zone.b_r)
+    alike = friction.symmetric and (zone is None or zone.b_l == -zone.b_r)
     if alike and paper.simulation_mse * 1.5 > linear.simulation_mse:
         return (
             ": its quadratic term is even, and dead zone and friction of this motor, alike in both directions, are odd"

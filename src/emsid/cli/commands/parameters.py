@@ -29,8 +29,8 @@ def parameters(
     if plant is None:
         say(motor_template())
         return
-    from emsid.models.plants.datasheet import KINDS
+    from emsid.models.plants.registry import described
 
-    if plant not in KINDS:
-        raise DataError(f"no datasheet of {plant!r}; there are {', '.join(KINDS)}")
+    if plant not in described():
+        raise DataError(f"no datasheet of {plant!r}; there are {', '.join(described())}")
     say(datasheet_template(plant))

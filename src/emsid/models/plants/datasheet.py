@@ -9,16 +9,14 @@ from math import inf, isfinite
 from typing import Any
 
 from emsid.errors import ModelError
-from emsid.models.plants.linear_axis import LinearAxis
-from emsid.models.plants.motor import DrivenMotor
-from emsid.models.plants.parameters import Plant, find_handle, refuse_overlap
+from emsid.models.plants.parameters import find_handle, refuse_overlap
+from emsid.models.plants.plant import Plant
+from emsid.models.plants.registry import PLANTS, described
+from emsid.plant.friction import FrictionLaw, find_law
 from emsid.plant.motor import read_number
 
 UNKNOWN = "unknown"
 """What a datasheet has instead of a value for a parameter that is to be estimated."""
-
-KINDS: Mapping[str, Plant] = {"motor": DrivenMotor(), "linear-axis": LinearAxis()}
-"""The plants that datasheets are written for, by the name of their table."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,7 @@ def datasheet(kind: str, table: Mapping[str, Any]) -> dict[str, Given]:
     ((1.8, 2.2), None)
 
     Args:
-        kind: of plant, a key of `KINDS`.
+        kind: of plant, a key of `registry.described()`.
         table: for every parameter by its name a number in SI units, a text with a unit, ``"unknown"``, or a table
             ``{value = …, tolerance = "10 %"}``; a list of two is [forward, backward]. Tables nest as names do: what
             `rotor_friction` holds under `coulomb` is `rotor_friction.coulomb`.
@@ -68,10 +66,14 @@ def datasheet(kind: str, table: Mapping[str, Any]) -> dict[str, Given]:
         ModelError: for a name the plant does not have, a value in another unit or beyond what is physical, a tolerance
             without value, a parameter given twice.
     """
-    if kind not in KINDS:
-        raise ModelError(f"no datasheet of a {kind}; there are {', '.join(KINDS)}")
-    plant, sheet = KINDS[kind], dict[str, Given]()
-    for name, entry in _leaves(table):
+    known = described()
+    if kind not in known:
+        raise ModelError(f"no datasheet of a {kind}; there are {', '.join(known)}")
+    entries, laws = dict(_leaves(table)), dict[str, FrictionLaw]()
+    for name in [name for name in entries if name.endswith(".law")]:
+        laws[name.removesuffix(".law")] = find_law(entries.pop(name))()
+    plant, sheet = known[kind].with_frictions(laws), dict[str, Given]()
+    for name, entry in entries.items():
         if isinstance(entry, (list, tuple)):
             if len(entry) != 2 or f"{name}.forward" not in plant.handles:
                 raise ModelError(f"{kind} {name} is {entry!r}; only frictions take a pair, [forward, backward]")
@@ -88,12 +90,10 @@ def applicable(sheet: Mapping[str, Given], plant: Plant) -> dict[str, Given]:
 
     A rigid motor has no shaft and no inductance; a datasheet of another kind of plant says nothing of this one.
     """
-    kind = KINDS.get("motor" if isinstance(plant, DrivenMotor) else plant.name, plant)
-    if not set(sheet) <= set(kind.handles):
+    kind = next((each.described for each in PLANTS.values() if each.plain.name == plant.name), plant)
+    if not set(sheet) <= set(kind.handles) | set(plant.handles):
         return {}
-    one_mass = isinstance(plant, DrivenMotor) and plant.motor.is_rigid and plant.motor.inductance == 0
-    missing = {"inductance"} if one_mass else set()
-    return {name: given for name, given in sheet.items() if name in plant.handles and name not in missing}
+    return {name: given for name, given in sheet.items() if name in plant.handles and name not in plant.lacks}
 
 
 def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

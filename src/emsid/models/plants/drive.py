@@ -1,6 +1,6 @@
-"""What real logs have in front of a plant and behind it: a drive and a sensor.
+"""The drive, which is between the command in a log and a plant.
 
-**The drive** makes the voltage (or force) from the command: v = gain·(u(t − delay) + offset), limited by the supply.
+It makes the voltage (or force) from the command: v = gain·(u(t − delay) + offset), limited by the supply.
 Beyond a knee the command may count more: a bridge loses a part of every period to switching, and gets it back near full
 duty, where it no longer switches.
 A bridge that leaves the armature open in the off-time of its PWM brakes only while it conducts. With ρ = |v|/supply
@@ -11,9 +11,6 @@ the duty and λ how far it does so, the armature conducts during
 of a period, with ±supply across it: its mean torque is K_m/R_a·(v − c·K_m·ω) for λ = 1 as for λ = 0, while the back
 electromotive force counts for less the smaller the duty is. Codes among the commands stand for a bridge that brakes
 (c = 1, v = 0) or coasts (c = 0).
-
-**The sensor** may lag (first order), be off by a constant, count on the other side of a gear, or average over the
-sample before it, as counting encoder edges does.
 """
 
 from __future__ import annotations
@@ -26,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError, ModelError
-from emsid.models.plants.parameters import TINY, Handle, handles_of
-from emsid.plant.motor import Parameter
+from emsid.models.plants.parameters import TINY, Handle, scalar
+from emsid.plant.parameter import Measure, Parameter
 
 Array = NDArray[np.float64]
 
@@ -176,106 +173,35 @@ class Drive:
         return self.acting(inputs, self.standing(inputs[0], dt, len(inputs)), dt)[:3]
 
 
-@dataclass(frozen=True)
-class Sensor:
-    """What is between the motion and the log.
+def outer_handles(unit: str, word: str, measure: Measure, motion: str, shown: Measure) -> dict[str, Handle]:
+    """The handles of drive and sensor.
 
     Args:
-        ratio: turns of the motor per turn of what is measured.
-        lag: time constant of its filter in s.
-        offset: what it shows at rest, in the unit of the output; not applied to a current.
-        average: whether a speed is the mean over the sample before, as counting encoder edges gives it.
-
-    Raises:
-        ModelError: for a ratio of zero or a lag that is negative.
+        unit, word, measure: of what the drive makes.
+        motion, shown: unit and measure of what the sensor shows.
     """
 
-    ratio: float = 1.0
-    lag: float = 0.0
-    offset: float = 0.0
-    average: bool = False
+    def one(
+        name: str,
+        symbol: str,
+        unit: str,
+        description: str,
+        measure: Measure,
+        lower: float = 0.0,
+        upper: float = inf,
+    ) -> dict[str, Handle]:
+        return scalar(tuple(name.split(".")), Parameter(name, symbol, unit, description), measure, lower, upper)
 
-    def __post_init__(self) -> None:
-        if not (isfinite(self.ratio) and self.ratio != 0 and isfinite(self.offset)):
-            raise ModelError(
-                f"sensor with ratio {self.ratio} and offset {self.offset}; give finite ones, the ratio not 0"
-            )
-        if not (isfinite(self.lag) and self.lag >= 0):
-            raise ModelError(f"sensor with a lag of {self.lag} s; it cannot be negative and must be finite")
-
-    def begins(self, position: bool, motion: Array, dt: float, shown: float) -> Array:
-        """(2,) what it keeps before the first sample: no position seen yet, and the state of its filter.
-
-        Args:
-            position: whether it shows a position, not a speed.
-            motion: (2,) speed and position at the first sample.
-            dt: sample time in s.
-            shown: the speed that it shows at the first sample, before ratio and offset; of a position it is
-                lag·shown behind.
-        """
-        if self.lag < 1e-6 * dt:
-            return np.array([np.nan, 0.0])
-        first = float(motion[1]) - self.lag * shown if position else shown
-        return np.array([np.nan, first - self._weights(dt)[0] * float(motion[1 if position else 0])])
-
-    def speed(self, speeds: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
-        """(N,) what it shows of a speed, and what it keeps (2,) then, from what it kept before."""
-        seen = speeds
-        if self.average:
-            before = float(kept[0])
-            start = speeds[:1] if np.isnan(before) else (positions[:1] - before) / dt
-            seen = np.concatenate([start, np.diff(positions) / dt])
-        return self._shown(seen, positions, dt, kept)
-
-    def position(self, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
-        """(N,) what it shows of a position, and what it keeps (2,) then, from what it kept before."""
-        return self._shown(positions, positions, dt, kept)
-
-    def _shown(self, values: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
-        lagging, state = values, float(kept[1])
-        if self.lag >= 1e-6 * dt:
-            from scipy.signal import lfilter
-
-            newest, before, decay = self._weights(dt)
-            lagging, (state,) = lfilter([newest, before], [1.0, -decay], values, zi=[state])
-        return lagging / self.ratio + self.offset, np.array([float(positions[-1]), state])
-
-    def _weights(self, dt: float) -> tuple[float, float, float]:
-        """1/(1 + lag·s) for a value that is a straight line between samples: of the newest value, the one before, and
-        what was shown before."""
-        z = dt / self.lag
-        decay, gain = float(np.exp(-z)), float(-np.expm1(-z) / z)
-        return 1.0 - gain, gain - decay, decay
-
-
-def outer_handles(volt: str, volts: str, motion: str) -> dict[str, Handle]:
-    """The handles of drive and sensor, given what the drive makes (unit and word) and what the sensor shows."""
+    factor, time = Measure.FACTOR, Measure.TIME
     return {
-        **handles_of((), "drive.gain", "k_u", volt, f"{volts} per unit of command"),
-        "drive.offset": Handle(
-            Parameter("drive.offset", "u₀", "1", "offset of the command, in its unit"), ((("drive", "offset"), 1.0),)
-        ),
-        **handles_of((), "drive.delay", "t_d", "s", "delay from the command to what it does"),
-        "drive.supply": Handle(
-            Parameter("drive.supply", "V_s", volt, f"most {volts} that there are"), ((("drive", "supply"), 1.0),), TINY
-        ),
-        "drive.knee": Handle(
-            Parameter("drive.knee", "V_k", volt, f"{volts} above which the command counts differently"),
-            ((("drive", "knee"), 1.0),),
-            TINY,
-        ),
-        **handles_of((), "drive.beyond", "γ", "1", "how many times more the command counts beyond the knee"),
-        "drive.freewheel": Handle(
-            Parameter("drive.freewheel", "λ", "1", "how far the bridge coasts in its off-time"),
-            ((("drive", "freewheel"), 1.0),),
-            0.0,
-            1.0,
-        ),
-        **handles_of((), "sensor.lag", "t_s", "s", "time constant of the sensor"),
-        "sensor.offset": Handle(
-            Parameter("sensor.offset", "y₀", motion, "what the sensor shows at rest"), ((("sensor", "offset"), 1.0),)
-        ),
-        "sensor.ratio": Handle(
-            Parameter("sensor.ratio", "n", "1", "turns of the motor per turn measured"), ((("sensor", "ratio"), 1.0),)
-        ),
+        **one("drive.gain", "k_u", unit, f"{word} per unit of command", measure),
+        **one("drive.offset", "u₀", "1", "offset of the command, in its unit", factor, -inf),
+        **one("drive.delay", "t_d", "s", "delay from the command to what it does", time),
+        **one("drive.supply", "V_s", unit, f"most {word} that there are", measure, TINY),
+        **one("drive.knee", "V_k", unit, f"{word} above which the command counts differently", measure, TINY),
+        **one("drive.beyond", "γ", "1", "how many times more the command counts beyond the knee", factor),
+        **one("drive.freewheel", "λ", "1", "how far the bridge coasts in its off-time", factor, 0.0, 1.0),
+        **one("sensor.lag", "t_s", "s", "time constant of the sensor", time),
+        **one("sensor.offset", "y₀", motion, "what the sensor shows at rest", shown, -inf),
+        **one("sensor.ratio", "n", "1", "turns of the motor per turn measured", factor, -inf),
     }

@@ -8,7 +8,7 @@ parameters are found is in `estimation`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,23 +16,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError, EmsidError, ModelError, listed
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.findings import Finding
 from emsid.models.free_run import as_record, continued, free_run, predict
 from emsid.models.model import Run
-from emsid.models.plants.drive import Bridge, Feed
-from emsid.models.plants.linear_axis import LinearAxis
-from emsid.models.plants.motor import DrivenMotor
-from emsid.models.plants.own_plant import OwnPlant
-from emsid.models.plants.parameters import Plant, Signal, parts
-from emsid.models.plants.plant_file import plant_from_data, plant_to_data
-from emsid.models.plants.search.problem import FreeRunError, all_alike, free_states, guess_state
+from emsid.models.plants.drive import Bridge
+from emsid.models.plants.parameters import Signal, parts
+from emsid.models.plants.plant import Channels, Plant
+from emsid.models.plants.registry import plant_from_data, plant_to_data
+from emsid.models.plants.search.problem import FreeRunError, all_alike
 from emsid.models.plants.state import PlantState
 from emsid.record import Record
 
 Array = NDArray[np.float64]
-
-
-BEGINNING = 20
-"""Samples that tell the start of what one sample does not show."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +49,8 @@ class GreyBox:
 
     @property
     def memory(self) -> int:
-        """One sample gives the start of a speed; of a position, or where drive or sensor are late, twenty."""
-        if isinstance(self.plant, (DrivenMotor, LinearAxis)) and Signal.POSITION not in self.signals:
-            return BEGINNING if self.plant.drive.delay > 0 or self.plant.sensor.lag > 0 else 1
-        return BEGINNING
+        """As many samples as show the state at the start."""
+        return self.plant.start_samples(self.signals)
 
     @property
     def dt(self) -> None:
@@ -124,8 +117,8 @@ class GreyBox:
     def beginning(self, segment: Record, samples: int) -> Array:
         """The state at the first sample of a segment that its first ``samples`` samples suggest."""
         head = segment[: max(samples, 1)]
-        guess = guess_state(self.plant, self.signals, head)
-        free = free_states(self.plant, self.signals, head)
+        guess = self.plant.first_state(self.signals, head)
+        free = self.plant.free_states(self.signals, head)
         if len(head) * len(self.signals) < 4 * len(free) or not len(free):
             return guess
         problem = FreeRunError(self.plant, self.signals, (head,), (), (guess,), (free,), all_alike, 1)
@@ -146,8 +139,9 @@ class GreyBox:
         }
         said_so = {part for some in alike.values() for part in some}
         shown = []
+        without_effect = self.plant.without_effect(self.signals)
         for name, handle in self.plant.handles.items():
-            if name in self._idle:
+            if name in without_effect:
                 continue
             value = values[name]
             once = name in alike or not (len(handle.paths) > 1 or name in said_so)
@@ -155,14 +149,6 @@ class GreyBox:
             if once and np.isfinite(value) and not nothing and value != 1.0:
                 shown.append(f"{name} = {handle.with_unit(value, 6)}")
         return f"{self.name}: " + ", ".join(shown)
-
-    @property
-    def _idle(self) -> tuple[str, ...]:
-        """Parameters of a motor without effect: electrical ones where what drives it is no voltage."""
-        if not isinstance(self.plant, DrivenMotor) or self.plant.feed is Feed.VOLTAGE:
-            return ()
-        constant = self.plant.feed is Feed.TORQUE and Signal.CURRENT not in self.signals
-        return ("resistance", "inductance", *(("motor_constant",) if constant else ()))
 
     def to_data(self) -> dict[str, Any]:
         """Kind of plant, its parameters, and what the outputs are."""
@@ -186,120 +172,82 @@ _BY_UNIT = {
 
 
 def signals_of(plant: Plant, record: Record) -> tuple[Signal, ...]:
-    """What the outputs of a record are, by their units; without one, a speed, and of a linear axis a position."""
-    usual = Signal.POSITION if isinstance(plant, LinearAxis) else Signal.SPEED
+    """What the outputs of a record are, by their units; without one, what the plant usually gives."""
+    usual = Signal.SPEED if plant.channels is None else plant.channels.usual
     return tuple(_BY_UNIT.get(unit, usual) for unit in record.output_units)
 
 
-# What a command may be in, by what drives a plant: these, or no unit of a quantity at all, as a PWM has none.
-_COMMANDS: dict[Feed | None, tuple[str, ...]] = {
-    Feed.VOLTAGE: ("V",),
-    Feed.CURRENT: ("A",),
-    Feed.TORQUE: ("N*m",),
-    None: ("N", "V", "A", "N*m"),  # of an axis, whose drive makes a force of any of them
-}
 _NO_QUANTITY = ("", "1", "pwm", "%", "percent", "count", "counts")
-
-
-def fed(plant: Plant, record: Record) -> Plant:
-    """The plant as the command of a record drives it: a rigid motor by current or torque, where it is in A or N·m."""
-    if isinstance(plant, DrivenMotor) and plant.feed is Feed.VOLTAGE:
-        for feed in (Feed.CURRENT, Feed.TORQUE):
-            if record.input_units[0] in _COMMANDS[feed]:
-                if not plant.motor.is_rigid:
-                    raise ModelError(
-                        f"{record.name}: {record.input_names[0]!r} is in {record.input_units[0]}; a motor fed with a "
-                        f"{feed.value} is one mass only: choose rigid-motor"
-                    )
-                return replace(plant, feed=feed, motor=replace(plant.motor, voltage_dead_zone=None))
-    return plant
+_NO_VOLTAGE = ("A", "N*m")
 
 
 def check_channels(plant: Plant, signals: Sequence[Signal], record: Record) -> None:
-    """Refuse a record that a plant has not the channels for, or that was written in units it does not work in."""
-    if not isinstance(plant, OwnPlant):
-        _check_command(plant, record)
+    """Refuse a record that a plant does not have the channels for, or in units that it does not work in."""
+    channels = plant.channels
+    if channels is not None:
+        _check_command(plant, channels, record)
     if not record.output.shape[1]:
         return
     if record.output.shape[1] != len(signals):
         raise DataError(
             f"{record.name}: {record.output.shape[1]} outputs and {len(signals)} signals said to be in them"
         )
-    if isinstance(plant, OwnPlant):
+    if channels is None:
         return
-    fitting = _units_of(plant)
     for name, unit, signal in zip(record.output_names, record.output_units, signals, strict=True):
-        if unit and unit != fitting[signal]:
+        if unit and unit != channels.units[signal]:
             raise DataError(
                 f"{record.name}: output {name!r} is in {unit}, {plant.name} gives a {signal.value} in "
-                f"{fitting[signal]}; convert it or choose another model",
+                f"{channels.units[signal]}; convert it or choose another model",
                 arguments=("units",),
             )
 
 
-def assumptions(plant: Plant, record: Record) -> list[str]:
-    """What channels without a unit are taken for, a sentence each."""
-    if isinstance(plant, OwnPlant):
+def assumptions(plant: Plant, record: Record) -> list[Finding]:
+    """What channels without a unit are taken for."""
+    channels = plant.channels
+    if channels is None:
         return []
-    signals, fitting = signals_of(plant, record), _units_of(plant)
-    sentences = [
-        f"{plant.name}: {name} has no unit and is taken for a {signal.value} in {fitting[signal]}; if it is not, say "
-        f"what it is (--unit {name}=…)."
-        for name, unit, signal in zip(record.output_names, record.output_units, signals, strict=True)
+    findings = [
+        Finding("unit-assumed", plant.name, {"channel": name, "signal": signal.value, "unit": channels.units[signal]})
+        for name, unit, signal in zip(record.output_names, record.output_units, signals_of(plant, record), strict=True)
         if not unit
     ]
     if not record.input_units[0]:
-        made = "volts" if isinstance(plant, DrivenMotor) else "newtons"
-        sentences.append(
-            f"{plant.name}: {record.input_names[0]} has no unit and is taken for {made}; if it is not, say what it is "
-            "(--unit), or what one of it makes (drive.gain)."
+        findings.append(
+            Finding("command-unit-assumed", plant.name, {"channel": record.input_names[0], "unit": channels.made})
         )
-    if isinstance(plant, (DrivenMotor, LinearAxis)) and plant.drive.codes and not _has_bridge(plant, record):
-        codes = listed([f"{code:g}" for code, _ in plant.drive.codes])
-        nothing = "force" if isinstance(plant, LinearAxis) else "torque"
-        sentences.append(f"{plant.name}: has no bridge here; with {codes} it is taken to be without {nothing}.")
-    return sentences
+    if channels.codes and not _has_bridge(channels, record):
+        codes = [code for code, _ in channels.codes]
+        findings.append(Finding("codes-without-bridge", plant.name, {"codes": codes, "nothing": channels.nothing}))
+    return findings
 
 
-def _units_of(plant: Plant) -> dict[Signal, str]:
-    """What a plant gives its signals in."""
-    linear = isinstance(plant, LinearAxis)
-    return {
-        Signal.SPEED: "m/s" if linear else "rad/s",
-        Signal.ROTOR_SPEED: "rad/s",
-        Signal.POSITION: "m" if linear else "rad",
-        Signal.CURRENT: "A",
-    }
-
-
-def _has_bridge(plant: DrivenMotor | LinearAxis, record: Record) -> bool:
+def _has_bridge(channels: Channels, record: Record) -> bool:
     """Whether what drives a plant can short it or leave it open: that is, by a voltage."""
-    otherwise = (*_COMMANDS[Feed.CURRENT], *_COMMANDS[Feed.TORQUE])
-    return isinstance(plant, DrivenMotor) and plant.feed is Feed.VOLTAGE and record.input_units[0] not in otherwise
+    return channels.bridge and record.input_units[0] not in _NO_VOLTAGE
 
 
-def _check_command(plant: Plant, record: Record) -> None:
+def _check_command(plant: Plant, channels: Channels, record: Record) -> None:
     """Refuse inputs that do not drive a plant."""
-    coded = isinstance(plant, (DrivenMotor, LinearAxis)) and bool(plant.drive.codes)
-    if record.input.shape[1] > (2 if coded else 1):
-        codes = " and the one with its codes" if coded else ", or say which values of a second are codes"
+    if record.input.shape[1] > (2 if channels.codes else 1):
+        codes = " and the one with its codes" if channels.codes else ", or say which values of a second are codes"
         raise DataError(
             f"{record.name}: {record.input.shape[1]} inputs for {plant.name}; name the one that drives it{codes}",
-            arguments=() if coded else ("brake", "coast"),
+            arguments=() if channels.codes else ("brake", "coast"),
         )
-    if isinstance(plant, (DrivenMotor, LinearAxis)) and not _has_bridge(plant, record):
-        brakes = [f"{code:g}" for code, bridge in plant.drive.codes if bridge is Bridge.BRAKE]
+    if not _has_bridge(channels, record):
+        brakes = [f"{code:g}" for code, bridge in channels.codes if bridge is Bridge.BRAKE]
         if brakes:
             raise ModelError(
                 f"{plant.name} has no bridge here that could brake with {listed(brakes)}; say that nothing drives it "
                 "there, or leave these samples out with a mask",
                 arguments=("coast", "mask"),
             )
-    feed = plant.feed if isinstance(plant, DrivenMotor) else None
     name, unit = record.input_names[0], record.input_units[0]
-    if unit.lower() not in _NO_QUANTITY and unit not in _COMMANDS[feed]:
+    if unit.lower() not in _NO_QUANTITY and unit not in channels.commands:
         raise DataError(
-            f"{record.name}: input {name!r} is in {unit}, and {plant.name} takes {' or '.join(_COMMANDS[feed])}; "
+            f"{record.name}: input {name!r} is in {unit}, and {plant.name} takes {' or '.join(channels.commands)}; "
             "correct its unit or choose another column",
             arguments=("units",),
         )

@@ -9,43 +9,44 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
-from typing import Self
+from functools import cache
+from math import inf, isfinite
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.models.plants.drive import Drive, Sensor, outer_handles
+from emsid.models.plants.drive import Drive, Feed, outer_handles
+from emsid.models.plants.driven import Driven
 from emsid.models.plants.one_mass import Motion, Sliding, moved
-from emsid.models.plants.parameters import TINY, Handle, Parametrised, Quantity, Signal, handles_of
+from emsid.models.plants.parameters import TINY, Handle, Signal, by_direction, dead_zone_handles, law_handles, scalar
+from emsid.models.plants.plant import Channels, Characteristic, Quantity
+from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
-from emsid.plant import DeadZoneLaw, Friction
-from emsid.plant.motor import Parameter
+from emsid.plant import DeadZoneLaw, Friction, FrictionLaw, Measure, Parameter
 
 Array = NDArray[np.float64]
 
-_AXIS_HANDLES = {
-    **handles_of((), "mass", "M", "kg", "moving mass"),
-    **handles_of((), "viscous_friction", "F_v", "N*s/m", "viscous friction"),
-    **handles_of((), "friction.coulomb", "F_c", "N", "Coulomb level"),
-    **handles_of((), "friction.stribeck", "F_s", "N", "Stribeck excess at standstill"),
-    **handles_of((), "friction.stribeck_rate", "α₂", "s/m", "Stribeck rate"),
-    "offset": Handle(Parameter("offset", "F₀", "N", "constant force against the motion"), ((("offset",), 1.0),)),
-    **handles_of((), "dead_zone.b_l", "b_l", "N", "left break point of the dead zone on the force"),
-    **handles_of((), "dead_zone.b_r", "b_r", "N", "right break point of the dead zone on the force"),
-    **handles_of((), "dead_zone.m_l", "m_l", "1", "left slope of the dead zone on the force"),
-    **handles_of((), "dead_zone.m_r", "m_r", "1", "right slope of the dead zone on the force"),
-    **{
-        name: handle
-        for name, handle in outer_handles("N", "newtons", "m").items()
-        if name not in ("drive.freewheel", "sensor.ratio")
-    },
-}
+
+@cache
+def _handles(law: type[FrictionLaw]) -> Mapping[str, Handle]:
+    """Mass, frictions, offset, dead zone, drive and sensor."""
+    outer = outer_handles("N", "newtons", Measure.FORCE, "m", Measure.OTHER)
+    viscous = Parameter("viscous_friction", "F_v", "N*s/m", "viscous friction")
+    offset = Parameter("offset", "F₀", "N", "constant force against the motion")
+    return {
+        **scalar(("mass",), Parameter("mass", "M", "kg", "moving mass"), lower=TINY),
+        **by_direction(("viscous_friction",), viscous, Measure.DAMPING),
+        **law_handles(("friction",), "friction", law, linear=True),
+        **scalar(("offset",), offset, Measure.FORCE, -inf),
+        **dead_zone_handles(("dead_zone",), "dead_zone", "force", "N", Measure.FORCE),
+        **{name: handle for name, handle in outer.items() if name not in ("drive.freewheel", "sensor.ratio")},
+    }
 
 
 @dataclass(frozen=True)
-class LinearAxis(Parametrised):
+class LinearAxis(Driven):
     """A mass on a guide: M·dv/dt = D_F(f) − F_v·v − T_f(v) − offset; input a force, output position or speed.
 
     An initial state is a speed in m/s and a position in m; after them may come the speed in m/s that a sensor with a
@@ -67,7 +68,7 @@ class LinearAxis(Parametrised):
 
     mass: float = 1.0
     viscous_friction: float | tuple[float, float] = 1.0
-    friction: Friction = Friction(0.1)  # noqa: RUF009
+    friction: FrictionLaw = Friction(0.1)  # noqa: RUF009
     offset: float = 0.0
     dead_zone: DeadZoneLaw | None = None
     drive: Drive = Drive()  # noqa: RUF009  (frozen)
@@ -93,22 +94,47 @@ class LinearAxis(Parametrised):
     @property
     def handles(self) -> Mapping[str, Handle]:
         """Mass, frictions, offset, dead zone, drive and sensor."""
-        return _AXIS_HANDLES
+        return _handles(type(self.friction))
 
     @property
     def usual(self) -> tuple[str, ...]:
         """Mass, viscous and Coulomb friction, offset."""
-        return ("mass", "viscous_friction", "friction.coulomb", "offset")
+        return ("mass", "viscous_friction", f"friction.{self.friction.parameters[0].name}", "offset")
 
     @property
-    def fine(self) -> frozenset[str]:
-        """None."""
-        return frozenset()
+    def body(self) -> str:
+        """``axis``."""
+        return "axis"
 
     @property
-    def states(self) -> int:
-        """Speed, position, and the speed that the sensor shows."""
-        return 3
+    def channels(self) -> Channels:
+        """Position and speed, for a force, or for anything that the drive makes a force of."""
+        units = {Signal.SPEED: "m/s", Signal.POSITION: "m", Signal.ROTOR_SPEED: "rad/s", Signal.CURRENT: "A"}
+        commands = ("N", "V", "A", "N*m")
+        return Channels(units, Signal.POSITION, commands, "newtons", "", self.drive.codes, nothing="force")
+
+    @property
+    def frictions(self) -> Mapping[str, FrictionLaw]:
+        """The one of the guide."""
+        return {"friction": self.friction}
+
+    def with_frictions(self, laws: Mapping[str, FrictionLaw]) -> Self:
+        """The axis with another friction law."""
+        return replace(self, **dict(laws))  # type: ignore[arg-type]
+
+    @property
+    def friction_name(self) -> str:
+        """``friction``."""
+        return "friction"
+
+    @property
+    def load_name(self) -> str:
+        """``offset``."""
+        return "offset"
+
+    def stribeck_rate(self, largest: float) -> float:
+        """The excess fades within 20 mm/s: where a position is measured, its largest value says nothing of speed."""
+        return 50.0
 
     def start(
         self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
@@ -128,12 +154,10 @@ class LinearAxis(Parametrised):
         force, _, late, commands = self.drive.acting(inputs, state.commands, dt)
         if self.dead_zone is not None:
             force = self.dead_zone(force)
-        levels = np.array([self.friction.forward, self.friction.backward])
-        coulomb, excess, rate = np.ascontiguousarray(levels.T)
-        friction = Sliding(coulomb, excess, rate, np.array(self.viscous_friction))
         speeds, positions = moved(
             self.mass,
-            friction,
+            type(self.friction).level,
+            Sliding.of(self.friction, self.viscous_friction),  # type: ignore[arg-type]
             force - self.offset,
             np.zeros(len(force)),
             dt,
@@ -165,19 +189,42 @@ class LinearAxis(Parametrised):
             self,
             mass=mass,
             viscous_friction=max(mass * motion.damping, 0.0),
-            friction=replace(self.friction, coulomb=mass * max(motion.coulomb, 0.0)),
+            friction=self.friction.sliding_at(mass * max(motion.coulomb, 0.0)),
             offset=mass * motion.offset,
             dead_zone=None if self.dead_zone is None else replace(self.dead_zone, b_l=-zone, b_r=zone),
         )
 
-    def friction_torque(self, speed: Array) -> Array:
-        """All friction with the viscous part, in N, at speeds in m/s."""
+    def friction_characteristic(self) -> Characteristic:
+        """All friction over speed, with the viscous part."""
         forward, backward = self.viscous_friction  # type: ignore[misc]
-        return np.asarray(self.friction.torque(speed) + np.where(speed < 0, backward, forward) * speed)
+
+        def force(speed: Array) -> Array:
+            return np.asarray(self.friction.torque(speed) + np.where(speed < 0, backward, forward) * speed)
+
+        return Characteristic(force, ("Speed v", "m/s"), ("Friction force", "N"), self.friction.breakaway)
+
+    def dead_zone_characteristic(self) -> Characteristic | None:
+        """The dead zone on the force."""
+        zone = self.dead_zone
+        if zone is None:
+            return None
+        return Characteristic(zone, ("Applied force", "N"), ("Effective force", "N"), edge=max(zone.b_r, -zone.b_l))
+
+    def equations(self) -> str:
+        """One mass and its position."""
+        return "M·dv/dt = D(f) − F_v·v − T_f(v) − F₀\ndx/dt = v"
+
+    def to_data(self) -> dict[str, Any]:
+        """Parameters and how it is measured; a dead zone that it does not have is left out."""
+        data = super().to_data()
+        parameters = data["parameters"]
+        if self.dead_zone is None:
+            parameters = {name: value for name, value in parameters.items() if not name.startswith("dead_zone.")}
+        return {**data, "parameters": parameters, "feed": Feed.VOLTAGE.value}
 
     def quantities(self) -> tuple[Quantity, ...]:
         """What is known even where the gain of the drive is not."""
-        viscous, (level, _) = self.viscous_friction, self.friction.coulomb  # type: ignore[misc]
+        viscous, (level, _) = self.viscous_friction, self.friction.base
         return (
             Quantity("time constant", "M/F_v", "s", self.mass / max(float(np.mean(viscous)), TINY)),
             Quantity("acceleration per unit of command", "k_u/M", "m/s^2", self.drive.gain / self.mass),

@@ -10,49 +10,64 @@ and takes the fast loop of `one_mass`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass, field, replace
-from typing import Self
+from dataclasses import astuple, dataclass, field, fields, replace
+from functools import cache
+from math import inf
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.models.plants.drive import Drive, Feed, Sensor, outer_handles
+from emsid.models.plants.drive import Drive, Feed, outer_handles
+from emsid.models.plants.driven import Driven
 from emsid.models.plants.one_mass import Motion, Sliding, moved
-from emsid.models.plants.parameters import TINY, Handle, Parametrised, Quantity, Signal, handles_of
+from emsid.models.plants.parameters import TINY, Handle, Signal, dead_zone_handles, law_handles, scalar
+from emsid.models.plants.plant import Channels, Characteristic, Plant, Quantity, Sizes, plausible
+from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
-from emsid.plant import DeadZoneLaw, Friction, Motor, State, Taylor, simulate
-from emsid.plant.motor import Parameter
+from emsid.plant import DeadZoneLaw, Friction, FrictionLaw, Measure, Motor, Parameter, State, Taylor, simulate
+
+if TYPE_CHECKING:
+    from emsid.record import Record
 
 Array = NDArray[np.float64]
 
 LONG_STEPS = Taylor(order=20)
 """Samples of a log are long beside electrical time constants and resonances: of a higher order, fewer steps do."""
+QUICKEST = 0.05
+"""The shortest electrical time constant that is searched, in samples: less shows in no record and takes for ever."""
 
 
-_INSIDE = {
-    name: handle
-    for p in Motor.parameters()
-    for name, handle in handles_of(("motor",), p.name, p.symbol, p.unit, p.description).items()
-} | {
-    "load_torque": Handle(
-        Parameter("load_torque", "T_d", "N*m", "constant torque on the load"), ((("load_torque",), 1.0),)
-    ),
-}
 _MADE = {
-    Feed.VOLTAGE: ("V", "volts"),
-    Feed.CURRENT: ("A", "amperes"),
-    Feed.TORQUE: ("N*m", "newton metres"),
+    Feed.VOLTAGE: ("V", "volts", Measure.COMMAND),
+    Feed.CURRENT: ("A", "amperes", Measure.OTHER),
+    Feed.TORQUE: ("N*m", "newton metres", Measure.FORCE),
 }
-_MOTOR_HANDLES = {feed: {**_INSIDE, **outer_handles(*made, "rad/s")} for feed, made in _MADE.items()}
-_RIGID_HANDLES = {
-    feed: {name: handle for name, handle in handles.items() if not name.startswith("shaft_")}
-    for feed, handles in _MOTOR_HANDLES.items()
-}
+_ZONES = {"voltage_dead_zone": ("voltage", "V", Measure.COMMAND), "torque_dead_zone": ("torque", "N*m", Measure.FORCE)}
+
+
+@cache
+def _handles(rigid: bool, feed: Feed, rotor: type[FrictionLaw], load: type[FrictionLaw]) -> Mapping[str, Handle]:
+    """Those of the fields of `Motor`, then load torque, drive and sensor; a rigid motor has no shaft."""
+    laws = {"rotor_friction": rotor, "load_friction": load}
+    found: dict[str, Handle] = {}
+    for part in fields(Motor):
+        path, about = ("motor", part.name), part.metadata
+        if part.name in laws:
+            found |= law_handles(path, part.name, laws[part.name], about["where"], about["index"])
+        elif part.name in _ZONES:
+            found |= dead_zone_handles(path, part.name, *_ZONES[part.name])
+        elif not (rigid and part.name.startswith("shaft_")):
+            parameter = Parameter(part.name, about["symbol"], about["unit"], about["description"])
+            found |= scalar(path, parameter, about["measure"], TINY if about["positive"] else 0.0)
+    torque = Parameter("load_torque", "T_d", "N*m", "constant torque on the load")
+    found |= scalar(("load_torque",), torque, Measure.FORCE, -inf)
+    return found | outer_handles(*_MADE[feed], "rad/s", Measure.SPEED)
 
 
 @dataclass(frozen=True)
-class DrivenMotor(Parametrised):
+class DrivenMotor(Driven):
     """The motor (4.1)–(4.11) with its drive and its sensor; input a command, outputs speed, position or current.
 
     An initial state is a speed in rad/s and an angle in rad, of rotor and load alike, the current settled; after them
@@ -89,7 +104,8 @@ class DrivenMotor(Parametrised):
     @property
     def handles(self) -> Mapping[str, Handle]:
         """Those of `Motor.parameters` by their names there, then load torque, drive and sensor."""
-        return (_RIGID_HANDLES if self.motor.is_rigid else _MOTOR_HANDLES)[self.feed]
+        motor = self.motor
+        return _handles(motor.is_rigid, self.feed, type(motor.rotor_friction), type(motor.load_friction))
 
     @property
     def usual(self) -> tuple[str, ...]:
@@ -99,13 +115,18 @@ class DrivenMotor(Parametrised):
         """
         if self.feed is not Feed.VOLTAGE:
             constant = ("motor_constant",) if self.feed is Feed.CURRENT else ()
-            return (*constant, "rotor_viscous", "rotor_inertia", "rotor_friction.coulomb")
+            return (*constant, "rotor_viscous", "rotor_inertia", self._level)
         names = ["resistance", "rotor_viscous", "motor_constant", "rotor_inertia"]
         if not self.motor.is_rigid:
             names += ["load_inertia", "shaft_stiffness", "shaft_damping"]
         if self.motor.inductance > 0:
             names.append("inductance")
-        return (*names, "rotor_friction.coulomb", "voltage_dead_zone.half_width")
+        return (*names, self._level, "voltage_dead_zone.half_width")
+
+    @property
+    def _level(self) -> str:
+        """The name of the level of its friction."""
+        return f"rotor_friction.{self.motor.rotor_friction.parameters[0].name}"
 
     @property
     def fine(self) -> frozenset[str]:
@@ -114,9 +135,94 @@ class DrivenMotor(Parametrised):
         return frozenset() if self.motor.is_rigid else frozenset(late)
 
     @property
-    def states(self) -> int:
-        """Speed, angle, and the speed that the sensor shows."""
-        return 3
+    def body(self) -> str:
+        """``motor``."""
+        return "motor"
+
+    @property
+    def channels(self) -> Channels:
+        """Speed, position and current, for a voltage, current or torque."""
+        units = {Signal.SPEED: "rad/s", Signal.ROTOR_SPEED: "rad/s", Signal.POSITION: "rad", Signal.CURRENT: "A"}
+        return Channels(
+            units,
+            Signal.SPEED,
+            (_MADE[self.feed][0],),
+            "volts",
+            self.feed.value,
+            self.drive.codes,
+            self.feed is Feed.VOLTAGE,
+        )
+
+    @property
+    def frictions(self) -> Mapping[str, FrictionLaw]:
+        """On the rotor and on the load."""
+        return {"rotor_friction": self.motor.rotor_friction, "load_friction": self.motor.load_friction}
+
+    def with_frictions(self, laws: Mapping[str, FrictionLaw]) -> Self:
+        """The motor with other friction laws, by name."""
+        return replace(self, motor=replace(self.motor, **dict(laws)))  # type: ignore[arg-type]
+
+    @property
+    def friction_name(self) -> str:
+        """``rotor_friction``."""
+        return "rotor_friction"
+
+    @property
+    def load_name(self) -> str:
+        """``load_torque``."""
+        return "load_torque"
+
+    @property
+    def can_coast(self) -> bool:
+        """A motor of one mass that is fed with a voltage."""
+        return self.motor.is_rigid and self.feed is Feed.VOLTAGE
+
+    def stribeck_rate(self, largest: float) -> float:
+        """The excess fades within a tenth of the largest speed."""
+        return 10 / largest
+
+    @property
+    def lacks(self) -> tuple[str, ...]:
+        """The inductance, of one mass without it."""
+        return ("inductance",) if self.motor.is_rigid and self.motor.inductance == 0 else ()
+
+    def without_effect(self, signals: Sequence[Signal]) -> tuple[str, ...]:
+        """Electrical parameters where what drives it is no voltage."""
+        if self.feed is Feed.VOLTAGE:
+            return ()
+        constant = self.feed is Feed.TORQUE and Signal.CURRENT not in signals
+        return ("resistance", "inductance", *(("motor_constant",) if constant else ()))
+
+    def fed(self, record: Record) -> Self:
+        """A rigid motor driven by a current or a torque, where the command is in A or N·m."""
+        unit = record.input_units[0]
+        feed = next((each for each in (Feed.CURRENT, Feed.TORQUE) if unit == _MADE[each][0]), None)
+        if self.feed is not Feed.VOLTAGE or feed is None:
+            return self
+        if not self.motor.is_rigid:
+            raise ModelError(
+                f"{record.name}: {record.input_names[0]!r} is in {unit}; a motor fed with a {feed.value} is one mass "
+                "only: choose rigid-motor"
+            )
+        return replace(self, feed=feed, motor=replace(self.motor, voltage_dead_zone=None))
+
+    def plausible(self, measure: Measure, sizes: Sizes) -> float:
+        """By the torque that the largest command makes."""
+        force = sizes.command * abs(self.drive.gain) * self.motor.motor_constant / self.motor.resistance
+        return plausible(measure, force, sizes)
+
+    def unresolved(self, asked: Sequence[str], dt: float) -> dict[str, tuple[float, float]]:
+        """An inductance whose time constant is far below the sample time."""
+        return {"inductance": (QUICKEST * dt * self.motor.resistance, inf)} if "inductance" in asked else {}
+
+    def simpler(self, names: Sequence[str]) -> tuple[Plant, list[str]] | None:
+        """One mass without inductance, where a parameter of the shaft is among the names."""
+        left = [name for name in names if not name.startswith("shaft_") and name != "inductance"]
+        if "rotor_inertia" in left and "load_inertia" in left:  # only their sum is left
+            left.remove("load_inertia")
+        if not left or not any(name.startswith("shaft_") for name in names):
+            return None
+        return replace(self, motor=replace(self.motor, inductance=0.0).rigid()), left
 
     def start(
         self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
@@ -148,9 +254,11 @@ class DrivenMotor(Parametrised):
         made, conducts, late, commands = self.drive.acting(inputs, state.commands, dt)
         if self._is_one_mass:
             torque, braking = self._torque(made, conducts)
+            law = together(motor.rotor_friction, motor.load_friction)
             speeds, positions = moved(
                 motor.rotor_inertia + motor.load_inertia,
-                _together(motor.rotor_friction, motor.load_friction),
+                type(law).level,
+                Sliding.of(law),
                 torque - self.load_torque,
                 braking + (motor.rotor_viscous + motor.load_viscous),
                 dt,
@@ -225,7 +333,7 @@ class DrivenMotor(Parametrised):
                 {
                     "rotor_inertia": max(inertia - motor.load_inertia, TINY),
                     "rotor_viscous": max(inertia * motion.damping - motor.load_viscous, 0.0),
-                    "rotor_friction.coulomb": inertia * max(motion.coulomb, 0.0),
+                    self._level: inertia * max(motion.coulomb, 0.0),
                 }
             )
         share = motor.rotor_inertia / (motor.rotor_inertia + motor.load_inertia)
@@ -239,7 +347,7 @@ class DrivenMotor(Parametrised):
             load_inertia=inertia * (1 - share),
             rotor_viscous=min(motor.rotor_viscous, 0.02 * inertia * motion.damping),
             load_viscous=min(motor.load_viscous, 0.02 * inertia * motion.damping),
-            rotor_friction=replace(motor.rotor_friction, coulomb=inertia * max(motion.coulomb, 0.0)),
+            rotor_friction=motor.rotor_friction.sliding_at(inertia * max(motion.coulomb, 0.0)),
             voltage_dead_zone=None
             if motor.voltage_dead_zone is None
             else replace(
@@ -255,11 +363,53 @@ class DrivenMotor(Parametrised):
             )
         return replace(self, motor=found)
 
-    def friction_torque(self, speed: Array) -> Array:
-        """All mechanical friction (4.7) with the viscous part, in N·m, at speeds in rad/s."""
+    def friction_characteristic(self) -> Characteristic:
+        """All mechanical friction over speed, with the viscous part."""
         m = self.motor
-        viscous = (m.rotor_viscous + m.load_viscous) * speed
-        return np.asarray(m.rotor_friction.torque(speed) + m.load_friction.torque(speed) + viscous)
+
+        def torque(speed: Array) -> Array:
+            viscous = (m.rotor_viscous + m.load_viscous) * speed
+            return np.asarray(m.rotor_friction.torque(speed) + m.load_friction.torque(speed) + viscous)
+
+        forward, backward = (m.rotor_friction.breakaway[k] + m.load_friction.breakaway[k] for k in (0, 1))
+        return Characteristic(torque, ("Speed ω", "rad/s"), ("Friction torque", "N*m"), (forward, backward))
+
+    def dead_zone_characteristic(self) -> Characteristic | None:
+        """The dead zone on the voltage."""
+        zone = self.motor.voltage_dead_zone
+        if zone is None:
+            return None
+        return Characteristic(zone, ("Applied voltage", "V"), ("Effective voltage", "V"), edge=max(zone.b_r, -zone.b_l))
+
+    def equations(self) -> str:
+        """(4.1)–(4.11) as far as they apply."""
+        motor = self.motor
+        slope = "L_a·di/dt = " if motor.inductance > 0 else "0 = "
+        electrical = [f"{slope}D_v(v_a) − R_a·i − K_m·ω{'' if motor.is_rigid else '_m'}"]
+        if self.feed is not Feed.VOLTAGE:
+            electrical = []
+        made = "T" if self.feed is Feed.TORQUE else "K_m·i"
+        torque = made if motor.torque_dead_zone is None else f"D_T({made})"
+        if motor.is_rigid:
+            mechanical = [f"(J_m + J_L)·dω/dt = {torque} − (B_m + B_L)·ω − T_f(ω) − T_d"]
+        else:
+            mechanical = [
+                f"J_m·dω_m/dt = {torque} − T_s − B_m·ω_m − T_f(ω_m)",
+                "J_L·dω_L/dt = T_s − B_L·ω_L − T_f(ω_L) − T_d",
+                "T_s = K_s·φ + B_s·(ω_m − ω_L),  dφ/dt = ω_m − ω_L",
+            ]
+        return "\n".join([*electrical, *mechanical])
+
+    def to_data(self) -> dict[str, Any]:
+        """Parameters and what it is fed with; a dead zone that it does not have is left out."""
+        data = super().to_data()
+        absent = tuple(f"{zone}." for zone in _ZONES if getattr(self.motor, zone) is None)
+        kept = {name: value for name, value in data["parameters"].items() if not name.startswith(absent or ("\0",))}
+        return {**data, "parameters": kept, "feed": self.feed.value}
+
+    def with_data(self, data: Mapping[str, Any]) -> Self:
+        """The motor that `to_data` described."""
+        return super(DrivenMotor, replace(self, feed=Feed(data.get("feed", Feed.VOLTAGE.value)))).with_data(data)
 
     def quantities(self) -> tuple[Quantity, ...]:
         """What input and speed alone can tell of a motor."""
@@ -267,7 +417,7 @@ class DrivenMotor(Parametrised):
         r, k = m.resistance, m.motor_constant
         inertia, viscous = m.rotor_inertia + m.load_inertia, m.rotor_viscous + m.load_viscous
         if self.feed is not Feed.VOLTAGE:
-            level = float(_together(m.rotor_friction, m.load_friction).coulomb[0])
+            level = together(m.rotor_friction, m.load_friction).base[0]
             found = [Quantity("mechanical time constant", "J/B", "s", inertia / max(viscous, TINY))]
             if self.feed is Feed.CURRENT:
                 found += [
@@ -276,18 +426,18 @@ class DrivenMotor(Parametrised):
                 ]
             return tuple(found)
         damping = k**2 / r + viscous
-        slide = _together(m.rotor_friction, m.load_friction)
+        slide = together(m.rotor_friction, m.load_friction)
         found = [
             Quantity("mechanical time constant", "J/(B + K²/R)", "s", inertia / damping),
             Quantity("speed per volt", "K/(K² + R·B)", "rad/(V*s)", k / r / damping),
             Quantity("acceleration per volt", "K/(R·J)", "rad/(V*s^2)", k / (r * inertia)),
-            Quantity("Coulomb voltage forward", "R·T_c/K", "V", r * float(slide.coulomb[0]) / k),
-            Quantity("Coulomb voltage backward", "R·T_c/K", "V", r * float(slide.coulomb[1]) / k),
+            Quantity("Coulomb voltage forward", "R·T_c/K", "V", r * slide.base[0] / k),
+            Quantity("Coulomb voltage backward", "R·T_c/K", "V", r * slide.base[1] / k),
             Quantity("electromechanical time constant", "R·J/K²", "s", r * inertia / k**2),
         ]
         zone = m.voltage_dead_zone or DeadZoneLaw(0.0, 0.0)
         for k_side, side, edge, slope in ((0, "forward", zone.b_r, zone.m_r), (1, "backward", -zone.b_l, zone.m_l)):
-            held = float(slide.coulomb[k_side] + slide.stribeck[k_side])
+            held = slide.breakaway[k_side]
             found.append(
                 Quantity(f"break-away voltage {side}", "b + R·(T_c + T_s)/(K·m)", "V", edge + r * held / (k * slope))
             )
@@ -302,11 +452,27 @@ class DrivenMotor(Parametrised):
         return tuple(found)
 
 
-def _together(rotor: Friction, load: Friction) -> Sliding:
-    """The friction of both sides of a rigid motor; the rates are the rotor's where it has an excess."""
-    a, b = (np.array([f.forward, f.backward]) for f in (rotor, load))
-    rate = np.where(a[:, 1] > 0, a[:, 2], b[:, 2])
-    return Sliding(a[:, 0] + b[:, 0], a[:, 1] + b[:, 1], rate, np.zeros(2))
+def together(rotor: FrictionLaw, load: FrictionLaw) -> FrictionLaw:
+    """The friction of both sides of a rigid motor, as one law.
+
+    Of two `Friction` the levels add up, and the rates are the rotor's where it has an excess.
+
+    Raises:
+        ModelError: for two laws that are not alike and both take part.
+    """
+    if not any(load.breakaway) and isinstance(load, Friction):
+        return rotor
+    if not (isinstance(rotor, Friction) and isinstance(load, Friction)):
+        raise ModelError(
+            f"a rigid motor has one friction law, and this one has {type(rotor).__name__} on the rotor and "
+            f"{type(load).__name__} on the load; put all of it on the rotor: load_friction=Friction()"
+        )
+    sides = list(zip((rotor.forward, rotor.backward), (load.forward, load.backward), strict=True))
+    return Friction(
+        tuple(a.coulomb + b.coulomb for a, b in sides),  # type: ignore[arg-type]
+        tuple(a.stribeck + b.stribeck for a, b in sides),  # type: ignore[arg-type]
+        tuple((a if a.stribeck > 0 else b).stribeck_rate for a, b in sides),  # type: ignore[arg-type]
+    )
 
 
 def _pieces(voltage: Array, dt: float, late: float) -> tuple[Array, Array]:

@@ -13,8 +13,10 @@ direction s the friction is s·c, and with c constant everything has a closed fo
 
 as has the instant at which the mass comes to rest, t = ln(1 − r·v₀/a)/r. There, friction either holds it, its speed
 being exactly zero until |F| exceeds the break-away level, or it slides back. So with Coulomb friction the motion is
-exact, stick included. A Stribeck excess changes with speed and is taken from the middle of the step, which is of
-second order in h; `emsid.plant.simulate` is what the tests compare it with.
+exact, stick included. A law that depends on speed, such as a Stribeck excess, is taken at the speed in the middle
+of the step, which is of second order in h; `emsid.plant.simulate` is what the tests compare it with.
+
+There is one loop for every friction law: `loop_for` puts another law in the place of ``level``.
 
 A command that arrives late by a fraction of a sample splits each sample in two, each part with its own force: the
 delay enters exactly too, and every output is a continuous function of every parameter.
@@ -22,11 +24,17 @@ delay enters exactly too, and every output is a continuous function of every par
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from functools import cache
+from types import FunctionType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from emsid.plant.friction import FrictionLaw, Level
+from emsid.plant.friction import coulomb_stribeck as level
 
 Array = NDArray[np.float64]
 
@@ -53,16 +61,21 @@ class Sliding(NamedTuple):
     """What resists motion, forward in the first place of every pair and backward in the second.
 
     Attributes:
-        coulomb: (2,) α₀ in N or N·m.
-        stribeck: (2,) α₁, the excess at standstill.
-        rate: (2,) α₂ in s/m or s/rad, how fast the excess fades.
+        numbers: (2, n) the parameters of the friction law.
+        breakaway: (2,) what holds the mass at rest, in N or N·m.
+        varies: (2,) whether the law depends on speed.
         viscous: (2,) what is added to D in that direction, in N·s/m or N·m·s/rad.
     """
 
-    coulomb: Array
-    stribeck: Array
-    rate: Array
+    numbers: Array
+    breakaway: Array
+    varies: NDArray[np.bool_]
     viscous: Array
+
+    @classmethod
+    def of(cls, law: FrictionLaw, viscous: Sequence[float] = (0.0, 0.0)) -> Sliding:
+        """A friction law, and viscous friction (forward, backward)."""
+        return cls(law.numbers, np.array(law.breakaway), law.varies, np.array(viscous))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -107,21 +120,19 @@ def move(
                 while left > 0.0:
                     if v == 0.0:
                         side = 0 if drive > 0.0 else 1
-                        if abs(drive) <= friction.coulomb[side] + friction.stribeck[side]:
+                        if abs(drive) <= friction.breakaway[side]:
                             break
                     else:
                         side = 0 if v > 0.0 else 1
                     direction = 1.0 - 2.0 * side
                     r = (drag + friction.viscous[side]) / mass
-                    level = friction.coulomb[side]
-                    excess = friction.stribeck[side]
-                    if excess > 0.0:
-                        fading = friction.rate[side]
-                        a = (drive - direction * (level + excess * np.exp(-fading * abs(v)))) / mass
+                    if friction.varies[side]:
+                        a = (drive - direction * level(abs(v), friction.numbers, side)) / mass
                         half = 0.5 * left
                         middle = max(direction * (v + (a - r * v) * half / (1.0 + 0.5 * r * half)), 0.0)
-                        level += excess * np.exp(-fading * middle)
-                    a = (drive - direction * level) / mass
+                        a = (drive - direction * level(middle, friction.numbers, side)) / mass
+                    else:
+                        a = (drive - direction * friction.breakaway[side]) / mass
                     if r != known_rate or left != known_time:
                         known_rate, known_time = r, left
                         first, second = _phi(r, left)
@@ -142,6 +153,25 @@ def move(
         speeds[-1], positions[-1] = v, x
 
 
+@cache
+def loop_for(law: Level) -> Callable[..., None]:
+    """`move` with another friction law in it: compiled where the law is, and in plain Python otherwise."""
+    if law is level:
+        return move
+    compiled = hasattr(law, "py_func")
+    names = {**move.py_func.__globals__, "level": law, "_phi": _phi if compiled else _phi.py_func}
+    with_law = FunctionType(move.py_func.__code__, names, "move_with_law")
+    if compiled:
+        loop: Callable[..., None] = njit(nogil=True, error_model="numpy")(with_law)
+        return loop
+
+    def slow(*arguments: Any) -> None:
+        with np.errstate(all="ignore"):
+            with_law(*arguments)
+
+    return slow
+
+
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _phi(r: float, h: float) -> tuple[float, float]:
     """φ₁ and φ₂ of the module docstring, by their series where rh is small."""
@@ -156,6 +186,7 @@ def _phi(r: float, h: float) -> tuple[float, float]:
 
 def moved(
     mass: float,
+    law: Level,
     friction: Sliding,
     force: Array,
     damping: Array,
@@ -165,8 +196,9 @@ def moved(
     speed: float,
     position: float,
 ) -> tuple[Array, Array]:
-    """Speeds and positions (N + 1,) at every sample and at the end; the arguments are those of `move`."""
+    """Speeds and positions (N + 1,) at every sample and at the end; the arguments after ``law`` are those of `move`."""
     speeds, positions = np.empty(len(force)), np.empty(len(force))
-    steps = steps if friction.stribeck.any() else 1
-    move(mass, friction, force, damping, dt, late, steps, speed, position, speeds, positions)
+    steps = steps if friction.varies.any() else 1
+    run = loop_for(law)
+    run(mass, friction, force, damping, dt, late, steps, speed, position, speeds, positions)
     return speeds, positions

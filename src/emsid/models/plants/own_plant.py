@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.models.plants.parameters import Handle, Quantity, Signal, find_handle, read_at, write_at
+from emsid.models.plants.parameters import Handle, Signal
+from emsid.models.plants.plant import BasePlant
 from emsid.models.plants.state import NOTHING, PlantState
-from emsid.plant.motor import Parameter
+from emsid.plant.parameter import Measure, Parameter
 
 Array = NDArray[np.float64]
 
@@ -22,7 +23,7 @@ Derivative = Callable[[Array, Array, Array], Sequence[float] | Array]
 
 
 @dataclass(frozen=True)
-class OwnPlant:
+class OwnPlant(BasePlant):
     """A plant of the user's: dx/dt = derivative(x, u, p), y = output(x, u, p).
 
     Classical Runge–Kutta steps take it through every sample. Functions compiled with ``numba.njit`` run in a compiled
@@ -34,7 +35,7 @@ class OwnPlant:
         table: the parameters, in the order in which the functions get them.
         values: (p,) their values.
         states: n.
-        bounds: (lower, upper) for every parameter that has bounds, by name.
+        bounds: (name, lower, upper) for every parameter that has bounds.
         steps: Runge–Kutta steps in a sample.
         name: what it is called in tables.
     """
@@ -57,30 +58,9 @@ class OwnPlant:
         """One for every row of the table."""
         limits = {name: (lower, upper) for name, lower, upper in self.bounds}
         return {
-            p.name: Handle(p, ((("values", k), 1.0),), *limits.get(p.name, (-inf, inf)))
+            p.name: Handle(p, ((("values", k), 1.0),), *limits.get(p.name, (-inf, inf)), _measure(p.unit))
             for k, p in enumerate(self.table)
         }
-
-    @property
-    def usual(self) -> tuple[str, ...]:
-        """All of them."""
-        return tuple(p.name for p in self.table)
-
-    @property
-    def fine(self) -> frozenset[str]:
-        """None that emsid would know of."""
-        return frozenset()
-
-    def value(self, name: str) -> float:
-        """The value of a parameter."""
-        return read_at(self, find_handle(self, name).paths[0][0])
-
-    def put(self, values: Mapping[str, float]) -> Self:
-        """The plant with other parameters."""
-        plant = self
-        for name, value in values.items():
-            plant = write_at(plant, find_handle(self, name).paths[0][0], float(value))
-        return plant
 
     def start(
         self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
@@ -112,17 +92,10 @@ class OwnPlant:
         loop(self.derivative, self.output, inputs, parameters, x, state.dt, self.steps, out)
         return out, state._replace(motion=x)
 
-    def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
-        """The outputs (N, ny) for inputs (N, nu), from an initial state (n,); its outputs need no signal.
 
-        Raises:
-            ModelError: for functions that give something of another shape.
-        """
-        return self.run(self.start(state, inputs[0], dt, signals), inputs, signals)[0]
-
-    def quantities(self) -> tuple[Quantity, ...]:
-        """None that emsid would know of."""
-        return ()
+def _measure(unit: str) -> Measure:
+    """What a parameter in this unit most likely measures."""
+    return next((each for each in Measure if unit and unit in each.value), Measure.OTHER)
 
 
 def _runge_kutta(f: Any, g: Any, inputs: Array, p: Array, state: Array, dt: float, steps: int, out: Array) -> None:

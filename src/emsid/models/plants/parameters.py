@@ -1,4 +1,4 @@
-"""What a plant is: a frozen value that simulates itself, and whose physical parameters are read and written by name.
+"""The physical parameters of a plant, read and written by name.
 
 A parameter may stand for several values that move together, such as a friction level for both directions, or the two
 break points of a dead zone; its `Handle` knows where they are kept.
@@ -6,26 +6,27 @@ break points of a dead zone; its `Handle` knows where they are kept.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from enum import Enum
 from math import inf
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.models.plants.state import PlantState
 from emsid.plant import DeadZoneLaw
-from emsid.plant.motor import Parameter
+from emsid.plant.friction import FrictionLaw
+from emsid.plant.motor import law_parameters
+from emsid.plant.parameter import Measure, Parameter
 from emsid.units import with_unit
 
 Array = NDArray[np.float64]
+Path = tuple[str | int, ...]
 
 TINY = 1e-12
 """A parameter that is positive may get as small as this."""
-POSITIVE = {"resistance", "motor_constant", "rotor_inertia", "load_inertia", "shaft_stiffness", "mass"}
 
 
 class Signal(Enum):
@@ -44,12 +45,14 @@ class Handle(NamedTuple):
         parameter: name, symbol, SI unit and meaning.
         paths: where in the plant the value is kept, each with a sign; a parameter for both directions has two places.
         lower, upper: what is physical.
+        measure: what it measures, from which follows how large it plausibly is.
     """
 
     parameter: Parameter
     paths: tuple[tuple[tuple[str | int, ...], float], ...]
     lower: float = -inf
     upper: float = inf
+    measure: Measure = Measure.OTHER
 
     def with_unit(self, value: float, digits: int = 4) -> str:
         """A value of it as text."""
@@ -65,67 +68,17 @@ class Handle(NamedTuple):
         return "it must be positive and finite" if self.lower > 0 else "it cannot be negative and must be finite"
 
 
-class Quantity(NamedTuple):
-    """A combination of parameters that has a meaning of its own."""
-
-    name: str
-    formula: str
-    unit: str
-    value: float
-
-
-class Plant(Protocol):
-    """Anything the grey box can fit: a value with named parameters that simulates itself."""
+class Named(Protocol):
+    """What has parameters by name."""
 
     @property
     def name(self) -> str:
-        """What it is called in tables and files."""
+        """What it is called in messages."""
         ...
 
     @property
     def handles(self) -> Mapping[str, Handle]:
         """Every parameter by name."""
-        ...
-
-    @property
-    def usual(self) -> tuple[str, ...]:
-        """The parameters that are estimated where nothing else is said, those first that should rather be held."""
-        ...
-
-    @property
-    def fine(self) -> frozenset[str]:
-        """Parameters that matter only once the others are about right: they join the search later."""
-        ...
-
-    @property
-    def states(self) -> int:
-        """How many numbers an initial state has."""
-        ...
-
-    def value(self, name: str) -> float:
-        """The value of a parameter in SI units."""
-        ...
-
-    def put(self, values: Mapping[str, float]) -> Self:
-        """The plant with other parameters."""
-        ...
-
-    def start(
-        self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
-    ) -> PlantState:
-        """The state before the first sample, from an initial state and a command (nu,) that stood until then."""
-        ...
-
-    def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
-        """The output (N, ny) driven by inputs (N, nu), and the state after them: blocks are as good as one run."""
-        ...
-
-    def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
-        """The output (N, ny) driven by inputs (N, nu) held over ``dt`` seconds, from an initial state."""
-        ...
-
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Combinations of parameters with a meaning of their own, which records may tell where the parameters hide."""
         ...
 
 
@@ -148,43 +101,37 @@ def write_at(thing: Any, path: tuple[str | int, ...], value: float) -> Any:
     return replace(thing, **{step: write_at(getattr(thing, step), tuple(rest), value) if rest else value})
 
 
-@dataclass(frozen=True)
-class Parametrised:
-    """What every plant made of nested dataclasses shares: parameters read and written by name."""
+def full_name(plant: Named, name: str) -> str:
+    """The name of the parameter that is called so: by its name, or by a symbol that no other parameter has.
 
-    def value(self, name: str) -> float:
-        """The value of a parameter in SI units; of one for both directions, the forward one."""
-        path, sign = self._handle(name).paths[0]
-        return sign * read_at(self, path)
+    A symbol may be written without its index, ``R`` for ``R_a``, where that is clear.
 
-    def put(self, values: Mapping[str, float]) -> Self:
-        """The same plant with other parameters, by name, in SI units.
-
-        Raises:
-            ModelError: for a name it does not have or a value that is not physical.
-        """
-        plant = self
-        for name, value in values.items():
-            for path, sign in self._handle(name).paths:
-                plant = write_at(plant, path, sign * float(value))
-        return plant
-
-    def _handle(self, name: str) -> Handle:
-        return find_handle(self, name)  # type: ignore[arg-type]
+    Raises:
+        ModelError: where the plant has no such parameter, or several; the message says which it has.
+    """
+    if name in plant.handles:
+        return name
+    symbols = {other: handle.parameter.symbol for other, handle in plant.handles.items()}
+    whole = [other for other, symbol in symbols.items() if symbol == name]
+    for same in (whole, [other for other, symbol in symbols.items() if symbol.partition("_")[0] == name]):
+        if len(same) == 1:
+            return same[0]
+        if same:
+            raise ModelError(f"{plant.name} has several parameters {name!r}: {', '.join(same)}; give one of them")
+    raise ModelError(f"{plant.name} has no parameter {name!r}; it has {', '.join(plant.handles)}")
 
 
-def find_handle(plant: Plant, name: str) -> Handle:
-    """The handle of a parameter.
+def find_handle(plant: Named, name: str) -> Handle:
+    """The handle of a parameter, by its name or its symbol.
 
     Raises:
         ModelError: where the plant has no parameter of that name; the message says which it has.
     """
-    if name not in plant.handles:
-        raise ModelError(f"{plant.name} has no parameter {name!r}; it has {', '.join(plant.handles)}")
-    return plant.handles[name]
+    known = plant.handles.get(name)
+    return plant.handles[full_name(plant, name)] if known is None else known
 
 
-def refuse_overlap(plant: Plant, names: Iterable[str]) -> None:
+def refuse_overlap(plant: Named, names: Iterable[str]) -> None:
     """Refuse names that stand for the same value of a plant, such as a level for both directions and the forward one.
 
     Raises:
@@ -198,7 +145,7 @@ def refuse_overlap(plant: Plant, names: Iterable[str]) -> None:
             places[path] = name
 
 
-def parts(plant: Plant, name: str) -> tuple[str, ...]:
+def parts(plant: Named, name: str) -> tuple[str, ...]:
     """The names of the values that a parameter moves together, such as its two directions; none for a single value."""
     paths = [path for path, _ in find_handle(plant, name).paths]
     if len(paths) == 1:
@@ -206,7 +153,7 @@ def parts(plant: Plant, name: str) -> tuple[str, ...]:
     return tuple(one for one, handle in plant.handles.items() if len(handle.paths) == 1 and handle.paths[0][0] in paths)
 
 
-def without_overlap(plant: Plant, names: Iterable[str], taken: Iterable[str]) -> tuple[str, ...]:
+def without_overlap(plant: Named, names: Iterable[str], taken: Iterable[str]) -> tuple[str, ...]:
     """The names, less what is taken; where one value of a name is taken or named itself, its other values are left.
 
     Raises:
@@ -224,31 +171,48 @@ def without_overlap(plant: Plant, names: Iterable[str], taken: Iterable[str]) ->
     return tuple(left)
 
 
-def handles_of(prefix: tuple[str, ...], name: str, symbol: str, unit: str, description: str) -> dict[str, Handle]:
-    """The handles of a scalar, or those of a pair and of a dead zone, which can be moved together or side by side."""
-    path: tuple[str | int, ...] = (*prefix, *name.split("."))
-    part, last = path[-2] if len(path) > 1 else "", path[-1]
-    parameter = Parameter(name, symbol, unit, description)
-    if last in ("b_l", "b_r"):
-        side = (-inf, 0.0) if last == "b_l" else (0.0, inf)
-        handles = {name: Handle(parameter, ((path, 1.0),), *side)}
-        if last == "b_r":
-            both = parameter._replace(
-                name=name.replace("b_r", "half_width"),
-                symbol="b",
-                description=description.replace("right break point", "half the width"),
-            )
-            handles[both.name] = Handle(both, ((path, 1.0), ((*path[:-1], "b_l"), -1.0)), 0.0)
-        return handles
-    if "friction" in str(part) or last == "viscous_friction":
-        handles = {name: Handle(parameter, (((*path, 0), 1.0), ((*path, 1), 1.0)), 0.0)}
-        for k, side_name in enumerate(("forward", "backward")):
-            one = parameter._replace(
-                name=f"{name}.{side_name}",
-                symbol=f"{symbol}{'⁺⁻'[k]}",
-                description=f"{description}, {side_name}",
-            )
-            handles[one.name] = Handle(one, (((*path, k), 1.0),), 0.0)
-        return handles
-    lower = TINY if last in POSITIVE or last in ("m_l", "m_r") else 0.0
-    return {name: Handle(parameter, ((path, 1.0),), lower)}
+def scalar(
+    path: Path, parameter: Parameter, measure: Measure = Measure.OTHER, lower: float = 0.0, upper: float = inf
+) -> dict[str, Handle]:
+    """The handle of one value, which cannot be negative unless it is said."""
+    return {parameter.name: Handle(parameter, ((path, 1.0),), lower, upper, measure)}
+
+
+def by_direction(path: Path, parameter: Parameter, measure: Measure) -> dict[str, Handle]:
+    """The handles of a pair (forward, backward): one that moves both, and one for each direction."""
+    name, symbol, unit, description = parameter
+    both = tuple(((*path, k), 1.0) for k in (0, 1))
+    sides = {
+        f"{name}.{side}": Handle(
+            Parameter(f"{name}.{side}", f"{symbol}{'⁺⁻'[k]}", unit, f"{description}, {side}"),
+            (((*path, k), 1.0),),
+            0.0,
+            measure=measure,
+        )
+        for k, side in enumerate(("forward", "backward"))
+    }
+    return {name: Handle(parameter, both, 0.0, measure=measure), **sides}
+
+
+def law_handles(
+    path: Path, name: str, law: type[FrictionLaw], where: str = "", index: str = "", linear: bool = False
+) -> dict[str, Handle]:
+    """The handles of a friction law that is kept at a path of a plant, their names beginning with ``name``."""
+    found: dict[str, Handle] = {}
+    for parameter, each in zip(law_parameters(law, where, index, linear), law.parameters, strict=True):
+        found |= by_direction((*path, each.name), parameter._replace(name=f"{name}.{each.name}"), each.measure)
+    return found
+
+
+def dead_zone_handles(path: Path, name: str, where: str, unit: str, measure: Measure) -> dict[str, Handle]:
+    """The handles of a dead zone: its two break points, half its width, which moves both, and its slopes."""
+    on = f"of the dead zone on the {where}"
+    right, left = (*path, "b_r"), (*path, "b_l")
+    half = Parameter(f"{name}.half_width", "b", unit, f"half the width {on}")
+    return {
+        **scalar(left, Parameter(f"{name}.b_l", "b_l", unit, f"left break point {on}"), measure, -inf, 0.0),
+        **scalar(right, Parameter(f"{name}.b_r", "b_r", unit, f"right break point {on}"), measure),
+        half.name: Handle(half, ((right, 1.0), (left, -1.0)), 0.0, measure=measure),
+        **scalar((*path, "m_l"), Parameter(f"{name}.m_l", "m_l", "1", f"left slope {on}"), Measure.FACTOR, TINY),
+        **scalar((*path, "m_r"), Parameter(f"{name}.m_r", "m_r", "1", f"right slope {on}"), Measure.FACTOR, TINY),
+    }

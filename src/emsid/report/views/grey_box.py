@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from emsid.errors import listed
-from emsid.models.plants.drive import Feed
-from emsid.models.plants.linear_axis import LinearAxis
-from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, stops
 from emsid.record import concatenate
 from emsid.report.document import (
@@ -37,7 +34,7 @@ from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.units import readable_unit, with_unit
 
 if TYPE_CHECKING:
-    from emsid.models.plants.parameters import Plant
+    from emsid.models.plants.plant import Plant
     from emsid.models.plants.search.result import Estimate, GreyBoxFit
     from emsid.record import Record
 
@@ -129,21 +126,14 @@ def friction(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure 
     Returns:
         None for a plant whose friction emsid does not know.
     """
-    plant = fit.model.plant
-    if not isinstance(plant, (DrivenMotor, LinearAxis)):
+    declared = fit.model.plant.friction_characteristic()
+    if declared is None:
         return None
     curve = friction_curve(fit, POINTS, level)
-    laws = (
-        (plant.motor.rotor_friction, plant.motor.load_friction) if isinstance(plant, DrivenMotor) else (plant.friction,)
-    )
-    forward, backward = (sum(law.breakaway[side] for law in laws) for side in (0, 1))
-    base, what, speed = (
-        ("N*m", "torque", Axis("Speed ω", "rad/s"))
-        if isinstance(plant, DrivenMotor)
-        else ("N", "force", Axis("Speed v", "m/s"))
-    )
+    (forward, backward), (quantity, base) = declared.breakaway, declared.y
+    speed = Axis(*declared.x)
     factor, unit = prefixed(max(float(np.max(np.abs(curve.y))), forward, backward), base)
-    marks = _characteristic(curve, factor, f"friction {what}", "in the records", level)
+    marks = _characteristic(curve, factor, quantity.lower(), "in the records", level)
     marks.append(Points(np.zeros(2), factor * np.array([-backward, forward]), "break-away", Ink.RED))
     return Figure(
         name or f"{slug(fit.model.name)}-friction",
@@ -151,7 +141,7 @@ def friction(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure 
         "(logarithmic) it turned at which speed in the records it was fitted to; points: where it did so for "
         f"{ENOUGH} samples and more; the curve is dotted where it never did.{_assuming(fit, curve.x, _friction_of)}"
         f"{_given(fit)}",
-        (Plot(tuple(marks), _reaching(speed, curve), Axis(f"Friction {what}", unit), height=1.6),),
+        (Plot(tuple(marks), _reaching(speed, curve), Axis(quantity, unit), height=1.6),),
     )
 
 
@@ -166,20 +156,16 @@ def dead_zone(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure
     Returns:
         None for a plant without a dead zone.
     """
-    plant = fit.model.plant
-    if not isinstance(plant, (DrivenMotor, LinearAxis)):
+    zone, curve = fit.model.plant.dead_zone_characteristic(), dead_zone_curve(fit, POINTS, level)
+    if zone is None or curve is None:
         return None
-    curve = dead_zone_curve(fit, POINTS, level)
-    if curve is None:
-        return None
-    unit, what = ("V", "voltage") if isinstance(plant, DrivenMotor) else ("N", "force")
+    what = zone.x[0].removeprefix("Applied ").lower()
     ends = curve.x[[0, -1]]
     marks = _characteristic(curve, 1.0, "dead zone", "in the records", level)
     marks.insert(1, Line(ends, ends, "without", Stroke(Ink.GREY, Dash.DASHED, 0.8)))
-    applied, effective = Axis(f"Applied {what}", unit), Axis(f"Effective {what}", unit)
+    applied, effective = Axis(*zone.x), Axis(*zone.y)
     plots = [Plot(tuple(marks), _reaching(applied, curve), effective, height=1.6)]
-    zone = plant.motor.voltage_dead_zone if isinstance(plant, DrivenMotor) else plant.dead_zone
-    edge = 0.0 if zone is None else max(zone.b_r, -zone.b_l)
+    edge = zone.edge
     if 0 < edge < SMALL * ends[1]:
         reach = ENLARGED * edge
         shown = np.abs(curve.x) <= reach
@@ -213,7 +199,7 @@ def sticking(fit: GreyBoxFit, *, name: str = "") -> Figure:
     t, samples = timeline(record)
     simulated = np.concatenate(fit.simulated())
     held = _standstills(fit, record, t, samples)
-    subject = {DrivenMotor: "motor", LinearAxis: "axis"}.get(type(fit.model.plant), "plant")
+    subject = fit.model.plant.body
     shaded = [Spans(held, f"the {subject} sticks")] if len(held) else []
     plots = []
     for k, quantity in enumerate(record.output_names):
@@ -290,33 +276,13 @@ def likelihood(fit: GreyBoxFit, profile: Profile, *, name: str = "") -> Figure:
 
 def plant_equations(fit: GreyBoxFit) -> tuple[str, ...]:
     """The equations of a plant that emsid knows, in symbols, and all its parameters in numbers."""
-    plant = fit.model.plant
-    numbers = fit.model.equation()
-    if isinstance(plant, LinearAxis):
-        return "M·dv/dt = D(f) − F_v·v − T_f(v) − F₀\ndx/dt = v", numbers
-    if not isinstance(plant, DrivenMotor):
-        return (numbers,)
-    motor = plant.motor
-    slope = "L_a·di/dt = " if motor.inductance > 0 else "0 = "
-    electrical = [f"{slope}D_v(v_a) − R_a·i − K_m·ω{'' if motor.is_rigid else '_m'}"]
-    if plant.feed is not Feed.VOLTAGE:
-        electrical = []
-    made = "T" if plant.feed is Feed.TORQUE else "K_m·i"
-    torque = made if motor.torque_dead_zone is None else f"D_T({made})"
-    if motor.is_rigid:
-        mechanical = [f"(J_m + J_L)·dω/dt = {torque} − (B_m + B_L)·ω − T_f(ω) − T_d"]
-    else:
-        mechanical = [
-            f"J_m·dω_m/dt = {torque} − T_s − B_m·ω_m − T_f(ω_m)",
-            "J_L·dω_L/dt = T_s − B_L·ω_L − T_f(ω_L) − T_d",
-            "T_s = K_s·φ + B_s·(ω_m − ω_L),  dφ/dt = ω_m − ω_L",
-        ]
-    return "\n".join([*electrical, *mechanical]), numbers
+    symbols, numbers = fit.model.plant.equations(), fit.model.equation()
+    return (symbols, numbers) if symbols else (numbers,)
 
 
 def units_taken(fit: GreyBoxFit) -> str:
     """A warning where a record does not say its units; empty where it does."""
-    commands = 1 if isinstance(fit.model.plant, (DrivenMotor, LinearAxis)) else None  # codes have no unit
+    commands = None if fit.model.plant.channels is None else 1  # codes have no unit
     unsaid = [
         name
         for segment in fit.segments[:1]
@@ -410,12 +376,13 @@ def _part(points: Points, reach: float) -> Points:
 
 
 def _friction_of(plant: Plant, x: Array) -> Array:
-    return plant.friction_torque(x) if isinstance(plant, DrivenMotor | LinearAxis) else np.zeros(len(x))
+    friction = plant.friction_characteristic()
+    return np.zeros(len(x)) if friction is None else friction.law(x)
 
 
 def _dead_zone_of(plant: Plant, x: Array) -> Array:
-    zone = plant.motor.voltage_dead_zone if isinstance(plant, DrivenMotor) else getattr(plant, "dead_zone", None)
-    return x if zone is None else np.asarray(zone(x))
+    zone = plant.dead_zone_characteristic()
+    return x if zone is None else np.asarray(zone.law(x))
 
 
 def _assuming(fit: GreyBoxFit, x: Array, law: Callable[[Plant, Array], Array]) -> str:
@@ -456,7 +423,7 @@ def _reaching(axis: Axis, curve: Curve) -> Axis:
 
 def _standstills(fit: GreyBoxFit, record: Record, t: Array, samples: NDArray[np.intp]) -> Array:
     """(n, 2) where on the time axis of a figure the motor sticks; what lies close together is one stretch."""
-    if not isinstance(fit.model.plant, (DrivenMotor, LinearAxis)):
+    if fit.model.plant.friction_characteristic() is None:
         return np.zeros((0, 2))
     place = t[np.flatnonzero(samples >= 0)]  # where on the axis every sample stands
     first = np.cumsum([0, *map(len, fit.segments[:-1])])

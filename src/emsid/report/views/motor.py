@@ -11,7 +11,7 @@ from emsid.report.numbers import prefixed
 from emsid.report.views.conventions import MEASURED
 
 if TYPE_CHECKING:
-    from emsid.plant import DeadZoneLaw, Friction, Motor
+    from emsid.plant import DeadZoneLaw, FrictionLaw, Motor
 
 
 def nonlinearities(motor: Motor, *, name: str = "nonlinearities") -> Figure:
@@ -55,16 +55,14 @@ def _dead_zone(zone: DeadZoneLaw, quantity: str, unit: str) -> Plot:
     )
 
 
-def _friction(friction: Friction, where: str) -> Plot:
-    slowest = min((s.stribeck_rate for s in (friction.forward, friction.backward) if s.stribeck > 0), default=0.0)
-    reach = 5 / slowest if slowest > 0 else 10.0
-    forwards = reach * np.concatenate([[1e-12], np.linspace(0, 1, 200)[1:]])
+def _friction(friction: FrictionLaw, where: str) -> Plot:
+    forwards = friction.reach * np.concatenate([[1e-12], np.linspace(0, 1, 200)[1:]])
     w = np.concatenate([-forwards[::-1], forwards])
     factor, unit = prefixed(max(friction.breakaway), "N*m")
     forward, backward = friction.breakaway
     return Plot(
         (
-            Line(w, factor * friction.torque(w), "friction (4.7)", MEASURED),
+            Line(w, factor * friction.torque(w), "friction", MEASURED),
             Points(np.zeros(2), factor * np.array([-backward, forward]), "break-away", Ink.RED),
         ),
         Axis("Speed ω", "rad/s"),

@@ -21,26 +21,16 @@ import numpy as np
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
 from emsid.models.plants.datasheet import Given, applicable
-from emsid.models.plants.drive import Feed
-from emsid.models.plants.grey_box import BEGINNING, fed
-from emsid.models.plants.linear_axis import LinearAxis
-from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import parts, without_overlap
+from emsid.models.plants.plant import BEGINNING, DrivenPlant, Plant
+from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.problem import Weighting, all_alike
 from emsid.models.plants.search.result import GreyBoxFit
-from emsid.plant import Friction, Motor
 from emsid.record import Record
 
-_PLAIN = replace(Motor(), rotor_friction=Friction(8e-3), load_friction=Friction())
-
-STARTS: Mapping[str, Mechanical] = {
-    "rigid-motor": DrivenMotor(replace(_PLAIN, inductance=0.0, load_inertia=1e-15, load_viscous=0.0).rigid()),
-    "motor": DrivenMotor(_PLAIN),
-    "linear-axis": LinearAxis(),
-}
-"""A plant of every kind to begin with where nothing is known: the regression on the record finds its scale, and nothing
-in it that is not estimated, such as a Stribeck excess or the load's share of one inertia, has a scale of its own."""
+STARTS: Mapping[str, Plant] = {name: kind.start for name, kind in PLANTS.items()}
+"""A plant of every kind to begin with where nothing is known."""
 
 LEAST_GAIN = 0.1
 """A refinement has to lower the mean square error of the held-back free run by this part.
@@ -52,41 +42,41 @@ a few percent is chance.
 TRIAL_ITERATIONS = 15
 """Of the search for a trial: one that needs more follows a parameter that the record hardly tells."""
 
-Mechanical = DrivenMotor | LinearAxis
-Refinement = Callable[[Mechanical, tuple[str, ...], Record], tuple[Mechanical, tuple[str, ...]]]
+Refinement = Callable[[DrivenPlant, tuple[str, ...], Record], tuple[DrivenPlant, tuple[str, ...]]]
 
 
-def coasting_bridge(plant: Mechanical, free: tuple[str, ...], record: Record) -> tuple[Mechanical, tuple[str, ...]]:
+def coasting_bridge(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> tuple[DrivenPlant, tuple[str, ...]]:
     """The bridge leaves the armature open in its off-time; without a supply given, the largest command is full duty."""
-    if not isinstance(plant, DrivenMotor) or not plant.motor.is_rigid or plant.feed is not Feed.VOLTAGE:
+    if not plant.can_coast:
         return plant, free
     supply = plant.drive.supply
     if not isfinite(supply):
         supply = plant.drive.largest(record.input)
-    return replace(plant, drive=replace(plant.drive, supply=supply, freewheel=0.5)), (*free, "drive.freewheel")
+    return plant.with_drive(supply=supply, freewheel=0.5), (*free, "drive.freewheel")
 
 
-def late_command(plant: Mechanical, free: tuple[str, ...], record: Record) -> tuple[Mechanical, tuple[str, ...]]:
+def late_command(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> tuple[DrivenPlant, tuple[str, ...]]:
     """The command takes its time."""
     return plant.put({"drive.delay": 0.5 * record.dt}), (*free, "drive.delay")
 
 
-def slow_sensor(plant: Mechanical, free: tuple[str, ...], record: Record) -> tuple[Mechanical, tuple[str, ...]]:
+def slow_sensor(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> tuple[DrivenPlant, tuple[str, ...]]:
     """The sensor filters."""
     return plant.put({"sensor.lag": record.dt}), (*free, "sensor.lag")
 
 
-def stribeck(plant: Mechanical, free: tuple[str, ...], record: Record) -> tuple[Mechanical, tuple[str, ...]]:
+def stribeck(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> tuple[DrivenPlant, tuple[str, ...]]:
     """Friction is larger near rest."""
-    name = _friction(plant)
-    fastest = float(np.max(np.abs(record.output))) or 1.0
+    name = plant.friction_name
+    if f"{name}.stribeck" not in plant.handles:  # another friction law
+        return plant, free
     level = plant.value(f"{name}.coulomb")
-    rate = 10 / fastest if plant.name != "linear-axis" else 50.0
+    rate = plant.stribeck_rate(float(np.max(np.abs(record.output))) or 1.0)
     plant = plant.put({f"{name}.stribeck": 0.3 * level, f"{name}.stribeck_rate": rate})
     return plant, (*free, f"{name}.stribeck", f"{name}.stribeck_rate")
 
 
-def by_direction(plant: Mechanical, free: tuple[str, ...], record: Record) -> tuple[Mechanical, tuple[str, ...]]:
+def by_direction(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> tuple[DrivenPlant, tuple[str, ...]]:
     """Coulomb levels, viscous friction of an axis and break points differ by direction.
 
     A constant load is the same thing as a difference of Coulomb levels, at rest as in motion: the levels take it over
@@ -94,9 +84,9 @@ def by_direction(plant: Mechanical, free: tuple[str, ...], record: Record) -> tu
     """
     split: list[str] = []
     for name in free:
-        apart = name.endswith((".coulomb", "viscous_friction", ".half_width"))
+        apart = name == _level(plant) or name.endswith(("viscous_friction", ".half_width"))
         split += (parts(plant, name) if apart else ()) or (name,)
-    load, levels = _load(plant), parts(plant, f"{_friction(plant)}.coulomb")
+    load, levels = plant.load_name, parts(plant, _level(plant))
     if load in free and set(levels) <= set(split):  # a level that is known leaves the load what it is
         pull, (forward, backward) = plant.value(load), levels
         plant = plant.put(
@@ -110,11 +100,11 @@ def by_direction(plant: Mechanical, free: tuple[str, ...], record: Record) -> tu
     return plant, tuple(split)
 
 
-def constant_load(plant: Mechanical, free: tuple[str, ...], record: Record) -> tuple[Mechanical, tuple[str, ...]]:
+def constant_load(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> tuple[DrivenPlant, tuple[str, ...]]:
     """Something pulls all the time."""
-    if set(parts(plant, f"{_friction(plant)}.coulomb")) <= set(free):
+    if set(parts(plant, _level(plant))) <= set(free):
         return plant, free  # a difference of levels already says it
-    return plant, tuple(dict.fromkeys((*free, _load(plant))))
+    return plant, tuple(dict.fromkeys((*free, plant.load_name)))
 
 
 REFINEMENTS: tuple[Refinement, ...] = (
@@ -123,7 +113,7 @@ REFINEMENTS: tuple[Refinement, ...] = (
 
 
 def choose(
-    plant: Mechanical,
+    plant: DrivenPlant,
     record: Record,
     *,
     fixed: Mapping[str, float] | None = None,
@@ -144,9 +134,7 @@ def choose(
         refinements: what is tried.
         progress: called with the fraction done.
     """
-    driven = fed(plant, record)
-    assert isinstance(driven, (DrivenMotor, LinearAxis))
-    plant = driven
+    plant = plant.fed(record)
     sheet = applicable(datasheet or {}, plant)
     known: dict[str, Any] = {"fixed": fixed or {}, "datasheet": sheet, "weighting": weighting}
     unknown = (name for name, given in sheet.items() if given.value is None)
@@ -155,7 +143,7 @@ def choose(
         return simulation_error(plant, record, free=usual, **known)
     train, rest = record.hold_back(held_back)
 
-    def tried(start: Mechanical, free: tuple[str, ...], **how: Any) -> _Trial:
+    def tried(start: DrivenPlant, free: tuple[str, ...], **how: Any) -> _Trial:
         fit = simulation_error(start, train, free=free, max_iterations=TRIAL_ITERATIONS, **how, **known)
         if fit.ending is Ending.INTERRUPTED:  # a trial cut short decides nothing
             raise KeyboardInterrupt
@@ -196,10 +184,10 @@ class _Trial(NamedTuple):
     error: float
 
     @property
-    def plant(self) -> Mechanical:
+    def plant(self) -> DrivenPlant:
         """The plant as it was fitted."""
-        plant = self.fit.model.plant
-        assert isinstance(plant, (DrivenMotor, LinearAxis))
+        plant = self.fit.model.plant.driven
+        assert plant is not None
         return plant
 
 
@@ -211,9 +199,6 @@ def _held_back_error(fit: GreyBoxFit, rest: Record) -> float:
     return error if isfinite(error) else np.inf
 
 
-def _friction(plant: Mechanical) -> str:
-    return "rotor_friction" if isinstance(plant, DrivenMotor) else "friction"
-
-
-def _load(plant: Mechanical) -> str:
-    return "load_torque" if isinstance(plant, DrivenMotor) else "offset"
+def _level(plant: DrivenPlant) -> str:
+    """The name of the level of its friction, the first parameter of the law."""
+    return f"{plant.friction_name}.{plant.frictions[plant.friction_name].parameters[0].name}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,13 +14,9 @@ from scipy.special import chdtri, ndtri
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.threads import one_blas_thread
-from emsid.models.plants.drive import Sensor
-from emsid.models.plants.linear_axis import LinearAxis
-from emsid.models.plants.motor import DrivenMotor
-from emsid.models.plants.parameters import Plant, Signal
-from emsid.models.plants.search.problem import FreeRunError, free_states
+from emsid.models.plants.plant import Plant
+from emsid.models.plants.search.problem import FreeRunError
 from emsid.models.plants.search.result import GreyBoxFit
-from emsid.plant import DeadZoneLaw
 from emsid.units import with_unit
 
 Array = NDArray[np.float64]
@@ -114,29 +110,38 @@ def friction_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> C
     """Friction over speed, the viscous part included: N·m over rad/s, or N over m/s.
 
     Args:
-        fit: of a motor or a linear axis.
+        fit: of a plant that declares its friction.
         points: an odd number puts one at rest.
         level: of the band, by the covariance to first order.
+
+    Raises:
+        ModelError: for a plant whose friction or motion is not known.
     """
-    plant = _mechanical(fit)
     speeds = np.concatenate([_speeds(fit, k) for k in range(len(fit.segments))])
     reach = float(np.max(np.abs(speeds))) or 1.0
     x = np.linspace(-reach, reach, points)
-    return _with_band(fit, x, lambda p: _mechanical_plant(p).friction_torque(x), speeds[speeds != 0], level, plant)
+
+    def law(plant: Plant) -> Array:
+        friction = plant.friction_characteristic()
+        if friction is None:
+            raise ModelError(f"{plant.name} declares no friction")
+        return friction.law(x)
+
+    return _with_band(fit, x, law, speeds[speeds != 0], level, fit.model.plant)
 
 
 def dead_zone_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> Curve | None:
     """What comes through the dead zone over what is applied, in V (N of an axis); None for a plant without one."""
-    plant = _mechanical(fit)
-    if _dead_zone(plant) is None:
+    plant, driven = fit.model.plant, fit.model.plant.driven
+    if plant.dead_zone_characteristic() is None or driven is None:
         return None
-    applied = np.concatenate([plant.drive.terminals(s.input, s.dt)[0] for s in fit.segments])
+    applied = np.concatenate([driven.drive.terminals(s.input, s.dt)[0] for s in fit.segments])
     reach = float(np.max(np.abs(applied))) or 1.0
     x = np.linspace(-reach, reach, points)
 
     def through(p: Plant) -> Array:
-        zone = _dead_zone(_mechanical_plant(p))
-        return x if zone is None else zone(x)
+        zone = p.dead_zone_characteristic()
+        return x if zone is None else zone.law(x)
 
     return _with_band(fit, x, through, applied, level, plant)
 
@@ -223,7 +228,7 @@ def _error_if_free(fit: GreyBoxFit, k: int) -> float:
 def _problem(fit: GreyBoxFit, plant: Plant, free: Sequence[str], states: Sequence[Array]) -> FreeRunError:
     """That of the fit, begun elsewhere, with some of its parameters."""
     signals = fit.model.signals
-    unknown = [free_states(plant, signals, segment) for segment in fit.segments]
+    unknown = [plant.free_states(signals, segment) for segment in fit.segments]
     return FreeRunError(plant, signals, fit.segments, free, states, unknown, fit.weighting, os.cpu_count() or 1)
 
 
@@ -262,24 +267,13 @@ def _below(x: Array, deviance: Array, limit: float, bounds: tuple[float, float])
     return ends[0], ends[1]
 
 
-def _mechanical(fit: GreyBoxFit) -> DrivenMotor | LinearAxis:
-    return _mechanical_plant(fit.model.plant)
-
-
-def _mechanical_plant(plant: Plant) -> DrivenMotor | LinearAxis:
-    if not isinstance(plant, (DrivenMotor, LinearAxis)):
-        raise ModelError(f"{plant.name} has no friction or dead zone that emsid knows of")
-    return plant
-
-
-def _dead_zone(plant: DrivenMotor | LinearAxis) -> DeadZoneLaw | None:
-    return plant.motor.voltage_dead_zone if isinstance(plant, DrivenMotor) else plant.dead_zone
-
-
 def _speeds(fit: GreyBoxFit, segment: int) -> Array:
     """(N,) how fast the plant itself moves, rad/s or m/s: a sensor that lags or is off never shows a standstill."""
-    plant, record = replace(_mechanical(fit), sensor=Sensor()), fit.segments[segment]
-    return plant.simulate(record.input, record.dt, fit.states[segment], (Signal.SPEED,))[:, 0]
+    record, plant = fit.segments[segment], fit.model.plant
+    speeds = plant.motion(record.input, record.dt, fit.states[segment])
+    if speeds is None:
+        raise ModelError(f"{plant.name} has no friction or dead zone that emsid knows of")
+    return speeds
 
 
 def _with_band(

@@ -28,13 +28,13 @@ from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance
 from emsid.estimation.uncertainty.identifiability import Identifiability, identifiability
 from emsid.findings import Finding
 from emsid.models.plants.datasheet import Given
-from emsid.models.plants.grey_box import GreyBox, check_channels, fed, signals_of
-from emsid.models.plants.linear_axis import LinearAxis
+from emsid.models.plants.drive import Drive
+from emsid.models.plants.grey_box import GreyBox, check_channels, signals_of
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.one_mass import Motion
-from emsid.models.plants.own_plant import OwnPlant
-from emsid.models.plants.parameters import Handle, Plant, Signal, find_handle, refuse_overlap, without_overlap
-from emsid.models.plants.search.problem import FreeRunError, Weighting, all_alike, free_states, guess_state
+from emsid.models.plants.parameters import Handle, Signal, find_handle, refuse_overlap, without_overlap
+from emsid.models.plants.plant import DrivenPlant, Plant
+from emsid.models.plants.search.problem import FreeRunError, Weighting, all_alike
 from emsid.models.plants.search.result import GreyBoxFit, at_bounds, combinations, hardly_told, in_words, table
 from emsid.models.plants.search.starts import motions
 from emsid.plant import Motor
@@ -86,7 +86,7 @@ def simulation_error(
     """
     subject: Plant = DrivenMotor(plant) if isinstance(plant, Motor) else plant
     segments = _segments(records)
-    subject = fed(subject, segments[0])
+    subject = subject.fed(segments[0])
     shown = tuple(signals) if signals is not None else signals_of(subject, segments[0])
     for segment in segments:
         check_channels(subject, shown, segment)
@@ -96,16 +96,18 @@ def simulation_error(
     sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
     known = {name: given.value for name, given in sheet.items() if given.value is not None}
     subject = subject.put((known if look_around else {}) | fixed)
-    hidden = _hidden(subject, [name for name in asked if name not in (*sheet, *(bounds or {}))], segments)
+    hidden = subject.unresolved([n for n in asked if n not in (*sheet, *(bounds or {}))], segments[0].dt)
     limits = _limits(subject, asked, {**hidden, **(bounds or {})}, sheet)
-    straight, subject = subject, _ready(subject, asked, segments, hidden, limits)
+    straight = subject
+    subject = straight.ready(asked, segments, limits)
+    subject = subject.put({name: max(subject.value(name), low) for name, (low, _) in hidden.items()})
     _check_start(subject, asked, limits)
 
     preference = _preference(subject, asked, sheet)
 
     def problem_for(current: Plant, names: Sequence[str], states: Sequence[Array] | None = None) -> FreeRunError:
-        guesses = [guess_state(current, shown, s) for s in segments] if states is None else states
-        unknown = [free_states(current, shown, s) for s in segments]
+        guesses = [current.first_state(shown, s) for s in segments] if states is None else states
+        unknown = [current.free_states(shown, s) for s in segments]
         return FreeRunError(
             current, shown, segments, names, guesses, unknown, weighting, threads or os.cpu_count() or 1
         )
@@ -115,7 +117,8 @@ def simulation_error(
 
     start = subject
     if look_around:
-        starts = [_best_start(each, asked, limits, problem_for) for each in _bent(straight, subject, asked, limits)]
+        bent = [subject] if straight.driven is None else straight.driven.bent(subject, asked, limits)
+        starts = [_best_start(each, asked, limits, problem_for) for each in bent]
         start = min(starts, key=lambda each: _cost(problem_for(each, asked))) if len(starts) > 1 else starts[0]
     problem = problem_for(start, asked)
     names = _hold(_told(problem, asked, None), asked, preference)
@@ -216,13 +219,12 @@ def _shaft_unseen(
     """Whether one mass without inductance is as good: what the others gain is what noise gives them (χ², at 95 %)."""
     from scipy.special import chdtri
 
-    left = [name for name in names if not name.startswith("shaft_") and name != "inductance"]
-    if "rotor_inertia" in left and "load_inertia" in left:  # only their sum is left
-        left.remove("load_inertia")
-    if not left or not any(name.startswith("shaft_") for name in names) or not isinstance(found, DrivenMotor):
+    simpler = found.simpler(names)
+    if simpler is None:
         return False
+    _, left = simpler
     try:
-        rigid = search(replace(found, motor=replace(found.motor, inductance=0.0).rigid()), left)
+        rigid = search(*simpler)
     except EmsidError:  # one mass is not even simulated
         return False
     noise = minimum.noise_variance * float(np.max(_colour(minimum, len(names))))
@@ -373,54 +375,6 @@ def _limits(
     return limits
 
 
-QUICKEST = 0.05
-"""The shortest electrical time constant that is searched, in samples: less shows in no record and takes for ever."""
-
-
-def _hidden(plant: Plant, asked: Sequence[str], segments: Sequence[Record]) -> Limits:
-    """Bounds beyond which the sample time hides what a parameter does."""
-    if not isinstance(plant, DrivenMotor) or "inductance" not in asked:
-        return {}
-    return {"inductance": (QUICKEST * segments[0].dt * plant.motor.resistance, inf)}
-
-
-def _ready(plant: Plant, asked: Sequence[str], segments: Sequence[Record], hidden: Limits, limits: Limits) -> Plant:
-    """The plant with what has no effect at first, such as a supply, a knee, or a lag, where it is to be found."""
-    if isinstance(plant, OwnPlant):
-        return plant
-    assert isinstance(plant, (DrivenMotor, LinearAxis))
-    largest = max(plant.drive.largest(segment.input) for segment in segments)
-    starts = {name: 0.8 * largest for name in asked if not isfinite(plant.value(name))}
-    if "drive.freewheel" in asked and not isfinite(plant.drive.supply):
-        starts.setdefault("drive.supply", largest)  # the largest command is full duty
-    if "drive.knee" in starts and "drive.beyond" in asked and plant.drive.beyond == 1.0:
-        starts["drive.beyond"] = 0.8  # as long as it bends nothing, nobody can tell where it is
-    if "sensor.lag" in asked and plant.sensor.lag == 0:
-        starts["sensor.lag"] = min(
-            segments[0].dt, limits["sensor.lag"][1]
-        )  # what it shows at the start is then to be found too
-    return plant.put(starts | {name: max(plant.value(name), low) for name, (low, _) in hidden.items()})
-
-
-KNEES, SLOPES = (0.45, 0.75, 1.0), (0.5, 0.8, 1.25, 2.0)
-"""Where a knee is looked for, as a part of its usual start, and how the command may count beyond it: less, or more."""
-
-
-def _bent(straight: Plant, ready: Plant, asked: Sequence[str], limits: Limits) -> list[Plant]:
-    """The plant made ready, or where nothing is known of a knee that is asked for, bent either way at several places.
-
-    No search finds from a command that counts less beyond its knee to one that counts more: between them is one without
-    a knee, which may be anywhere.
-    """
-    if isinstance(straight, OwnPlant) or "drive.knee" not in asked or isfinite(straight.value("drive.knee")):
-        return [ready]
-    knees = [knee * ready.value("drive.knee") for knee in KNEES]
-    either = "drive.beyond" in asked and straight.value("drive.beyond") == 1.0
-    slopes = SLOPES if either else (ready.value("drive.beyond"),)
-    pairs = [{"drive.knee": knee, "drive.beyond": slope} for knee in knees for slope in slopes]
-    return [ready.put({n: float(np.clip(v, *limits.get(n, (v, v)))) for n, v in pair.items()}) for pair in pairs]
-
-
 def _check_start(plant: Plant, asked: Sequence[str], limits: Limits) -> None:
     for name in asked:
         value, (low, high) = plant.value(name), limits[name]
@@ -434,10 +388,11 @@ def _best_start(
 ) -> Plant:
     """The plant as given, or moved to what a regression on the records says, whichever simulates better."""
     first = problem_for(plant, asked)
-    if isinstance(plant, OwnPlant):
+    driven = plant.driven
+    if driven is None:
         return plant
-    assert isinstance(plant, (DrivenMotor, LinearAxis))
-    against = _currents_against(plant, first)
+    drive = driven.drive
+    against = _currents_against(drive, first)
     channel, is_position = _motion_channel(first.signals)
     if channel is None:
         _refuse_signs(first, against)
@@ -446,14 +401,14 @@ def _best_start(
     commanded = [
         replace(
             segment,
-            input=plant.drive.bent(plant.drive.gain * plant.drive.commands(segment.input))[:, None] / plant.drive.gain,
+            input=drive.bent(drive.gain * drive.commands(segment.input))[:, None] / drive.gain,
             input_names=segment.input_names[:1],
             input_units=segment.input_units[:1],
         )
         for segment in first.segments
     ]
 
-    def tried(motion: Motion, plant: DrivenMotor | LinearAxis) -> tuple[float, float, Plant]:
+    def tried(motion: Motion, plant: DrivenPlant) -> tuple[float, float, Plant]:
         try:
             suggested = plant.put_motion(motion)
             moved = problem_for(plant.put({n: float(np.clip(suggested.value(n), *limits[n])) for n in asked}), asked)
@@ -461,9 +416,9 @@ def _best_start(
         except EmsidError:
             return inf, inf, plant
 
-    likely = list(motions(commanded, channel, is_position, zone, plant.drive.offset))
-    turned = replace(plant, drive=replace(plant.drive, gain=-plant.drive.gain))
-    forward = [(motion, plant) for motion in likely if motion.gain / plant.drive.gain > 0]
+    likely = list(motions(commanded, channel, is_position, zone, drive.offset))
+    turned = driven.turned()
+    forward = [(motion, driven) for motion in likely if motion.gain / drive.gain > 0]
     backward = [(motion, turned) for motion in likely if motion.gain / turned.drive.gain > 0]
     with ThreadPoolExecutor(first.threads) as pool:
         costs = list(pool.map(lambda pair: tried(*pair), [*forward, *backward]))
@@ -475,9 +430,9 @@ def _best_start(
     return min(straight, key=lambda one: one[0])[-1]
 
 
-def _currents_against(plant: DrivenMotor | LinearAxis, problem: FreeRunError) -> list[int]:
+def _currents_against(drive: Drive, problem: FreeRunError) -> list[int]:
     """The currents that fall where the voltage rises: a motor takes power, whatever it is like."""
-    voltage = np.concatenate([plant.drive.gain * plant.drive.commands(segment.input) for segment in problem.segments])
+    voltage = np.concatenate([drive.gain * drive.commands(segment.input) for segment in problem.segments])
     found = []
     for channel in (k for k, signal in enumerate(problem.signals) if signal is Signal.CURRENT):
         current = np.concatenate([segment.output[:, channel] for segment in problem.segments])

@@ -32,10 +32,8 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible
-from emsid.models.plants.linear_axis import LinearAxis
-from emsid.models.plants.motor import DrivenMotor
-from emsid.models.plants.own_plant import OwnPlant
-from emsid.models.plants.parameters import Plant, Signal
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.plant import Plant, Sizes
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -78,47 +76,6 @@ class Recent:
         for _ in range(self.order):
             error = lfilter([1.0, -1.0], [1.0, -decay], error)
         return error
-
-
-# --- initial states -------------------------------------------------------------------------------------------------
-
-
-def guess_state(plant: Plant, signals: Sequence[Signal], segment: Record) -> Array:
-    """A first idea of the state at the first sample: of a motor or axis (speed, position, speed shown), else zeros."""
-    state = np.zeros(plant.states)
-    if isinstance(plant, OwnPlant):
-        return state
-    assert isinstance(plant, (DrivenMotor, LinearAxis))
-    sensor = plant.sensor
-    for k, signal in enumerate(signals):
-        y = segment.output[:, k]
-        if signal in (Signal.SPEED, Signal.ROTOR_SPEED):
-            state[0] = (y[0] - sensor.offset) * sensor.ratio
-        elif signal is Signal.POSITION:
-            state[1] = (y[0] - sensor.offset) * sensor.ratio
-            if not any(s in (Signal.SPEED, Signal.ROTOR_SPEED) for s in signals) and np.ptp(y[:20]) > 0:
-                head = y[:20]
-                slope = np.polyfit(np.arange(len(head)) * segment.dt, head, 1)[0]
-                state[0] = 0.0 if _starts_at_rest(y) else slope * sensor.ratio
-    state[1] += sensor.lag * state[0]
-    state[2] = state[0]
-    return state
-
-
-def free_states(plant: Plant, signals: Sequence[Signal], segment: Record) -> tuple[int, ...]:
-    """Which numbers of the initial state are estimated: what the outputs show and what is not plainly at rest."""
-    if isinstance(plant, OwnPlant):
-        return tuple(range(plant.states))
-    assert isinstance(plant, (DrivenMotor, LinearAxis))
-    sensed = [k for k, signal in enumerate(signals) if signal is not Signal.CURRENT]
-    moving = not any(_starts_at_rest(segment.output[:, k]) for k in sensed)
-    lags = moving and sensed and plant.sensor.lag > 0
-    return ((0,) if moving else ()) + ((1,) if Signal.POSITION in signals else ()) + ((2,) if lags else ())
-
-
-def _starts_at_rest(y: Array) -> bool:
-    """Whether an output stands still over its first three samples, at exactly zero or exactly the same value."""
-    return len(y) > 3 and float(np.ptp(y[:3])) == 0.0
 
 
 # --- the least-squares problem --------------------------------------------------------------------------------------
@@ -288,25 +245,19 @@ class FreeRunError:
         return _Linearised(theta.copy(), list(zip(here, jacobians, strict=True)), central)
 
     def _sizes(self) -> Array:
-        """How large θ plausibly is: what it is, or what units and samples suggest."""
+        """How large θ plausibly is: what it is, or what the plant and the samples suggest."""
         return np.array([*self._typical(), *(self._state_size(s, i) for s, i in self._places)])
 
     def _typical(self) -> list[float]:
-        u = max(float(np.max(np.abs(s.input))) for s in self.segments) or 1.0
-        v = max(float(np.max(np.abs(s.output))) for s in self.segments) or 1.0
-        dt = self.segments[0].dt
-        force = u
-        if isinstance(self.plant, DrivenMotor):
-            force = u * abs(self.plant.drive.gain) * self.plant.motor.motor_constant / self.plant.motor.resistance
-        by_unit = {
-            "N*m": 0.1 * force, "N": 0.1 * force, "N*m*s/rad": 0.1 * force / v, "N*s/m": 0.1 * force / v,
-            "s/rad": 10 / v, "s/m": 10 / v, "V": 0.1 * u, "s": dt, "1": 1.0, "rad/s": 0.1 * v,
-        }  # fmt: skip
-        sizes = []
-        for name in self.free:
-            handle = self.plant.handles[name]
-            sizes.append(max(abs(self.plant.value(name)), 1e-3 * by_unit.get(handle.parameter.unit, 0.0)) or 1.0)
-        return sizes
+        command = max(float(np.max(np.abs(s.input))) for s in self.segments) or 1.0
+        output = max(float(np.max(np.abs(s.output))) for s in self.segments) or 1.0
+        sizes = Sizes(command, output, self.segments[0].dt)
+
+        def size(name: str) -> float:
+            plausible = self.plant.plausible(self.plant.handles[name].measure, sizes)
+            return max(abs(self.plant.value(name)), 1e-3 * plausible) or 1.0
+
+        return [size(name) for name in self.free]
 
     def _state_size(self, segment: int, index: int) -> float:
         size = max(float(np.max(np.abs(self.segments[segment].output))), 1e-12)

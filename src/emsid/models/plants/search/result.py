@@ -15,10 +15,9 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.gauss_newton import Minimum
 from emsid.estimation.uncertainty.identifiability import Identifiability
 from emsid.models.plants.datasheet import Given
-from emsid.models.plants.drive import Feed
 from emsid.models.plants.grey_box import GreyBox
-from emsid.models.plants.motor import DrivenMotor
-from emsid.models.plants.parameters import Plant, Quantity, Signal
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.plant import Plant, Quantity
 from emsid.models.plants.search.problem import Weighting, all_alike
 from emsid.record import Record
 
@@ -128,9 +127,9 @@ def in_words(
         known: the combinations that the records tell.
     """
     held = [name for name in told.names if name not in names]
-    driven = plant.feed if isinstance(plant, DrivenMotor) else None
-    channels = " and ".join([driven.value if driven else "the input", *(signal.value for signal in signals)])
-    current = driven is Feed.VOLTAGE and Signal.CURRENT not in signals
+    driven = "" if plant.channels is None else plant.channels.source
+    channels = " and ".join([driven or "the input", *(signal.value for signal in signals)])
+    current = driven == "voltage" and Signal.CURRENT not in signals
     advice = f"fix what you know, or add {'the current' if current else 'a channel'}"
     if not names:
         return [

@@ -1,0 +1,119 @@
+"""The plants that are known by name: to model files, datasheets, `emsid parameters` and candidates.
+
+To add a plant: write it, and `register` one of its kind here or in a program of your own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from emsid.errors import ModelError
+from emsid.models.plants.linear_axis import LinearAxis
+from emsid.models.plants.motor import DrivenMotor
+from emsid.models.plants.plant import Plant
+from emsid.plant import Friction, Motor
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A plant that is known by name.
+
+    Args:
+        plain: one of its kind, without any part that a file may leave out; a model file says how another one differs.
+        start: one to begin a search with where nothing is known: a regression on the record finds its scale.
+        summary: what it is, in a few words.
+        datasheet: the name of its table in a datasheet, whose names are those of ``described``.
+        described: the plant whose parameters such a table may have.
+        refined: whether refinements of it are tried.
+    """
+
+    plain: Plant
+    start: Plant
+    summary: str
+    datasheet: str
+    described: Plant
+    refined: bool = True
+
+
+PLANTS: dict[str, Kind] = {}
+"""Every registered plant by its name."""
+
+
+def register(
+    plain: Plant,
+    *,
+    start: Plant | None = None,
+    summary: str = "",
+    datasheet: str = "",
+    described: Plant | None = None,
+    refined: bool = True,
+) -> None:
+    """Make a plant known by its name.
+
+    Args:
+        plain, summary, refined: see `Kind`.
+        start, described: by default ``plain``.
+        datasheet: by default the name of the plant.
+
+    Raises:
+        ModelError: where another plant has this name.
+    """
+    known = PLANTS.get(plain.name)
+    if known is not None and type(known.plain).__qualname__ != type(plain).__qualname__:
+        raise ModelError(f"there is a plant {plain.name!r} already; choose another name")
+    PLANTS[plain.name] = Kind(
+        plain, start or plain, summary or plain.name, datasheet or plain.name, described or plain, refined
+    )
+
+
+_BARE = Motor(voltage_dead_zone=None)
+_COULOMB = replace(Motor(), rotor_friction=Friction(8e-3), load_friction=Friction())
+_ONE_MASS = replace(_COULOMB, inductance=0.0, load_inertia=1e-15, load_viscous=0.0).rigid()
+
+register(
+    DrivenMotor(replace(_BARE, inductance=0.0).rigid()),
+    start=DrivenMotor(_ONE_MASS),
+    summary="a motor with its load as one mass: ohms, kg·m² and N·m with intervals",
+    datasheet="motor",
+    described=DrivenMotor(),
+)
+register(
+    DrivenMotor(_BARE),
+    start=DrivenMotor(_COULOMB),
+    summary="a motor that turns its load through an elastic shaft",
+    described=DrivenMotor(),
+    refined=False,
+)
+register(LinearAxis(), summary="a mass on a rail: force to position, kg and N with intervals")
+
+
+def described() -> dict[str, Plant]:
+    """The plants that datasheets are written for, by the name of their table."""
+    return {kind.datasheet: kind.described for kind in PLANTS.values()}
+
+
+def plant_to_data(plant: Plant) -> dict[str, Any]:
+    """Kind and parameters in built-in types; infinite ones are left out, as are parts that are not there.
+
+    Raises:
+        ModelError: for a plant of a kind that is not registered, which no file can hold.
+    """
+    if plant.name not in PLANTS:
+        raise ModelError(
+            f"{plant.name} is not registered and cannot be saved; call emsid.models.plants.registry.register(plant) "
+            "first, where it is saved and where it is loaded"
+        )
+    return {"kind": plant.name, **plant.to_data()}
+
+
+def plant_from_data(data: Mapping[str, Any]) -> Plant:
+    """The plant that `plant_to_data` described.
+
+    Raises:
+        ModelError: for data that describe none.
+    """
+    if data["kind"] not in PLANTS:
+        raise ModelError(f"no plant of kind {data['kind']!r}; there are {', '.join(PLANTS)}")
+    return PLANTS[data["kind"]].plain.with_data(data)

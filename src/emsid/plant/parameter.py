@@ -1,0 +1,35 @@
+"""What a physical parameter is: its name, symbol, unit and meaning, and what it measures."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple
+
+
+class Parameter(NamedTuple):
+    """A physical parameter: its name, dotted inside a part, its symbol, SI unit and meaning."""
+
+    name: str
+    symbol: str
+    unit: str
+    description: str
+
+
+class Measure(Enum):
+    """What a parameter measures, as (unit of a rotation, unit of a translation).
+
+    A search takes from it how large a parameter plausibly is in a record where its start is zero.
+    """
+
+    FORCE = ("N*m", "N")
+    DAMPING = ("N*m*s/rad", "N*s/m")
+    SPEED = ("rad/s", "m/s")
+    PER_SPEED = ("s/rad", "s/m")
+    COMMAND = ("V", "V")
+    TIME = ("s", "s")
+    FACTOR = ("1", "1")
+    OTHER = ("", "")
+
+    def unit(self, linear: bool = False) -> str:
+        """The SI unit, of a rotation or of a translation."""
+        return str(self.value[linear])

@@ -29,9 +29,10 @@ from emsid.models.blocks.static_maps import (
 )
 from emsid.models.free_run import RUNAWAY
 from emsid.models.model import Model
-from emsid.models.plants.drive import Drive, Sensor
+from emsid.models.plants.drive import Drive
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
+from emsid.models.plants.sensor import Sensor
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.structures import arx, friction_narx, wiener_hammerstein_regression
 from emsid.plant import Friction, Motor

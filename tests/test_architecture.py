@@ -27,7 +27,7 @@ MODULES = sorted(name for name in SOURCES if name != "__init__")
 
 # A module imports from its own package and from those on earlier lines, nothing else.
 LAYERS = (
-    {"errors"},
+    {"arguments", "errors"},
     {"findings", "presentation", "units"},
     {"record", "wording"},
     {"excitation", "plant", "estimation"},

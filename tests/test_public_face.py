@@ -321,3 +321,38 @@ def test_what_no_record_can_be_made_of_is_answered(wrong, answer):
 def test_a_frame_that_is_none_is_answered():
     with pytest.raises(emsid.DataError, match="no columns"):
         emsid.Record.from_frame(np.ones((5, 2)), input="v", dt=0.1)
+
+
+# --- identify --------------------------------------------------------------------------------------------------------
+
+
+def test_identify_reads_a_file(linear_record, tmp_path):
+    path = tmp_path / "log.csv"
+    emsid.write_record(linear_record, path)
+    found = emsid.identify(path, models="arx", input="u1", output="y1", time="t")
+    assert found.chosen.model.name == "arx"
+    assert np.allclose(found.chosen.estimate, emsid.identify(linear_record, models=("arx",)).chosen.estimate)
+    with pytest.raises(emsid.DataError, match=r"name its columns.*u1"):
+        emsid.identify(str(path))
+    with pytest.raises(emsid.DataError, match=r"did you mean models"):
+        emsid.identify(path, model="arx")
+
+
+def test_models_may_be_one_text(linear_record):
+    with pytest.raises(emsid.ModelError, match=r"no model arxx; there are arx.*did you mean arx\?"):
+        emsid.identify(linear_record, models="arxx")
+    found = emsid.identify(linear_record, models="arx, friction-narx")
+    assert {fit.model.name for fit in found.verification.fits} == {"arx", "friction-narx"}
+
+
+@pytest.mark.parametrize("wrong", [lambda r: emsid.identify(r.input), lambda r: emsid.identify(42)])
+def test_what_identify_cannot_use_is_answered(linear_record, wrong):
+    with pytest.raises(emsid.DataError, match=r"emsid\.Record"):
+        wrong(linear_record)
+
+
+def test_options_understand_a_name_for_a_family_and_for_a_list():
+    assert emsid.Options(static="dead-zone").static.name == "dead-zone"
+    with pytest.raises(emsid.ModelError, match="did you mean dead-zone"):
+        emsid.Options(static="deadzone")
+    assert emsid.Options(free="motor_constant", profile="motor_constant").profile == ("motor_constant",)

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
+from emsid.arguments import as_names
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.linear.recursive import recursive_least_squares
 from emsid.estimation.nonlinear.control import Activity, Control
 from emsid.models.blocks.search.estimation import estimate as estimate_cascade
-from emsid.models.blocks.search.map_families import Family
+from emsid.models.blocks.search.map_families import Family, family_named
 from emsid.models.blocks.search.topologies import (
     HAMMERSTEIN,
     HAMMERSTEIN_WIENER,
@@ -60,7 +61,8 @@ class Options:
         taps: of its first filter.
         knots: hinges on either side of zero in a friction regression; knots, or the degree, of a static map.
         orders: of the filters of a cascade of blocks, as many as it has.
-        static: family of its static map; by default a spline where knots are given, or chosen with everything else.
+        static: family of its static map, or the name of one; by default a spline where knots are given, or chosen with
+            everything else.
         ridge: weight of the squared parameters.
         forgetting: forgetting factor; recursive least squares is used where it is given.
         fix: physical parameters that are known, by name, in SI units.
@@ -92,6 +94,10 @@ class Options:
     held_back: float = 0.25
 
     def __post_init__(self) -> None:
+        for name in ("free", "profile"):
+            object.__setattr__(self, name, as_names(getattr(self, name)))
+        if isinstance(self.static, str):
+            object.__setattr__(self, "static", family_named(self.static))
         if self.ridge and self.forgetting is not None:
             raise ModelError("ridge is for a batch estimate and forgetting for a recursive one; choose one of them")
 

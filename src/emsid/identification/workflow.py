@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from emsid.arguments import as_names_with_commas, did_you_mean
 from emsid.errors import DataError, EmsidError, ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.identification.candidates import CANDIDATES, USUAL, Blocks, Options, Physical, Progress, fit_or_problem
+from emsid.identification.records import Records, given_records
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.diagnostics import advice
 from emsid.models.plants.datasheet import applicable
@@ -104,34 +106,40 @@ class Identification(Presented):
 
 
 def identify(
-    records: Record | Iterable[Record],
-    validation: Record | Iterable[Record] | None = None,
+    records: Records,
+    validation: Records | None = None,
     *,
-    models: Sequence[str] = USUAL,
+    models: str | Sequence[str] = USUAL,
     options: Options | None = None,
     transient: int | None = None,
     unseen: float = 0.3,
     progress: Progress = lambda what, fraction: None,
+    **reading: Any,
 ) -> Identification:
     """Fit the candidate structures and rank them by their free run on unseen data.
 
     Args:
-        records: what to identify from.
+        records: what to identify from: a record, the path of a file, or several of either.
         validation: unseen data; without it, the last part of ``records`` is kept unseen, or of many every k-th.
-        models: names of `CANDIDATES`.
+        models: names of `CANDIDATES`; one name, several with commas, or a list.
         options: what the user fixes.
         transient: samples at the start of every segment that start a free run and are left out of every error.
         unseen: the fraction of ``records`` kept unseen where there is no validation data.
         progress: called with the candidate at work and the fraction done of it.
+        reading: where paths are given, how to read them: ``input``, ``output``, ``time`` and the other arguments of
+            `emsid.read`.
 
     Raises:
         ModelError: for an unknown name, wishes that no candidate can meet, or where no candidate can be fitted.
         DataError: for records that do not belong together.
     """
     options = options or Options()
+    models = as_names_with_commas(models)
+    records, judges = given_records(records, reading), given_records(() if validation is None else validation, reading)
     unknown = [name for name in models if name not in CANDIDATES]
     if unknown or not models:
-        raise ModelError(f"no model {', '.join(unknown) or 'is named'}; there are {', '.join(CANDIDATES)}")
+        near = did_you_mean(unknown[0], CANDIDATES) if unknown else ""
+        raise ModelError(f"no model {', '.join(unknown) or 'is named'}; there are {', '.join(CANDIDATES)}{near}")
     plants = {name: each.coded(options) for name in models if isinstance(each := CANDIDATES[name], Physical)}
     asides = _check_physics(plants, models, options) + [
         f"{option} was given and is not used by {', '.join(dict.fromkeys(models))}."
@@ -144,7 +152,7 @@ def identify(
             for name in dict.fromkeys(models)
             if isinstance(CANDIDATES[name], Blocks)
         ]
-    several = (records,) if isinstance(records, Record) else tuple(records)
+    several = records
     record = _one(several)
     asides += [sentence(each) for plant in plants.values() for each in assumptions(plant, record)]
     if options.codes:
@@ -158,7 +166,6 @@ def identify(
             for name in dict.fromkeys(models)
             if name not in plants
         ]
-    judges = (validation,) if isinstance(validation, Record) else tuple(validation or ())
     train, test = (record, _one(judges)) if judges else _set_apart(several, unseen)
     timeless = [name for name in dict.fromkeys(models) if name not in plants]
     if timeless and not np.isclose(train.dt, test.dt, rtol=1e-3, atol=0.0):

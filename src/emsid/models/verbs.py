@@ -10,12 +10,12 @@ import inspect
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from emsid.arguments import did_you_mean
 from emsid.errors import DataError, ModelError, listed
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import least_squares
@@ -148,10 +148,9 @@ def _checked(what: Any, estimator: Estimator, options: Mapping[str, Any]) -> Map
         return options
     for name in options:
         if name not in known:
-            near = get_close_matches(name, known, n=1)
-            advice = f"did you mean {near[0]}? " if near else ""
             called = getattr(what, "name", type(what).__name__)
-            raise ModelError(f"{called} has no option {name!r}; {advice}it takes {listed(known)}")
+            near = did_you_mean(name, known)
+            raise ModelError(f"{called} has no option {name!r}; it takes {listed(known)}{near}")
     return options
 
 

@@ -6,7 +6,7 @@ Nothing is imported here: a pandas frame, a Polars frame and a dictionary of arr
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,6 @@ from numpy.typing import NDArray
 from emsid.errors import DataError
 
 Array = NDArray[np.float64]
-
-
-def as_names(names: str | Iterable[str]) -> tuple[str, ...]:
-    """One name, or several: a text is one name, not a list of letters."""
-    return (names,) if isinstance(names, str) else tuple(names)
 
 
 def numbers(frame: Any, names: Sequence[str]) -> Array:

@@ -19,9 +19,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from emsid.arguments import as_names
 from emsid.errors import DataError
 from emsid.presentation import Presented
-from emsid.record.frames import as_names, numbers, seconds
+from emsid.record.frames import numbers, seconds
 from emsid.units import readable_unit
 
 if TYPE_CHECKING:

@@ -14,6 +14,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.arguments import did_you_mean
+from emsid.errors import ModelError
 from emsid.estimation.linear.information import Information
 from emsid.models.blocks.search.starts import spline_trial, spread_knots
 from emsid.models.blocks.static_maps import (
@@ -126,6 +128,17 @@ ABS = Family("abs", start_abs, (0, 6, 9, 13), folds=True, trial=lambda x: (Abs()
 FAMILIES: dict[str, Family] = {
     family.name: family for family in (SPLINE, PIECEWISE_LINEAR, POLYNOMIAL, DEAD_ZONE, SATURATION, COULOMB, ABS)
 }
+
+
+def family_named(name: str) -> Family:
+    """The family of this name.
+
+    Raises:
+        ModelError: that lists the names.
+    """
+    if name not in FAMILIES:
+        raise ModelError(f"no static map {name!r}; there are {', '.join(FAMILIES)}{did_you_mean(name, FAMILIES)}")
+    return FAMILIES[name]
 
 
 def _closest(blank: M, x: Array, z: Array) -> M:

@@ -1,0 +1,36 @@
+"""What a user gives in place of what a function asks for: one name for a list of one, close misspellings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+def as_names(names: str | Iterable[str]) -> tuple[str, ...]:
+    """One name or several, as a tuple: a text is one name, not a list of letters.
+
+    >>> as_names("speed"), as_names(["speed", "current"])
+    (('speed',), ('speed', 'current'))
+    """
+    return (names,) if isinstance(names, str) else tuple(names)
+
+
+def as_names_with_commas(names: str | Iterable[str]) -> tuple[str, ...]:
+    """The same, of names that contain no comma: a text may list several.
+
+    >>> as_names_with_commas("arx, friction-narx")
+    ('arx', 'friction-narx')
+    """
+    if isinstance(names, str):
+        return tuple(name.strip() for name in names.split(",") if name.strip())
+    return tuple(names)
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """A question with the nearest of the known names, to stand after a message; empty where none is near.
+
+    >>> did_you_mean("rigde", ["ridge", "forgetting"])
+    '; did you mean ridge?'
+    """
+    near = get_close_matches(name, list(known), n=1)
+    return f"; did you mean {near[0]}?" if near else ""

@@ -1,0 +1,52 @@
+"""The records that `identify` is given: as they are, or as paths of files to be read."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from emsid.arguments import did_you_mean
+from emsid.errors import DataError
+from emsid.io.reading import read, read_columns
+from emsid.record import Record
+
+Path = str | os.PathLike[str]
+Records = Record | Path | Iterable[Record | Path]
+
+# What `emsid.read` may be told.
+READING = tuple(name for name in read.__annotations__ if name not in ("path", "return"))
+
+
+def given_records(records: Records, reading: Mapping[str, Any]) -> tuple[Record, ...]:
+    """Every record that was given, those given as paths read.
+
+    Args:
+        records: one record or path, or several.
+        reading: arguments of `emsid.read`.
+
+    Raises:
+        DataError: for something else, a file without a word on its columns, an argument that reading does not have.
+        FormatError: for a file that cannot be read.
+    """
+    strange = next((name for name in reading if name not in READING), None)
+    if strange is not None:
+        near = did_you_mean(strange, (*READING, "models", "options", "validation", "transient", "unseen"))
+        raise DataError(f"identify takes no {strange!r}; files are read with {', '.join(READING)}{near}")
+    if isinstance(records, Record | str | os.PathLike):
+        records = (records,)
+    elif not isinstance(records, Iterable) or hasattr(records, "dtype"):
+        raise DataError(f"a {type(records).__name__} is no record; give emsid.Record(input, output, dt=…), or a path")
+    return tuple(_record(each, reading) for each in records)
+
+
+def _record(given: Record | Path, reading: Mapping[str, Any]) -> Record:
+    if isinstance(given, Record):
+        return given
+    if not isinstance(given, str | os.PathLike):
+        raise DataError(f"a {type(given).__name__} is no record; give emsid.Record(input, output, dt=…), or a path")
+    missing = [name for name in ("input", "output") if name not in reading]
+    if missing:
+        columns = ", ".join(read_columns(given).series)
+        raise DataError(f"{given}: name its columns with {' and '.join(missing)}; there are {columns}")
+    return read(given, **reading)

@@ -122,10 +122,43 @@ def test_simulating_on_a_record_is_the_free_run(linear_record, linear_fit):
     assert np.array_equal(simulated.output, linear_fit.model.simulate(linear_record).output)
 
 
+def test_an_input_is_enough(linear_fit):
+    u = np.sin(np.arange(50.0))
+    simulated = emsid.simulate(linear_fit, u)
+    expected = np.zeros(50)
+    a, b = linear_fit.estimate
+    for t in range(1, 50):
+        expected[t] = -a * expected[t - 1] + b * u[t - 1]
+    assert simulated.dt == 0.01
+    assert simulated.output[:, 0] == pytest.approx(expected, abs=1e-12)
+    alone = emsid.simulate(linear_fit.model, emsid.Record(u, dt=0.01))
+    assert np.array_equal(alone.output, simulated.output)
+
+
+def test_plants_are_simulated_from_an_input():
+    voltage = 3.0 * np.ones(100)
+    motor = emsid.simulate(emsid.Motor(), voltage, dt=1e-2)
+    exact = emsid.plant.simulate(emsid.Motor(), voltage, 1e-2).load_speed
+    assert motor.output[:, 0] == pytest.approx(exact[:100], abs=1e-6)
+    assert emsid.simulate(emsid.plants.linear_axis(), voltage, dt=1e-2).output[-1, 0] > 0
+
+
+def test_a_cascade_is_simulated_at_the_sample_time_given():
+    cascade = emsid.Cascade((emsid.blocks.Rational([1.0, 0.5], [-0.5]), emsid.blocks.DeadZone(-0.2, 0.2)))
+    assert emsid.simulate(cascade, np.ones(100), dt=0.1).output[-1, 0] == pytest.approx(1.5 / 0.5 - 0.2)
+
+
+def test_a_run_that_diverges_is_answered():
+    unstable = emsid.Narx(emsid.Structure.parse("y(t-1)^2", "u(t-1)"), np.array([2.0, 1.0]), dt=0.1)
+    with pytest.raises(emsid.ModelError, match="diverges"):
+        emsid.simulate(unstable, np.ones(100))
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
-        lambda fit: emsid.simulate(fit, np.ones(10)),
+        lambda fit: emsid.simulate(fit, np.ones(10), dt=0.5),
+        lambda fit: emsid.simulate(emsid.Motor(), np.ones(10)),
         lambda fit: emsid.simulate(fit, "log.csv", dt=0.01),
         lambda fit: emsid.simulate("model.json", np.ones(10), dt=0.01),
         lambda fit: emsid.simulate(emsid.Motor, np.ones(10), dt=0.01),

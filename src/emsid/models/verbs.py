@@ -22,6 +22,7 @@ from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.linear.recursive import recursive_least_squares
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.fitting import fit_cascade
+from emsid.models.free_run import as_record
 from emsid.models.model import Model
 from emsid.models.plants.grey_box import GreyBox, signals_of
 from emsid.models.plants.motor import DrivenMotor
@@ -178,24 +179,38 @@ def as_records(records: Any) -> Any:
 
 
 def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> Record:
-    """The free run of a model over an input: what it says the outputs are.
+    """The free run of a model over an input, as a record: the outputs are what the model gives.
+
+    >>> arx = Narx(Structure.parse("y(t-1)", "u(t-1)"), np.array([0.5, 2.0]), dt=0.1)
+    >>> simulate(arx, [1.0, 0.0, 0.0, 1.0]).output[:, 0]
+    array([0. , 2. , 1. , 0.5])
 
     Args:
         model: a model, a `Fit`, a plant such as ``emsid.plants.rigid_motor()``, or an `emsid.Motor`.
-        input: (N,) or (N, nu), or a record. Where the record has outputs, those at the start of every segment give the
-            initial state, and are repeated in the result; otherwise the model starts at rest.
-        dt: sample time of the input in seconds; a record has its own.
+        input: (N,) or (N, nu), in the units of the data that the model was fitted to; or a record. Where the record
+            has outputs, those at the start of every segment give the initial state and are repeated in the result;
+            otherwise every segment starts at rest.
+        dt: sample time of the input in seconds, for a model that runs at any; a record has its own.
 
     Returns:
         A record with the input and the simulated outputs.
 
     Raises:
-        ModelError: for something that cannot be simulated, inputs it does not have, another sample time than its own.
-        DataError: for an input that is no array of numbers, or without a sample time.
+        ModelError: for something that cannot be simulated, inputs it does not have, another sample time than its own,
+            or a run that diverges.
+        DataError: for an input that is no array of numbers, a record and another dt.
     """
-    subject = as_model(model)
-    record = _input_record(input, dt)
+    if isinstance(input, str | os.PathLike):
+        raise DataError(f"{str(input)!r} is a path; read it first: emsid.read({str(input)!r}, input=…, output=…)")
+    if isinstance(input, Fit | Model):
+        raise DataError("the model comes first and the input second: emsid.simulate(model, voltage, dt=1e-3)")
+    if isinstance(input, Record) and dt is not None and not np.isclose(dt, input.dt, rtol=1e-6, atol=0.0):
+        raise DataError(f"{input.name} has a sample time of {input.dt:g} s and dt is {dt:g} s; leave dt out")
+    subject = as_model(model, input if isinstance(input, Record) else None)
+    record = as_record(subject, input, dt)
     run = subject.simulate(record)
+    if run.diverged_at is not None:
+        raise ModelError(f"{subject.name}: the free run diverges at sample {run.diverged_at}; give a smaller input")
     return replace(record, output=run.output, name=f"{subject.name} driven by {record.name}")
 
 
@@ -204,7 +219,7 @@ def as_model(thing: Any, record: Record | None = None) -> Model:
 
     Args:
         thing: what to run.
-        record: what it will run on, whose units say what the outputs of a plant are.
+        record: what it will run on; the units of its outputs say what the outputs of a plant are.
 
     Raises:
         ModelError: for anything else.
@@ -213,23 +228,9 @@ def as_model(thing: Any, record: Record | None = None) -> Model:
         return thing.model  # type: ignore[no-any-return]
     thing = DRIVEN.get(type(thing), lambda plant: plant)(thing)
     if is_plant(thing):
-        return GreyBox(thing, signals_of(thing, record)) if record else GreyBox(thing, ())
+        measured = record if record is not None and record.output.shape[1] else Record(np.zeros(1), np.zeros(1), 1.0)
+        return GreyBox(thing, signals_of(thing, measured))
     if isinstance(thing, type) or not isinstance(thing, Model):
-        raise ModelError(
-            f"{thing.__name__ if isinstance(thing, type) else 'a ' + type(thing).__name__} is no model; give a model, "
-            "a fit, or a plant"
-        )
+        given = thing.__name__ if isinstance(thing, type) else f"a {type(thing).__name__}"
+        raise ModelError(f"{given} is no model; give a model, a fit, or a plant")
     return thing
-
-
-def _input_record(values: Record | ArrayLike, dt: float | None) -> Record:
-    if isinstance(values, Record):
-        if dt is not None and not np.isclose(dt, values.dt, rtol=1e-6, atol=0.0):
-            raise DataError(f"{values.name} has a sample time of {values.dt:g} s and dt is {dt:g} s; leave dt out")
-        return values
-    if isinstance(values, str | os.PathLike):
-        raise DataError(f"{str(values)!r} is a path; read it first: emsid.read({str(values)!r}, input=…, output=…)")
-    if dt is None:
-        raise DataError("an input without a sample time; give dt in seconds")
-    array: Any = np.asarray(values)
-    return Record(array, np.empty((len(array) if array.ndim else 0, 0)), dt, name="input")

@@ -242,7 +242,7 @@ class Blocks:
             return None, None
         if len(options.orders) != wanted:
             raise ModelError(
-                f"{self.topology.name} has {wanted} filter{'s' * (wanted > 1)}; {len(options.orders)} orders are given: "
+                f"{self.topology.name} has {wanted} filter{'s' * (wanted > 1)}; {len(options.orders)} orders given: "
                 "give one for each",
                 arguments=("orders",),
             )

@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 from scipy.signal import lfilter
+from scipy.stats import binom
 
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
@@ -49,6 +50,11 @@ def simulated_record(
     coloured = lfilter([np.sqrt(1 - pole**2)], [1, -pole], noise * rng.standard_normal(samples))
     measured = STEP * np.round((speed + coloured) / STEP)
     return Record(voltage, measured, dt, input_units=("V",), output_units=("rad/s",))
+
+
+def least_share(records: int, level: float = 0.95, risk: float = 0.01) -> float:
+    """The share of intervals of this level that hold the truth in this many records, but for a risk of chance."""
+    return float(binom.ppf(risk, records, level)) / records
 
 
 def coverage(records: int, seed: int = 1) -> dict[str, float]:

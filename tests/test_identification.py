@@ -75,7 +75,11 @@ def test_what_is_given_is_kept():
 
 def test_recursive_estimation_on_request():
     result = identify(system(800, 8), models=["arx"], options=Options(forgetting=0.999))
-    assert result.chosen.method == "rls"
+    chosen = result.chosen
+    assert chosen.method == "rls"
+    expected = emsid.recursive_least_squares(chosen.model.structure, result.record, forgetting=0.999)
+    np.testing.assert_array_equal(chosen.estimate, expected.estimate)
+    assert np.any(chosen.estimate != emsid.least_squares(chosen.model.structure, result.record).estimate)
 
 
 def test_several_records_are_experiments():

@@ -116,6 +116,7 @@ def test_recursive_ends_where_batch_does(result):
     for part in result.parts:
         for model in (LINEAR, PAPER, FULL, FRICTION):
             batch, recursive = (part.verified(model, method).fit for method in ("ls", "rls"))
+            assert np.all(np.abs(recursive.estimate - batch.estimate) < 2 * batch.standard_error)
             if batch.condition < 1e5:  # beyond, the initial covariance is not large against what the data say
                 np.testing.assert_allclose(recursive.estimate, batch.estimate, rtol=1e-4, atol=1e-6)
                 compared.append(model)

@@ -352,17 +352,31 @@ class Cascade:
         return predict(self, record, horizon, transient)
 
     def equation(self) -> str:
-        """One line per block; an offset that is rounding beside the other parameters is left out."""
+        """One line per block; an offset that is rounding beside the other parameters is left out.
+
+        Time t and q⁻¹ count samples of the record. Where the blocks run faster, the first line says so, and delays are
+        fractions of a sample: ``q^-(1/2)`` is one step of a block at twice the rate.
+        """
         rounding = ROUNDING * float(np.max(np.abs(self.parameters)))
         before, behind = (
             f" {'-' if offset < 0 else '+'} {abs(offset):.6g}" if abs(offset) > rounding else ""
             for offset in (-self.input_offset, self.output_offset)
         )
         late = f"-{self.delay}" if self.delay else ""
-        enters = [f"v(t) = u(t{late}){before}"] if late or before else []
+        faster = self.oversampling > 1
+        enters = [f"v(t) = u(t{late}){before}{self._steps if faster else ''}"] if late or before or faster else []
         signals = ["v" if enters else "u", *(f"x{k}" for k in range(1, len(self.blocks))), "y"]
-        lines = [block.equation(x, y) for block, (x, y) in zip(self.blocks, pairwise(signals), strict=True)]
+        lines = [
+            block.equation(x, y, self.oversampling) if isinstance(block, Rational) else block.equation(x, y)
+            for block, (x, y) in zip(self.blocks, pairwise(signals), strict=True)
+        ]
         return "\n".join([*enters, *lines[:-1], f"{lines[-1]}{behind} + e(t)"])
+
+    @property
+    def _steps(self) -> str:
+        """At what times the blocks run, where that is more often than the record is sampled."""
+        step = f" of {self.dt:g} s" if self.dt is not None else ""
+        return f", with u interpolated (band-limited) at t = 0, 1/{self.oversampling}, … samples{step}"
 
     def to_data(self) -> dict[str, Any]:
         """Blocks, offsets and delay."""

@@ -19,6 +19,7 @@ References:
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
@@ -199,10 +200,15 @@ class Rational:
         state: Array = np.cumsum(flow[::-1])[::-1].copy()
         return state, float(output)
 
-    def equation(self, x: str, y: str) -> str:
-        """``y(t) = (b0 + b1*q^-1)/(1 + a1*q^-1) x(t)``."""
-        above = _in_delays(self.numerator, self.delay)
-        below = _in_delays(np.concatenate([[1.0], self.denominator]), 0)
+    def equation(self, x: str, y: str, rate: int = 1) -> str:
+        """``y(t) = (b0 + b1*q^-1)/(1 + a1*q^-1) x(t)``.
+
+        Args:
+            x, y: names of the signals.
+            rate: steps of the filter in a sample; q⁻¹ is a sample.
+        """
+        above = _in_delays(self.numerator, self.delay, rate)
+        below = _in_delays(np.concatenate([[1.0], self.denominator]), 0, rate)
         if self.states == 0:
             return f"{y}(t) = {above}*{x}(t)"
         tail = f"/({below})" if len(self.denominator) else ""
@@ -284,8 +290,14 @@ def _shift_into(row: Array, source: Array, by: int) -> None:
         row[by:] = source[: len(row) - by]
 
 
-def _in_delays(coefficients: Array, first: int) -> str:
-    return sum_of_terms([(c, f"q^-{k}" if k else "") for k, c in enumerate(coefficients, start=first)])
+def _in_delays(coefficients: Array, first: int, rate: int) -> str:
+    """A polynomial in q⁻¹, whose powers are steps of 1/``rate`` samples."""
+
+    def power(steps: int) -> str:
+        late = Fraction(steps, rate)
+        return "" if not late else f"q^-{late}" if late.denominator == 1 else f"q^-({late})"
+
+    return sum_of_terms([(c, power(k)) for k, c in enumerate(coefficients, start=first)])
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})

@@ -87,7 +87,7 @@ class _ThroughPoints(StaticMap):
 
     def expression(self, x: str) -> str:
         """The points."""
-        pairs = ", ".join(f"({k:.4g}, {v:.6g})" for k, v in zip(self.knots, self.values, strict=True))
+        pairs = ", ".join(f"({k:.6g}, {v:.6g})" for k, v in zip(self.knots, self.values, strict=True))
         return f"{self.word}({x}; {pairs})"
 
     def check(self) -> None:

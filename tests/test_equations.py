@@ -1,0 +1,156 @@
+"""The text of `equation` is the model: a parser that knows nothing else of it simulates it as well."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline as Spline
+from scipy.signal import lfilter, resample
+
+from emsid import DrivenMotor, LinearAxis
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.model import Model
+from emsid.models.plants.grey_box import GreyBox
+from emsid.models.regression.narx import Narx
+from emsid.plant import Friction, Motor
+from test_models_contract import ALL, DT, OWN
+
+Array = NDArray[np.float64]
+BEFORE, SAMPLES, MARGIN = 400, 300, 40
+FUNCTIONS: dict[str, Any] = {
+    "tanh": np.tanh, "sign": np.sign, "abs": np.abs, "exp": np.exp, "max": np.maximum, "min": np.minimum,
+}  # fmt: skip
+
+
+def smooth_input() -> Array:
+    """Nothing at first, then tones far below half the sampling rate: any band-limited interpolation agrees on them."""
+    t = np.arange(SAMPLES + MARGIN) * DT
+    rise = (1 - np.exp(-((t / 0.2) ** 2))) ** 2
+    return rise * (2.0 * np.sin(2 * np.pi * 0.9 * t) + np.sin(2 * np.pi * 3.1 * t))
+
+
+def value_of(text: str, names: dict[str, Any]) -> Any:
+    return eval(text.replace("^", "**"), {"__builtins__": {}}, FUNCTIONS | names)
+
+
+def by_regression(text: str, u: Array, rest: float) -> Array:
+    """y(t) = … in past outputs and inputs, sample by sample, from an output at rest."""
+    right = text.removeprefix("y(t) = ").removesuffix(" + e(t)")
+    u, y = np.concatenate([np.zeros(BEFORE), u]), np.full(BEFORE + len(u), rest)
+    for t in range(BEFORE, len(y)):
+        y[t] = value_of(right, {"t": t, "u": u.__getitem__, "y": y.__getitem__})
+    return y[BEFORE:]
+
+
+def polynomial(text: str, rate: int) -> Array:
+    """Coefficients of 1 - 0.7*q^-(1/2) by powers of q^-(1/rate)."""
+    coefficients: dict[int, float] = {}
+    for sign, number, power in re.findall(r"([+-]?) ?(\d[\d.]*(?:e[+-]?\d+)?)(?:\*q\^-\(?([\d/]+)\)?)?(?= |$)", text):
+        steps = Fraction(power or 0) * rate
+        assert steps.denominator == 1
+        coefficients[int(steps)] = float(number) * (-1 if sign == "-" else 1)
+    return np.array([coefficients.get(k, 0.0) for k in range(max(coefficients) + 1)])
+
+
+def points(word: str) -> Callable[..., Array]:
+    """What a map through points is between them, and straight on beyond."""
+
+    def through(x: Array, *pairs: tuple[float, float]) -> Array:
+        knots, values = np.array(pairs).T
+        spline = Spline(knots, values, bc_type="natural")
+        inside = np.clip(x, knots[0], knots[-1])
+        if word == "spline":
+            return np.asarray(spline(inside) + spline(inside, 1) * (x - inside))
+        slopes = np.diff(values) / np.diff(knots)
+        beyond = np.where(x < knots[0], slopes[0], slopes[-1])
+        return np.asarray(np.interp(inside, knots, values) + beyond * (x - inside))
+
+    return through
+
+
+def by_blocks(text: str, u: Array) -> Array:
+    """Line by line, every signal over all times."""
+    sums = r"([^()]*(?:\([\d/]+\)[^()]*)*)"  # with powers in brackets
+    faster = re.search(r", with u interpolated .* t = 0, 1/(\d+), … samples(?: of [\d.e-]+ s)?$", text, re.MULTILINE)
+    rate = int(faster[1]) if faster else 1
+    text = text.replace(faster[0], "") if faster else text
+    padded = np.concatenate([np.zeros(BEFORE), u, u[-1:] * np.linspace(1, 0, 100)])
+    signals = {"u": resample(padded, rate * len(padded))}
+    for line in text.removesuffix(" + e(t)").split("\n"):
+        name, right = re.fullmatch(r"(\w+)\(t\) = (.*)", line).groups()  # type: ignore[union-attr]
+        filtered = re.fullmatch(rf"\({sums}\)(?:/\({sums}\))? (\w+)\(t\)(?: ([+-] [\d.e-]+))?", right)
+        if filtered:
+            above, below, source, offset = filtered.groups()
+            b, a = polynomial(above, rate), polynomial(below or "1", rate)
+            signals[name] = lfilter(b, a, signals[source]) + float((offset or "0").replace(" ", ""))
+            continue
+
+        def at(source: str) -> Callable[[Any], Array]:
+            return lambda late: np.concatenate([np.zeros(late * rate), signals[source]])[: len(signals[source])]
+
+        right = re.sub(r"\(t(?:-(\d+))?\)", lambda late: f"({late[1] or 0})", right).replace(";", ",")
+        calls = {source: at(source) for source in signals}
+        maps = {"linear": points("linear"), "spline": points("spline"), "f": lambda x, p1: p1 * np.cbrt(x)}
+        signals[name] = value_of(right, calls | maps) + np.zeros(len(signals["u"]))
+    return signals["y"][::rate][BEFORE : BEFORE + len(u)]
+
+
+PLAIN = replace(
+    Motor(),
+    rotor_friction=Friction(),
+    load_friction=Friction(),
+    voltage_dead_zone=None,
+    rotor_viscous=0.0,
+    load_viscous=0.0,
+    shaft_damping=0.0,
+)
+PLANTS: dict[str, Any] = {
+    "rigid-motor": DrivenMotor(replace(PLAIN, inductance=0.0, load_inertia=1e-30).rigid()),
+    "motor": DrivenMotor(PLAIN),
+    "linear-axis": LinearAxis(friction=Friction()),
+    "plant": OWN.put({"gain": 0.0, "damping": 0.0}),
+}
+
+
+def by_parameters(text: str, model: GreyBox, u: Array) -> Array:
+    """A plant without anything, and the parameters that are printed."""
+    name, _, rest = text.partition(": ")
+    found = {key: float(number) for key, number in re.findall(r"([\w.]+) = ([\d.e+-]+)", rest)}
+    late = {key: found.pop(key) for key in ("drive.freewheel",) if key in found}  # needs the supply
+    plant = PLANTS[name].put(found).put(late)
+    return GreyBox(plant, model.signals).simulate(u, dt=DT).output
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_printed_equation_simulates_as_the_model_does(name: str) -> None:
+    model: Model = ALL[name]
+    if isinstance(model, GreyBox) and model.plant is not OWN and model.plant.sensor.average:
+        model = replace(model, plant=replace(model.plant, sensor=replace(model.plant.sensor, average=False)))
+    u = smooth_input()
+    start = model.at_rest(0.0, DT)
+    expected = model.run(start, np.concatenate([u, np.zeros(model.latency)])[:, None])[0][model.latency :]
+    text = model.equation()
+    if isinstance(model, Narx):
+        found = by_regression(text, u, float(start[-1, 0]) if model.memory else 0.0)[:, None]
+    elif isinstance(model, Cascade):
+        found = by_blocks(text, u)[:, None]
+    else:
+        assert isinstance(model, GreyBox)
+        found = by_parameters(text, model, u)
+    error = np.sqrt(np.mean((found - expected)[:SAMPLES] ** 2, axis=0))
+    assert (error < 1e-4 * np.std(expected[:SAMPLES], axis=0)).all()
+
+
+def test_steps_of_blocks_are_fractions_of_a_sample_and_said_to_be() -> None:
+    text = ALL["oversampling 2, delay 2"].equation()
+    assert text.splitlines()[0] == (
+        "v(t) = u(t-2) - 0.1, with u interpolated (band-limited) at t = 0, 1/2, … samples of 0.01 s"
+    )
+    assert "(0.2*q^-1 + 0.1*q^-(3/2))/(1 - 1.1*q^-(1/2) + 0.4*q^-1)" in text

@@ -6,24 +6,14 @@ import numpy as np
 import pytest
 
 from emsid.errors import DataError
+from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.models.plants.motor import DrivenMotor
 from emsid.plant import Bench, Friction, Motor
-from emsid.study.workflow import (
-    BLOCKS,
-    FRICTION,
-    FULL,
-    LINEAR,
-    ONE_MASS,
-    PAPER,
-    SIMULATION,
-    TWO_MASSES,
-    Settings,
-    findings,
-    load_friction_difference,
-    measure,
-    report,
-    study,
-)
+from emsid.report.study_page import study_report, summary_table
+from emsid.study.models import BLOCKS, FRICTION, FULL, LINEAR, ONE_MASS, PAPER, TWO_MASSES
+from emsid.study.setup import EXPERIMENT, SIMULATION, Settings, load_friction_difference, measure
+from emsid.study.summary import findings, summary
+from emsid.study.workflow import study
 
 
 @pytest.fixture(scope="module")
@@ -55,21 +45,22 @@ def test_rows_are_complete(result):
 
 
 def test_friction_regression_is_far_better_in_free_run(result):
-    simulation = result.parts[0]
+    simulation = result.part(SIMULATION)
     linear, friction = (simulation.verified(model).row.simulation_mse for model in (LINEAR, FRICTION))
     assert linear / friction > 1000
 
 
 @pytest.mark.parametrize(("model", "ratio"), [(ONE_MASS, 557), (TWO_MASSES, 1e20)])
 def test_physical_motor_beats_the_largest_ratio_of_the_paper(result, model, ratio):
-    simulation = result.parts[0]
+    simulation = result.part(SIMULATION)
     linear, physical = (simulation.verified(each).row.simulation_mse for each in (LINEAR, model))
     assert linear / physical >= ratio
 
 
 def test_the_whole_motor_is_found_from_half_as_much_again(result):
-    fit = result.parts[0].verified(TWO_MASSES).fit
-    assert result.parts[0].models[-1] == TWO_MASSES
+    fit = result.part(SIMULATION).verified(TWO_MASSES).fit
+    assert result.part(SIMULATION).models[-1] == TWO_MASSES
+    assert TWO_MASSES not in result.part(EXPERIMENT).models
     truth = np.array([DrivenMotor(Motor()).value(name) for name in fit.names])
     assert len(truth) == 10
     assert np.all(np.abs(fit.estimate - truth) < 1.96 * fit.standard_error)
@@ -82,7 +73,7 @@ def test_physical_motor_tells_the_constants_that_the_plant_has_from_half_as_much
     truth = {"motor_constant": 0.05, "rotor_friction.coulomb": 8e-3, "voltage_dead_zone.half_width": 0.5}
     motor, electrical = Motor(), 2e-3 / 2.0
     mechanical = (motor.rotor_inertia + motor.load_inertia) * motor.resistance / motor.motor_constant**2
-    for part, bench in zip(result.parts, (Bench(), result.settings.bench), strict=True):
+    for part, bench in zip(result.parts, (result.settings.bench, Bench()), strict=True):
         fit = part.verified(ONE_MASS).fit
         found = dict(zip(fit.names, zip(fit.estimate, fit.standard_error, strict=True), strict=True))
         for name, value in truth.items():
@@ -107,7 +98,7 @@ def test_even_polynomial_hardly_helps_a_symmetric_dead_zone(result):
 
 
 def test_one_step_errors_hide_what_free_runs_show(result):
-    linear = result.parts[0].verified(LINEAR).row
+    linear = result.part(SIMULATION).verified(LINEAR).row
     assert linear.simulation_mse > 1000 * linear.one_step_mse
 
 
@@ -120,12 +111,12 @@ def test_recursive_ends_where_batch_does(result):
             if batch.condition < 1e5:  # beyond, the initial covariance is not large against what the data say
                 np.testing.assert_allclose(recursive.estimate, batch.estimate, rtol=1e-4, atol=1e-6)
                 compared.append(model)
-    assert compared == [PAPER, FRICTION, LINEAR, PAPER, FRICTION]
+    assert compared == [LINEAR, PAPER, FRICTION, PAPER, FRICTION]
 
 
 def test_a_linear_motor_needs_no_nonlinear_model():
     motor = replace(Motor(), rotor_friction=Friction(), load_friction=Friction(), voltage_dead_zone=None)
-    part = study(Settings(motor=motor, duration=5.0)).parts[0]
+    part = study(Settings(motor=motor, duration=5.0)).part(SIMULATION)
     assert part.verified(LINEAR).row.fit_percent > 99.99
 
 
@@ -138,14 +129,79 @@ def test_load_friction_check_follows_the_motor():
     assert none == 0
 
 
-def test_findings_are_computed(result):
-    text = " ".join(findings(result))
-    ratio = result.parts[0].verified(LINEAR).row.simulation_mse / result.parts[0].verified(FRICTION).row.simulation_mse
-    assert f"1/{ratio:,.0f}" in text
-    assert "is fair" in text
-    heavy = replace(Motor(), load_friction=Friction(5e-3))
-    other = study(Settings(motor=heavy, duration=5.0))
-    assert "not fair" in " ".join(findings(other))
+def found(result, code):
+    return [finding for finding in findings(result) if finding.code == code]
+
+
+@pytest.fixture(scope="module")
+def heavy():
+    """A study of a motor with friction on the load that matters, and more friction forward than backward."""
+    rotor = Friction((0.012, 0.008), stribeck=0.002, stribeck_rate=0.3)
+    motor = replace(Motor(), load_friction=Friction(5e-3), rotor_friction=rotor)
+    return study(Settings(motor=motor, duration=5.0))
+
+
+def test_friction_on_the_load_is_negligible_for_the_one_motor_and_not_for_another(result, heavy):
+    for each, negligible in ((result, True), (heavy, False)):
+        (finding,) = found(each, "study-load-friction")
+        assert finding.data["negligible"] == negligible
+        assert finding.data["mse"] == each.load_friction_mse
+
+
+def test_even_terms_are_named_where_the_motor_is_the_same_in_both_directions(result, heavy):
+    named = found(result, "study-even-terms")
+    assert [finding.data["study"] for finding in named] == [EXPERIMENT, SIMULATION]
+    for finding in named:
+        linear, paper = (result.part(finding.data["study"]).verified(model).row for model in (LINEAR, PAPER))
+        assert finding.data["better"] == linear.simulation_mse / paper.simulation_mse
+    assert not found(heavy, "study-even-terms")
+
+
+def test_what_checks_the_estimator_only_is_said_where_it_stands(result):
+    (finding,) = found(result, "study-own-simulator")
+    assert (finding.subject, finding.data["study"]) == (TWO_MASSES, SIMULATION)
+    assert [finding.subject for finding in found(result, "study-noise-free")] == [SIMULATION]
+    checked = [(row.study, row.model) for part in result.parts for row in summary(part) if row.check]
+    assert checked == [(SIMULATION, TWO_MASSES)]
+    table = summary_table(result.part(SIMULATION))
+    (row,) = [row for row in table.rows if "a check of the estimator, not a result" in row[1]]
+    assert row[0] == TWO_MASSES
+    assert row[5:] == ("check only", "check only", "", "")
+    (best,) = table.emphasised
+    assert table.rows[best][0] == ONE_MASS
+
+
+def test_one_step_and_recursive_findings_hold_the_largest_of_their_study(result):
+    for part, one, two in zip(
+        result.parts, found(result, "study-one-step"), found(result, "study-recursive-and-batch"), strict=True
+    ):
+        rows = [row for row in part.rows if row.data == "verification"]
+        assert one.data["ratio"] == max(row.simulation_mse / row.one_step_mse for row in rows)
+        batch, recursive = (part.verified(two.subject, method).row.simulation_mse for method in ("ls", "rls"))
+        assert two.data["difference"] == abs(recursive / batch - 1)
+
+
+def test_the_summary_holds_ratios_to_the_linear_model_and_the_papers(result):
+    for part, paper in zip(result.parts, ((24.2, 2.83), (22.0, 557.0)), strict=True):
+        rows = {row.model: row for row in summary(part)}
+        assert tuple(rows) == part.models
+        assert rows[LINEAR].better_identification == rows[LINEAR].better_verification == 1
+        linear, friction = (part.verified(model).row.simulation_mse for model in (LINEAR, FRICTION))
+        assert rows[FRICTION].better_verification == linear / friction
+        published = (rows[PAPER].paper_identification, rows[PAPER].paper_verification)
+        assert published == pytest.approx(paper, rel=0.01)
+        assert rows[FRICTION].paper_verification is None
+
+
+def test_the_page_opens_with_a_table_for_each_study_the_experiment_first(result):
+    page = study_report(result)
+    captions = [table.caption for table in page.opening.tables]
+    assert [caption.split(":")[0] for caption in captions] == ["Experiment", "Simulation"]
+    for table, part in zip(page.opening.tables, result.parts, strict=True):
+        assert [row[0] for row in table.rows] == list(part.models)
+    assert len(page.summary) == 1
+    titles = [section.title for section in page.sections]
+    assert titles.index("The experiment study") < titles.index("The simulation study")
 
 
 def test_seed_decides_the_noise_and_nothing_else():
@@ -162,35 +218,40 @@ def test_records_of_the_user_take_the_place_of_the_bench():
     settings = Settings(duration=5.0)
     rng = np.random.default_rng(5)
     records = tuple(measure(settings, Bench.typical(), kind, rng) for kind in ("identification", "verification"))
-    experiment = study(settings, records).parts[1]
+    done = study(settings, records)
+    experiment = done.part(EXPERIMENT)
+    assert not found(done, "study-virtual-bench")
     assert experiment.identification is records[0]
     assert experiment.verification is records[1]
 
 
-def test_interrupted_study_keeps_its_finished_part():
-    def stop_at_experiment(what, fraction):
-        if what.startswith("experiment"):
-            raise KeyboardInterrupt
+def cancelled_at(doing):
+    """A control that is cancelled when something is done."""
+    heard = []
+    return Control(cancelled=lambda: doing in heard, report=lambda activity: heard.append(activity.doing))
 
-    kept = study(Settings(duration=2.0), progress=stop_at_experiment)
+
+def test_an_interrupted_study_keeps_its_finished_part():
+    kept = study(Settings(duration=2.0), control=cancelled_at(f"{SIMULATION}: {PAPER}"))
     assert kept.interrupted
-    assert [part.name for part in kept.parts] == ["simulation"]
-    assert not any("experiment" in section.title for section in report(kept).sections)
-    assert any("simulation" in section.title for section in report(kept).sections)
+    assert [(part.name, part.interrupted) for part in kept.parts] == [(EXPERIMENT, False), (SIMULATION, True)]
+    assert kept.part(SIMULATION).models == (LINEAR,)
+    assert study_report(kept).sections
 
 
 def test_a_study_interrupted_in_a_search_keeps_what_the_regressions_show():
-    def stop_at_motor(what, fraction):
-        if what == f"{SIMULATION}: {ONE_MASS}":
-            raise KeyboardInterrupt
-
-    kept = study(Settings(duration=2.0), progress=stop_at_motor)
+    kept = study(Settings(duration=2.0), control=cancelled_at(f"{EXPERIMENT}: {ONE_MASS}"))
     assert kept.interrupted
     (part,) = kept.parts
     assert part.interrupted
     assert ONE_MASS not in part.models
     assert {LINEAR, FRICTION, BLOCKS} <= set(part.models)
-    assert report(kept).sections
+    assert study_report(kept).sections
+
+
+def test_a_study_cancelled_before_its_first_model_has_no_result():
+    with pytest.raises(Stopped):
+        study(Settings(duration=2.0), control=Control(cancelled=lambda: True))
 
 
 def test_too_short_a_study_is_refused():
@@ -199,7 +260,7 @@ def test_too_short_a_study_is_refused():
 
 
 def test_verifying_on_the_same_input_is_refused(result):
-    record = result.parts[0].identification
+    record = result.part(SIMULATION).identification
     with pytest.raises(DataError, match="have the same input"):
         study(records=(record, record))
 
@@ -208,10 +269,12 @@ def test_a_model_that_cannot_be_fitted_is_named(result, monkeypatch):
     def defeated(*_):
         raise np.linalg.LinAlgError("no convergence")
 
-    monkeypatch.setattr("emsid.study.workflow.wiener_hammerstein", defeated)
-    part = study(replace(result.settings, duration=4.0)).parts[0]
+    monkeypatch.setattr("emsid.study.models.estimate_cascade", defeated)
+    part = study(replace(result.settings, duration=4.0)).part(SIMULATION)
     assert BLOCKS not in part.models
     assert list(part.failed) == [BLOCKS]
     assert "out of range (no convergence)" in part.failed[BLOCKS]
     shorter = replace(result, parts=(part,))
-    assert f"{BLOCKS} could not be fitted: {part.failed[BLOCKS]}." in findings(shorter)
+    (finding,) = found(shorter, "study-model-failed")
+    assert (finding.subject, finding.data["problem"]) == (BLOCKS, part.failed[BLOCKS])
+    assert not found(result, "study-model-failed")

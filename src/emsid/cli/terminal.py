@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from emsid.estimation.nonlinear.control import Control
     from emsid.models.plants.search.result import GreyBoxFit
+    from emsid.report import document
     from emsid.validation.comparison import Row
 
 
@@ -99,6 +100,14 @@ EXPLAINED = (
     "fit %: 100 is exact, 0 is no better than the mean of the output."
 )
 """What stands under a table of errors."""
+
+
+def text_table(content: document.Table) -> Table:
+    """A table of the report, with its caption above."""
+    headings: dict[str, Align] = {
+        heading: "left" if k < content.text_columns else "right" for k, heading in enumerate(content.header)
+    }
+    return plain_table(content.caption, headings, content.rows)
 
 
 def error_table(rows: Sequence[Row], title: str, unit: str = "") -> Table:

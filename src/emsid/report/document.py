@@ -291,8 +291,34 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Term:
+    """A word of the field and what it means, for a reader who has not met it.
+
+    Attributes:
+        word: as it stands in the tables and figures that follow.
+        meaning: in a sentence.
+    """
+
+    word: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Notice:
+    """A finding in words.
+
+    Attributes:
+        text: the sentence.
+        severity: ``info``, ``warning`` or ``problem``.
+    """
+
+    text: str
+    severity: str = "info"
+
+
+@dataclass(frozen=True)
 class Section:
-    """A part of a report, in this order: paragraphs, remarks, equations, tables, figures.
+    """A part of a report, in this order: paragraphs, remarks, terms, equations, tables, figures.
 
     Attributes:
         title: its heading.
@@ -300,6 +326,7 @@ class Section:
         equations: plain text, set in a fixed width.
         tables, figures: what it shows.
         remarks: what is to be known before the numbers are read, a sentence or two each, set apart as a list.
+        terms: what the words in it mean.
     """
 
     title: str
@@ -308,19 +335,22 @@ class Section:
     tables: tuple[Table, ...] = ()
     figures: tuple[Figure, ...] = ()
     remarks: tuple[str, ...] = ()
+    terms: tuple[Term, ...] = ()
 
 
 @dataclass(frozen=True)
 class Fact:
-    """A number worth a glance.
+    """One of the numbers to be seen first.
 
     Attributes:
         value: with its unit.
         meaning: in a few words.
+        interval: of the value, empty where there is none.
     """
 
     value: str
     meaning: str
+    interval: str = ""
 
 
 @dataclass(frozen=True)
@@ -333,6 +363,9 @@ class Report:
         sections: its parts.
         facts: the numbers to be seen first.
         imprint: a line at the foot: what made it, from what.
+        opening: tables and figures of the first screen, before the contents; without a title.
+        notices: what limits the result, beside the opening.
+        advice: what to do next, in sentences.
     """
 
     title: str
@@ -340,6 +373,9 @@ class Report:
     sections: tuple[Section, ...]
     facts: tuple[Fact, ...] = ()
     imprint: str = ""
+    opening: Section = Section("")
+    notices: tuple[Notice, ...] = ()
+    advice: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         names = [figure.name for figure in self.figures]
@@ -350,7 +386,7 @@ class Report:
     @property
     def figures(self) -> Iterator[Figure]:
         """All figures of all sections, in order."""
-        return (figure for section in self.sections for figure in section.figures)
+        return (figure for section in (self.opening, *self.sections) for figure in section.figures)
 
 
 def thin(x: ArrayLike, y: ArrayLike, limit: int) -> tuple[Array, Array]:

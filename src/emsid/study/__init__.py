@@ -1,5 +1,6 @@
 """The study of Kara and Abokoos, end to end."""
 
-from emsid.study.workflow import Settings, Study, study
+from emsid.study.setup import Settings
+from emsid.study.workflow import Study, study
 
 __all__ = ["Settings", "Study", "study"]

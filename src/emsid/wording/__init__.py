@@ -13,6 +13,7 @@ line passes a spelling of its own (``--mask``).
 from emsid.wording import blocks as blocks
 from emsid.wording import plants as plants
 from emsid.wording import search as search
+from emsid.wording import study as study
 from emsid.wording.catalogue import CATALOGUE, Severity, Spelling, as_python, sentence, severity, words
 
 __all__ = ["CATALOGUE", "Severity", "Spelling", "as_python", "sentence", "severity", "words"]

@@ -8,9 +8,9 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Json, Out, Transient, quantity
+from emsid.cli.options import Json, Out, Transient, option, quantity
 from emsid.cli.reading import reads_records
-from emsid.cli.terminal import EXPLAINED, error_table, progress_bar, say, say_json, show
+from emsid.cli.terminal import EXPLAINED, error_table, progress_bar, say, say_json, show, text_table
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
 from emsid.errors import DataError
 
@@ -55,22 +55,28 @@ def study(
       emsid study --motor motor.toml --seed 7 --out my-study
       emsid study --record a.csv --verify b.csv --input u --output y --dt 0.01
     """
+    from emsid.estimation.nonlinear.control import Stopped
     from emsid.io import read_motor
-    from emsid.study import workflow as paper
+    from emsid.report.study_page import study_report, summary_table
+    from emsid.study import Settings
+    from emsid.study import study as run
+    from emsid.study.summary import findings
+    from emsid.wording import sentence
 
     if (record is None) != (verify is None):
         raise DataError("--record and --verify belong together: one record to identify, another to verify")
     if record is None and reader.typed:
         raise DataError(f"{', '.join(reader.typed)}: that is for reading --record and --verify, which are not given")
     check_folder(out)
-    settings = paper.Settings(
-        dt=step, duration=duration, seed=seed, forgetting=forgetting, knots=knots, transient=transient
-    )
+    settings = Settings(dt=step, duration=duration, seed=seed, forgetting=forgetting, knots=knots, transient=transient)
     if motor is not None:
         settings = replace(settings, motor=read_motor(motor))
     records = None if record is None or verify is None else (reader(record), reader(verify))
-    with progress_bar() as progress:
-        result = paper.study(settings, records, progress)
+    with progress_bar() as progress, INTERRUPTION.put_off():
+        try:
+            result = run(settings, records, progress.control)
+        except Stopped:
+            raise KeyboardInterrupt from None
     with kept(result, "the study") as result:
         write(out, {"study.json": result.to_data()})
         if json:
@@ -78,8 +84,9 @@ def study(
         else:
             for part in result.parts:
                 show(error_table(part.rows, f"{part.name} study"))
-            say(EXPLAINED, *paper.findings(result))
-    drawn = draw(out, lambda: paper.report(result))
+                show(text_table(summary_table(part, own_records=result.own_records)))
+            say(EXPLAINED, *(sentence(each, option) for each in findings(result)))
+    drawn = draw(out, lambda: study_report(result))
     if not json:
         say_where(out, drawn, "study.json")
     INTERRUPTION.end(result.interrupted or not drawn)

@@ -1,0 +1,100 @@
+"""The models that the study compares, and how each is estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+from emsid.estimation.fit import Fit
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.identification.candidates import stribeck_speeds
+from emsid.models.blocks.search.estimation import estimate as estimate_cascade
+from emsid.models.blocks.search.map_families import DEAD_ZONE
+from emsid.models.blocks.search.topologies import WIENER_HAMMERSTEIN, CascadeSearch
+from emsid.models.plants.motor import DrivenMotor
+from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.result import GreyBoxFit
+from emsid.models.regression.narx import Structure
+from emsid.models.regression.structures import arx, friction_narx, input_knots, wiener_hammerstein_regression
+from emsid.plant import Motor
+from emsid.record import Record
+
+LINEAR, PAPER, FULL, FRICTION, BLOCKS, ONE_MASS, TWO_MASSES = (
+    "arx",
+    "wiener-hammerstein-regression",
+    "wiener-hammerstein-regression-degree-3",
+    "friction-narx",
+    "wiener-hammerstein",
+    "rigid-motor",
+    "motor",
+)
+
+MEANINGS = {
+    LINEAR: "the paper's linear model (5.12)",
+    PAPER: "the paper's nonlinear model (5.10), of second degree",
+    FULL: "the same expansion (3.5) in full, of third degree",
+    FRICTION: "a regression with friction terms",
+    BLOCKS: "filter, dead zone, filter, by the error of the free run",
+    ONE_MASS: "the physical motor as one mass",
+    TWO_MASSES: "the physical motor with its shaft",
+}
+"""What every model is, in a few words."""
+
+# Filter, dead zone (4.9), filter. The input is constant between samples, so oversampling would change nothing.
+CASCADE = CascadeSearch(static=DEAD_ZONE, oversampling=1, max_iterations=30, threads=1)
+STRIBECK = ("rotor_friction.stribeck", "rotor_friction.stribeck_rate")
+# Measured with an ohmmeter, and neglected: voltage and speed determine neither.
+KNOWN = ("resistance", "rotor_viscous")
+
+
+def structures(record: Record, knots: int) -> tuple[Structure, ...]:
+    """The regressions of the study: (5.12), (5.10), (3.5) in full with degree 3, and one with friction terms."""
+    full = wiener_hammerstein_regression(na=4, nb=3, degree=3, taps=2)
+    return (
+        arx(na=4, nb=4),
+        wiener_hammerstein_regression(na=4, nb=3, degree=2),
+        replace(full, name=FULL),
+        friction_narx(na=2, nb=2, knots=input_knots(record, knots), speeds=stribeck_speeds(record)),
+    )
+
+
+def searches(motor: Motor, record: Record, *, shaft: bool) -> dict[str, Callable[[Control], Fit[Any]]]:
+    """The models that need a nonlinear search, by name.
+
+    Args:
+        motor: the motor of the settings, which the physical models start from.
+        record: to identify from.
+        shaft: whether the motor with its shaft is among them.
+    """
+    found: dict[str, Callable[[Control], Fit[Any]]] = {
+        BLOCKS: lambda control: estimate_cascade(WIENER_HAMMERSTEIN, record, (1, 2), CASCADE, control),
+        ONE_MASS: lambda control: one_mass(motor, record, control),
+    }
+    if shaft:
+        found[TWO_MASSES] = lambda control: two_masses(motor, record, control)
+    return found
+
+
+def one_mass(motor: Motor, record: Record, control: Control = FREE) -> GreyBoxFit:
+    """The motor as one mass without inductance, whose effect a delay takes up."""
+    plant = DrivenMotor(replace(motor, inductance=0.0).rigid())
+    names = _unknown(plant)
+    start = half_off(plant, names).put({"drive.delay": 0.5 * record.dt})
+    return simulation_error(start, record, free=(*names, "drive.delay"), control=control)
+
+
+def two_masses(motor: Motor, record: Record, control: Control = FREE) -> GreyBoxFit:
+    """The motor with its shaft, from the first half of a record, which suffices without noise."""
+    plant = DrivenMotor(motor)
+    names = _unknown(plant)
+    return simulation_error(half_off(plant, names), record[: len(record) // 2], free=names, control=control)
+
+
+def half_off(plant: DrivenMotor, names: Sequence[str]) -> DrivenMotor:
+    """The plant with these parameters 50 % off: where a search begins."""
+    return plant.put({name: 1.5 * plant.value(name) for name in names})
+
+
+def _unknown(plant: DrivenMotor) -> tuple[str, ...]:
+    return tuple(name for name in (*plant.usual, *STRIBECK) if name not in KNOWN)

@@ -12,7 +12,7 @@ from emsid.plant import Bench, Friction, Motor
 from emsid.report.study_page import study_report, summary_table
 from emsid.study.models import BLOCKS, FRICTION, FULL, LINEAR, ONE_MASS, PAPER, TWO_MASSES
 from emsid.study.setup import EXPERIMENT, SIMULATION, Settings, load_friction_difference, measure
-from emsid.study.summary import findings, summary
+from emsid.study.summary import findings, study_data, summary
 from emsid.study.workflow import study
 
 
@@ -41,7 +41,7 @@ def test_rows_are_complete(result):
         for data in ("identification", "verification")
     }
     keys = {"experiment", "model", "method", "data", "one_step_mse", "simulation_mse", "fit_percent"}
-    assert all(keys <= row.keys() for row in result.to_data()["rows"])
+    assert all(keys <= row.keys() for row in study_data(result)["rows"])
 
 
 def test_friction_regression_is_far_better_in_free_run(result):

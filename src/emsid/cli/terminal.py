@@ -10,7 +10,7 @@ from __future__ import annotations
 import codecs
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import isfinite
 from typing import TYPE_CHECKING, Literal
@@ -82,14 +82,16 @@ def say_json(content: bytes) -> None:
 Align = Literal["left", "right"]
 
 
-def plain_table(title: str, headings: Mapping[str, Align], rows: Iterable[Sequence[str]]) -> Table:
-    """A table of texts, none of which is taken for markup."""
+def plain_table(
+    title: str, headings: Mapping[str, Align], rows: Iterable[Sequence[str]], folded: Collection[str] = ()
+) -> Table:
+    """A table of texts, none of which is taken for markup; the columns ``folded`` may take several lines."""
     from rich.table import Table
     from rich.text import Text
 
     table = Table(title=Text(shown(title)), title_justify="left", box=None, pad_edge=False)
     for heading, align in headings.items():
-        table.add_column(Text(shown(heading)), justify=align, no_wrap=True)
+        table.add_column(Text(shown(heading)), justify=align, no_wrap=heading not in folded)
     for row in rows:
         table.add_row(*(Text(shown(cell)) for cell in row))
     return table
@@ -107,7 +109,7 @@ def text_table(content: document.Table) -> Table:
     headings: dict[str, Align] = {
         heading: "left" if k < content.text_columns else "right" for k, heading in enumerate(content.header)
     }
-    return plain_table(content.caption, headings, content.rows)
+    return plain_table(content.caption, headings, content.rows, content.header[1 : content.text_columns])
 
 
 def error_table(rows: Sequence[Row], title: str, unit: str = "") -> Table:

@@ -95,6 +95,17 @@ def _better(linear: Row, other: Row) -> float | None:
     return linear.simulation_mse / other.simulation_mse if known else None
 
 
+def study_data(result: Study) -> dict[str, Any]:
+    """What ``study.json`` holds."""
+    return {
+        "schema": 2,
+        "rows": [row.to_data() for row in result.rows],
+        "summary": [row.to_data() for part in result.parts for row in summary(part)],
+        "load_friction_mse": result.load_friction_mse,
+        "findings": [finding.to_data() for finding in findings(result)],
+    }
+
+
 def findings(result: Study) -> list[Finding]:
     """What a reader should know of the numbers; study by study, then what concerns both."""
     return [*(finding for part in result.parts for finding in _of_part(result, part)), _load_friction(result)]

@@ -108,18 +108,6 @@ class Study:
         """One of the parts, by its name."""
         return next(part for part in self.parts if part.name == name)
 
-    def to_data(self) -> dict[str, Any]:
-        """What ``study.json`` holds."""
-        from emsid.study.summary import findings, summary
-
-        return {
-            "schema": 2,
-            "rows": [row.to_data() for row in self.rows],
-            "summary": [row.to_data() for part in self.parts for row in summary(part)],
-            "load_friction_mse": self.load_friction_mse,
-            "findings": [finding.to_data() for finding in findings(self)],
-        }
-
 
 def study(
     settings: Settings | None = None, records: tuple[Record, Record] | None = None, control: Control = FREE

@@ -60,7 +60,7 @@ def study(
     from emsid.report.study_page import study_report, summary_table
     from emsid.study import Settings
     from emsid.study import study as run
-    from emsid.study.summary import findings
+    from emsid.study.summary import findings, study_data
     from emsid.wording import sentence
 
     if (record is None) != (verify is None):
@@ -78,9 +78,9 @@ def study(
         except Stopped:
             raise KeyboardInterrupt from None
     with kept(result, "the study") as result:
-        write(out, {"study.json": result.to_data()})
+        write(out, {"study.json": study_data(result)})
         if json:
-            say_json(as_json(result.to_data()))
+            say_json(as_json(study_data(result)))
         else:
             for part in result.parts:
                 show(error_table(part.rows, f"{part.name} study"))

@@ -736,14 +736,17 @@ def coupled_drives():
     return runpy.run_path(str(Path(__file__).parents[1] / "examples" / "coupled_drives.py"))
 
 
-def test_the_example_finds_the_drives_that_it_simulated(coupled_drives):
+def test_the_example_finds_the_drives_that_it_simulated(coupled_drives, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     fit, outside = coupled_drives["main"]([])
     assert fit.names == coupled_drives["PLANT"].usual
     assert outside == pytest.approx([0.01, 0.01], rel=0.3)  # its noise
+    assert (tmp_path / "coupled-drives.svg").exists()
 
 
 @pytest.mark.recordings
-def test_the_example_reaches_on_the_recordings_what_it_says(coupled_drives, recordings):
+def test_the_example_reaches_on_the_recordings_what_it_says(coupled_drives, recordings, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     _, outside = coupled_drives["main"]([str(recordings / "coupled_drives" / "uniform_first400.csv")])
     assert outside == pytest.approx([0.112, 0.103], rel=0.02)
 

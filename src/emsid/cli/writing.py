@@ -44,7 +44,7 @@ def write(
     from emsid.io import atomic_write, save
 
     for fit in fits:
-        save(fit.model, folder / f"{fit.model.name}.json", origin)
+        save(fit.model, folder / f"{fit.model.name}.json", origin, reading)
     for name, content in documents.items():  # after the models, which it names
         atomic_write(folder / name, as_json(content))
 

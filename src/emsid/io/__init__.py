@@ -1,7 +1,7 @@
 """Files: records as tables, MAT, Parquet, NPZ; motors and datasheets as TOML; models as JSON. Opened nowhere else."""
 
 from emsid.io.files import atomic_write
-from emsid.io.model_file import Origin, load, origin, save
+from emsid.io.model_file import Origin, load, origin, read_options, save
 from emsid.io.motor_file import datasheet_template, motor_template, read_datasheet, read_motor
 from emsid.io.reading import READERS, read, read_columns
 from emsid.io.record_file import WRITERS, write_record
@@ -19,6 +19,7 @@ __all__ = [
     "read_columns",
     "read_datasheet",
     "read_motor",
+    "read_options",
     "save",
     "write_record",
 ]

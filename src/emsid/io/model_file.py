@@ -2,11 +2,20 @@
 
 ::
 
-    {"format": "emsid model", "schema": 1, "type": "narx", "model": {…}, "origin": {…}, "sha256": "…"}
+    {"format": "emsid model", "schema": 2, "type": "narx", "model": {…}, "sha256": "…", "origin": {…}, "reading": {…}}
 
-The origin, which may be missing, tells channels and sample time of the record that the model was identified from. The
-checksum is that of the other entries with their keys sorted and no blanks, so that a file may be laid out anew but not
-altered. Floats are written with as many digits as bring them back exactly.
+========  =============================================================================================================
+format    ``emsid model``
+schema    version of this layout, a whole number
+type      kind of model, a key of `emsid.models.MODELS`
+model     what the ``to_data`` of that kind gives
+sha256    checksum of all other entries with their keys sorted and no blanks: a file may be laid out anew, not altered
+origin    may be missing: ``dt`` in s, ``inputs`` and ``outputs`` as [name, unit] of what the model was identified from
+reading   may be missing: how the file of that record was read, the arguments of `emsid.io.read` but path and rows
+========  =============================================================================================================
+
+Schema 1 had no ``reading``; it is still read. What a kind of model has added to its data since then is optional there.
+Floats are written with as many digits as bring them back exactly.
 """
 
 from __future__ import annotations
@@ -19,16 +28,20 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import msgspec
+from msgspec.structs import asdict
 
-from emsid.errors import EmsidError, FormatError, ModelError
+from emsid.errors import EmsidError, FormatError, ModelError, listed
 from emsid.io.files import atomic_write, read_bytes
+from emsid.io.limits import check_limits
 
 if TYPE_CHECKING:
     from emsid.models.model import Model
     from emsid.record import Record
 
 FORMAT = "emsid model"
-SCHEMA = 1
+SCHEMA = 2
+READABLE = (1, 2)
+"""The schemas that this version reads."""
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tab and line feed
 SAME_DT = 1e-3
 """Sample times that differ by a smaller part are taken for the same, told with other precision."""
@@ -81,15 +94,22 @@ class _Document(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     model: dict[str, Any]
     sha256: str
     origin: Origin | None = None
+    reading: dict[str, Any] | None = None
 
 
-def save(model: Model, path: str | os.PathLike[str], origin: Record | None = None) -> None:
+def save(
+    model: Model,
+    path: str | os.PathLike[str],
+    origin: Record | None = None,
+    reading: Mapping[str, Any] | None = None,
+) -> None:
     """Write a model to a file, from which `load` brings it back exactly.
 
     Args:
         model: what to write.
         path: where to.
-        origin: the record that it was identified from, whose channels and sample time `origin` then tells.
+        origin: the record that it was identified from, whose channels and sample time `origin` then gives.
+        reading: how that record was read, arguments of `emsid.io.read`, for other files to be read the same way.
 
     Raises:
         ModelError: for a model whose type has no name in `MODELS`, with a number that is not finite, or
@@ -104,8 +124,11 @@ def save(model: Model, path: str | os.PathLike[str], origin: Record | None = Non
     data = model.to_data()
     _check_finite(data, "model")
     _check_texts(data)
+    check_limits(data, "the model")
     source = None if origin is None else Origin.of(origin)
-    document = _Document(FORMAT, SCHEMA, name, data, _checksum(name, data, source), source)
+    how = dict(reading) if reading else None
+    document = _Document(FORMAT, SCHEMA, name, data, "", source, how)
+    document.sha256 = _checksum(document)
     atomic_write(path, msgspec.json.format(msgspec.json.encode(document), indent=2) + b"\n")
 
 
@@ -126,15 +149,29 @@ def load(path: str | os.PathLike[str]) -> Model:
         return MODELS[document.type].from_data(document.model)
     except EmsidError as problem:
         raise FormatError(f"{path}: {problem}") from None
+    except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError) as problem:
+        # The classes of models check what a person may get wrong; a tampered file can be wrong in any way.
+        raise FormatError(
+            f"{path}: the model in the file is not possible ({type(problem).__name__}); identify it again"
+        ) from None
 
 
 def origin(path: str | os.PathLike[str]) -> Origin | None:
-    """What the model in a file was identified from, if the file tells.
+    """What the model in a file was identified from, None where the file does not say.
 
     Raises:
         FormatError: as `load` does.
     """
     return _read(path).origin
+
+
+def read_options(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """How the record was read that the model in a file was identified from: arguments of `emsid.io.read`.
+
+    Raises:
+        FormatError: as `load` does.
+    """
+    return _read(path).reading or {}
 
 
 def _read(path: str | os.PathLike[str]) -> _Document:
@@ -143,24 +180,27 @@ def _read(path: str | os.PathLike[str]) -> _Document:
     try:
         text = content.decode()
         head = msgspec.json.decode(text, type=_Head)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as problem:
+    except (msgspec.MsgspecError, RecursionError, ValueError) as problem:
         raise FormatError(
             f"{path}: this is not a model file, or is cut off ({_visible(str(problem))}); save the model again"
         ) from None
     if head.format != FORMAT:
         raise FormatError(f"{path}: this is a {head.format!r} file, not an {FORMAT!r}; name a file that emsid saved")
-    if head.schema != SCHEMA:
+    if head.schema not in READABLE:
         raise FormatError(
-            f"{path}: the model is written in schema {head.schema} and this version of emsid reads {SCHEMA}; use the "
-            "version that wrote it, or identify it again"
+            f"{path}: the model is written in schema {head.schema} and this version of emsid reads "
+            f"{listed([str(schema) for schema in READABLE])}; use the version that wrote it, or identify it again"
         )
     try:
         document = msgspec.json.decode(text, type=_Document)
-    except msgspec.MsgspecError as problem:
+        check_limits([document.model, document.origin and asdict(document.origin), document.reading], "the model file")
+    except EmsidError as problem:
+        raise FormatError(f"{path}: {problem}") from None
+    except (msgspec.MsgspecError, RecursionError, ValueError) as problem:
         raise FormatError(
             f"{path}: the model file is not complete ({_visible(str(problem))}); save the model again"
         ) from None
-    if document.sha256 != _checksum(document.type, document.model, document.origin):
+    if document.sha256 != _checksum(document):
         raise FormatError(
             f"{path}: the model has been altered since it was saved (its checksum differs); restore the file, or "
             "identify the model again"
@@ -177,10 +217,9 @@ def _visible(text: str) -> str:
     return _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
 
 
-def _checksum(name: str, data: Mapping[str, Any], source: Origin | None) -> str:
-    content = {"format": FORMAT, "schema": SCHEMA, "type": name, "model": data}
-    if source is not None:
-        content["origin"] = source
+def _checksum(document: _Document) -> str:
+    entries: dict[str, Any] = asdict(document)
+    content = {name: value for name, value in entries.items() if name != "sha256" and value is not None}
     return hashlib.sha256(msgspec.json.encode(content, order="sorted")).hexdigest()
 
 

@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any
 
 from emsid.errors import FormatError, ModelError
 from emsid.io.files import read_bytes
+from emsid.io.limits import check_limits
 
 if TYPE_CHECKING:
     from emsid.models.plants.datasheet import Given
@@ -124,8 +125,12 @@ def _one_table(path: str | os.PathLike[str], names: tuple[str, ...]) -> tuple[st
     wanted = " or ".join(f"[{name}]" for name in names)
     try:
         document = tomllib.loads(content.decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as problem:
+    except (ValueError, RecursionError) as problem:
         raise FormatError(f"{path}: this is not TOML ({problem}); write {wanted} and below it name = value") from None
+    try:
+        check_limits(document)
+    except ModelError as problem:
+        raise FormatError(f"{path}: {problem}") from None
     found = [name for name in names if isinstance(document.get(name), dict)]
     if not found:
         raise FormatError(f"{path}: there is no table {wanted}; put that line above the parameters")

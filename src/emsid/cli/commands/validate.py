@@ -1,42 +1,115 @@
 """``emsid validate``."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.options import Transient
+from emsid.cli.interruption import INTERRUPTION
+from emsid.cli.options import Json, Transient
 from emsid.cli.reading import reads_records
-from emsid.cli.terminal import error_table, say, show
+from emsid.cli.terminal import EXPLAINED, error_table, say, say_json, show
+from emsid.cli.writing import as_json, check_folder, draw, say_where, write
+from emsid.errors import DataError
+
+if TYPE_CHECKING:
+    from emsid.validation.comparison import Assessment
+
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that emsid wrote.")]
+Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records that the model was not fitted to.")]
+Horizon = Annotated[int, typer.Option(metavar="K", help="Also predict this many samples ahead.", min=1)]
+Folder = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for a report with figures; none by default.")]
 
 
 @app.command()
-@reads_records()
+@reads_records(input=[], output=[])
 def validate(
-    model: Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that emsid wrote.")],
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records that the model has not seen.")],
+    model: ModelFile,
+    files: Files,
     reader: Any,
     transient: Transient = None,
-    horizon: Annotated[int, typer.Option(metavar="K", help="Also predict this many samples ahead.", min=1)] = 1,
+    horizon: Horizon = 1,
+    out: Folder = None,
+    json: Json = False,
 ) -> None:
     """Run a saved model on other records.
 
+    Prints the errors of its free run and of its prediction one step ahead. Columns, units, gains, masks and sample time
+    are those that the model file remembers from its identification; options given here take their place.
+
     \b
-    Example:
-      emsid validate emsid-result/friction-narx.json other.csv --input voltage --output speed --dt 0.001
+    Examples:
+      emsid validate emsid-result/friction-narx.json other.csv
+      emsid validate emsid-result/arx.json other.csv --dt 10ms --mask "" --out check
     """
-    from emsid.io import load, origin
+    from emsid.io import load, origin, read_options
     from emsid.validation.comparison import assess_model
     from emsid.validation.metrics import mean_squared_error
 
     loaded, source = load(model), origin(model)
-    rows = [(record, assess_model(loaded, record, transient).row) for record in map(reader, files)]
-    for record, row in rows:
-        show(error_table([row], record.name, record.output_units[0]))
-        for difference in () if source is None else source.differences(record):
-            say(f"{model}: {difference}")
+    reader = reader.after(read_options(model))
+    if "input" not in reader.given or "output" not in reader.given:
+        raise DataError(
+            f"{model}: the file does not say how its record was read; give the columns of input and output",
+            arguments=("input", "output"),
+        )
+    if out is not None:
+        check_folder(out)
+    assessed = [assess_model(loaded, record, transient) for record in map(reader, files)]
+    documents = []
+    for each in assessed:
+        differences = [] if source is None else source.differences(each.record)
+        document = {"record": each.record.name, **each.row.to_data(), "differences": differences}
         if horizon > 1:
-            ahead = loaded.predict(record, horizon, transient)
-            error = mean_squared_error(record.output[ahead.counted], ahead.output[ahead.counted])
-            say(f"{horizon} samples ahead: MSE {error:.5g}")
+            ahead = loaded.predict(each.record, horizon, transient)
+            error = mean_squared_error(each.record.output[ahead.counted], ahead.output[ahead.counted])
+            document |= {"horizon": horizon, "horizon_mse": error}
+        documents.append(document)
+        if not json:
+            show(error_table([each.row], each.record.name, each.record.output_units[0]))
+            say(*(f"{model}: {difference}" for difference in differences))
+            say(*[f"{horizon} samples ahead: MSE {document['horizon_mse']:.5g}"] * (horizon > 1))
+    result = {"schema": 1, "model": loaded.name, "records": documents}
+    if json:
+        say_json(as_json(result))
+    else:
+        say(EXPLAINED)
+    if out is not None:
+        write(out, {"validation.json": result})
+        INTERRUPTION.words = "validation was interrupted; the errors are above and written"
+        drawn = draw(out, lambda: _report(model, assessed))
+        if not json:
+            say_where(out, drawn, "validation.json")
+        INTERRUPTION.end(not drawn)
+
+
+def _report(model: Path, assessed: "list[Assessment]") -> Any:
+    """A page with the free run over every record."""
+    from emsid.report import views
+    from emsid.report.document import Fact, Report, Section
+    from emsid.report.numbers import percent
+
+    sections = [
+        Section(
+            each.record.name,
+            tables=(views.results_table([each.row], unit=each.record.output_units[0]),),
+            figures=(
+                views.measured_and_simulated(each, name=f"free-run-{k}"),
+                views.residuals([each], name=f"residuals-{k}"),
+            ),
+        )
+        for k, each in enumerate(assessed, 1)
+    ]
+    worst = min(assessed, key=lambda each: each.row.fit_percent)
+    return Report(
+        title=f"Validation of {assessed[0].fit.model.name}",
+        summary=(f"{worst.record.name}: the free run has {worst.row.fit_in_words}.",),
+        facts=(
+            Fact(assessed[0].fit.model.name, f"the model in {model.name}"),
+            Fact(percent(worst.row.fit_percent), "fit of its free run, the lowest of all records"),
+            Fact(str(len(assessed)), "records"),
+        ),
+        sections=(*sections, Section("Input", figures=(views.inputs([each.record for each in assessed]),))),
+        imprint=f"emsid validate, of {model.name}",
+    )

@@ -1,0 +1,107 @@
+"""Mutate model files and load and run what comes out; a program of its own, so that its memory can be limited.
+
+Prints a line of JSON for every mutation that ends in anything but a model or an `EmsidError`, or takes too long, and
+at last how many were tried.
+
+Usage: fuzz_model_files.py SECONDS SEED
+"""
+
+import json
+import random
+import resource
+import sys
+import tempfile
+from copy import deepcopy
+from pathlib import Path
+from time import perf_counter
+
+import msgspec
+import numpy as np
+
+from emsid.errors import EmsidError
+from emsid.io import load
+from emsid.io.model_file import _checksum, _Document
+from emsid.record import Record
+
+GOLDEN = Path(__file__).parent / "golden" / "models"
+MEMORY = 2**30
+NASTY = [
+    *(0, 1, -1, 2, 7, 63, 300, 3_000, 10_000, 10**6, 10**9, 2**31, 2**63, -(2**63), 2**64, 10**30, 10**400),
+    *(0.5, -0.5, 1e-300, 1e-12, 1e3, 1e50, 1e99, 1e300, -1e300, 1e308, -0.0),
+    *(None, True, False, "", "x", "[/red]", "y(t-1)", "y(t-99999999999)", "u999999999(t)", "u(t)^9", "\u202e", "1" * 500),
+    *("y(t-1)*" * 40 + "y(t-1)", "max(u(t-1)-1e400, 0)", "abs(" * 200, "speed", "position", "motor", "dead-zone"),
+    *([], [0], [1, [2, [3]]], {}, {"kind": "filter"}, {"a": {"b": {}}}, [1e308] * 3, [0.0] * 90, [1.0] * 3_000),
+]  # fmt: skip
+
+
+def places(value, path=()):
+    """Every path into nested tables and lists."""
+    yield path
+    children = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, inner in children:
+        yield from places(inner, (*path, key))
+
+
+def mutated(model, rng):
+    """The data of a model with one to three entries replaced, taken out, doubled or moved."""
+    model = deepcopy(model)
+    for _ in range(rng.randint(1, 3)):
+        path = rng.choice([each for each in places(model) if each])
+        parent = model
+        for key in path[:-1]:
+            parent = parent[key]
+        kind, key = rng.choice(["replace"] * 6 + ["delete", "repeat", "scale"]), path[-1]
+        if kind == "delete":
+            del parent[key]
+        elif kind == "repeat" and isinstance(parent[key], list):
+            parent[key] = parent[key] * rng.choice([2, 3, 50])
+        elif kind == "scale" and isinstance(parent[key], float):
+            parent[key] *= rng.choice([-1.0, 0.0, 1e-9, 1e9, 1e99])
+        else:
+            parent[key] = deepcopy(rng.choice(NASTY))
+        if not model:
+            break
+    return model
+
+
+def main(seconds, seed):
+    rng = random.Random(seed)
+    files = [json.loads(path.read_text()) for path in sorted(GOLDEN.glob("*-1.json"))]
+    u = np.repeat(np.random.default_rng(0).uniform(-6, 6, 20), 10)
+    records = [
+        Record(u, np.cumsum(u) * 0.01, 0.01, ("u",), ("y",), (unit,), (out,))
+        for unit, out in (("V", "rad/s"), ("N", "m"))
+    ]
+    path = Path(tempfile.mkdtemp()) / "model.json"
+    for each in files:  # compiles what is compiled before time and memory count
+        path.write_text(json.dumps(each))
+        load(path).simulate(records["axis" in json.dumps(each)])
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
+    begin, tried = perf_counter(), 0
+    while perf_counter() - begin < seconds:
+        whole = rng.choice(files)
+        document = _Document("emsid model", rng.choice([1, 2]), whole["type"], mutated(whole["model"], rng), "")
+        try:
+            document.sha256 = _checksum(document)
+            path.write_bytes(msgspec.json.encode(document))
+        except (OverflowError, ValueError, TypeError):  # integers that msgspec cannot write
+            data = json.dumps({"format": "emsid model", "schema": 2, "type": whole["type"], "model": document.model})
+            path.write_text(data[:-1] + ', "sha256": ""}')
+        tried += 1
+        started, problem = perf_counter(), ""
+        try:
+            model = load(path)
+            model.equation()
+            model.simulate(records[whole["type"] == "grey-box" and "axis" in json.dumps(whole["model"])])
+        except EmsidError:
+            pass
+        except BaseException as failure:
+            problem = f"{type(failure).__name__}: {failure}"[:200]
+        if problem or perf_counter() - started > 2:
+            print(json.dumps({"problem": problem, "seconds": perf_counter() - started, "file": path.read_text()[:3000]}))
+    print(tried)
+
+
+if __name__ == "__main__":
+    main(float(sys.argv[1]), int(sys.argv[2]))

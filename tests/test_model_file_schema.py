@@ -1,0 +1,65 @@
+"""Model files of every schema are read, whoever wrote them, and run as they did when they were written."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from emsid.errors import FormatError
+from emsid.io import load, origin, read_options, save
+from emsid.io.model_file import READABLE, SCHEMA
+from emsid.record import Record
+
+GOLDEN = Path(__file__).parent / "golden" / "models"
+EXPECTED = json.loads((GOLDEN / "expected.json").read_text())
+
+
+def record(axis: bool = False) -> Record:
+    """The record over which the models were run when their files were written."""
+    u = np.repeat(np.random.default_rng(0).uniform(-6, 6, 60), 10)
+    y = np.zeros(600)
+    for t in range(1, 600):
+        y[t] = 0.9 * y[t - 1] + 0.3 * np.sign(u[t - 1]) * max(abs(u[t - 1]) - 1, 0)
+    names = ("force", "x", "N", "m") if axis else ("voltage", "speed", "V", "rad/s")
+    return Record(u, y, 0.01, *((name,) for name in names), name="log.csv")
+
+
+def test_there_is_an_old_file_of_every_kind() -> None:
+    from emsid.models import MODELS
+
+    kinds = {json.loads((GOLDEN / f"{name}.json").read_text())["type"] for name in EXPECTED}
+    assert kinds == set(MODELS)
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_an_old_file_runs_as_it_did(name: str, tmp_path: Path) -> None:
+    path = GOLDEN / f"{name}.json"
+    data = record(axis="axis" in name)
+    model = load(path)
+    run = model.simulate(data)
+    np.testing.assert_allclose(run.output[100:600:50, 0], EXPECTED[name], rtol=1e-9, atol=1e-12)
+    assert read_options(path) == {}
+    save(model, tmp_path / "new.json")
+    assert json.loads((tmp_path / "new.json").read_text())["schema"] == SCHEMA
+    np.testing.assert_array_equal(load(tmp_path / "new.json").simulate(data).output, run.output)
+
+
+def test_how_a_record_was_read_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    how = {"input": ["voltage"], "output": ["speed"], "dt": 0.01, "mask": "voltage > 5", "scale": {"speed": 2.0}}
+    save(load(GOLDEN / "arx-1.json"), path, record(), how)
+    assert read_options(path) == how
+    found = origin(path)
+    assert found is not None
+    assert found.inputs == (("voltage", "V"),)
+    path.write_text(path.read_text().replace("voltage > 5", "voltage > 6"))
+    with pytest.raises(FormatError, match="altered since it was saved"):
+        load(path)
+
+
+def test_a_schema_of_the_future_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(json.loads((GOLDEN / "arx-1.json").read_text()) | {"schema": max(READABLE) + 1}))
+    with pytest.raises(FormatError, match="is written in schema 3 and this version of emsid reads 1 and 2"):
+        load(path)

@@ -1,6 +1,8 @@
 """Model files of every schema are read, whoever wrote them, and run as they did when they were written."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -63,3 +65,31 @@ def test_a_schema_of_the_future_is_refused(tmp_path: Path) -> None:
     path.write_text(json.dumps(json.loads((GOLDEN / "arx-1.json").read_text()) | {"schema": max(READABLE) + 1}))
     with pytest.raises(FormatError, match="is written in schema 3 and this version of emsid reads 1 and 2"):
         load(path)
+
+
+def test_tampered_files_end_in_a_model_or_in_one_of_our_errors() -> None:
+    """Thousands of mutations, with their checksums corrected, in a process with a limit on its memory."""
+    program = [sys.executable, "-W", "ignore", str(GOLDEN.parent.parent / "fuzz_model_files.py"), "12", "7"]
+    *failures, tried = subprocess.run(program, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert failures == []
+    assert int(tried) > 200
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"oversampling": 1', '"oversampling": 1000000000', "oversampling is 1e+09; it can be at most 64"),
+        ('"delay": 0', f'"delay": {10**400}', "delay is an integer of very many digits"),
+        ('"delay": 0', '"delay": -1', "a model cannot look ahead"),
+        ("-0.9005449368498915", ", ".join(["0.1"] * 300), "denominator has 300 entries; at most 100 are read"),
+        ('"output_offset": -1.3955619574659987e-15', '"output_offset": 1e300', "give a finite number of at most 1e+100"),
+    ],
+)
+def test_sizes_are_checked_before_anything_is_computed(old: str, new: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    text = (GOLDEN / "cascade-1.json").read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(FormatError) as caught:
+        load(path)
+    assert message in str(caught.value) or "not a model file" in str(caught.value)

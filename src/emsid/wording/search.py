@@ -42,9 +42,9 @@ def parameter_at_bound(f: Finding, argument: Spelling) -> str:
 @words("parameters-undetermined", Severity.PROBLEM)
 def parameters_undetermined(f: Finding, argument: Spelling) -> str:
     silent, groups = f.data["without_effect"], f.data["inseparable"]
-    said = [f"{listed(silent)} {'have' if len(silent) > 1 else 'has'} no effect on the output in these data"] * bool(
-        silent
-    )
+    said = []
+    if silent:
+        said.append(f"{listed(silent)} {'have' if len(silent) > 1 else 'has'} no effect on the output in these data")
     said += [f"these data do not determine {listed(group)} separately" for group in groups]
     return "; ".join(said)
 

@@ -69,7 +69,8 @@ def validate(
         if not json:
             show(error_table([each.row], each.record.name, each.record.output_units[0]))
             say(*(f"{model}: {difference}" for difference in differences))
-            say(*[f"{horizon} samples ahead: MSE {document['horizon_mse']:.5g}"] * (horizon > 1))
+            if horizon > 1:
+                say(f"{horizon} samples ahead: MSE {document['horizon_mse']:.5g}")
     result = {"schema": 1, "model": loaded.name, "records": documents}
     if json:
         say_json(as_json(result))

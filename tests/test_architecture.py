@@ -67,7 +67,6 @@ UPWARD = ("presentation", "report.notebook")
 # What does not keep to these rules yet: (module, what it imports). To be emptied.
 NOT_YET = {
     ("estimation.linear.frequency_response", "estimation.nonlinear.gauss_newton"),
-    ("identification", "report"),
     ("models.blocks.diagnostics", "models.blocks.search"),
     ("models.plants.grey_box", "models.plants.search"),
     ("study", "report"),

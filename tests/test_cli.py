@@ -79,8 +79,8 @@ def test_identify_writes_everything_it_promises(result):
     data = json.loads((result / "result.json").read_text())
     assert {row["model"] for row in data["rows"]} >= {"arx", "wiener-hammerstein-regression", "friction-narx"}
     assert {row["experiment"] for row in data["rows"]} == {"record"}
-    assert {row["data"] for row in data["rows"]} == {"identification", "verification"}
-    unseen = [row for row in data["rows"] if row["data"] == "verification"]
+    assert {row["data"] for row in data["rows"]} == {"identification", "unseen"}
+    unseen = [row for row in data["rows"] if row["data"] == "unseen"]
     assert data["chosen"] == min(unseen, key=lambda row: row["simulation_mse"])["model"]
     assert next(row for row in unseen if row["model"] == "arx")["simulation_mse"] < 1e-20
     assert "<html" in (result / "report.html").read_text()
@@ -203,7 +203,7 @@ BAD = {
             *("identify", "LOG", *IDENTIFY, "--models", "rigid-motor"),
             *("--free", "rotor_inertia", "--profile", "motor_constant"),
         ),
-        ("motor_constant is not free, so it has no profile; free are rotor_inertia: add it",),
+        ("motor_constant is not estimated, so it has no profile; add it to the free parameters", "rotor_inertia"),
     ),
     "profile without a physical model": (
         ("identify", "LOG", *IDENTIFY, "--models", "arx", "--profile", "resistance"),
@@ -281,7 +281,7 @@ def test_a_profile_is_printed_drawn_and_written(run, motor_log, tmp_path, bare):
     assert low < profile["estimate"] < high
     assert high - low == pytest.approx(2 * 1.96 * profile["standard_error"], rel=0.2)
     assert len(profile["values"]) == len(profile["deviance"]) >= 9
-    said = f"the profile of motor_constant has its 95 % interval from {low:.6g} to {high:.6g} N·m/A."
+    said = f"by its profile, the 95 % interval of motor_constant goes from {low:.6g} to {high:.6g} N·m/A."
     missing = "rigid-motor: no profile of drive.delay: drive.delay was not estimated; profiles can be had of "
     assert said in out
     assert missing in out
@@ -297,11 +297,12 @@ def test_a_datasheet_of_another_plant_is_said_to_be_set_aside(run, motor_log, tm
     words = ("identify", motor_log, *MOTOR, "--models", "arx,linear-axis,rigid-motor", "--datasheet", sheet)
     status, out, _ = run(*words, "--out", tmp_path / "out")
     assert status == 0
-    said = "linear-axis: the datasheet says nothing of this model and was set aside for it."
+    said = "linear-axis: the datasheet has no parameter of this model, so it is not used."
     assert out.splitlines().count(said) == 1
-    assert "set aside" not in out.replace(said, "")
+    assert "datasheet has" not in out.replace(said, "")
     assert said in (tmp_path / "out" / "report.html").read_text()
-    assert said in json.loads((tmp_path / "out" / "result.json").read_text())["remarks"]
+    findings = json.loads((tmp_path / "out" / "result.json").read_text())["findings"]
+    assert {"code": "datasheet-not-used", "subject": "linear-axis", "data": {"model": "linear-axis"}} in findings
 
 
 @pytest.mark.parametrize(
@@ -322,7 +323,7 @@ def test_a_datasheet_that_no_model_can_use_is_refused_before_anything_is_fitted(
     status, _, err = run("identify", motor_log, *MOTOR, "--models", models, "--datasheet", sheet, "--out", out)
     assert status == 2
     assert err.count("\n") == 1
-    assert err.endswith(f"choose a model that it is for: {usable}\n")
+    assert f"choose a model that has some of them: {usable}" in err
     assert not out.exists()
 
 
@@ -372,7 +373,7 @@ def test_a_candidate_that_cannot_be_fitted_is_named_and_the_others_go_on(run, tm
     words = ("identify", two_inputs, *IDENTIFY, "--input", "v", "--models", "arx,friction-narx", "--rows", "0:40")
     status, out, _ = run(*words, "--out", tmp_path / "out")
     assert status == 0
-    assert "friction-narx could not be fitted" in out
+    assert "friction-narx: could not be fitted" in out
 
 
 def test_interrupting_the_drawing_keeps_all_numbers(run, log, tmp_path, monkeypatch):
@@ -417,15 +418,15 @@ def test_a_candidate_that_the_numbers_defeat_is_left_out(run, log, tmp_path, mon
     words = ("-u", "u", "-y", "y", "--dt", 0.01, "--models", "arx,friction-narx", "--out", tmp_path / "out")
     status, printed, _ = run("identify", log, *words)
     assert status == 0
-    assert "friction-narx could not be fitted: the numbers are out of range (SVD did not converge)" in printed
+    assert "friction-narx: could not be fitted: the numbers are out of range (SVD did not converge)" in printed
 
 
 def test_judging_by_what_was_identified_from_is_said(run, log, tmp_path):
     words = ("-u", "u", "-y", "y", "--dt", 0.01, "--models", "arx, arx", "--out", tmp_path / "out")
     status, printed, _ = run("identify", log, "--validate", log, *words)
     assert status == 0
-    assert "is among what was identified from: these errors say nothing of unseen data" in printed
-    assert "say nothing of unseen data" not in run("identify", log, *words)[1]
+    assert "is among the data the models were fitted to, so these errors say nothing about unseen data" in printed
+    assert "say nothing about unseen data" not in run("identify", log, *words)[1]
 
 
 @pytest.mark.parametrize("fraction", [0, 1, 2, -0.5, "nan"])
@@ -549,7 +550,9 @@ def test_ctrl_c_keeps_what_was_found(moment, drawn, log, tmp_path):
 REGRESSIONS = ("--models", "arx, wiener-hammerstein-regression", "--na", 1, "--nb", 1, "--nk", 1, "--degree", 2)
 
 
-@pytest.mark.parametrize("then", ["workflow._held", "workflow.compare", "workflow._held+workflow.compare"])
+@pytest.mark.parametrize(
+    "then", ["workflow.built_in_values", "workflow.compare", "workflow.built_in_values+workflow.compare"]
+)
 def test_ctrl_c_twice_within_a_moment_is_ctrl_c_once(then, log, tmp_path):
     words = ("identify", log, *IDENTIFY, *REGRESSIONS, "--taps", 1, "--out", "out")
     moments = ("in_turn", "emsid.identification", f"candidates.wiener_hammerstein_regression+{then}")
@@ -718,7 +721,7 @@ def test_codes_for_the_bridge_are_options(run, tmp_path):
     status, out, err = run(*words, "--brake", "1000", "--coast", "999", "--fix", "resistance=2")
     assert (status, err) == (0, "")
     assert "rigid-motor: u has no unit and is taken for volts" in out
-    assert "arx: takes the codes 1000, 999 for commands" in out
+    assert "arx: this model treats 1000 and 999 as ordinary commands" in out
     rows = {line.split()[0]: line.split() for line in out.splitlines() if line}
     assert (rows["resistance"][2], rows["resistance"][-1]) == ("2", "fixed")
     assert rows["rotor_inertia"][-1] == "estimated"

@@ -5,8 +5,10 @@ import pytest
 
 import emsid
 from emsid.errors import DataError, ModelError
+from emsid.estimation.nonlinear.control import Control
+from emsid.findings import Finding
 from emsid.identification.candidates import CANDIDATES, Options, Regression, stribeck_speeds
-from emsid.identification.workflow import identify, remarks
+from emsid.identification.workflow import identify
 from emsid.models.blocks.search.map_families import FAMILIES
 from emsid.models.plants.datasheet import Given
 from emsid.selection.coordinate_search import coordinate_search
@@ -24,15 +26,17 @@ def system(samples, seed, noise=0.01):
     return emsid.Record(u, y + noise * rng.standard_normal(samples), 0.01)
 
 
+def with_code(result, code):
+    return [finding for finding in result.findings if finding.code == code]
+
+
 def test_ranks_by_free_run_on_unseen_data():
     result = identify(system(2000, 1), system(1000, 2))
-    errors = [row.simulation_mse for row in result.verification.rows]
+    errors = [row.simulation_mse for row in result.on_unseen.rows]
     assert errors == sorted(errors)
     assert result.chosen.model.name == "friction-narx"
-    assert result.verification.best.row.fit_percent > 97
-    assert {row.samples for row in result.verification.rows} == {
-        1000 - max(f.model.memory for f in result.verification.fits)
-    }
+    assert result.on_unseen.best.row.fit_percent > 97
+    assert {row.samples for row in result.on_unseen.rows} == {1000 - max(f.model.memory for f in result.on_unseen.fits)}
 
 
 def test_without_validation_the_end_of_the_record_is_kept_unseen():
@@ -44,7 +48,7 @@ def test_without_validation_the_end_of_the_record_is_kept_unseen():
 
 def test_validation_data_have_no_influence_on_the_models():
     record, blocks = system(1000, 4), Options(orders=(1, 1))
-    fits = [identify(record, system(500, seed), options=blocks).verification.fits for seed in (5, 6)]
+    fits = [identify(record, system(500, seed), options=blocks).fits for seed in (5, 6)]
     for fit in fits[0]:
         twin = next(other for other in fits[1] if other.model.name == fit.model.name)
         np.testing.assert_array_equal(fit.estimate, twin.estimate)
@@ -89,12 +93,13 @@ def test_several_records_are_experiments():
     assert result.record.breaks == (400, 800)
 
 
-def test_progress_names_the_candidate_and_ends_at_one():
+def test_activities_name_the_model_and_count_real_steps():
     seen = []
-    identify(system(400, 13), models=["arx"], progress=lambda what, fraction: seen.append((what, fraction)))
-    assert {what for what, _ in seen} == {"arx"}
-    assert seen[-1][1] == 1.0
-    assert all(0 <= fraction <= 1 for _, fraction in seen)
+    identify(system(400, 13), models=["arx"], control=Control(report=seen.append))
+    assert seen[0].doing == "arx (1 of 1): fitting"
+    counted = [each for each in seen if each.doing == "arx (1 of 1): choosing orders"]
+    assert [each.done for each in counted] == list(range(1, 25))  # 2 rounds of 4 delays, 4 and 4 orders
+    assert {each.total for each in counted} == {24}
 
 
 def test_refusals():
@@ -128,7 +133,7 @@ def test_a_motor_is_recognised_from_its_record_alone(tmp_path):
     record = Bench.typical().run(Motor(), SIGNALS["multisine"](800, 0.005, 6.0, rng), 0.005, rng)
     result = identify(record, models=["arx", "rigid-motor"])
     assert result.chosen.model.name == "rigid-motor"
-    assert result.verification.best.row.fit_percent > 98
+    assert result.on_unseen.best.row.fit_percent > 98
     save(result.chosen.model, tmp_path / "motor.json")
     again = load(tmp_path / "motor.json")
     np.testing.assert_array_equal(again.simulate(record).output, result.chosen.model.simulate(record).output)
@@ -164,12 +169,13 @@ def test_several_outputs_are_said_each_in_its_unit():
     y += np.std(y, axis=0) * 0.01 * rng.standard_normal(y.shape)
     record = emsid.Record(u, y, 0.005, output_names=("speed", "current"), output_units=("rad/s", "A"))
     result = identify(record, models=["rigid-motor"])
-    speed, current = result.verification.best.row.outputs
-    (sentence,) = [sentence for sentence in remarks(result) if "RMSE" in sentence]
-    assert sentence == (
-        f"rigid-motor: on unseen data, the RMSE of the free run is speed {speed.simulation_rmse:.4g} rad/s (a fit of "
-        f"{speed.fit_percent:.1f} %); current {current.simulation_rmse:.4g} A (a fit of {current.fit_percent:.1f} %)."
-    )
+    speed, current = result.on_unseen.best.row.outputs
+    (found,) = with_code(result, "free-run-error")
+    assert found.model == "rigid-motor"
+    assert [each["name"] for each in found.data["outputs"]] == ["speed", "current"]
+    assert [each["unit"] for each in found.data["outputs"]] == ["rad/s", "A"]
+    assert [each["rmse"] for each in found.data["outputs"]] == [speed.simulation_rmse, current.simulation_rmse]
+    assert [each["fit_percent"] for each in found.data["outputs"]] == [speed.fit_percent, current.fit_percent]
     assert speed.fit_percent > 98
     assert current.fit_percent > 98
 
@@ -194,14 +200,14 @@ def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkey
         record,
         models=["linear-axis"],
         options=Options(profile=("friction.coulomb", "mass", "friction.coulomb.forward")),
-        progress=lambda what, fraction: seen.append(what),
+        control=Control(report=lambda activity: seen.append(activity.doing)),
     )
     levels = {each.name: each for each in result.profiles["linear-axis"]}
     assert list(levels) == ["friction.coulomb.forward", "friction.coulomb.backward", "mass"]
     for name, value in (("friction.coulomb.forward", 25.0), ("friction.coulomb.backward", 15.0), ("mass", 80.0)):
         error = levels[name].standard_error
         assert levels[name].interval == pytest.approx((value, value), abs=5 * error)
-    assert "linear-axis: mass" in seen
+    assert "linear-axis (profile 3 of 3): mass" in seen
 
 
 def test_what_a_choice_of_free_parameters_leaves_as_it_is_built_in_is_said():
@@ -215,15 +221,18 @@ def test_what_a_choice_of_free_parameters_leaves_as_it_is_built_in_is_said():
     record = emsid.Record(force, position, 0.005, input_units=("N",), output_units=("m",))
 
     def said(**options):
-        return identify(record, models=["linear-axis"], options=Options(free=("mass",), **options)).asides
+        result = identify(record, models=["linear-axis"], options=Options(free=("mass",), **options))
+        found = with_code(result, "built-in-values-kept")
+        assert all(finding.model == "linear-axis" for finding in found)
+        return [each for finding in found for each in finding.data["parameters"]]
 
-    words = "linear-axis: held at what is built in: "
-    assert said() == (f"{words}viscous_friction 1 N·s/m, friction.coulomb 0.1 N; give --fix or --datasheet.",)
+    viscous = {"name": "viscous_friction", "value": 1.0, "unit": "N*s/m"}
+    assert said() == [viscous, {"name": "friction.coulomb", "value": 0.1, "unit": "N"}]
     sheet = {"friction.coulomb": Given(0.1), "viscous_friction": Given(None)}
-    assert said(datasheet=sheet) == (f"{words}viscous_friction 1 N·s/m; give --fix or --datasheet.",)
+    assert said(datasheet=sheet) == [viscous]
     one_way = {"viscous_friction": 2.0, "friction.coulomb.forward": 0.1}
-    assert said(fix=one_way) == (f"{words}friction.coulomb.backward 0.1 N; give --fix or --datasheet.",)
-    assert said(fix={"viscous_friction": 2.0, "friction.coulomb": 0.1}) == ()
+    assert said(fixed=one_way) == [{"name": "friction.coulomb.backward", "value": 0.1, "unit": "N"}]
+    assert said(fixed={"viscous_friction": 2.0, "friction.coulomb": 0.1}) == []
 
 
 def test_wishes_are_refused_before_anything_is_fitted(monkeypatch):
@@ -233,9 +242,9 @@ def test_wishes_are_refused_before_anything_is_fitted(monkeypatch):
         identify(record, models=["arx", "rigid-motor"], options=Options(profile=("mass",)))
     fixed = {"rotor_friction.coulomb.forward": 1e-3, "rotor_friction.coulomb.backward": 1e-3, "shaft_stiffness": 9.0}
     with pytest.raises(ModelError, match=r"coulomb is fixed, so it has no profile; rigid-motor also has ") as refused:
-        identify(record, models=["rigid-motor"], options=Options(fix=fixed, profile=("rotor_friction.coulomb",)))
+        identify(record, models=["rigid-motor"], options=Options(fixed=fixed, profile=("rotor_friction.coulomb",)))
     assert "rotor_friction.coulomb" not in str(refused.value).partition("also has")[2].split(", ")
-    with pytest.raises(ModelError, match="the datasheet says nothing of arx; choose a model that it is for: linear-"):
+    with pytest.raises(ModelError, match="the datasheet has no parameter of arx; choose a model that has"):
         identify(record, models=["arx"], options=Options(datasheet={"mass": Given(1.0)}))
 
 
@@ -244,17 +253,17 @@ def test_wishes_are_refused_before_anything_is_fitted(monkeypatch):
     [
         (
             {"free": ("mass", "offset"), "profile": ("viscous_friction",)},
-            "viscous_friction is not free, so it has no profile; free are mass, offset: add it, or take a profile of "
-            "one of these",
+            "viscous_friction is not estimated, so it has no profile; add it to the free parameters, or take a profile "
+            "of one of these: mass, offset",
         ),
         (
             {"free": ("friction.coulomb",), "profile": ("friction.coulomb.forward",)},
-            "friction.coulomb.forward is not free, so it has no profile; free are friction.coulomb: add it, or take a "
-            "profile of one of these",
+            "friction.coulomb.forward is not estimated, so it has no profile; add it to the free parameters, or take "
+            "a profile of one of these: friction.coulomb",
         ),
         ({"free": ("mass",), "profile": ("weight",)}, "linear-axis has no parameter 'weight'; it has mass, "),
         ({"free": ("weight",)}, "linear-axis has no parameter 'weight'; it has mass, "),
-        ({"fix": {"weight": 1.0}}, "linear-axis has no parameter 'weight'; it has mass, "),
+        ({"fixed": {"weight": 1.0}}, "linear-axis has no parameter 'weight'; it has mass, "),
     ],
 )
 def test_a_profile_of_what_is_not_free_is_refused_before_anything_is_fitted(monkeypatch, wishes, message):
@@ -293,24 +302,24 @@ def test_models_of_one_input_leave_none_of_several_out_in_silence():
     u = rng.standard_normal((300, 2))
     record = emsid.Record(u, np.cumsum(u[:, 0] - u[:, 1]), 0.1, input_names=("left", "right"))
     result = identify(record, models=("arx", "friction-narx", "wiener-hammerstein-regression"))
-    assert [fit.model.name for fit in result.verification.fits] == ["arx"]
-    assert result.failed["friction-narx"].startswith("friction-narx has one input and")
-    assert "left, right" in result.failed["wiener-hammerstein-regression"]
+    assert [fit.model.name for fit in result.on_unseen.fits] == ["arx"]
+    failed = with_code(result, "model-failed")
+    assert [finding.model for finding in failed] == ["friction-narx", "wiener-hammerstein-regression"]
+    assert all("left, right" in finding.data["reason"] for finding in failed)
 
 
-def test_unseen_data_in_which_the_input_never_changes_are_said_to_judge_nothing():
+def test_a_constant_input_in_unseen_data_is_found():
     record = system(600, 15)
     held = emsid.Record(np.full(200, 2.0), system(200, 16).output, 0.01, input_names=("PWM",))
-    words = remarks(identify(record, held, models=["arx"]))
-    assert (
-        "PWM is 2 throughout the unseen data, which tell no more than where a model comes to rest: judge on data in "
-        "which it changes (--validate, --unseen)." in words
-    )
-    assert not any("models guess" in sentence for sentence in words)
+    result = identify(record, held, models="arx")
+    (found,) = with_code(result, "input-constant")
+    assert found == Finding("input-constant", "PWM", {"inputs": [{"name": "PWM", "level": 2.0}], "seen": False})
+    assert not with_code(result, "input-beyond-range")
+    assert not with_code(identify(record, models="arx"), "input-constant")
 
 
 @pytest.mark.parametrize(("factor", "said"), [(0.9, False), (1.05, False), (2.0, True)])
-def test_unseen_data_beyond_what_was_identified_from_are_said_to_make_models_guess(factor, said):
+def test_an_input_beyond_the_range_fitted_to_is_found(factor, said):
     def driven(seed, largest):
         u = np.random.default_rng(seed).uniform(-1, 1, 300)
         u[100], u[200] = -1, 1
@@ -320,36 +329,33 @@ def test_unseen_data_beyond_what_was_identified_from_are_said_to_make_models_gue
             y[t] = 0.8 * y[t - 1] + 0.5 * u[t - 1]
         return emsid.Record(u, y, 0.01, input_names=("PWM",))
 
-    words = remarks(identify(driven(0, 100), driven(1, 100 * factor), models=["arx"]))
-    sentence = (
-        "PWM goes from -200 to 200 in the unseen data, and from -100 to 100 in what was identified from: beyond that, "
-        "models guess."
-    )
-    assert [each for each in words if "models guess" in each] == [sentence] * said
+    found = with_code(identify(driven(0, 100), driven(1, 100 * factor), models=["arx"]), "input-beyond-range")
+    data = {"low": -200.0, "high": 200.0, "fitted_low": -100.0, "fitted_high": 100.0, "seen": False}
+    assert found == [Finding("input-beyond-range", "PWM", data)] * said
 
 
-def test_a_best_model_that_is_no_better_than_the_mean_is_said_to_be_none():
+def test_a_best_model_that_is_no_better_than_the_mean_is_found():
     rng = np.random.default_rng(17)
     noise = emsid.Record(rng.uniform(-1, 1, 400), rng.standard_normal(400), 0.01, output_names=("speed",))
-    sentence = "No model is better on unseen data than the mean of speed."
     result = identify(noise, models=["arx"])
-    assert result.verification.best.row.fit_percent < 0
-    assert remarks(result)[1] == sentence
-    assert sentence not in remarks(identify(system(600, 18), models=["arx"]))
+    assert result.on_unseen.best.row.fit_percent < 0
+    assert with_code(result, "no-better-than-mean") == [Finding("no-better-than-mean", "speed", {"seen": False})]
+    assert not with_code(identify(system(600, 18), models=["arx"]), "no-better-than-mean")
 
 
 def test_knots_are_set_aside_for_a_map_that_has_none():
     options = Options(static=FAMILIES["dead-zone"], knots=5, orders=(1,))
     result = identify(system(600, 19), models=["hammerstein", "friction-narx"], options=options)
-    sentence = "hammerstein: a map of the family dead-zone has no knots; knots was set aside for it."
-    assert result.asides == (sentence,)
+    data = {"model": "hammerstein", "family": "dead-zone"}
+    assert with_code(result, "knots-not-used") == [Finding("knots-not-used", "hammerstein", data)]
 
 
 def test_a_failure_names_its_model_once():
     record = system(600, 20)
     two_levels = emsid.Record(np.sign(record.input), record.output, 0.01)
-    words = remarks(identify(two_levels, models=["arx", "hammerstein"]))
-    assert words[-1].startswith("hammerstein could not be fitted: the input takes two values only, -1 and 1; ")
+    (failed,) = with_code(identify(two_levels, models=["arx", "hammerstein"]), "model-failed")
+    assert failed.model == "hammerstein"
+    assert failed.data["reason"].startswith("the input takes two values only, -1 and 1; ")
 
 
 def test_speeds_of_a_stribeck_excess_are_numbers_to_be_read():
@@ -364,6 +370,6 @@ def test_data_of_another_sample_time_judge_no_model_that_counts_samples(monkeypa
     with pytest.raises(DataError) as refused:
         identify(record, other, models=["hammerstein", "rigid-motor"])
     assert str(refused.value) == (
-        "slow log is sampled every 0.02 s and record every 0.01 s, so it cannot judge hammerstein; resample one of "
-        "them, or check the unit of its times"
+        "slow log is sampled every 0.02 s and record every 0.01 s, so hammerstein cannot be simulated on it; resample "
+        "one of them, or check the unit of its times"
     )

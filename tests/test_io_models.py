@@ -63,9 +63,7 @@ def failure(path: Path) -> str:
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    st.lists(st.floats(-1e100, 1e100)), st.text(st.characters(exclude_categories=("Cs", "Cc")))
-)
+@given(st.lists(st.floats(-1e100, 1e100)), st.text(st.characters(exclude_categories=("Cs", "Cc"))))
 @pytest.mark.usefixtures("gain_is_a_model")
 def test_a_model_comes_back_bit_by_bit(tmp_path: Path, values: list[float], name: str) -> None:
     save(Gain(values, name), tmp_path / "model.json")  # type: ignore[arg-type]

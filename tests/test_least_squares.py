@@ -26,6 +26,7 @@ from emsid import (
 )
 from emsid.estimation.linear import least_squares as module
 from emsid.estimation.linear.least_squares import gather
+from emsid.findings import Finding
 from emsid.models.regression import structures
 from emsid.models.regression.regressors import Factor, Regressor
 from emsid.models.regression.transforms import Transform
@@ -87,7 +88,7 @@ def structure(request: pytest.FixtureRequest) -> Structure:
 def test_true_parameters_come_back_from_noise_free_data(structure: Structure) -> None:
     theta = some_parameters(structure)
     fit = least_squares(structure, response(structure, theta))
-    assert (fit.ending, fit.message, fit.rank) == (Ending.SOLVED, "", len(structure))
+    assert (fit.ending, fit.findings, fit.rank) == (Ending.SOLVED, (), len(structure))
     np.testing.assert_allclose(fit.estimate, theta, rtol=1e-8, atol=1e-8)
     np.testing.assert_array_equal(fit.model.parameters, fit.estimate)
     assert fit.names == structure.parameter_names
@@ -238,36 +239,39 @@ def test_regressors_that_cannot_be_told_apart_are_named() -> None:
     fit = least_squares(structure, positive)
     assert fit.ending is Ending.RANK_DEFICIENT
     assert fit.rank == 3
-    assert "rank 3 of 4" in fit.message
-    assert "u(t-1)" in fit.message
-    assert "abs(u(t-1))" in fit.message
-    assert "y(t-1)" not in fit.message
-    assert "u(t-2)" not in fit.message
+    (found,) = fit.findings
+    assert found.code == "rank-deficient"
+    assert (found.data["rank"], found.data["parameters"], found.data["zero"]) == (3, 4, [])
+    (pair,) = found.data["alike"]
+    assert {pair["regressor"], *pair["like"]} == {"u(t-1)", "abs(u(t-1))"}
     assert np.count_nonzero(fit.estimate == 0.0) == 1
 
 
 def test_a_regressor_that_never_acts_is_named_alone() -> None:
     structure = Structure.parse("y(t-1)", "u(t-1)", "max(u(t-1)-5, 0)")
     fit = least_squares(structure, response(structure, np.array([0.5, 1.0, 1.0])))
-    assert fit.message.startswith("rank 2 of 3: max(u(t-1)-5, 0) is zero throughout; remove regressors or excite")
+    data = {"rank": 2, "parameters": 3, "zero": ["max(u(t-1)-5, 0)"], "alike": []}
+    assert fit.findings == (Finding("rank-deficient", data=data),)
     np.testing.assert_allclose(fit.estimate, [0.5, 1.0, 0.0], atol=1e-10)
     assert fit.model.equation() == "y(t) = 0.5*y(t-1) + 1*u(t-1) + e(t)"
 
 
-def test_of_many_that_cannot_be_told_apart_a_few_are_named() -> None:
-    def message(*more: str) -> str:
-        structure = Structure.parse("y(t-1)", "u(t-1)", *more)
-        return least_squares(structure, response(structure, np.array([0.5, 1.0, *np.zeros(len(more))]))).message
+def test_zero_regressors_and_combinations_are_named_apart() -> None:
+    more = ("max(u(t-1)-9, 0)", "u(t-2)", *(f"max(u(t-{k})+{level}, 0)" for k in (1, 2) for level in (6, 7, 8, 9)))
+    structure = Structure.parse("y(t-1)", "u(t-1)", *more)
+    (found,) = least_squares(structure, response(structure, np.array([0.5, 1.0, *np.zeros(len(more))]))).findings
+    assert found.data["zero"] == ["max(u(t-1)-9, 0)"]
+    assert len(found.data["alike"]) == 7
+    assert all(pair["regressor"] not in pair["like"] for pair in found.data["alike"])
 
-    hinges = [f"max(u(t-1)-{k}, 0)" for k in range(5, 16)]
-    assert f": {', '.join(hinges[:5])} are zero throughout;" in message(*hinges[:5])
-    assert f": {', '.join(hinges[:4])} and 7 more are zero throughout;" in message(*hinges)
-    alike = message(
-        "max(u(t-1)-9, 0)", "u(t-2)", *(f"max(u(t-{k})+{level}, 0)" for k in (1, 2) for level in (6, 7, 8, 9))
-    )
-    assert "max(u(t-1)-9, 0) is zero throughout; the data cannot tell " in alike
-    assert alike.count(" from ") == 4
-    assert "; and 3 more; remove regressors" in alike
+
+@pytest.mark.parametrize(("samples", "few"), [(20, True), (40, False)])
+def test_few_samples_for_many_parameters_are_found(samples: int, few: bool) -> None:
+    rng = np.random.default_rng(3)
+    record = Record(rng.standard_normal(samples), rng.standard_normal(samples), 0.01)
+    fit = least_squares(arx(4, 4), record)
+    data = {"samples": fit.samples, "parameters": 8}
+    assert fit.findings == ((Finding("few-samples", data=data),) if few else ())
 
 
 def test_a_sine_excites_two_parameters_of_an_input_filter() -> None:
@@ -280,8 +284,8 @@ def test_a_sine_excites_two_parameters_of_an_input_filter() -> None:
 @pytest.mark.parametrize(
     ("record", "error", "message"),
     [
-        (Record(np.full(50, 2.5), np.arange(50.0), 0.1), DataError, r"input 'u1' is 2\.5 throughout"),
-        (Record(np.arange(50.0), np.zeros(50), 0.1), DataError, "output 'y1' is 0 throughout"),
+        (Record(np.full(50, 2.5), np.arange(50.0), 0.1), DataError, r"input 'u1' is constant at 2\.5"),
+        (Record(np.arange(50.0), np.zeros(50), 0.1), DataError, "output 'y1' is constant at 0"),
         (Record(np.arange(3.0), np.arange(3.0), 0.1), ModelError, "3 samples; arx looks back 4"),
         (Record(np.arange(8.0), np.arange(8.0), 0.1), DataError, "4 usable samples for the 8 parameters of arx"),
         (Record(np.arange(50.0), np.ones((50, 2)), 0.1), ModelError, "one output"),

@@ -82,7 +82,11 @@ def test_tampered_files_end_in_a_model_or_in_one_of_our_errors() -> None:
         ('"delay": 0', f'"delay": {10**400}', "delay is an integer of very many digits"),
         ('"delay": 0', '"delay": -1', "a model cannot look ahead"),
         ("-0.9005449368498915", ", ".join(["0.1"] * 300), "denominator has 300 entries; at most 100 are read"),
-        ('"output_offset": -1.3955619574659987e-15', '"output_offset": 1e300', "give a finite number of at most 1e+100"),
+        (
+            '"output_offset": -1.3955619574659987e-15',
+            '"output_offset": 1e300',
+            "give a finite number of at most 1e+100",
+        ),
     ],
 )
 def test_sizes_are_checked_before_anything_is_computed(old: str, new: str, message: str, tmp_path: Path) -> None:

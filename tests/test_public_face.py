@@ -372,7 +372,7 @@ def test_identify_reads_a_file(linear_record, tmp_path):
 
 
 def test_models_may_be_one_text(linear_record):
-    with pytest.raises(emsid.ModelError, match=r"no model arxx; there are arx.*did you mean arx\?"):
+    with pytest.raises(emsid.ModelError, match=r"no model is called arxx; there are arx.*did you mean arx\?"):
         emsid.identify(linear_record, models="arxx")
     found = emsid.identify(linear_record, models="arx, friction-narx")
     assert {fit.model.name for fit in found.verification.fits} == {"arx", "friction-narx"}

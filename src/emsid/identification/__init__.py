@@ -1,5 +1,6 @@
 """From records to a ranked list of models."""
 
-from emsid.identification.workflow import Identification, identify
+from emsid.identification.result import Identification
+from emsid.identification.workflow import identify
 
 __all__ = ["Identification", "identify"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.linear.recursive import recursive_least_squares
-from emsid.estimation.nonlinear.control import Activity, Control
+from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.models.blocks.search.estimation import estimate as estimate_cascade
 from emsid.models.blocks.search.map_families import Family, family_named
 from emsid.models.blocks.search.topologies import (
@@ -43,9 +43,6 @@ from emsid.record import Record
 from emsid.selection.coordinate_search import coordinate_search
 from emsid.validation.comparison import assess
 
-if TYPE_CHECKING:
-    pass
-
 Progress = Callable[[str, float], None]
 
 
@@ -65,7 +62,7 @@ class Options:
             everything else.
         ridge: weight of the squared parameters.
         forgetting: forgetting factor; recursive least squares is used where it is given.
-        fix: physical parameters that are known, by name, in SI units.
+        fixed: physical parameters that are known, by name, in SI units.
         datasheet: what is said of others: where to start, and how far off they may be.
         codes: values of the input, or of a second one, that are no command, and what the bridge of a motor then does.
         free: physical parameters to estimate, these and no others; by default what the plant usually has unknown, with
@@ -85,7 +82,7 @@ class Options:
     static: Family | None = None
     ridge: float = 0.0
     forgetting: float | None = None
-    fix: Mapping[str, float] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
     datasheet: Mapping[str, Given] = field(default_factory=dict)
     codes: tuple[tuple[float, Bridge], ...] = ()
     free: tuple[str, ...] = ()
@@ -115,6 +112,9 @@ class Options:
 
 _DEFAULTS = Options()
 
+ROUNDS = 2
+"""How often all orders and delays are gone through when they are chosen."""
+
 
 @dataclass(frozen=True)
 class Regression:
@@ -135,7 +135,7 @@ class Regression:
         """The options that make a difference to it."""
         return (*self.choices, "ridge", "forgetting", "held_back")
 
-    def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
+    def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose what is not fixed on held-back data and fit to the whole record."""
         given = {name: getattr(options, name) for name in self.choices}
         choices = {name: values if given[name] is None else (given[name],) for name, values in self.choices.items()}
@@ -154,7 +154,13 @@ class Regression:
                     problems.append(problem)
                     return np.inf
 
-            chosen = coordinate_search(error, choices, progress=progress)
+            total = ROUNDS * sum(map(len, choices.values()))
+            chosen = coordinate_search(
+                error,
+                choices,
+                ROUNDS,
+                progress=lambda fraction: control.doing("choosing orders", round(fraction * total), total),
+            )
             if problems and np.isinf(error(chosen)):
                 raise problems[0]
         return options.estimate(self.build(record, chosen), record)
@@ -193,8 +199,8 @@ def stribeck_speeds(record: Record) -> tuple[float, float]:
     return float(f"{0.03 * top:.3g}"), float(f"{0.1 * top:.3g}")  # to be read by people
 
 
-class Candidate(Protocol):
-    """A way from a record to a model."""
+class ModelKind(Protocol):
+    """A kind of model that can be fitted to a record."""
 
     @property
     def summary(self) -> str:
@@ -206,7 +212,7 @@ class Candidate(Protocol):
         """The options that make a difference to it."""
         ...
 
-    def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
+    def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose what the options leave open on data held back for that, and fit to the whole record."""
         ...
 
@@ -224,17 +230,10 @@ class Blocks:
     topology: Topology
     uses: ClassVar[tuple[str, ...]] = ("nk", "knots", "orders", "static")
 
-    def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
+    def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose orders, knots and delay on held-back data and fit to the free run over the whole record."""
-        done = 0.0
-
-        def advance(activity: Activity) -> None:  # nobody knows how many steps there will be
-            nonlocal done
-            done += 0.05 * (1 - done)
-            progress(done)
-
         settings = CascadeSearch(static=options.static, size=options.knots, delay=options.nk)
-        return estimate_cascade(self.topology, record, self._orders(options), settings, Control(report=advance))
+        return estimate_cascade(self.topology, record, self._orders(options), settings, control)
 
     def _orders(self, options: Options) -> tuple[int | None, int | None]:
         wanted = self.topology.first + self.topology.second
@@ -264,9 +263,9 @@ class Physical:
     summary: str
     plant: DrivenPlant
     refinements: tuple[Refinement, ...] = REFINEMENTS
-    uses: ClassVar[tuple[str, ...]] = ("fix", "datasheet", "codes", "free", "recent", "profile", "held_back")
+    uses: ClassVar[tuple[str, ...]] = ("fixed", "datasheet", "codes", "free", "recent", "profile", "held_back")
 
-    def __call__(self, record: Record, options: Options, progress: Callable[[float], None]) -> Fit[Any]:
+    def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose the refinements on held-back data, unless it is said what is free, and fit to the whole record."""
         plant = self.coded(options)
         weighting: Weighting = all_alike
@@ -278,19 +277,19 @@ class Physical:
                 plant,
                 record,
                 free=options.free,
-                fixed=options.fix,
+                fixed=options.fixed,
                 datasheet=applicable(options.datasheet, plant),
                 weighting=weighting,
             )
         return choose(
             plant,
             record,
-            fixed=options.fix,
+            fixed=options.fixed,
             datasheet=options.datasheet,
             weighting=weighting,
             held_back=options.held_back,
             refinements=self.refinements,
-            progress=progress,
+            progress=lambda fraction: control.doing("choosing refinements"),
         )
 
     def coded(self, options: Options) -> DrivenPlant:
@@ -299,7 +298,7 @@ class Physical:
 
 
 # Every model that `emsid identify` knows by name.
-CANDIDATES: dict[str, Candidate] = {
+CANDIDATES: dict[str, ModelKind] = {
     "arx": Regression(
         "linear: past outputs and inputs", _arx, {"nk": (0, 1, 2, 3), "na": (1, 2, 3, 4), "nb": (1, 2, 3, 4)}
     ),
@@ -313,10 +312,10 @@ CANDIDATES: dict[str, Candidate] = {
         _friction_narx,
         {"nk": (0, 1, 2, 3), "na": (1, 2, 3), "nb": (1, 2, 3), "knots": (0, 4, 8, 12)},
     ),
-    "wiener-hammerstein": Blocks("filter, static map, filter: three blocks that can be seen", WIENER_HAMMERSTEIN),
-    "hammerstein": Blocks("static map, filter", HAMMERSTEIN),
-    "wiener": Blocks("filter, static map", WIENER),
-    "hammerstein-wiener": Blocks("static map, filter, static map", HAMMERSTEIN_WIENER),
+    "wiener-hammerstein": Blocks("linear filter, static map, linear filter", WIENER_HAMMERSTEIN),
+    "hammerstein": Blocks("static map, linear filter", HAMMERSTEIN),
+    "wiener": Blocks("linear filter, static map", WIENER),
+    "hammerstein-wiener": Blocks("static map, linear filter, static map", HAMMERSTEIN_WIENER),
     **{
         name: Physical(kind.summary, kind.start.driven, REFINEMENTS if kind.refined else ())
         for name, kind in PLANTS.items()

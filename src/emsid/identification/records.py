@@ -31,7 +31,7 @@ def given_records(records: Records, reading: Mapping[str, Any]) -> tuple[Record,
     """
     strange = next((name for name in reading if name not in READING), None)
     if strange is not None:
-        near = did_you_mean(strange, (*READING, "models", "options", "validation", "transient", "unseen"))
+        near = did_you_mean(strange, (*READING, "models", "options", "unseen", "transient", "control"))
         raise DataError(f"identify takes no {strange!r}; files are read with {', '.join(READING)}{near}")
     if isinstance(records, Record | str | os.PathLike):
         records = (records,)

@@ -18,6 +18,7 @@ import numpy as np
 
 from emsid.errors import DataError
 from emsid.estimation.fit import Ending, Fit
+from emsid.findings import Finding
 from emsid.identification import Identification
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record
@@ -30,6 +31,7 @@ from emsid.report.views.tables import results_table
 from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.units import readable_unit
 from emsid.validation.comparison import Comparison
+from emsid.wording import Severity, severity
 from emsid.wording import sentence as worded
 
 if TYPE_CHECKING:
@@ -118,8 +120,12 @@ def _(comparison: Comparison) -> str:
 
 @text.register
 def _(result: Identification) -> str:
-    failed = [f"{name}: not fitted. {sentence(why)}" for name, why in result.failed.items()]
-    return "\n".join([f"Free run on {result.judged_on}:", text(result.verification), *failed])
+    return "\n".join([f"Free run on {result.ranked_on}:", text(result.on_unseen), *map(worded, _problems(result))])
+
+
+def _problems(result: Identification) -> list[Finding]:
+    """What makes some of the models unusable."""
+    return [finding for finding in result.findings if severity(finding) is Severity.PROBLEM]
 
 
 def _percent(fit: float) -> str:
@@ -170,7 +176,7 @@ def _(comparison: Comparison) -> Figure:
 
 @figure.register
 def _(result: Identification) -> Figure | None:
-    return figure(result.verification)
+    return figure(result.on_unseen)
 
 
 @figure.register
@@ -261,9 +267,9 @@ def _(comparison: Comparison) -> tuple[list[str], Table | None, list[str]]:
 
 @tables.register
 def _(result: Identification) -> tuple[list[str], Table | None, list[str]]:
-    _, table, notes = tables(result.verification)
-    failed = [f"{name}: not fitted. {sentence(why)}" for name, why in result.failed.items()]
-    return [f"Free run on {result.judged_on}: the best model is {result.chosen.model.name}."], table, [*notes, *failed]
+    _, table, notes = tables(result.on_unseen)
+    told = [*notes, *map(worded, _problems(result))]
+    return [f"Free run on {result.ranked_on}: the best model is {result.chosen.model.name}."], table, told
 
 
 def html(thing: Any) -> str:

@@ -1,13 +1,14 @@
-r"""Whether several records agree with one model, and if not, in what.
+r"""Whether several records agree with one model, and if not, in what they differ.
 
-Where the free run ŷ of one model misses every record in a way of its own, the drive or its logging was often not the
-same: another delay where two clocks were at work, another gain under another load, another level of a sensor. To first
-order a record with a delay τ, a gain 1 + g and a level c of its own has
+Where the free run ŷ of one model has a different error on every record, the drive or its logging often was not the
+same: another delay where two clocks were used, another gain under another load, another offset of a sensor. To first
+order, a record with a delay τ, a gain 1 + g and a level c of its own has
 
     y − ŷ ≈ −τ dŷ/dt,      y − ŷ ≈ g(ŷ − mean),      y − ŷ ≈ c.
 
 Each x on the right explains Σ(e·x)²/(x·x) of the squared error where every record has its own coefficient, and
-(Σ e·x)²/Σ x·x where they share one. The difference is what the records disagree in; what they share is the model's.
+(Σ e·x)²/Σ x·x where they share one. The difference between the two is due to the records; the rest is due to the
+model.
 """
 
 from __future__ import annotations
@@ -20,59 +21,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.findings import Finding
 from emsid.models.model import Model, Run
 from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-# Less of the squared error than this is no matter of the records.
 NOTABLE = 0.25
-# A record of fewer samples says too little about itself.
+"""A difference between records is reported from this part of the squared error on."""
 SAMPLES = 50
+"""Records with fewer samples are left out."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A way in which records may differ: what it does to the output, and how to say so.
+    """A way in which records may differ.
 
     Attributes:
         name: of what is not the same.
-        effect: x, (N,), for a stretch of the free run (N,) and the sample time in seconds.
-        words: how much a record differs, for a value and the unit of the output.
-        remedy: what to do.
+        effect: on the output: x, (N,), for a stretch of the free run (N,) and the sample time in seconds.
     """
 
     name: str
     effect: Callable[[Array, float], Array]
-    words: Callable[[float, str], str]
-    remedy: str
 
 
 DIFFERENCES = (
-    Difference(
-        "delay",
-        lambda run, dt: -np.gradient(run, dt),
-        lambda value, unit: f"is {1e3 * abs(value):.3g} ms {'later' if value > 0 else 'earlier'}",
-        "log input and output by one clock, or identify them one by one",
-    ),
-    Difference(
-        "gain",
-        lambda run, dt: run - run.mean(),
-        lambda value, unit: f"has {100 * abs(value):.3g} % {'more' if value > 0 else 'less'}",
-        "load or supply may have been another, or the model lacks a nonlinearity",
-    ),
-    Difference(
-        "level",
-        lambda run, dt: np.ones(len(run)),
-        lambda value, unit: f"is {abs(value):.3g}{' ' * bool(unit)}{unit} {'above' if value > 0 else 'below'}",
-        "the offset of a sensor or a constant load may have changed, or the model lacks a nonlinearity",
-    ),
+    Difference("delay", lambda run, dt: -np.gradient(run, dt)),
+    Difference("gain", lambda run, dt: run - run.mean()),
+    Difference("level", lambda run, dt: np.ones(len(run))),
 )
 
 
 @dataclass(frozen=True)
 class Disagreement:
-    """What records disagree in, as one model sees it.
+    """In what records differ, as the free runs of one model show it.
 
     Attributes:
         model: its name.
@@ -80,7 +63,7 @@ class Disagreement:
         difference: of what kind.
         values: by how much each record differs from the model, in seconds, as a part, or in the output's unit.
         records: their names.
-        share: the part of the squared error that would be gone if every record had its own.
+        share: the part of the squared error that goes if every record has a value of its own.
     """
 
     model: str
@@ -92,21 +75,15 @@ class Disagreement:
     share: float
 
     @property
-    def in_words(self) -> str:
-        """A sentence that names the two records furthest apart."""
-        low, high = int(np.argmin(self.values)), int(np.argmax(self.values))
-        first, second = (
-            f"{self.records[k]} {self.difference.words(self.values[k], self.unit)}" for k in sorted((low, high))
-        )
-        return (
-            f"{self.model}: the records do not agree on one {self.difference.name} of {self.output}: compared with the "
-            f"model, {first} and {second}, which makes {100 * self.share:.0f} % of its squared error; "
-            f"{self.difference.remedy}."
-        )
+    def finding(self) -> Finding:
+        """The same as a finding about the model."""
+        records = [{"name": name, "value": value} for name, value in zip(self.records, self.values, strict=True)]
+        data = {"model": self.model, "kind": self.difference.name, "unit": self.unit, "share": self.share}
+        return Finding("records-differ", self.output, data | {"records": records})
 
 
 def disagreement(model: Model, records: Sequence[Record]) -> Disagreement | None:
-    """What the records disagree in most, as the free runs of a model show it; None where that is nothing of note.
+    """In what the records differ most, as the free runs of a model show it; None where they hardly differ.
 
     Args:
         model: fitted to them, or some of them.

@@ -26,7 +26,7 @@ class Entry:
 
     Attributes:
         severity: how much it matters.
-        wording: the sentence of a finding, without the full stop.
+        wording: the sentence of a finding, without the full stop and without the model that it is about.
     """
 
     severity: Severity
@@ -62,13 +62,15 @@ def as_python(name: str) -> str:
 
 
 def sentence(finding: Finding, argument: Spelling = as_python) -> str:
-    """A finding as one sentence with a full stop.
+    """A finding as one sentence with a full stop; it begins with the model that the finding is about.
 
     Args:
         finding: what was noticed.
         argument: how names of arguments are written.
     """
-    return f"{CATALOGUE[finding.code].wording(finding, argument).rstrip('.')}."
+    text = CATALOGUE[finding.code].wording(finding, argument).rstrip(".")
+    about = f"{finding.model}: " if finding.model else ""
+    return f"{text}." if text.startswith(about) else f"{about}{text}."
 
 
 def severity(finding: Finding) -> Severity:

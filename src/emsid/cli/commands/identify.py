@@ -9,7 +9,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Json, Out, Transient, counts, names, physical_names, physical_values, quantity
+from emsid.cli.options import Json, Out, Transient, counts, names, option, physical_names, physical_values, quantity
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, error_table, physical_table, progress_bar, say, say_json, show
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
@@ -141,7 +141,7 @@ def identify(
         static=_family(static),
         ridge=ridge,
         forgetting=forgetting,
-        fix=physical_values(fix, "--fix", plants),
+        fixed=physical_values(fix, "--fix", plants),
         datasheet={} if datasheet is None else read_datasheet(datasheet),
         codes=(*((code, Bridge.BRAKE) for code in brake), *((code, Bridge.COAST) for code in coast)),
         free=physical_names(free, "--free", plants),
@@ -152,27 +152,27 @@ def identify(
         raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
     check_folder(out)
     records, tests = [reader(path) for path in files], [reader(path) for path in validate]
-    given: dict[str, Any] = {"models": asked, "options": options, "transient": transient, "unseen": unseen}
-    search = partial(identification.identify, records, tests or None, **given)
+    given: dict[str, Any] = {"models": asked, "options": options, "transient": transient}
+    search = partial(identification.identify, records, tests or unseen, **given)
     _run(search, reader, out, json)
 
 
 def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: bool) -> None:
     """Identify, write and print the result, draw the report."""
     from emsid.identification import candidates
-    from emsid.identification import workflow as identification
+    from emsid.report.identification_page import report
 
     with progress_bar() as progress:
-        result = search(progress=progress)
+        result = search(control=progress.control)
     with kept(result, "identification") as result:
-        write(out, {"result.json": result.to_data()}, result.verification.fits, result.record, reader.remembered)
+        write(out, {"result.json": result.to_data()}, result.fits, result.record, reader.remembered)
         if json:
             say_json(as_json(result.to_data()))
         else:
             _print(result)
-    drawn = draw(out, lambda: identification.report(result))
+    drawn = draw(out, lambda: report(result))
     if not json:
-        written = [f"{fit.model.name}.json" for fit in result.verification.fits]
+        written = [f"{fit.model.name}.json" for fit in result.fits]
         possible = [f"{name}.json" for name in candidates.CANDIDATES]
         say_where(out, drawn, "result.json", *written, possible=possible)
     INTERRUPTION.end(result.interrupted or not drawn)
@@ -197,16 +197,16 @@ def _physical_first(asked: Sequence[str]) -> "list[Physical]":
 
 def _print(result: "Identification") -> None:
     """The first screen: the errors of every model, the chosen model and what is to be known about it."""
-    from emsid.identification import workflow as identification
     from emsid.models.plants.search.result import GreyBoxFit
+    from emsid.wording import sentence
 
-    title = f"on {result.judged_on} ({result.unseen.name})"
-    show(error_table(result.verification.rows, title, result.unseen.output_units[0]))
+    title = f"on {result.ranked_on} ({result.unseen.name})"
+    show(error_table(result.on_unseen.rows, title, result.unseen.output_units[0]))
     say(EXPLAINED)
-    for fit in result.verification.fits:
+    for fit in result.fits:
         if isinstance(fit, GreyBoxFit):
             show(physical_table(fit))
     say(f"chosen: {result.chosen.model.name}")
     if not isinstance(result.chosen, GreyBoxFit):
         say(result.chosen.model.equation())
-    say(*identification.remarks(result))
+    say(*(sentence(finding, option) for finding in result.findings))

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.information import Information, Solution
+from emsid.findings import Finding
 from emsid.record import Record, check_same_channels
 
 Array = NDArray[np.float64]
@@ -34,8 +35,8 @@ M_co = TypeVar("M_co", covariant=True)
 CHUNK = 1 << 17
 # A channel of larger values, or of none larger than the inverse, is no measurement; its powers would overflow.
 LARGEST = 1e60
-# Of what the data cannot tell apart, so many are named.
-LISTED = 4
+SAMPLES_PER_PARAMETER = 3
+"""With fewer samples than this for a parameter, an estimate follows the noise of the record."""
 
 
 class LinearStructure(Protocol[M_co]):
@@ -101,8 +102,8 @@ def least_squares(
         threads: how many, by default as many as there are cores; the result does not depend on it.
 
     Returns:
-        A fit whose ``ending`` is `Ending.RANK_DEFICIENT`, and whose message names the regressors that cannot be told
-        apart, where the data do not determine every parameter; those are then zero.
+        A fit. Where the data do not determine every parameter, its ``ending`` is `Ending.RANK_DEFICIENT`, a finding
+        names the regressors that are combinations of others, and their parameters are zero.
 
     Raises:
         ModelError, DataError: for records that the structure cannot be fitted to.
@@ -128,7 +129,7 @@ def least_squares(
         condition=solution.condition,
         rank=solution.rank,
         ending=Ending.SOLVED if solution.rank == information.parameters else Ending.RANK_DEFICIENT,
-        message=describe_aliases(solution, structure.labels),
+        findings=tuple(rank_findings(solution, structure.labels) + sample_findings(information)),
     )
 
 
@@ -184,27 +185,25 @@ def gather(
     return information, first
 
 
-def describe_aliases(solution: Solution, labels: Sequence[str]) -> str:
-    """Which regressors the data cannot tell apart, in a sentence; empty where they can."""
+def rank_findings(solution: Solution, labels: Sequence[str]) -> list[Finding]:
+    """The regressors that are zero or combinations of others in these data."""
     if not solution.aliases:
-        return ""
-    silent = [labels[first] for first, *others in solution.aliases if not others]
+        return []
+    zero = [labels[first] for first, *others in solution.aliases if not others]
     alike = [
-        f"{labels[first]} from {_listed([labels[k] for k in others])}" for first, *others in solution.aliases if others
+        {"regressor": labels[first], "like": [labels[k] for k in others]}
+        for first, *others in solution.aliases
+        if others
     ]
-    found = [f"{_listed(silent)} {'are' if len(silent) > 1 else 'is'} zero throughout"] if silent else []
-    if alike:
-        found.append(f"the data cannot tell {_listed(alike, '; ', '; and')}")
-    return (
-        f"rank {solution.rank} of {len(labels)}: {'; '.join(found)}; remove regressors or excite the drive more richly"
-    )
+    data = {"rank": solution.rank, "parameters": len(labels), "zero": zero, "alike": alike}
+    return [Finding("rank-deficient", data=data)]
 
 
-def _listed(texts: Sequence[str], between: str = ", ", last: str = " and") -> str:
-    """The texts one after the other, of many the first few and how many more there are."""
-    if len(texts) <= LISTED + 1:  # "and 1 more" would be no shorter
-        return between.join(texts)
-    return f"{between.join(texts[:LISTED])}{last} {len(texts) - LISTED} more"
+def sample_findings(information: Information) -> list[Finding]:
+    """Whether there are few samples for so many parameters."""
+    if information.samples >= SAMPLES_PER_PARAMETER * information.parameters:
+        return []
+    return [Finding("few-samples", data={"samples": information.samples, "parameters": information.parameters})]
 
 
 def check_excitation(record: Record) -> None:
@@ -221,8 +220,8 @@ def check_excitation(record: Record) -> None:
             x = values[:, k]
             if np.ptp(x[:1000]) == 0 and np.ptp(x) == 0:
                 raise DataError(
-                    f"{record.name}: {kind} {name!r} is {x[0]:g} throughout; nothing can be identified from it: record "
-                    "while it changes, or name another column"
+                    f"{record.name}: {kind} {name!r} is constant at {x[0]:g}, so nothing can be identified from it; "
+                    "record while it changes, or name another column"
                 )
             largest = float(max(x.max(), -x.min()))
             if not 1 / LARGEST < largest < LARGEST:

@@ -1,0 +1,153 @@
+"""What is to be known about the models that were found and about the data, as findings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from emsid.errors import EmsidError
+from emsid.estimation.fit import Fit
+from emsid.findings import Finding, finite
+from emsid.identification.candidates import Options
+from emsid.identification.result import holds_some_of
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.diagnostics import advice
+from emsid.models.plants.datasheet import applicable
+from emsid.models.plants.parameters import without_overlap
+from emsid.models.plants.search.diagnostics import Profile
+from emsid.models.plants.search.result import GreyBoxFit
+from emsid.record import Record
+from emsid.validation.comparison import Comparison
+
+BEYOND = 0.1
+"""An input that leaves the range fitted to by more than this part of it makes the models extrapolate."""
+
+
+def observations(
+    comparison: Comparison, record: Record, unseen: Record, profiles: Mapping[str, tuple[Profile, ...]]
+) -> list[Finding]:
+    """All that follows from the models, their free runs on unseen data, and their profiles.
+
+    Args:
+        comparison: the models on the unseen data, the best free run first.
+        record: what they were fitted to.
+        unseen: what they were ranked on.
+        profiles: by model.
+    """
+    seen = holds_some_of(unseen, record)
+    return [
+        *([Finding("data-not-unseen", unseen.name)] if seen else []),
+        *_about_the_best(comparison, unseen, seen),
+        *about_the_unseen_input(record, unseen, seen),
+        *(
+            Finding("free-run-diverged", row.model, {"model": row.model, "sample": int(row.diverged_at), "seen": seen})
+            for row in comparison.rows
+            if row.diverged_at is not None
+        ),
+        *(finding for fit in comparison.fits for finding in about_a_fit(fit, record)),
+        *(about_a_profile(model, each) for model, some in profiles.items() for each in some),
+    ]
+
+
+def _about_the_best(comparison: Comparison, unseen: Record, seen: bool) -> list[Finding]:
+    """How good the best free run is."""
+    row = comparison.best.row
+    if not np.isfinite(row.simulation_mse):
+        return []
+    rows: tuple[Any, ...] = row.outputs or (row,)
+    outputs = [
+        {
+            "name": name,
+            "unit": unit,
+            "rmse": float(each.simulation_rmse),
+            "fit_percent": finite(each.fit_percent),
+        }
+        for each, name, unit in zip(rows, unseen.output_names, unseen.output_units, strict=True)
+    ]
+    findings = [Finding("free-run-error", row.model, {"model": row.model, "seen": seen, "outputs": outputs})]
+    if row.fit_percent <= 0:
+        findings += [Finding("no-better-than-mean", " and ".join(unseen.output_names), {"seen": seen})]
+    if 0 < 2 * row.one_step_mse < row.simulation_mse:
+        ratio = float(row.simulation_mse / row.one_step_mse)
+        findings += [Finding("one-step-error-smaller", row.model, {"model": row.model, "ratio": ratio})]
+    return findings
+
+
+def about_the_unseen_input(record: Record, unseen: Record, seen: bool = False) -> list[Finding]:
+    """What unseen data cannot test because their input is constant, or where it leaves the range fitted to."""
+    u = unseen.input
+    if np.all(np.ptp(u, axis=0) == 0):
+        levels = [{"name": name, "level": float(x)} for name, x in zip(unseen.input_names, u[0], strict=True)]
+        return [Finding("input-constant", " and ".join(unseen.input_names), {"inputs": levels, "seen": seen})]
+    findings = []
+    for name, new, known in zip(unseen.input_names, u.T, record.input.T, strict=True):
+        slack = BEYOND * np.ptp(known)
+        if new.min() < known.min() - slack or new.max() > known.max() + slack:
+            data = {
+                "low": float(new.min()),
+                "high": float(new.max()),
+                "fitted_low": float(known.min()),
+                "fitted_high": float(known.max()),
+                "seen": seen,
+            }
+            findings.append(Finding("input-beyond-range", name, data))
+    return findings
+
+
+def about_a_fit(fit: Fit[Any], record: Record) -> list[Finding]:
+    """What an estimator noticed, and what a cascade shows on the data it was fitted to."""
+    noticed: list[Finding | str] = list(fit.findings)
+    if isinstance(fit, GreyBoxFit):
+        noticed += [*fit.words, fit.ended]
+    else:
+        noticed += [fit.message]
+    if isinstance(fit.model, Cascade):
+        noticed += advice(fit, record)
+    return [as_finding(each).about(fit.model.name) for each in noticed if each]
+
+
+def as_finding(noticed: Finding | str) -> Finding:
+    """A finding, also of what is still a sentence."""
+    return noticed if isinstance(noticed, Finding) else Finding("remark", data={"text": noticed})
+
+
+def about_a_profile(model: str, profile: Profile) -> Finding:
+    """The interval that a profile gives."""
+    low, high = (finite(end) for end in profile.interval)
+    data = {"model": model, "level": float(profile.level), "low": low, "high": high, "unit": profile.unit}
+    return Finding("profile-interval", profile.name, data)
+
+
+def built_in_values(fit: Fit[Any], options: Options) -> list[Finding]:
+    """What a plant usually has unknown and a choice of what is free left at its built-in value."""
+    if not (options.free and isinstance(fit, GreyBoxFit)):
+        return []
+    plant = fit.model.plant
+    given = (name for name, each in applicable(options.datasheet, plant).items() if each.value is not None)
+    taken = [name for name in (*options.free, *options.fixed, *given) if name in plant.handles]
+    kept = [
+        {"name": name, "value": float(plant.value(name)), "unit": plant.handles[name].parameter.unit}
+        for name in without_overlap(plant, plant.usual, taken)
+        if plant.value(name)
+    ]
+    name = fit.model.name
+    return [Finding("built-in-values-kept", name, {"model": name, "parameters": kept})] if kept else []
+
+
+def failure(name: str, problem: EmsidError) -> Finding:
+    """A model that could not be fitted."""
+    reason = str(problem).removeprefix(f"{name}: ")
+    return Finding("model-failed", name, {"model": name, "reason": reason, "arguments": list(problem.arguments)})
+
+
+def profile_failure(model: str, parameter: str, problem: EmsidError) -> Finding:
+    """A profile that could not be taken."""
+    return Finding("profile-failed", parameter, {"model": model, "reason": str(problem)})
+
+
+def missing_models(models: Sequence[str], fits: Sequence[Fit[Any]], failed: Sequence[Finding]) -> Finding:
+    """The models that were not reached before the identification was stopped."""
+    done = {fit.model.name for fit in fits} | {finding.model for finding in failed}
+    return Finding("interrupted", data={"missing": [name for name in models if name not in done]})

@@ -1,0 +1,94 @@
+"""`Identification`: what came out of an identification."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from emsid.findings import Finding
+from emsid.presentation import Presented
+from emsid.record import Record
+
+if TYPE_CHECKING:
+    from emsid.estimation.fit import Fit
+    from emsid.models.plants.search.diagnostics import Profile
+    from emsid.validation.comparison import Comparison
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Presented):
+    """What came out of an identification.
+
+    Attributes:
+        record: the data that the models were fitted to.
+        unseen: the data that they were ranked on.
+        on_record: the models on `record`.
+        on_unseen: the models on `unseen`, the best free run first.
+        findings: everything that was noticed, those of the fits included; each one on a model names it in its data.
+        profiles: likelihood profiles of physical parameters, by model.
+        interrupted: whether it was stopped before all models were done.
+    """
+
+    record: Record
+    unseen: Record
+    on_record: Comparison
+    on_unseen: Comparison
+    findings: tuple[Finding, ...] = ()
+    profiles: Mapping[str, tuple[Profile, ...]] = field(default_factory=dict)
+    interrupted: bool = False
+
+    def __repr__(self) -> str:
+        best = self.chosen.model.name[:40]
+        return f"Identification({len(self.fits)} models on {self.ranked_on}; best {best})"
+
+    @property
+    def chosen(self) -> Fit[Any]:
+        """The model with the best free run on unseen data."""
+        return self.on_unseen.best.fit
+
+    @property
+    def fits(self) -> tuple[Fit[Any], ...]:
+        """The models, the best free run first."""
+        return self.on_unseen.fits
+
+    @property
+    def seen(self) -> bool:
+        """Whether `unseen` holds data that the models were fitted to, so that it is not unseen at all."""
+        return holds_some_of(self.unseen, self.record)
+
+    @property
+    def ranked_on(self) -> str:
+        """What the models were ranked on, for titles."""
+        return "the data they were fitted to" if self.seen else "unseen data"
+
+    def findings_about(self, model: str) -> tuple[Finding, ...]:
+        """Those about this model."""
+        return tuple(finding for finding in self.findings if finding.model == model)
+
+    @property
+    def general_findings(self) -> tuple[Finding, ...]:
+        """Those about the data and what was asked for, and not about one model."""
+        return tuple(finding for finding in self.findings if not finding.model)
+
+    def to_data(self) -> dict[str, Any]:
+        """What ``result.json`` holds."""
+        rows = (*self.on_record.rows, *self.on_unseen.rows)
+        return {
+            "schema": 1,
+            "rows": [row.to_data() for row in rows],
+            "chosen": self.chosen.model.name,
+            "profiles": [{"model": name} | each.to_data() for name, some in self.profiles.items() for each in some],
+            "findings": [finding.to_data() for finding in self.findings],
+        }
+
+
+def holds_some_of(record: Record, other: Record) -> bool:
+    """Whether a segment of one record is also one of the other."""
+    return any(
+        len(one) == len(two) and np.array_equal(one.input, two.input) and np.array_equal(one.output, two.output)
+        for one in record.segments
+        for two in other.segments
+    )

@@ -1,0 +1,185 @@
+"""Words for an identification: what was asked for, how good the models are on unseen data, what that is based on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from emsid.findings import Finding
+from emsid.units import with_unit
+from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.lists import listed
+
+
+def data_name(f: Finding) -> str:
+    """What the models were ranked on."""
+    return "the data they were fitted to" if f.data.get("seen") else "unseen data"
+
+
+# --- what was asked for ----------------------------------------------------------------------------------------------
+
+
+@words("option-not-used", Severity.WARNING)
+def option_not_used(f: Finding, argument: Spelling) -> str:
+    """Subject: the option. Data: models."""
+    return f"{argument(f.subject)} was given and is not used by {listed(f.data['models'])}"
+
+
+@words("knots-not-used", Severity.WARNING)
+def knots_not_used(f: Finding, argument: Spelling) -> str:
+    """Data: family."""
+    return f"a {f.data['family']} map has no knots, so {argument('knots')} is not used"
+
+
+@words("code-never-occurs", Severity.WARNING)
+def code_never_occurs(f: Finding, argument: Spelling) -> str:
+    """Subject: the channel. Data: value."""
+    return (
+        f"{f.subject} never has the value {f.data['value']:g}, which was given as a code; check "
+        f"{argument('brake')} and {argument('coast')}"
+    )
+
+
+@words("codes-taken-as-commands", Severity.WARNING)
+def codes_taken_as_commands(f: Finding, argument: Spelling) -> str:
+    """Data: values."""
+    values = f.data["values"]
+    ordinary = "ordinary commands" if len(values) > 1 else "an ordinary command"
+    return (
+        f"this model treats {listed([f'{value:g}' for value in values])} as {ordinary}; leave these samples out with "
+        f"{argument('mask')}"
+    )
+
+
+@words("datasheet-not-used", Severity.WARNING)
+def datasheet_not_used(f: Finding, argument: Spelling) -> str:
+    """About a model."""
+    return "the datasheet has no parameter of this model, so it is not used"
+
+
+@words("built-in-values-kept", Severity.WARNING)
+def built_in_values_kept(f: Finding, argument: Spelling) -> str:
+    """Data: parameters (name, value, unit)."""
+    values = [
+        f"{each['name']} {with_unit(format(each['value'], '.6g'), each['unit'])}" for each in f.data["parameters"]
+    ]
+    return (
+        f"not estimated and kept at the built-in value: {listed(values)}; give what you know with "
+        f"{argument('fixed')} or {argument('datasheet')}, or add it to {argument('free')}"
+    )
+
+
+@words("profile-failed", Severity.WARNING)
+def profile_failed(f: Finding, argument: Spelling) -> str:
+    """Subject: the parameter. Data: reason."""
+    return f"no profile of {f.subject}: {f.data['reason']}"
+
+
+@words("profile-interval")
+def profile_interval(f: Finding, argument: Spelling) -> str:
+    """Subject: the parameter. Data: level, low, high (None where the profile found no end), unit."""
+    return f"by its profile, the {100 * f.data['level']:g} % interval of {f.subject} {_ends(f.data)}"
+
+
+def _ends(data: Any) -> str:
+    low, high, unit = data["low"], data["high"], data["unit"]
+    if low is not None and high is not None:
+        return f"goes from {low:.6g} to {with_unit(f'{high:.6g}', unit)}"
+    if low is not None:
+        return f"begins at {with_unit(f'{low:.6g}', unit)}; no upper end was found"
+    if high is not None:
+        return f"ends at {with_unit(f'{high:.6g}', unit)}; no lower end was found"
+    return "has no end that could be found"
+
+
+@words("model-failed", Severity.PROBLEM)
+def model_failed(f: Finding, argument: Spelling) -> str:
+    """Data: reason, arguments."""
+    spelt = ", ".join(argument(name) for name in f.data["arguments"])
+    return f"could not be fitted: {f.data['reason']}" + (f" ({spelt})" if spelt else "")
+
+
+@words("interrupted", Severity.WARNING)
+def interrupted(f: Finding, argument: Spelling) -> str:
+    """Data: missing (models that were not reached)."""
+    missing = f.data["missing"]
+    rest = f"; not fitted: {listed(missing)}" if missing else ""
+    return f"the identification was stopped before its end{rest}"
+
+
+# --- how good the models are, and on what ----------------------------------------------------------------------------
+
+
+@words("data-not-unseen", Severity.WARNING)
+def data_not_unseen(f: Finding, argument: Spelling) -> str:
+    """Subject: the record."""
+    return f"{f.subject} is among the data the models were fitted to, so these errors say nothing about unseen data"
+
+
+@words("free-run-error")
+def free_run_error(f: Finding, argument: Spelling) -> str:
+    """Data: seen, outputs (name, unit, rmse, fit_percent; None for a constant output)."""
+    outputs = f.data["outputs"]
+    if len(outputs) == 1:
+        (only,) = outputs
+        return f"on {data_name(f)}, the free run has {_fit(only)}; its RMSE is {_rmse(only)}"
+    each = "; ".join(f"{one['name']} {_rmse(one)} ({_fit(one)})" for one in outputs)
+    return f"on {data_name(f)}, the RMSE of the free run is {each}"
+
+
+def _fit(output: Any) -> str:
+    fit = output["fit_percent"]
+    return "no fit, as the measured output is constant" if fit is None else f"a fit of {fit:.1f} %"
+
+
+def _rmse(output: Any) -> str:
+    return with_unit(f"{output['rmse']:.4g}", output["unit"])
+
+
+@words("no-better-than-mean", Severity.PROBLEM)
+def no_better_than_mean(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: seen."""
+    return f"on {data_name(f)}, no model is better than the mean of {f.subject}"
+
+
+@words("free-run-diverged", Severity.PROBLEM)
+def free_run_diverged(f: Finding, argument: Spelling) -> str:
+    """Data: sample, seen."""
+    return f"on {data_name(f)}, the free run diverges at sample {f.data['sample']}"
+
+
+@words("one-step-error-smaller")
+def one_step_error_smaller(f: Finding, argument: Spelling) -> str:
+    """Data: ratio."""
+    return (
+        f"one step ahead, the MSE is {f.data['ratio']:,.3g} times smaller than in the free run; one-step errors are "
+        "small for almost any model, so judge by the free run"
+    )
+
+
+@words("input-constant", Severity.WARNING)
+def input_constant(f: Finding, argument: Spelling) -> str:
+    """Data: inputs (name, level), seen."""
+    levels = listed([f"{each['name']} is constant at {each['level']:g}" for each in f.data["inputs"]])
+    return (
+        f"on {data_name(f)}, {levels}, so these data test only the steady state; choose data in which the input "
+        f"changes ({argument('unseen')})"
+    )
+
+
+@words("input-beyond-range", Severity.WARNING)
+def input_beyond_range(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: low, high, fitted_low, fitted_high, seen."""
+    d = f.data
+    return (
+        f"{f.subject} goes from {d['low']:g} to {d['high']:g} on {data_name(f)}, and from {d['fitted_low']:g} to "
+        f"{d['fitted_high']:g} in the data the models were fitted to; outside this range the models extrapolate"
+    )
+
+
+# --- until every estimator gives findings ----------------------------------------------------------------------------
+
+
+@words("remark", Severity.WARNING)
+def remark(f: Finding, argument: Spelling) -> str:
+    """Data: text."""
+    return str(f.data["text"])

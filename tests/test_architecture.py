@@ -30,9 +30,9 @@ LAYERS = (
     {"arguments", "errors"},
     {"findings", "presentation", "units"},
     {"record", "wording"},
-    {"excitation", "plant", "estimation"},
+    {"excitation", "plant", "estimation", "selection"},  # selection compares numbers and knows no model
     {"models"},
-    {"selection", "validation"},
+    {"validation"},
     {"io", "export", "live"},
     {"identification"},
     {"study"},

@@ -451,7 +451,7 @@ def test_a_noisy_first_sample_chooses_no_lag():
 
 def test_without_refinements_to_choose_nothing_is_held_back(monkeypatch):
     plain = simulation_error(STARTS["rigid-motor"], driven(noise=0.01))
-    monkeypatch.setattr(Record, "hold_back", lambda *arguments: pytest.fail("held back"))
+    monkeypatch.setattr(f"{choose.__module__}.hold_back", lambda *arguments: pytest.fail("held back"))
     chosen = choose(STARTS["rigid-motor"], driven(noise=0.01), refinements=())
     assert np.array_equal(chosen.estimate, plain.estimate)
     assert chosen.table == plain.table

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from emsid.errors import DataError
-from emsid.record import Record, check_same_channels, concatenate, resample, segments, time_axis
+from emsid.record import Record, check_same_channels, concatenate, hold_back, resample, segments, time_axis
 
 
 def ramp(samples: int = 10, dt: float = 0.1, **fields: object) -> Record:
@@ -112,7 +112,7 @@ def test_slices_that_are_no_record(rows: slice, message: str) -> None:
 
 def test_of_many_experiments_every_fourth_is_held_back() -> None:
     steps = concatenate([ramp(10 + k) for k in range(1, 10)])
-    rest, held = steps.hold_back(0.25)
+    rest, held = hold_back(steps, 0.25)
     assert [len(one) for one in held.segments] == [14, 18]
     assert [len(one) for one in rest.segments] == [11, 12, 13, 15, 16, 17, 19]
     np.testing.assert_array_equal(held.segments[1].output, ramp(18).output)
@@ -121,7 +121,7 @@ def test_of_many_experiments_every_fourth_is_held_back() -> None:
 @pytest.mark.parametrize("lengths", [[40], [10, 10, 10, 10], [50] + [3] * 7, [3, 3, 3, 40, 3, 3, 3, 3]])
 def test_of_few_or_unequal_segments_the_end_is_held_back(lengths: list[int]) -> None:
     record = concatenate([ramp(length) for length in lengths])
-    for part, expected in zip(record.hold_back(0.25), record.split(0.75), strict=True):
+    for part, expected in zip(hold_back(record, 0.25), record.split(0.75), strict=True):
         np.testing.assert_array_equal(part.output, expected.output)
         assert part.breaks == expected.breaks
 

@@ -23,8 +23,9 @@ from emsid import (
     least_squares,
     recursive_least_squares,
 )
+from emsid.models.free_run import mean_squared_error
 from emsid.validation.comparison import Row, assess_model
-from emsid.validation.metrics import fit_percent, mean_squared_error, root_mean_squared_error
+from emsid.validation.metrics import fit_percent, root_mean_squared_error
 
 Array = NDArray[np.float64]
 

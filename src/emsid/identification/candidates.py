@@ -39,7 +39,7 @@ from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.problem import Recent, Weighting, all_alike
 from emsid.models.regression.narx import Structure
 from emsid.models.regression.structures import arx, friction_narx, input_knots, wiener_hammerstein_regression
-from emsid.record import Record
+from emsid.record import Record, hold_back
 from emsid.selection.coordinate_search import coordinate_search
 from emsid.validation.comparison import assess
 
@@ -69,7 +69,7 @@ class Options:
             the refinements that held-back data ask for.
         recent: s after which errors of physical models are forgotten; see `Recent`. By default they never are.
         profile: physical parameters to take a likelihood profile of.
-        held_back: fraction of the record on which choices are made; see `Record.hold_back`.
+        held_back: fraction of the record on which choices are made; see `emsid.record.hold_back`.
     """
 
     na: int | None = None
@@ -141,7 +141,7 @@ class Regression:
         choices = {name: values if given[name] is None else (given[name],) for name, values in self.choices.items()}
         chosen = {name: values[0] for name, values in choices.items()}
         if any(len(values) > 1 for values in choices.values()):
-            train, rest = record.hold_back(options.held_back)
+            train, rest = hold_back(record, options.held_back)
             start = self.build(record, {name: values[-1] for name, values in choices.items()}).memory
             exact = 1e-20 * float(np.var(rest.output))  # below, differences are rounding
             problems: list[Exception] = []

@@ -33,6 +33,7 @@ from emsid.models.plants.parameters import parts
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record, concatenate
+from emsid.record.holding_back import hold_back_records
 from emsid.validation.agreement import disagreement
 from emsid.validation.comparison import Comparison, compare
 
@@ -82,7 +83,7 @@ def identify(
     findings = unused_requests(plants, names, options, record)
     findings += [each.about(name) for name, plant in plants.items() for each in assumptions(plant, record)]
 
-    train, test = (record, as_one(others)) if others else set_apart(several, _fraction(unseen))
+    train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)
     _check_sample_times(train, test, [name for name in names if name not in plants])
 
     found = _fit_all(names, train, options, control)
@@ -225,21 +226,6 @@ def _fraction(unseen: Any) -> float:
     if isinstance(unseen, (int, float)) and 0 < unseen < 1:
         return float(unseen)
     raise DataError(f"unseen: {unseen!r} is not a fraction between 0 and 1, nor a record", arguments=("unseen",))
-
-
-def set_apart(records: Sequence[Record], unseen: float) -> tuple[Record, Record]:
-    """What to identify from, and about this fraction of the data that is kept unseen.
-
-    Of a series, such as steps of ascending height, it is every k-th record: the last part would be another experiment.
-    """
-    k = round(1 / unseen)
-    if k < 2 or len(records) < 2 * k:
-        whole = as_one(records)
-        train, rest = whole.split(1 - unseen)
-        return train, replace(rest, name=f"{whole.name}, unseen part")
-    test = as_one(records[k - 1 :: k])
-    train = as_one([record for number, record in enumerate(records, 1) if number % k])
-    return train, replace(test, name=f"one in {k} of {len(records)} records")
 
 
 def as_one(records: Sequence[Record]) -> Record:

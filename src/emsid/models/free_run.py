@@ -10,7 +10,7 @@ motor that stands still or with inputs alone, no size tells a divergence, only n
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,6 +66,31 @@ def predict(model: Model, record: Record, horizon: int = 1, transient: int | Non
     if not record.output.shape[1]:
         raise DataError(f"{record.name} has no output to predict ahead from; simulate it")
     return _over_segments(model, record, transient, lambda segment, samples: model.ahead(segment, samples, horizon))
+
+
+def mean_squared_error(measured: Array, modelled: Array) -> float:
+    """MSE = (1/N) Σ (y − ŷ)², eq. (5.14), over all channels; infinite for a run that diverged."""
+    error = measured - modelled
+    return float(np.mean(error**2)) if np.isfinite(error).all() else float("inf")
+
+
+def free_run_error(model: Model, records: Iterable[Record], transient: int | None = None) -> float:
+    """The mean squared error of the free run over all that is counted of some records; infinite where nothing is.
+
+    Args:
+        model: any.
+        records: with the model's channels.
+        transient: as in `free_run`.
+
+    Raises:
+        ModelError: as `free_run` does.
+    """
+    pairs = []
+    for record in records:
+        run = free_run(model, record, transient)
+        pairs.append((record.output[run.counted], run.output[run.counted]))
+    measured, modelled = (np.concatenate(part) for part in zip(*pairs, strict=True))
+    return mean_squared_error(measured, modelled) if measured.size else float("inf")
 
 
 def as_record(model: Model, data: Record | ArrayLike, dt: float | None = None) -> Record:

@@ -230,19 +230,6 @@ class Record(Presented):
             raise DataError(f"{self.name}: {len(self)} samples cannot be split at {fraction:g}; record longer")
         return self[:at], self[at:]
 
-    def hold_back(self, fraction: float) -> tuple[Record, Record]:
-        """A part to fit to and about this ``fraction`` of the samples, with which to choose between fits.
-
-        Of many experiments every k-th is held back, ``k = 1/fraction``, so that both parts see all that was done;
-        otherwise the end of the record is.
-        """
-        first, last = self.split(1 - fraction)
-        k = round(1 / fraction)
-        held = self.segments[k - 1 :: k]
-        if k < 2 or len(held) < 2 or not 0.5 < sum(map(len, held)) / len(last) < 2:
-            return first, last
-        return concatenate([one for number, one in enumerate(self.segments, 1) if number % k]), concatenate(held)
-
     def mask(self, leave_out: ArrayLike) -> Record:
         """The record without the samples where ``leave_out`` (N,) is true; what remains falls into segments.
 

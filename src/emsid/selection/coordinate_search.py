@@ -1,7 +1,7 @@
 """Choosing orders, delays and terms by an error on data held back from the fit.
 
 A full grid over five choices is thousands of fits; one choice at a time, in a few rounds, is dozens and rarely ends
-elsewhere. Choices are listed from simple to complex, and a more complex one must earn its place.
+elsewhere. Choices are listed from simple to complex; of those that are as good as the best, the simplest is chosen.
 """
 
 from __future__ import annotations
@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from itertools import chain, repeat
 
-# A more complex choice has to lower the error by this fraction.
-WORTH = 0.01
+from emsid.selection.improvement import Gain, as_good
 
 
 def coordinate_search(
@@ -47,6 +46,6 @@ def coordinate_search(
             done += 1
             if progress is not None:
                 progress(done / total)
-        limit = (1 + WORTH) * min(errors)
-        chosen[name] = next(v for v, e in zip(choices[name], errors, strict=True) if e <= limit or e == min(errors))
+        least = min(errors)
+        chosen[name] = next(v for v, e in zip(choices[name], errors, strict=True) if as_good(e, least, Gain.REGRESSION))
     return chosen

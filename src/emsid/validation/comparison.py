@@ -14,11 +14,12 @@ import numpy as np
 
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
+from emsid.models.free_run import mean_squared_error
 from emsid.models.model import Model, Run
 from emsid.presentation import Presented
 from emsid.record import Record, concatenate
 from emsid.units import with_unit
-from emsid.validation.metrics import Array, fit_percent, mean_squared_error
+from emsid.validation.metrics import Array, fit_percent
 
 
 @dataclass(frozen=True)

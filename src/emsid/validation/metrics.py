@@ -5,13 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.models.free_run import mean_squared_error as mean_squared_error
+
 Array = NDArray[np.float64]
-
-
-def mean_squared_error(measured: Array, modelled: Array) -> float:
-    """MSE = (1/N) Σ (y − ŷ)², eq. (5.14), over all channels; infinite for a run that diverged."""
-    error = measured - modelled
-    return float(np.mean(error**2)) if np.isfinite(error).all() else float("inf")
 
 
 def root_mean_squared_error(measured: Array, modelled: Array) -> float:

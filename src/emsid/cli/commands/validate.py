@@ -44,8 +44,8 @@ def validate(
       emsid validate emsid-result/arx.json other.csv --dt 10ms --mask "" --out check
     """
     from emsid.io import load, origin, read_options
+    from emsid.models.free_run import mean_squared_error
     from emsid.validation.comparison import assess_model
-    from emsid.validation.metrics import mean_squared_error
 
     loaded, source = load(model), origin(model)
     reader = reader.after(read_options(model))

@@ -23,7 +23,7 @@ from emsid.estimation.nonlinear.gauss_newton import Minimum
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import FreeRun, Search, search
-from emsid.models.blocks.search.cross_validation import Round, as_arrays, delayed, shortened
+from emsid.models.blocks.search.cross_validation import as_arrays, delayed, shortened
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import folded_order_shares, map_sizes, order_shares, oversamplings, total_orders
 from emsid.models.blocks.search.starts import (
@@ -36,7 +36,10 @@ from emsid.models.blocks.search.starts import (
     unfolded_candidates,
 )
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
+from emsid.models.free_run import free_run_error
 from emsid.record import Record
+from emsid.record.holding_back import Round
+from emsid.selection.improvement import Gain, better
 
 T = TypeVar("T")
 
@@ -49,8 +52,6 @@ REFINED_MAPS = 2
 CHOICE_STEPS, CHOICE_TOLERANCE, CHOICE_SAVING = 25, 0.2, 1e-3
 # Chance is not called in where a start leaves less than this part of the output unexplained.
 LINEAR_SUFFICES = 0.5
-# A more complex alternative must be this much better on held-back data.
-WORTH = 0.98
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,23 +114,23 @@ def improving(
             refined = _refined(placed, part, rounds, settings.threads, control, best)
         if refined:
             choice = _simplest(refined, _complexity)
-            if best is None or choice.error < WORTH * best.error:
+            if best is None or improves(choice.error, best.error):
                 best = choice
                 yield best
     assert best is not None
 
-    def better(best: Choice, others: Sequence[tuple[Family, int]]) -> Choice:
+    def refined_further(best: Choice, others: Sequence[tuple[Family, int]]) -> Choice:
         plans = [Plan(_with_map(best.model, topology, family, size, part), family, size) for family, size in others]
         found = _refined(plans, part, rounds, settings.threads, control, best) if plans else []
         return _simplest([best, *found], _complexity)
 
     if len(families) > 1:
         control.doing("family of the static map")
-        best = better(best, [(family, sizes[family][len(sizes[family]) // 2]) for family in families[1:]])
+        best = refined_further(best, [(family, sizes[family][len(sizes[family]) // 2]) for family in families[1:]])
         yield best
     assert best.family is not None
     control.doing(f"size of the {best.family.name}")
-    yield better(best, [(best.family, size) for size in sizes[best.family] if size != best.size])
+    yield refined_further(best, [(best.family, size) for size in sizes[best.family] if size != best.size])
 
 
 def _simplest(choices: Sequence[Choice], complexity: Callable[[Choice], int]) -> Choice:
@@ -139,7 +140,7 @@ def _simplest(choices: Sequence[Choice], complexity: Callable[[Choice], int]) ->
     """
     chosen, *others = sorted(choices, key=lambda choice: (complexity(choice), choice.error))
     for choice in others:
-        if choice.error < WORTH * chosen.error and choice.known < chosen.known:
+        if improves(choice.error, chosen.error) and choice.known < chosen.known:
             chosen = choice
     return chosen
 
@@ -235,8 +236,10 @@ def _refined(
         models = [
             choice.model if len(rounds) == 1 else searched(choice.model, rest, **budget).model for rest, _ in rounds
         ]
-        held = [_free_run_error(model, unseen) for model, (_, unseen) in zip(models, rounds, strict=True)]
-        return replace(choice, error=float(np.sqrt(np.mean(np.square(held)))))
+        held = [free_run_error(model, unseen) for model, (_, unseen) in zip(models, rounds, strict=True)]
+        if not np.isfinite(held).all():
+            raise ModelError(f"{choice.model.name}: the free run diverges on the data held back")
+        return replace(choice, error=float(np.sqrt(np.mean(held))))
 
     problems: list[Exception] = []
     refined = _successes(refine, plans, threads, control, problems)
@@ -248,7 +251,7 @@ def _refined(
             judged, refined = _successes(judge, refined[:1], threads, control, problems), refined[1:]
         # All data judge in turn, so that what is worse than this even on what it was refined on has lost.
         best = min((choice.error for choice in (*judged, rival) if choice), default=np.inf)
-        refined = [choice for choice in refined if choice.known < best / WORTH]
+        refined = [choice for choice in refined if not improves(best, choice.known)]
     judged = sorted([*judged, *_successes(judge, refined, threads, control, problems)], key=lambda choice: choice.error)
     if rival is None and not judged:
         name = plans[0].model.name if plans else "cascade"
@@ -268,7 +271,7 @@ def _successes(
         except (ModelError, np.linalg.LinAlgError) as problem:
             problems.append(problem)
             return None
-        return None if np.isnan([choice.known, choice.error]).any() else choice
+        return choice if np.isfinite(choice.known) else None
 
     with ThreadPoolExecutor(threads) as pool:
         found = [choice for choice in pool.map(attempt, items) if choice is not None]
@@ -297,7 +300,7 @@ class Found:
     @cached_property
     def error(self) -> float:
         """Root mean square of its free-run error on the records that it was fitted to."""
-        return _free_run_error(self.model, self.records)
+        return float(np.sqrt(free_run_error(self.model, self.records)))
 
     @property
     def drifts(self) -> bool:
@@ -348,13 +351,9 @@ def placed(choice: Choice, records: Sequence[Record], settings: CascadeSearch) -
     return started(choice.model, lambda x, z: family.start(x, z, choice.size), as_arrays(records))
 
 
-def _free_run_error(model: Cascade, records: Sequence[Record]) -> float:
-    square, count = 0.0, 0
-    for record in records:
-        run = model.simulate(record)
-        error = (run.output - record.output)[run.counted]
-        square, count = square + float(np.sum(error**2)), count + len(error)
-    return float(np.sqrt(square / count))
+def improves(error: float, than: float) -> bool:
+    """Whether one root mean square error is smaller than another by more than noise."""
+    return better(error**2, than**2, Gain.CASCADE)
 
 
 def _through(order: int | None) -> Rational:

@@ -1,9 +1,4 @@
-"""What of the records choices are made from, and what judges them.
-
-Held back is the last quarter of every record, or the records given for that. A quarter of a short record says little;
-there each quarter is held back in turn. In a series of experiments, such as steps of ascending height, none stands for
-the rest, so that every few of them are held back.
-"""
+"""What of the records the choices of a cascade are made from, and what judges them; see `emsid.record.holding_back`."""
 
 from __future__ import annotations
 
@@ -14,19 +9,15 @@ from numpy.typing import NDArray
 
 from emsid.models.blocks.search.topologies import CascadeSearch
 from emsid.record import Record, concatenate
+from emsid.record.holding_back import Round, is_series, rounds
 
 Array = NDArray[np.float64]
-# What identifies and what judges.
-Round = tuple[Sequence[Record], Sequence[Record]]
-
-# How much of each record serves to identify while choices are made; the rest judges them.
-IDENTIFY = 0.75
-# Records of fewer samples together are short: each of so many parts judges once.
-SHORT, FOLDS = 4_000, 4
+# How much of each record judges while choices are made.
+JUDGES = 0.25
 # Refinements for a choice see no more samples than this.
 CHOICE_SAMPLES = 8_000
-# So many segments of about one length are a series of experiments.
-SERIES = 8
+# Of a series of experiments every so many are shown or held back.
+SERIES = 4
 
 
 def held_back(records: Sequence[Record], settings: CascadeSearch) -> tuple[list[Record], list[Round]]:
@@ -34,28 +25,8 @@ def held_back(records: Sequence[Record], settings: CascadeSearch) -> tuple[list[
     if settings.unseen is not None:
         judge = [settings.unseen] if isinstance(settings.unseen, Record) else list(settings.unseen)
         return list(records), [(records, [record[:CHOICE_SAMPLES] for record in judge])]
-    if sum(len(record) for record in records) < SHORT:
-        return list(records), [_without_fold(records, k) for k in range(FOLDS)]
-    halves = [record.hold_back(1 - IDENTIFY) if _is_series(record) else record.split(IDENTIFY) for record in records]
-    identify = [first for first, _ in halves]
-    return identify, [(identify, [second[:CHOICE_SAMPLES] for _, second in halves])]
-
-
-def _without_fold(records: Sequence[Record], k: int) -> Round:
-    """Every record without its k-th part, and those parts."""
-    rest, parts = [], []
-    for record in records:
-        first, last = (int(len(record) * edge / FOLDS) for edge in (k, k + 1))
-        gone = np.zeros(len(record), dtype=bool)
-        gone[first:last] = True
-        rest.append(record.mask(gone))
-        parts.append(record[first:last])
-    return rest, parts
-
-
-def _is_series(record: Record) -> bool:
-    """Whether a record is of many experiments, such as steps of ascending height, none of which stands for the rest."""
-    return len(record.segments) >= SERIES and max(map(len, record.segments)) * SERIES <= 2 * len(record)
+    identify, judged = rounds(records, JUDGES)
+    return identify, [(known, [record[:CHOICE_SAMPLES] for record in unseen]) for known, unseen in judged]
 
 
 def shortened(records: Sequence[Record]) -> list[Record]:
@@ -63,7 +34,7 @@ def shortened(records: Sequence[Record]) -> list[Record]:
     share = max(CHOICE_SAMPLES // len(records), 1)
     return [
         concatenate(record.segments[:: -(-len(record) // share)])
-        if _is_series(record)
+        if is_series(record, SERIES)
         else record[: max(share, min(len(record), 500))]
         for record in records
     ]

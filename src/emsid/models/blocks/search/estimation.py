@@ -26,7 +26,7 @@ from emsid.models.blocks.cascade import SAMPLES_PER_STATE, Cascade, check_channe
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import conclude, fit_cascade
 from emsid.models.blocks.search.choice import Choice, improving, placed, searched
-from emsid.models.blocks.search.cross_validation import Round, as_arrays, held_back
+from emsid.models.blocks.search.cross_validation import as_arrays, held_back
 from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER, filter_parameters, input_delay
 from emsid.models.blocks.search.topologies import (
     DEFAULTS,
@@ -40,6 +40,7 @@ from emsid.models.blocks.search.topologies import (
 )
 from emsid.models.terms import check_whole
 from emsid.record import Record
+from emsid.record.holding_back import Round
 
 # An input of two levels has to change so often to tell anything of a map behind a filter.
 CHANGES = 5

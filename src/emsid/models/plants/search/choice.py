@@ -20,6 +20,7 @@ import numpy as np
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
+from emsid.models.free_run import free_run_error
 from emsid.models.plants.datasheet import Given, applicable
 from emsid.models.plants.parameters import parts, without_overlap
 from emsid.models.plants.plant import BEGINNING, DrivenPlant, Plant
@@ -27,17 +28,11 @@ from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.problem import Weighting, all_alike
 from emsid.models.plants.search.result import GreyBoxFit
-from emsid.record import Record
+from emsid.record import Record, hold_back
+from emsid.selection.improvement import Gain, better
 
 STARTS: Mapping[str, Plant] = {name: kind.start for name, kind in PLANTS.items()}
 """A plant of every kind to begin with where nothing is known."""
-
-LEAST_GAIN = 0.1
-"""A refinement has to lower the mean square error of the held-back free run by this part.
-
-A free run drifts, so its errors hang together over seconds and the held-back part holds few independent ones: a gain of
-a few percent is chance.
-"""
 
 TRIAL_ITERATIONS = 15
 """Of the search for a trial: one that needs more follows a parameter that the record hardly tells."""
@@ -130,7 +125,7 @@ def choose(
         record: what to identify from.
         fixed, weighting: as in `simulation_error`; they hold for every trial.
         datasheet: likewise, as far as it is `applicable` to the plant.
-        held_back: fraction of the record that decides; see `Record.hold_back`.
+        held_back: fraction of the record that decides; see `emsid.record.hold_back`.
         refinements: what is tried.
         progress: called with the fraction done.
     """
@@ -141,7 +136,7 @@ def choose(
     usual = without_overlap(plant, (*plant.usual, *unknown), known["fixed"])
     if not refinements:
         return simulation_error(plant, record, free=usual, **known)
-    train, rest = record.hold_back(held_back)
+    train, rest = hold_back(record, held_back)
 
     def tried(start: DrivenPlant, free: tuple[str, ...], **how: Any) -> _Trial:
         fit = simulation_error(start, train, free=free, max_iterations=TRIAL_ITERATIONS, **how, **known)
@@ -168,7 +163,7 @@ def choose(
         for k, (trial, refine) in enumerate(ranked):
             progress(0.5 + 0.4 * k / len(ranked))
             candidate = trial if best is plain else refined(refine, best)
-            if candidate is not None and candidate.error < (1 - LEAST_GAIN) * best.error:
+            if candidate is not None and better(candidate.error, best.error, Gain.PLANT):
                 best = candidate
     except KeyboardInterrupt:
         words = "interrupted during the choice of refinements; the best so far is kept, fitted to a part of the record"
@@ -194,9 +189,9 @@ class _Trial(NamedTuple):
 def _held_back_error(fit: GreyBoxFit, rest: Record) -> float:
     """All trials begin alike, whatever they need for it: a better beginning is no better plant."""
     longest = max(len(segment) for segment in rest.segments)
-    run = fit.model.simulate(rest, BEGINNING if longest > 2 * BEGINNING else None)
-    error = float(np.mean((rest.output - run.output)[run.counted] ** 2)) if run.counted.any() else np.inf
-    return error if isfinite(error) else np.inf
+    if longest <= fit.model.memory:
+        return np.inf
+    return free_run_error(fit.model, [rest], BEGINNING if longest > 2 * BEGINNING else None)
 
 
 def _level(plant: DrivenPlant) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import pickle
 from collections.abc import Callable
 from datetime import datetime, timedelta
@@ -182,7 +183,7 @@ def test_parquet() -> None:
 
 def test_a_parquet_file_that_takes_its_parser_down_leaves_us_standing(monkeypatch: pytest.MonkeyPatch) -> None:
     content = parquet(pl.DataFrame({"u": range(100)}))
-    monkeypatch.setattr("emsid.io.parquet._PARSER", "import os; os.abort()")
+    monkeypatch.setattr("emsid.io.parquet.parsed", os.abort)
     with pytest.raises(FormatError, match="this Parquet file is damaged or cut off"):
         read_parquet(content)
 

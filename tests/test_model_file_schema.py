@@ -69,7 +69,7 @@ def test_a_schema_of_the_future_is_refused(tmp_path: Path) -> None:
 
 def test_tampered_files_end_in_a_model_or_in_one_of_our_errors() -> None:
     """Thousands of mutations, with their checksums corrected, in a process with a limit on its memory."""
-    program = [sys.executable, "-W", "ignore", str(GOLDEN.parent.parent / "fuzz_model_files.py"), "12", "7"]
+    program = [sys.executable, "-W", "ignore", str(GOLDEN.parent.parent / "fuzz_model_files.py"), "800", "7"]
     *failures, tried = subprocess.run(program, capture_output=True, text=True, check=True).stdout.splitlines()
     assert failures == []
     assert int(tried) > 200
@@ -80,13 +80,8 @@ def test_tampered_files_end_in_a_model_or_in_one_of_our_errors() -> None:
     [
         ('"oversampling": 1', '"oversampling": 1000000000', "oversampling is 1e+09; it can be at most 64"),
         ('"delay": 0', f'"delay": {10**400}', "delay is an integer of very many digits"),
-        ('"delay": 0', '"delay": -1', "a model cannot look ahead"),
         ("-0.9005449368498915", ", ".join(["0.1"] * 300), "denominator has 300 entries; at most 100 are read"),
-        (
-            '"output_offset": -1.3955619574659987e-15',
-            '"output_offset": 1e300',
-            "give a finite number of at most 1e+100",
-        ),
+        ('"output_offset": -1.3955619574659987e-15', '"output_offset": 1e300', "a finite number of at most 1e+100"),
     ],
 )
 def test_sizes_are_checked_before_anything_is_computed(old: str, new: str, message: str, tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ Every message says what is wrong, where (column, sample, parameter, file), and w
 line prints the message as one line and exits with status 2; anything that is not an `EmsidError` is a defect.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 
 class EmsidError(Exception):
@@ -31,6 +31,17 @@ class ModelError(EmsidError):
 
 class FormatError(EmsidError):
     """A file cannot be read or is not what it claims to be."""
+
+
+MOST_NAMED = 40
+"""How many names a message lists before it counts the rest."""
+
+
+def some(names: Iterable[str]) -> str:
+    """Names with commas between, the first of them where there are very many."""
+    every = list(names)
+    rest = f", … ({len(every)} in all)" if len(every) > MOST_NAMED else ""
+    return ", ".join(every[:MOST_NAMED]) + rest
 
 
 def listed(words: Sequence[str]) -> str:

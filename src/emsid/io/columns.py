@@ -68,7 +68,7 @@ def from_arrays(variables: Iterable[tuple[str, object]]) -> Columns:
     series: dict[str, pl.Series] = {}
     others: dict[str, str] = {}
     for name, value in variables:
-        reason = _no_column(value)
+        reason = reason_against(value)
         if reason:
             others[name] = reason
             continue
@@ -82,7 +82,7 @@ def from_arrays(variables: Iterable[tuple[str, object]]) -> Columns:
     return Columns(series, others)
 
 
-def _no_column(value: object) -> str:
+def reason_against(value: object) -> str:
     """Why ``value`` is not one or several columns; empty where it is."""
     if isinstance(value, str):
         return value

@@ -38,37 +38,39 @@ _DIGITS = re.compile(rf"\d{{{MOST_DIGITS + 1},}}")
 _CHANNEL = re.compile(r"\bu(\d+)\(|\(t-(\d+)\)")
 
 
-def check_limits(data: object, what: str = "the file") -> None:
+def check_limits(data: object, what: str = "the file", most: Mapping[str, int] = MOST) -> None:
     """Refuse built-in types that are deeper, longer or larger than any model is.
 
     Args:
         data: what the file holds.
         what: it is, for the message.
+        most: by name, what a whole number may be, or how many entries a list may have.
 
     Raises:
         ModelError: that names the entry.
     """
-    waiting: list[tuple[object, str, int]] = [(data, "", 0)]
+    waiting: list[tuple[object, str, str, int]] = [(data, "", "", 0)]  # with where it stands, its key and depth
     entries = 0
     while waiting:
-        value, where, depth = waiting.pop()
+        value, where, name, depth = waiting.pop()
         entries += 1
         if entries > MOST_ENTRIES or depth > DEEPEST:
             raise ModelError(
                 f"{what} has more than {MOST_ENTRIES:,} entries, or more than {DEEPEST} tables in tables; no model does"
             )
-        name = where.rpartition(".")[2]
+        if name in most and (isinstance(value, (bool, float)) or not isinstance(value, (int, list, tuple))):
+            raise ModelError(f"{where} is {value!r:.80}; give a whole number or a list")
         if isinstance(value, Mapping):
-            waiting += [(inner, f"{where}.{key}".lstrip("."), depth + 1) for key, inner in value.items()]
-            waiting += [(key, where, depth + 1) for key in value]
+            waiting += [(inner, f"{where}.{key}".lstrip("."), key, depth + 1) for key, inner in value.items()]
+            waiting += [(key, where, "", depth + 1) for key in value]
         elif isinstance(value, str):
             _check_text(value, where or what)
         elif isinstance(value, Sequence):
-            if len(value) > MOST.get(name, MOST_ENTRIES):
-                raise ModelError(f"{where} has {len(value)} entries; at most {MOST.get(name, MOST_ENTRIES)} are read")
-            waiting += [(inner, f"{where}[]", depth + 1) for inner in value]
+            if len(value) > most.get(name, MOST_ENTRIES):
+                raise ModelError(f"{where} has {len(value)} entries; at most {most.get(name, MOST_ENTRIES)} are read")
+            waiting += [(inner, where, "", depth + 1) for inner in value]
         elif isinstance(value, (int, float)) and not isinstance(value, bool):
-            _check_number(value, where or what, MOST.get(name))
+            _check_number(value, where or what, most.get(name))
 
 
 def _check_number(value: float, where: str, most: int | None) -> None:

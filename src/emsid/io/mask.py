@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import DataError
+from emsid.errors import DataError, some
 from emsid.io.columns import nearest
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ def _check_column(mask: str, name: str, columns: Mapping[str, pl.Series]) -> Non
     if name not in columns:
         raise DataError(
             f"the mask {_shown(mask)} uses {name!r}, which is no column{nearest(name, columns)}; there are "
-            f"{', '.join(columns)}"
+            f"{some(columns)}"
         )
 
 

@@ -1,4 +1,7 @@
-"""MAT files: version 5 (and 7, which is the same compressed) by SciPy, version 7.3, which is HDF5, by h5py."""
+"""MAT files: version 5 (and 7, which is the same compressed) by `mat5`, version 7.3, which is HDF5, by h5py.
+
+HDF5 is parsed in a process of its own; see `emsid.io.sandbox`.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,9 @@ import numpy as np
 
 from emsid.errors import FormatError
 from emsid.io import mat5
-from emsid.io.columns import Columns, from_arrays
+from emsid.io.columns import Columns, from_arrays, reason_against
 from emsid.io.files import looks_like
+from emsid.io.sandbox import in_sandbox
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _HDF5_AT = (0, 512)  # MATLAB puts 512 bytes of its own before the HDF5 part
@@ -27,7 +31,7 @@ def read_mat(content: bytes) -> Columns:
         FormatError: for content that is no MAT file of version 5 to 7.3, or a damaged one.
     """
     if any(content[at : at + len(_HDF5)] == _HDF5 for at in _HDF5_AT):
-        variables = _variables_73
+        variables = _from_sandbox
     elif content[_ENDIAN_AT] in (b"IM", b"MI"):
         variables = mat5.variables
     else:
@@ -37,10 +41,34 @@ def read_mat(content: bytes) -> Columns:
         )
     try:
         return from_arrays(variables(content))
+    except FormatError:
+        raise
     except Exception as problem:  # the parsers meet damage with whatever they stumble over
         raise FormatError(
             f"this MAT file is damaged or cut off ({type(problem).__name__}); copy or save it again"
         ) from None
+
+
+def _from_sandbox(content: bytes) -> Iterator[tuple[str, Any]]:
+    """The variables of a file of version 7.3."""
+    damaged = "this MAT file is damaged or cut off; copy or save it again"
+    with np.load(BytesIO(in_sandbox(parsed_73, content, damaged)), allow_pickle=False) as archive:
+        for k, name in enumerate(archive["names"]):
+            value = archive[f"v{k}"]
+            yield str(name), str(value) if value.dtype.kind == "U" and value.ndim == 0 else value
+
+
+def parsed_73(content: bytes) -> bytes:
+    """The variables of an HDF5 file as an NPZ file, for the process that parses it; a text says why one is no array."""
+    names: list[str] = []
+    arrays: dict[str, Any] = {}
+    for name, value in _variables_73(content):
+        reason = "" if isinstance(value, np.ndarray) and value.dtype.kind in "biufcUS" else reason_against(value)
+        arrays[f"v{len(names)}"] = np.array(reason) if reason else value
+        names.append(name)
+    result = BytesIO()
+    np.savez(result, names=np.array(names, dtype=str), **arrays)
+    return result.getvalue()
 
 
 def _variables_73(content: bytes) -> Iterator[tuple[str, Any]]:

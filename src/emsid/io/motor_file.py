@@ -128,7 +128,7 @@ def _one_table(path: str | os.PathLike[str], names: tuple[str, ...]) -> tuple[st
     except (ValueError, RecursionError) as problem:
         raise FormatError(f"{path}: this is not TOML ({problem}); write {wanted} and below it name = value") from None
     try:
-        check_limits(document)
+        check_limits(document, most={})
     except ModelError as problem:
         raise FormatError(f"{path}: {problem}") from None
     found = [name for name in names if isinstance(document.get(name), dict)]

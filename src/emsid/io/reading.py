@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import DataError, FormatError
+from emsid.errors import DataError, FormatError, some
 from emsid.io.columns import Columns, nearest
 from emsid.io.derivative import check_window, derivative
 from emsid.io.files import read_bytes
@@ -301,10 +301,10 @@ def _signals(inputs: Sequence[str], outputs: Sequence[str], columns: Columns) ->
 
 def _check_column(name: str, columns: Columns) -> None:
     if name in columns.others:
-        raise DataError(f"{name!r} is no column: it is {columns.others[name]}; columns are {', '.join(columns.series)}")
+        raise DataError(f"{name!r} is no column: it is {columns.others[name]}; columns are {some(columns.series)}")
     if name not in columns.series:
         raise DataError(
-            f"there is no column {name!r}{nearest(name, columns.series)}; there are {', '.join(columns.series)}"
+            f"there is no column {name!r}{nearest(name, columns.series)}; there are {some(columns.series)}"
             f"{_besides(columns)}"
         )
 
@@ -496,4 +496,4 @@ def _no_sample_time(columns: Columns) -> str:
 def _besides(columns: Columns) -> str:
     if not columns.others:
         return ""
-    return f" (and, no columns: {', '.join(f'{name}, {reason}' for name, reason in columns.others.items())})"
+    return f" (and, no columns: {some(f'{name}, {reason}' for name, reason in columns.others.items())})"

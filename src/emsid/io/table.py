@@ -258,15 +258,15 @@ def _is_unit(cell: str) -> bool:
 
 def _distinct(names: Sequence[str]) -> list[str]:
     """Names with blanks filled by the column number and repetitions by a counter: ``u``, ``u_2``."""
-    result: list[str] = []
+    result: dict[str, None] = {}
+    counts = Counter[str]()
     for k, name in enumerate(names):
-        base = name or f"c{k + 1}"
-        unique, count = base, 1
+        base = unique = name or f"c{k + 1}"
         while unique in result:
-            count += 1
-            unique = f"{base}_{count}"
-        result.append(unique)
-    return result
+            counts[base] += 1
+            unique = f"{base}_{counts[base] + 1}"
+        result[unique] = None
+    return list(result)
 
 
 def _parse(texts: Sequence[str], names: Sequence[str]) -> dict[str, pl.Series]:
@@ -279,14 +279,19 @@ def _parse(texts: Sequence[str], names: Sequence[str]) -> dict[str, pl.Series]:
         quote_char=None,
         schema=dict.fromkeys(names, pl.String),
     )
-    return {name: _numbers_or_text(frame[name].str.strip_chars()) for name in names}
+    frame = frame.select(pl.all().str.strip_chars().replace("", None))
+    numbers = frame.select(pl.all().cast(pl.Float64, strict=False))  # at once: a file may have thousands of columns
+    empty, lost = frame.null_count().row(0), numbers.null_count().row(0)
+    return {
+        text.name: number if before == after else _numbers_or_text(text)
+        for text, number, before, after in zip(frame, numbers, empty, lost, strict=True)
+    }
 
 
 def _numbers_or_text(column: pl.Series) -> pl.Series:
     """The column as numbers where every filled cell is one, as moments likewise, else as text with decimal points."""
     import polars as pl
 
-    column = column.replace("", None)
     numbers = column.cast(pl.Float64, strict=False)
     if numbers.null_count() > column.null_count() and not column.str.contains(r"^[+-]?\d*\.\d").any():
         column = column.str.replace(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$", "${1}.${2}")

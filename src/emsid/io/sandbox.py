@@ -1,0 +1,40 @@
+"""Parsers of foreign binary formats run in a process of their own.
+
+The libraries that parse Parquet and HDF5 allocate what a file says it needs, and a damaged file can say anything or
+crash them outright. In a process of its own that ends the parser, and not the program.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+
+from emsid.errors import FormatError
+
+LONGEST = 120.0
+"""Seconds after which a parser is stopped."""
+
+
+def in_sandbox(parser: Callable[[bytes], bytes], content: bytes, damaged: str) -> bytes:
+    """What a parser makes of the content of a file.
+
+    Args:
+        parser: a function of a module; the process imports it.
+        content: of the file.
+        damaged: the message where the parser fails, crashes or does not end.
+
+    Raises:
+        FormatError: with that message.
+    """
+    program = (
+        f"import sys; from {parser.__module__} import {parser.__name__} as parser; "
+        "sys.stdout.buffer.write(parser(sys.stdin.buffer.read()))"
+    )
+    try:
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", program], input=content, capture_output=True, check=True, timeout=LONGEST
+        )
+    except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
+        raise FormatError(damaged) from None
+    return done.stdout

@@ -73,8 +73,6 @@ def test_the_changelog_has_a_section_for_this_version():
 
 @pytest.mark.parametrize("name", ["VISION.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/glossary.md", "README.md"])
 def test_files_that_documents_point_to_exist(name):
-    if not (HOME / name).exists():
-        pytest.skip("not written yet")
     links = re.findall(r"\]\((?!https?:|#|mailto:)([^)#]+)", (HOME / name).read_text("utf-8"))
     named = re.findall(r"`((?:src|tests|docs|examples|bench)/[\w./-]+)`", (HOME / name).read_text("utf-8"))
     assert [each for each in links if not ((HOME / name).parent / each).exists()] == []

@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from emsid.record import Record
 
 
+View = Callable[["Fit[Any]", "Record", str], Figure | None]
+VIEWS: list[View] = []
+"""Further figures of a model: each takes a fit, a record and the beginning of the figure's name."""
+
+
 def model_section(fit: Fit[Any], record: Record, *, name: str = "", profiles: Sequence[Profile] = ()) -> Section:
     """All there is to show of one model: its equation, its parameters, and what only a model of its kind has.
 
@@ -67,6 +72,7 @@ def model_section(fit: Fit[Any], record: Record, *, name: str = "", profiles: Se
     else:
         equations, drawings = (model.equation(),), []
         tables = (parameter_table(fit, columns=regressor_column(fit)),)
+    drawings = [*drawings, *(partial(view, fit, record, prefix) for view in VIEWS)]
     return Section(name or model.name, paragraphs, equations, tables, _drawable(drawings), remarks)
 
 

@@ -237,7 +237,11 @@ def test_steps_logged_from_the_edge_on_each_at_its_own_level_are_motion():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"free": "resistance"}, "free is the text 'resistance'; give a list of names"),
+        ({"free": "resistence"}, "rigid-motor has no parameter 'resistence'"),
+        ({"fixed": "resistance"}, "fixed is 'resistance'; give a table by name"),
+        ({"fixed": {"resistance": 2.0, "R": 2.0}}, "fixed has resistance twice, once as 'R'"),
+        ({"datasheet": "sheet.toml"}, "datasheet is 'sheet.toml'; give a table"),
+        ({"signals": "sped"}, "no signal 'sped'; .* did you mean speed?"),
         ({"fixed": {"resistance": "2 V"}}, "rigid-motor resistance is '2 V', which is not in ohm"),
         ({"fixed": {"resistance": "two"}}, "rigid-motor resistance is 'two'; give a number in ohm, or a text such as"),
         ({"datasheet": {"resistance": "2 ohm"}}, "the datasheet has '2 ohm' for resistance; give a Given, or make it"),

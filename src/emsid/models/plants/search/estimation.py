@@ -37,6 +37,7 @@ from emsid.models.plants.plant import DrivenPlant, Plant
 from emsid.models.plants.search.problem import FreeRunError, Weighting, all_alike
 from emsid.models.plants.search.result import GreyBoxFit, at_bounds, combinations, hardly_told, in_words, table
 from emsid.models.plants.search.starts import motions
+from emsid.models.plants.wishes import as_signals, by_full_name, full_names
 from emsid.plant import Motor
 from emsid.plant.motor import read_number
 from emsid.record import Record, check_same_channels
@@ -51,11 +52,11 @@ def simulation_error(
     plant: Plant | Motor,
     records: Record | Iterable[Record],
     *,
-    free: Sequence[str] | None = None,
+    free: str | Sequence[str] | None = None,
     fixed: Mapping[str, float | str] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     datasheet: Mapping[str, Given] | None = None,
-    signals: Sequence[Signal] | None = None,
+    signals: str | Signal | Sequence[str | Signal] | None = None,
     weighting: Weighting = all_alike,
     look_around: bool = True,
     max_iterations: int = 60,
@@ -67,11 +68,11 @@ def simulation_error(
     Args:
         plant: what to fit, with its parameters as the start; a bare `Motor` gets a drive and a sensor without effect.
         records: a record, or several experiments, all with one set of parameters.
-        free: the parameters to estimate; by default what plants of this kind usually have unknown.
-        fixed: values that are known, by name, in SI units or as texts with a unit; they are not estimated.
+        free: the parameters to estimate, by name or symbol; by default what plants of this kind usually have unknown.
+        fixed: values that are known, by name or symbol, in SI units or as texts with a unit; they are not estimated.
         bounds: (lower, upper) by name, in addition to what is physical.
         datasheet: what is known beforehand, see `Given`. A value is the start, and a tolerance bounds it.
-        signals: what the outputs of the records are, by default judged by their units.
+        signals: what the outputs of the records are, `Signal` or its name, by default judged by their units.
         weighting: how errors count by their age: `all_alike`, `Recent`, or any other linear filter (error, dt) → error.
         look_around: whether to begin at the datasheet, or where a regression on the records says if that simulates
             better; otherwise the search begins with the plant as it is given.
@@ -87,17 +88,19 @@ def simulation_error(
     subject: Plant = DrivenMotor(plant) if isinstance(plant, Motor) else plant
     segments = _segments(records)
     subject = subject.fed(segments[0])
-    shown = tuple(signals) if signals is not None else signals_of(subject, segments[0])
+    shown = as_signals(signals) if signals is not None else signals_of(subject, segments[0])
     for segment in segments:
         check_channels(subject, shown, segment)
     _check_motion(segments)
-    fixed, sheet = _values(subject, fixed or {}), dict(datasheet or {})
+    free, bounds = full_names(subject, free), by_full_name(subject, "bounds", bounds)
+    fixed = _values(subject, by_full_name(subject, "fixed", fixed))
+    sheet = by_full_name(subject, "datasheet", datasheet)
     asked = _asked(subject, free, fixed, sheet)
     sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
     known = {name: given.value for name, given in sheet.items() if given.value is not None}
     subject = subject.put((known if look_around else {}) | fixed)
-    hidden = subject.unresolved([n for n in asked if n not in (*sheet, *(bounds or {}))], segments[0].dt)
-    limits = _limits(subject, asked, {**hidden, **(bounds or {})}, sheet)
+    hidden = subject.unresolved([n for n in asked if n not in (*sheet, *bounds)], segments[0].dt)
+    limits = _limits(subject, asked, {**hidden, **bounds}, sheet)
     straight = subject
     subject = straight.ready(asked, segments, limits)
     subject = subject.put({name: max(subject.value(name), low) for name, (low, _) in hidden.items()})
@@ -309,8 +312,6 @@ def _values(plant: Plant, fixed: Mapping[str, float | str]) -> dict[str, float]:
 def _asked(
     plant: Plant, free: Sequence[str] | None, fixed: Mapping[str, float], sheet: Mapping[str, Given]
 ) -> tuple[str, ...]:
-    if isinstance(free, str):
-        raise ModelError(f"free is the text {free!r}; give a list of names")
     for name in (*(free or ()), *fixed, *sheet):
         find_handle(plant, name)
     for name, entry in sheet.items():

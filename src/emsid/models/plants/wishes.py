@@ -1,0 +1,63 @@
+"""What a user says about the parameters and outputs of a plant, by name or by symbol, made plain at the door."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TypeVar
+
+from emsid.arguments import as_names, did_you_mean
+from emsid.errors import ModelError
+from emsid.models.plants.parameters import Named, Signal, full_name
+
+V = TypeVar("V")
+
+
+def full_names(plant: Named, names: str | Iterable[str] | None) -> tuple[str, ...] | None:
+    """The parameters that are meant by one name or several, or by their symbols; None stays None.
+
+    Raises:
+        ModelError: for a name that the plant does not have.
+    """
+    return None if names is None else tuple(full_name(plant, name) for name in as_names(names))
+
+
+def by_full_name(plant: Named, what: str, values: Mapping[str, V] | None) -> dict[str, V]:
+    """A table by the full names of its parameters.
+
+    Args:
+        plant: whose parameters they are.
+        what: which argument it is, for messages.
+        values: by name or symbol.
+
+    Raises:
+        ModelError: for something that is no table, a name that the plant does not have, or a parameter that stands in
+            the table under its name and under its symbol.
+    """
+    if values is None:
+        return {}
+    if not isinstance(values, Mapping):
+        raise ModelError(f"{what} is {values!r}; give a table by name, such as {{'{next(iter(plant.handles))}': …}}")
+    found: dict[str, V] = {}
+    for name, value in values.items():
+        whole = full_name(plant, name)
+        if whole in found:
+            raise ModelError(f"{what} has {whole} twice, once as {name!r}; give it once")
+        found[whole] = value
+    return found
+
+
+def as_signals(signals: str | Signal | Iterable[str | Signal]) -> tuple[Signal, ...]:
+    """What outputs are, as signals or by their names, one or several.
+
+    >>> as_signals("speed"), as_signals(["position", Signal.CURRENT])
+    ((<Signal.SPEED: 'speed'>,), (<Signal.POSITION: 'position'>, <Signal.CURRENT: 'current'>))
+
+    Raises:
+        ModelError: for a name that is no signal's.
+    """
+    several = (signals,) if isinstance(signals, str | Signal) else tuple(signals)
+    known = [signal.value for signal in Signal]
+    for each in several:
+        if not isinstance(each, Signal) and each not in known:
+            raise ModelError(f"no signal {each!r}; there are {', '.join(known)}{did_you_mean(str(each), known)}")
+    return tuple(Signal(each) for each in several)

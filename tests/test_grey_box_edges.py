@@ -241,6 +241,7 @@ def test_steps_logged_from_the_edge_on_each_at_its_own_level_are_motion():
         ({"fixed": "resistance"}, "fixed is 'resistance'; give a table by name"),
         ({"fixed": {"resistance": 2.0, "R": 2.0}}, "fixed has resistance twice, once as 'R'"),
         ({"datasheet": "sheet.toml"}, "datasheet is 'sheet.toml'; give a table"),
+        ({"bounds": {"K_m": 0.1}}, "bounds of motor_constant are 0.1; give a pair"),
         ({"signals": "sped"}, "no signal 'sped'; .* did you mean speed?"),
         ({"fixed": {"resistance": "2 V"}}, "rigid-motor resistance is '2 V', which is not in ohm"),
         ({"fixed": {"resistance": "two"}}, "rigid-motor resistance is 'two'; give a number in ohm, or a text such as"),

@@ -66,7 +66,8 @@ class Fit(Presented, Generic[M]):
     def __repr__(self) -> str:
         name = getattr(self.model, "name", type(self.model).__name__)
         short = name if len(name) <= 40 else f"{name[:39]}…"
-        return f"{type(self).__name__}({short}: {len(self.estimate)} parameters by {self.method}, {self.ending.value})"
+        count = f"{len(self.estimate)} parameter{'s' * (len(self.estimate) != 1)}"
+        return f"{type(self).__name__}({short}: {count} by {self.method}, {self.ending.value})"
 
     @property
     def standard_error(self) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeVar
 
 from emsid.arguments import as_names, did_you_mean
@@ -43,6 +43,19 @@ def by_full_name(plant: Named, what: str, values: Mapping[str, V] | None) -> dic
         if whole in found:
             raise ModelError(f"{what} has {whole} twice, once as {name!r}; give it once")
         found[whole] = value
+    return found
+
+
+def as_bounds(plant: Named, bounds: Mapping[str, tuple[float, float]] | None) -> dict[str, tuple[float, float]]:
+    """Bounds by the full names of their parameters, each a pair of numbers.
+
+    Raises:
+        ModelError: as `by_full_name` does, and for bounds that are no pair.
+    """
+    found = by_full_name(plant, "bounds", bounds)
+    for name, pair in found.items():
+        if not (isinstance(pair, Sequence) and not isinstance(pair, str) and len(pair) == 2):
+            raise ModelError(f"bounds of {name} are {pair!r}; give a pair (lower, upper)")
     return found
 
 

@@ -37,7 +37,7 @@ from emsid.models.plants.plant import DrivenPlant, Plant
 from emsid.models.plants.search.problem import FreeRunError, Weighting, all_alike
 from emsid.models.plants.search.result import GreyBoxFit, at_bounds, combinations, hardly_told, in_words, table
 from emsid.models.plants.search.starts import motions
-from emsid.models.plants.wishes import as_signals, by_full_name, full_names
+from emsid.models.plants.wishes import as_bounds, as_signals, by_full_name, full_names
 from emsid.plant import Motor
 from emsid.plant.motor import read_number
 from emsid.record import Record, check_same_channels
@@ -92,7 +92,7 @@ def simulation_error(
     for segment in segments:
         check_channels(subject, shown, segment)
     _check_motion(segments)
-    free, bounds = full_names(subject, free), by_full_name(subject, "bounds", bounds)
+    free, bounds = full_names(subject, free), as_bounds(subject, bounds)
     fixed = _values(subject, by_full_name(subject, "fixed", fixed))
     sheet = by_full_name(subject, "datasheet", datasheet)
     asked = _asked(subject, free, fixed, sheet)

@@ -7,8 +7,10 @@ True
 """
 
 from emsid.models.blocks.block import Block
-from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.cascade import Cascade, CascadeState
 from emsid.models.blocks.filters import Rational, fir
+from emsid.models.blocks.search.map_families import FAMILIES, Family
+from emsid.models.blocks.search.topologies import CascadeSearch
 from emsid.models.blocks.static_maps import (
     Abs,
     CoulombLinear,
@@ -23,12 +25,16 @@ from emsid.models.blocks.static_maps import (
 )
 
 __all__ = [
+    "FAMILIES",
     "Abs",
     "Block",
     "Cascade",
+    "CascadeSearch",
+    "CascadeState",
     "CoulombLinear",
     "CubicSpline",
     "DeadZone",
+    "Family",
     "PiecewiseLinear",
     "Polynomial",
     "Rational",

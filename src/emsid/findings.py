@@ -12,6 +12,8 @@ from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any
 
+__all__ = ["Finding"]
+
 
 @dataclass(frozen=True)
 class Finding:

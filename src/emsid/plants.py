@@ -10,9 +10,10 @@ from emsid.models.plants.drive import Bridge, Drive, Feed
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
+from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Handle, Signal, by_direction, scalar
-from emsid.models.plants.plant import BasePlant, Plant, Quantity
+from emsid.models.plants.plant import BasePlant, Channels, Characteristic, DrivenPlant, Plant, Quantity, Sizes
 from emsid.models.plants.registry import register
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
@@ -27,9 +28,12 @@ from emsid.plant.parameter import Measure, Parameter
 __all__ = [
     "BasePlant",
     "Bridge",
+    "Channels",
+    "Characteristic",
     "Combination",
     "Drive",
     "DrivenMotor",
+    "DrivenPlant",
     "Estimate",
     "Feed",
     "FrictionLaw",
@@ -40,6 +44,7 @@ __all__ = [
     "LawParameter",
     "LinearAxis",
     "Measure",
+    "Motion",
     "OwnPlant",
     "Parameter",
     "Plant",
@@ -49,6 +54,7 @@ __all__ = [
     "Recent",
     "Sensor",
     "Signal",
+    "Sizes",
     "by_direction",
     "datasheet",
     "friction_law",

@@ -6,8 +6,7 @@
 """
 
 from emsid.models.regression.narx import Narx, Structure
-from emsid.models.regression.recursion import Recursion
-from emsid.models.regression.regressors import Factor, Regressor, parse_regressor
+from emsid.models.regression.regressors import Factor, Regressor, Tables, parse_regressor
 from emsid.models.regression.structures import (
     arx,
     friction_narx,
@@ -19,9 +18,9 @@ from emsid.models.regression.transforms import Transform
 __all__ = [
     "Factor",
     "Narx",
-    "Recursion",
     "Regressor",
     "Structure",
+    "Tables",
     "Transform",
     "arx",
     "friction_narx",

@@ -31,7 +31,7 @@ def _check_sizes(part: object, where: str, *names: str) -> None:
             raise ModelError(f"{where} {name} is {value}; it must be zero or positive")
 
 
-class Sensor(Protocol):
+class SpeedSensor(Protocol):
     """Anything that measures the speed of a shaft."""
 
     def read(self, speed: Array, angle: Array, dt: float, rng: Random) -> Array:
@@ -150,7 +150,7 @@ class Bench:
     """
 
     source: VoltageSource = VoltageSource()
-    sensor: Sensor = Tachometer()
+    sensor: SpeedSensor = Tachometer()
     delay: float = 0.0
 
     def __post_init__(self) -> None:

@@ -110,7 +110,7 @@ class Cascade:
     dt: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "blocks", tuple(self.blocks))
+        object.__setattr__(self, "blocks", (self.blocks,) if isinstance(self.blocks, Block) else tuple(self.blocks))
         if not self.blocks:
             raise ModelError(f"{self.name}: a cascade needs at least one block")
         for k, block in enumerate(self.blocks, start=1):

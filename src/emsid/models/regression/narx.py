@@ -12,7 +12,7 @@ Sign convention (the paper's and MATLAB's): ``A(q)y = B(q)u + e`` with ``A = 1 +
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -21,6 +21,7 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from emsid.arguments import as_names
 from emsid.errors import ModelError
 from emsid.models.free_run import as_record, free_run, predict
 from emsid.models.model import Run, levels
@@ -56,6 +57,9 @@ class Structure:
     inputs: int = 0
 
     def __post_init__(self) -> None:
+        for each in as_names(self.regressors) if isinstance(self.regressors, str) else self.regressors:
+            if not isinstance(each, Regressor):
+                raise ModelError(f"{self.name}: {each!r} is no regressor; write texts as Structure.parse({each!r}, …)")
         if not self.regressors:
             raise ModelError(f"{self.name}: a structure needs at least one regressor")
         if len(set(self.regressors)) < len(self.regressors):
@@ -73,8 +77,8 @@ class Structure:
         object.__setattr__(self, "inputs", max(self.inputs, used))
 
     @classmethod
-    def parse(cls, *texts: str, name: str = "structure") -> Structure:
-        """The structure whose regressors are written as text.
+    def parse(cls, *texts: str | Iterable[str], name: str = "structure") -> Structure:
+        """The structure whose regressors are written as texts, one by one or in a list.
 
         Understood are products and powers of ``y(t-1)``, ``u(t-2)``, ``u2(t)``, ``sign(…)``, ``abs(…)``,
         ``tanh(…/0.1)``, ``exp(-abs(…)/0.1)``, ``max(…-0.3, 0)``, ``min(…+0.3, 0)``, a leading minus, and ``1``.
@@ -85,7 +89,8 @@ class Structure:
         Raises:
             ModelError: where a text is not understood, with the text and the part at fault.
         """
-        return cls(tuple(parse_regressor(text) for text in texts), name=name)
+        written = [text for each in texts for text in as_names(each)]
+        return cls(tuple(parse_regressor(text) for text in written), name=name)
 
     def __len__(self) -> int:
         return len(self.regressors)

@@ -9,7 +9,6 @@ from emsid.estimation.nonlinear.control import Control
 from emsid.findings import Finding
 from emsid.identification.candidates import CANDIDATES, Options, Regression, stribeck_speeds
 from emsid.identification.workflow import identify
-from emsid.models.blocks.search.map_families import FAMILIES
 from emsid.models.plants.datasheet import Given
 from emsid.selection.coordinate_search import coordinate_search
 
@@ -344,7 +343,7 @@ def test_a_best_model_that_is_no_better_than_the_mean_is_found():
 
 
 def test_knots_are_set_aside_for_a_map_that_has_none():
-    options = Options(static=FAMILIES["dead-zone"], knots=5, orders=(1,))
+    options = Options(static="dead-zone", knots=5, orders=(1,))
     result = identify(system(600, 19), models=["hammerstein", "friction-narx"], options=options)
     data = {"model": "hammerstein", "family": "dead-zone"}
     assert with_code(result, "knots-not-used") == [Finding("knots-not-used", "hammerstein", data)]

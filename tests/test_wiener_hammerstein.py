@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+import emsid
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.frequency_response import fit_rational, frequency_response
@@ -26,17 +27,19 @@ from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.gain import unit_gain
 from emsid.models.blocks.search import choice as cascade_choice
 from emsid.models.blocks.search.cross_validation import CHOICE_SAMPLES, held_back, shortened
-from emsid.models.blocks.search.estimation import (
-    estimate,
-    hammerstein,
-    hammerstein_wiener,
-    wiener,
-    wiener_hammerstein,
-)
-from emsid.models.blocks.search.map_families import ABS, COULOMB, DEAD_ZONE, FAMILIES, POLYNOMIAL, SPLINE, Family, given
+from emsid.models.blocks.search.estimation import CascadeStructure, estimate
+from emsid.models.blocks.search.map_families import Family, families, given
 from emsid.models.blocks.search.orders import map_sizes, order_shares, total_orders
 from emsid.models.blocks.search.starts import _splits, regression_candidate, scanned, unfolded_candidates
-from emsid.models.blocks.search.topologies import HAMMERSTEIN, WIENER, WIENER_HAMMERSTEIN, CascadeSearch, Topology
+from emsid.models.blocks.search.topologies import (
+    DEFAULTS,
+    HAMMERSTEIN,
+    HAMMERSTEIN_WIENER,
+    WIENER,
+    WIENER_HAMMERSTEIN,
+    CascadeSearch,
+    Topology,
+)
 from emsid.models.blocks.static_maps import Abs, CubicSpline, DeadZone, Polynomial, Saturation, UserMap
 from emsid.plant import Bench, Motor, simulate
 from emsid.plant.dead_zone import DeadZoneLaw
@@ -48,6 +51,28 @@ Array = NDArray[np.float64]
 
 FAST = Rational([0.5, 0.2], [-0.4])
 SLOW = Rational([0.1, 0.05], [-1.3, 0.45])
+FAMILIES = families()
+ABS, COULOMB, DEAD_ZONE = FAMILIES["abs"], FAMILIES["coulomb"], FAMILIES["dead-zone"]
+POLYNOMIAL, SPLINE = FAMILIES["polynomial"], FAMILIES["spline"]
+
+
+def wiener_hammerstein(records: Any, orders: Any = None, settings: CascadeSearch = DEFAULTS) -> Fit[Cascade]:
+    pair = (None, None) if orders is None else orders
+    return CascadeStructure(WIENER_HAMMERSTEIN, pair, settings).fit(records)
+
+
+def hammerstein(records: Any, order: int | None = None, settings: CascadeSearch = DEFAULTS) -> Fit[Cascade]:
+    return CascadeStructure(HAMMERSTEIN, (None, order), settings).fit(records)
+
+
+def wiener(records: Any, order: int | None = None, settings: CascadeSearch = DEFAULTS) -> Fit[Cascade]:
+    return CascadeStructure(WIENER, (order, None), settings).fit(records)
+
+
+def hammerstein_wiener(records: Any, order: int | None = None, settings: CascadeSearch = DEFAULTS) -> Fit[Cascade]:
+    return CascadeStructure(HAMMERSTEIN_WIENER, (None, order), settings).fit(records)
+
+
 KNOTS = np.linspace(-4, 4, 9)
 BEND = CubicSpline(KNOTS, KNOTS - 0.04 * KNOTS**3 / 3 + 0.05 * KNOTS**2)
 AT_RATE = CascadeSearch(oversampling=1)
@@ -222,7 +247,7 @@ def test_dead_zone_of_a_motor_within_two_percent_and_inside_its_interval() -> No
         at = fit.names.index(name)
         assert fit.estimate[at] == pytest.approx(value, rel=0.02)
         assert interval[at, 0] <= value <= interval[at, 1]
-    assert advice(fit, record_of(truth, 6000)) == []
+    assert advice(fit, record_of(truth, 6000)) == ()
 
 
 def test_a_lost_sign_is_given_back() -> None:
@@ -385,21 +410,89 @@ def test_recovering_signs_can_be_cancelled() -> None:
         list(unfolded_candidates([(u, y)], (1, None), np.random.default_rng(0), Control(cancelled=lambda: True)))
 
 
-def test_advice() -> None:
+def test_what_the_records_leave_open_is_found() -> None:
     record = record_of(Cascade((BEND, SLOW)), 1000)
 
-    def about(*blocks: object) -> str:
+    def about(*blocks: object) -> list[tuple[str, Any]]:
         model = Cascade(blocks)  # type: ignore[arg-type]
         fit = Fit(model, (), np.zeros(0), np.zeros((0, 0)), 1.0, 1000, 1.0, 0)
-        return " ".join(advice(fit, record))
+        return [(finding.code, dict(finding.data)) for finding in advice(fit, record)]
 
-    assert "hardly leaves the dead zone on the right" in about(DeadZone(-0.5, 50.0), SLOW)
-    assert "may be none" in about(DeadZone(-1e-6, 1e-6), SLOW)
-    assert "hardly any data around the knots at 30" in about(CubicSpline([-1.0, 0.0, 1.0, 30.0], np.ones(4)), SLOW)  # type: ignore[arg-type]
-    assert "straight line" in about(CubicSpline([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), SLOW)  # type: ignore[arg-type]
-    assert "all but cancels the pole at 0.9" in about(DeadZone(-0.5, 0.5), Rational([1.0, -0.899], [-0.9]))
-    assert "high limit" in about(Saturation(1.0, -1.0, 90.0), SLOW)
-    assert about(DeadZone(-0.5, 0.5), SLOW) == ""
+    assert about(DeadZone(-0.5, 50.0), SLOW) == [
+        ("dead-zone-side-unseen", {"block": 1, "side": "right", "parameters": ["b_r", "m_r"], "share": 0.0})
+    ]
+    assert about(DeadZone(-1e-6, 1e-6), SLOW) == [("dead-zone-unseen", {"block": 1, "share": 0.0})]
+    assert about(CubicSpline([-1.0, 0.0, 1.0, 30.0], np.ones(4)), SLOW) == [  # type: ignore[arg-type]
+        ("knots-without-data", {"block": 1, "knots": [30.0]})
+    ]
+    straight = CubicSpline([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0])  # type: ignore[arg-type]
+    assert about(straight, SLOW) == [("map-is-straight", {"block": 1})]
+    assert about(CubicSpline([-1.0, 0.0, 1.0], [-1.0, 0.5, 1.0]), SLOW) == []  # type: ignore[arg-type]
+    ((code, data),) = about(DeadZone(-0.5, 0.5), Rational([1.0, -0.899], [-0.9]))
+    assert (code, data["block"]) == ("zero-cancels-pole", 2)
+    assert data["pole"] == pytest.approx([0.9, 0.0])
+    assert about(Saturation(1.0, -1.0, 90.0), SLOW) == [("limit-unseen", {"block": 1, "side": "high", "share": 0.0})]
+    assert about(DeadZone(-0.5, 0.5), SLOW) == []
+    model = Cascade((DeadZone(-0.5, 0.5), SLOW))
+    lost = Fit(model, ("f.b_l", "f.b_r"), np.zeros(2), np.diag([np.inf, 1.0]), 1.0, 1000, 1.0, 2)
+    assert [(f.code, f.data) for f in advice(lost, record)] == [
+        ("parameters-without-interval", {"parameters": ["f.b_l"]})
+    ]
+
+
+def test_whatever_a_person_gives_for_static_is_understood_or_refused_in_one_line() -> None:
+    for static in ("dead-zone", DeadZone, DeadZone(), DEAD_ZONE, DeadZone(-0.3, 0.4, 2.0, 2.0)):
+        assert emsid.wiener_hammerstein((1, 2), static=static).search.families == (DEAD_ZONE,)
+    knots = np.linspace(-1, 1, 5)
+    (spline,) = emsid.hammerstein(2, static=CubicSpline(knots, knots)).search.families
+    assert (spline.name, spline.sizes) == ("spline", (5,))
+    own = UserMap(lambda x, p: x, lambda x, p: np.ones_like(x))
+    (mine,) = emsid.wiener(2, static=own).search.families
+    assert mine.start(knots, knots, 0) is own
+    for static, said in (
+        ("dead zone", "no static map 'dead zone'; there are spline"),
+        (3, "a int is no static map; give a name"),
+        (Rational, "Rational is no static map; give a name"),
+    ):
+        with pytest.raises(ModelError, match=said):
+            emsid.wiener_hammerstein((1, 2), static=static)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda r: emsid.wiener_hammerstein(r, (1, 2), emsid.Options()), "wiener_hammerstein takes no record; give it"),
+        (lambda r: emsid.wiener_hammerstein([r, r]), "wiener_hammerstein takes no record; give it to fit: emsid.fit"),
+        (lambda r: emsid.hammerstein(r), "hammerstein takes no record"),
+        (lambda r: emsid.hammerstein(2, r), "hammerstein takes no record"),
+        (lambda r: emsid.wiener_hammerstein((1, 2), emsid.Options()), "takes no Options; give its options by name"),
+        (lambda r: emsid.wiener_hammerstein((1, 2), static=emsid.Options()), "takes no Options"),
+        (lambda r: emsid.wiener_hammerstein((1, 2), CascadeSearch()), "takes no CascadeSearch"),
+        (lambda r: emsid.wiener_hammerstein((1, 2), "dead-zone"), "takes one argument by position"),
+        (lambda r: emsid.wiener_hammerstein(3), "orders 3; give one for each filter"),
+        (lambda r: emsid.wiener_hammerstein("12"), "orders '12'; give one for each filter"),
+        (lambda r: emsid.wiener_hammerstein((1, 2, 3)), "give one for each filter"),
+        (lambda r: emsid.hammerstein((1, 2)), "hammerstein: order"),
+        (lambda r: emsid.wiener_hammerstein((1, 2), statics="spline"), "no option 'statics'; .* did you mean static"),
+        (lambda r: CascadeStructure(HAMMERSTEIN, (1, 2)), "hammerstein has one filter; give one order"),
+    ],
+)
+def test_what_is_given_in_the_wrong_place_is_refused_in_one_line(call: Any, said: str) -> None:
+    record = record_of(Cascade((BEND, SLOW)), 50)
+    with pytest.raises(ModelError, match=said) as refused:
+        call(record)
+    assert "\n" not in str(refused.value)
+
+
+def test_fit_fits_a_cascade_that_is_only_described() -> None:
+    truth = unit_gain(Cascade((DeadZone(-0.5, 0.4, 0.8, 1.2), SLOW)))
+    structure = emsid.hammerstein(2, static=emsid.blocks.DeadZone(), delay=0, oversampling=1)
+    fit = emsid.fit(structure, record_of(truth, 2000))
+    assert fit.ending is Ending.CONVERGED
+    assert structure.name == fit.model.name == "hammerstein"
+    zone = fit.model.blocks[0]
+    assert isinstance(zone, DeadZone)
+    np.testing.assert_allclose([zone.b_l, zone.b_r], [-0.5, 0.4], atol=0.03)
 
 
 @pytest.mark.parametrize(
@@ -413,15 +506,15 @@ def test_advice() -> None:
         (
             record_of(Cascade((BEND, SLOW)), 500),
             None,
-            {"static": "dead-zone"},
-            "static 'dead-zone' is no family of maps",
+            {"static": "dead zone"},
+            "no static map 'dead zone'",
         ),
         (record_of(Cascade((BEND, SLOW)), 900), (30, 30), {"size": 6}, r"takes 480 samples to start, .* has 225"),
         (record_of(Cascade((BEND, SLOW)), 500), (1, 1), {"delay": 500}, "a delay of 500 in a stretch of"),
         (record_of(Cascade((BEND, SLOW)), 45), None, {}, "10 parameters for 45 samples"),
         (record_of(Cascade((BEND, SLOW)), 70), (1, 2), {}, r"takes 24 samples to start, .* has 17"),
         (record_of(Cascade((BEND, SLOW)), 60), (1, None), {}, "no start describes the record"),
-        (Record(np.zeros(500), np.random.default_rng(0).standard_normal(500), 1.0), (1, 1), {}, "throughout"),
+        (Record(np.zeros(500), np.random.default_rng(0).standard_normal(500), 1.0), (1, 1), {}, "is constant at 0"),
         (Record(np.ones((500, 2)), np.ones(500), 1.0), (1, 1), {}, "choose one of u1, u2"),
         (
             record_of(Cascade((BEND, SLOW)), 500),

@@ -9,38 +9,48 @@ True
 from emsid.models.blocks.block import Block
 from emsid.models.blocks.cascade import Cascade, CascadeState
 from emsid.models.blocks.filters import Rational, fir
-from emsid.models.blocks.search.map_families import FAMILIES, Family
-from emsid.models.blocks.search.topologies import CascadeSearch
+from emsid.models.blocks.search.estimation import CascadeStructure
+from emsid.models.blocks.search.map_families import Family
+from emsid.models.blocks.search.topologies import CascadeSearch, Topology
 from emsid.models.blocks.static_maps import (
+    STATIC_MAPS,
     Abs,
     CoulombLinear,
     CubicSpline,
     DeadZone,
+    NumberedMap,
     PiecewiseLinear,
     Polynomial,
     Saturation,
     Scaling,
     StaticMap,
     UserMap,
+    closest,
+    register,
 )
 
 __all__ = [
-    "FAMILIES",
+    "STATIC_MAPS",
     "Abs",
     "Block",
     "Cascade",
     "CascadeSearch",
     "CascadeState",
+    "CascadeStructure",
     "CoulombLinear",
     "CubicSpline",
     "DeadZone",
     "Family",
+    "NumberedMap",
     "PiecewiseLinear",
     "Polynomial",
     "Rational",
     "Saturation",
     "Scaling",
     "StaticMap",
+    "Topology",
     "UserMap",
+    "closest",
     "fir",
+    "register",
 ]

@@ -18,8 +18,8 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.linear.recursive import recursive_least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.models.blocks.search.estimation import estimate as estimate_cascade
-from emsid.models.blocks.search.map_families import Family, family_named
+from emsid.models.blocks.search.estimation import CascadeStructure
+from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.search.topologies import (
     HAMMERSTEIN,
     HAMMERSTEIN_WIENER,
@@ -93,8 +93,8 @@ class Options:
     def __post_init__(self) -> None:
         for name in ("free", "profile"):
             object.__setattr__(self, name, as_names(getattr(self, name)))
-        if isinstance(self.static, str):
-            object.__setattr__(self, "static", family_named(self.static))
+        if self.static is not None:
+            object.__setattr__(self, "static", family_of(self.static))
         if self.ridge and self.forgetting is not None:
             raise ModelError("ridge is for a batch estimate and forgetting for a recursive one; choose one of them")
 
@@ -233,7 +233,7 @@ class Blocks:
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose orders, knots and delay on held-back data and fit to the free run over the whole record."""
         settings = CascadeSearch(static=options.static, size=options.knots, delay=options.nk)
-        return estimate_cascade(self.topology, record, self._orders(options), settings, control)
+        return CascadeStructure(self.topology, self._orders(options), settings).fit(record, control=control)
 
     def _orders(self, options: Options) -> tuple[int | None, int | None]:
         wanted = self.topology.first + self.topology.second

@@ -10,7 +10,6 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.identification.candidates import stribeck_speeds
 from emsid.models.blocks.search.estimation import estimate as estimate_cascade
-from emsid.models.blocks.search.map_families import DEAD_ZONE
 from emsid.models.blocks.search.topologies import WIENER_HAMMERSTEIN, CascadeSearch
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.search.estimation import simulation_error
@@ -42,7 +41,7 @@ MEANINGS = {
 """What every model is, in a few words."""
 
 # Filter, dead zone (4.9), filter. The input is constant between samples, so oversampling would change nothing.
-CASCADE = CascadeSearch(static=DEAD_ZONE, oversampling=1, max_iterations=30, threads=1)
+CASCADE = CascadeSearch(static="dead-zone", oversampling=1, max_iterations=30, threads=1)
 STRIBECK = ("rotor_friction.stribeck", "rotor_friction.stribeck_rate")
 # Measured with an ohmmeter, and neglected: voltage and speed determine neither.
 KNOWN = ("resistance", "rotor_viscous")

@@ -1,5 +1,6 @@
 """Cascades of filters and static maps: what the data leave open in them."""
 
+from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, words
 
@@ -8,3 +9,57 @@ from emsid.wording.catalogue import Severity, Spelling, words
 def choices_cut_short(f: Finding, argument: Spelling) -> str:
     why = "was interrupted" if f.data["cancelled"] else "ran out of time"
     return f"the search for the orders and the static map {why}; the best {f.subject} model so far is kept"
+
+
+@words("zero-cancels-pole", Severity.WARNING)
+def zero_cancels_pole(f: Finding, argument: Spelling) -> str:
+    real, imaginary = f.data["pole"]
+    where = f"{real:.4g}" + (f" ± {imaginary:.4g}i" if imaginary else "")
+    return f"{_block(f)}: a zero nearly cancels the pole at {where}; try an order lower"
+
+
+@words("dead-zone-side-unseen", Severity.WARNING)
+def dead_zone_side_unseen(f: Finding, argument: Spelling) -> str:
+    names, share = listed(f.data["parameters"]), 100 * f.data["share"]
+    return (
+        f"{_block(f)}: the signal leaves the dead zone on the {f.data['side']} in {share:.2g} % of the samples only, "
+        f"so {names} are not known; record a larger input"
+    )
+
+
+@words("dead-zone-unseen", Severity.WARNING)
+def dead_zone_unseen(f: Finding, argument: Spelling) -> str:
+    return (
+        f"{_block(f)}: the signal is inside the dead zone in {100 * f.data['share']:.2g} % of the samples only; "
+        "there may be no dead zone"
+    )
+
+
+@words("limit-unseen", Severity.WARNING)
+def limit_unseen(f: Finding, argument: Spelling) -> str:
+    share = 100 * f.data["share"]
+    return (
+        f"{_block(f)}: the signal reaches the {f.data['side']} limit in {share:.2g} % of the samples only, so it "
+        "is not known; record a larger input"
+    )
+
+
+@words("knots-without-data", Severity.WARNING)
+def knots_without_data(f: Finding, argument: Spelling) -> str:
+    where = listed([f"{knot:.4g}" for knot in f.data["knots"]])
+    plural = "s" * (len(f.data["knots"]) > 1)
+    return f"{_block(f)}: hardly any data around the knot{plural} at {where}; use fewer knots or a larger input"
+
+
+@words("map-is-straight", Severity.INFO)
+def map_is_straight(f: Finding, argument: Spelling) -> str:
+    return f"{_block(f)}: the static map is a straight line where the data are; try a linear model"
+
+
+@words("parameters-without-interval", Severity.WARNING)
+def parameters_without_interval(f: Finding, argument: Spelling) -> str:
+    return f"these data do not determine {listed(f.data['parameters'])} separately from other parameters"
+
+
+def _block(f: Finding) -> str:
+    return f"block {f.data['block']}"

@@ -179,11 +179,9 @@ def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: 
 
 
 def _family(static: str | None) -> "Family | None":
-    from emsid.models.blocks.search.map_families import FAMILIES
+    from emsid.models.blocks.search.map_families import family_of
 
-    if static is not None and static not in FAMILIES:
-        raise DataError(f"no static map {static!r}; there are {', '.join(FAMILIES)}")
-    return None if static is None else FAMILIES[static]
+    return None if static is None else family_of(static)
 
 
 def _physical_first(asked: Sequence[str]) -> "list[Physical]":

@@ -11,7 +11,6 @@ cascade.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -19,15 +18,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.models.blocks.filters import Rational
-from emsid.models.blocks.static_maps import (
-    Abs,
-    CoulombLinear,
-    CubicSpline,
-    DeadZone,
-    PiecewiseLinear,
-    Polynomial,
-    Saturation,
-)
+from emsid.models.blocks.static_maps import STATIC_MAPS
 
 Array = NDArray[np.float64]
 
@@ -105,11 +96,6 @@ class Block(Protocol):
         ...
 
 
-_SAVED = (Rational, Polynomial, DeadZone, Saturation, CoulombLinear, PiecewiseLinear, CubicSpline, Abs)
-# Every block that a file may name; a new one is one class and one entry.
-KINDS: dict[str, Callable[[dict[str, Any]], Block]] = {block.kind: block.from_data for block in _SAVED}
-
-
 def block_from_data(data: dict[str, Any]) -> Block:
     """The block that its `to_data` described.
 
@@ -117,6 +103,9 @@ def block_from_data(data: dict[str, Any]) -> Block:
         ModelError: for data that describe no block.
     """
     try:
-        return KINDS[data["kind"]](data)
+        kind = data["kind"]
+        return Rational.from_data(data) if kind == Rational.kind else STATIC_MAPS[kind].from_data(data)
     except (KeyError, TypeError, ValueError) as problem:
-        raise ModelError(f"not a block: {problem!r}; the kinds are {', '.join(KINDS)}") from None
+        raise ModelError(
+            f"not a block: {problem!r}; the kinds are {', '.join((Rational.kind, *STATIC_MAPS))}"
+        ) from None

@@ -15,17 +15,7 @@ from emsid.models.blocks.cascade import Cascade, check_channels
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import static_band
 from emsid.models.blocks.gain import fixed_gains
-from emsid.models.blocks.static_maps import (
-    Abs,
-    CoulombLinear,
-    CubicSpline,
-    DeadZone,
-    PiecewiseLinear,
-    Polynomial,
-    Saturation,
-    Scaling,
-    StaticMap,
-)
+from emsid.models.blocks.static_maps import Scaling, StaticMap
 from emsid.report.document import Axis, Band, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.numbers import capital, slug
 
@@ -42,22 +32,8 @@ BEYOND, POINTS = 0.04, 400
 FREQUENCIES, DECADES = 500, 3.0
 # A response that is nowhere known to better than so many times itself has no band.
 UNTOLD = 10.0
-# A map in an equation lists its knots up to this many; more stand in the table of parameters.
-LISTED_KNOTS = 6
 # A unit of signals between blocks whose scale is a matter of convention.
 CONVENTIONAL = "scale of its own"
-# What the letters of the laws stand for.
-_LETTERS = {
-    "b_l": "left end of the zone",
-    "b_r": "right end of the zone",
-    "m_l": "slope on the left",
-    "m_r": "slope on the right",
-    "m": "slope",
-    "low": "lower limit",
-    "high": "upper limit",
-    "c": "height of the sign",
-}
-
 _STROKES = (Stroke(Ink.BLUE, width=1.4), Stroke(Ink.RED, Dash.DASHED, 1.3), Stroke(Ink.GREEN, Dash.DASH_DOTTED, 1.3))
 
 
@@ -161,13 +137,12 @@ def frequency_responses(fit: Fit[Cascade], dt: float, *, level: float = 0.95, na
 def cascade_equations(model: Cascade) -> str:
     """One line per block, as `Cascade.equation`, the knots of a long map counted instead of listed."""
     lines = model.equation().split("\n")
+    first = len(lines) - len(model.blocks)
     for k, block in enumerate(model.blocks):
-        if isinstance(block, (CubicSpline, PiecewiseLinear)) and len(block.knots) > LISTED_KNOTS:
-            first, last = block.knots[[0, -1]]
-            line = len(lines) - len(model.blocks) + k
-            head = lines[line].split(";", 1)[0]
-            tail = lines[line].rsplit("))", 1)[1]
-            lines[line] = f"{head}; {len(block.knots)} knots from {first:.4g} to {last:.4g}, see the table){tail}"
+        if isinstance(block, StaticMap):
+            entering = lines[first + k - 1].partition(" = ")[0] if first + k else "u(t)"
+            long = block.expression(entering)
+            lines[first + k] = lines[first + k].replace(long, block.summary(entering))
     return "\n".join(lines)
 
 
@@ -176,9 +151,8 @@ def block_column(fit: Fit[Cascade]) -> dict[str, tuple[str, ...]]:
     model = fit.model
     meaning: dict[str, str] = {"u0": "input offset", "y0": "output offset"}
     for k, (block, span) in enumerate(zip(model.blocks, model.spans, strict=True)):
-        for j, name in enumerate(model.names[span]):
-            meaning[name] = _meaning(block, j)
-            meaning[name] += f" (block {k + 1})"
+        for own, name in zip(block.names, model.names[span], strict=True):
+            meaning[name] = f"{_meaning(block, own)} (block {k + 1})"
     return {"Meaning": tuple(meaning.get(name, "") for name in fit.names)}
 
 
@@ -188,20 +162,14 @@ def block_name(model: Cascade, k: int) -> str:
     return names[0].split(".")[0] if names else "f"
 
 
-def _meaning(block: Block, j: int) -> str:
+def _meaning(block: Block, name: str) -> str:
     if isinstance(block, Rational):
-        numerator = len(block.numerator)
+        j, numerator = block.names.index(name), len(block.numerator)
         if j >= numerator:
             return f"× −output(t-{j - numerator + 1})"
         lag = j + block.delay
         return f"× input(t-{lag})" if lag else "× input(t)"
-    if isinstance(block, (CubicSpline, PiecewiseLinear)):
-        return f"value at {block.knots[j]:.4g}"
-    if isinstance(block, Polynomial):
-        return f"× Legendre polynomial {j}, of {block.low:.4g} … {block.high:.4g}"
-    if isinstance(block, StaticMap):
-        return f"{block.kind}: {_LETTERS[block.names[j]]}" if block.names[j] in _LETTERS else block.kind
-    return "own block"
+    return block.meaning(name) if isinstance(block, StaticMap) else "own block"
 
 
 def _entering(model: Cascade, record: Record, at: Sequence[int]) -> list[Array]:
@@ -225,9 +193,9 @@ def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record, level: flo
     low, high = float(seen.min()), float(seen.max())
     room = BEYOND * (high - low) or 0.05 * abs(high) or 1.0
     low, high = low - room, high + room
-    corners, what = _corners(block)
+    corners, what = block.marks()
     corners = corners[(corners >= low) & (corners <= high)]
-    x = np.unique(np.concatenate([np.linspace(low, high, POINTS), corners, _jumps(block, low, high)]))
+    x = np.unique(np.concatenate([np.linspace(low, high, POINTS), corners, block.breaks(low, high)]))
     value, error = static_band(fit, k, x).T
     half = float(ndtri(0.5 + level / 2)) * error
     edges = np.linspace(low, high, 81)
@@ -256,25 +224,6 @@ def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record, level: flo
         f"Static map, block {k + 1}" if len(model.blocks) > 1 else "Static map",
         height=1.6,
     )
-
-
-def _corners(block: StaticMap) -> tuple[Array, str]:
-    """Inputs at which a map is marked, and what they are."""
-    if isinstance(block, (CubicSpline, PiecewiseLinear)):
-        return block.knots, "knots"
-    if isinstance(block, DeadZone):
-        return np.array([block.b_l, block.b_r]), "break points"
-    if isinstance(block, Saturation) and block.slope_between:
-        return np.sort(np.array([block.low, block.high]) / block.slope_between), "limits"
-    return np.zeros(0), ""
-
-
-def _jumps(block: StaticMap, low: float, high: float) -> Array:
-    """Inputs around zero where a map has a jump or a kink there."""
-    if not isinstance(block, (CoulombLinear, Abs)) or not low < 0 < high:
-        return np.zeros(0)
-    tiny = 1e-9 * (high - low)
-    return np.array([-tiny, 0.0, tiny]) if isinstance(block, Abs) else np.array([-tiny, tiny])
 
 
 def _units(model: Cascade, k: int, record: Record) -> tuple[str, str]:

@@ -161,7 +161,7 @@ def _starts(
     segments = delayed(records, template.delay)
     rng = np.random.default_rng(0) if settings.rng is None else settings.rng
     leading = settings.families[0]
-    if leading.folds and topology.first:
+    if leading.loses_sign and topology.first:
         unfolding = []
         for share in folded_order_shares(topology, orders):
             with suppress(ModelError):

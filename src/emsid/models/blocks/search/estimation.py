@@ -1,7 +1,7 @@
 r"""Wiener–Hammerstein models and their relatives from records alone.
 
-`estimation`, `hammerstein`, `wiener` and `hammerstein_wiener` need no more than a record. What is not given is
-chosen on held-back data (`cross_validation`):
+`wiener_hammerstein`, `hammerstein`, `wiener` and `hammerstein_wiener` make a `CascadeStructure`, which is fitted to
+records. What is not given is chosen on held-back data (`cross_validation`):
 
 1. the orders worth trying and the input delay, from the measured frequency response (`orders`);
 2. pairs of filters to start from (`starts`), the best of them refined and judged, then the static map between
@@ -11,15 +11,18 @@ chosen on held-back data (`cross_validation`):
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
-from emsid.errors import ModelError
+from emsid.arguments import did_you_mean
+from emsid.errors import ModelError, listed
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.estimation.nonlinear.losses import Loss
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.blocks.cascade import SAMPLES_PER_STATE, Cascade, check_channels
@@ -27,6 +30,7 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import conclude, fit_cascade
 from emsid.models.blocks.search.choice import Choice, improving, placed, searched
 from emsid.models.blocks.search.cross_validation import as_arrays, held_back
+from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER, filter_parameters, input_delay
 from emsid.models.blocks.search.topologies import (
     DEFAULTS,
@@ -38,6 +42,7 @@ from emsid.models.blocks.search.topologies import (
     Orders,
     Topology,
 )
+from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.terms import check_whole
 from emsid.record import Record
 from emsid.record.holding_back import Round
@@ -46,56 +51,146 @@ from emsid.record.holding_back import Round
 CHANGES = 5
 
 
-def wiener_hammerstein(
-    records: Record | Sequence[Record], orders: tuple[int, int] | None = None, settings: CascadeSearch = DEFAULTS
-) -> Fit[Cascade]:
-    """Filter, static map, filter.
+@dataclass(frozen=True, eq=False)
+class CascadeStructure:
+    """A cascade to be identified: which blocks it has, and what is given of them. `fit` estimates it.
 
     Args:
-        records: one input and one output each.
-        orders: of the two filters; each has as many poles, and one numerator coefficient more.
-        settings: everything else.
+        topology: which filters stand beside the static map.
+        orders: of the filter before and the one after the map; None where the topology has none, or a search chooses.
+        search: the static map, the delay and how the search goes.
 
     Raises:
-        ModelError: for records of other channels or too short for the orders, an input that does not excite the map.
+        ModelError: for orders that do not suit the topology.
     """
-    return estimate(WIENER_HAMMERSTEIN, records, orders or (None, None), settings)
+
+    topology: Topology
+    orders: Orders = (None, None)
+    search: CascadeSearch = DEFAULTS
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.orders, tuple | list) and len(self.orders) == 2):
+            raise ModelError(f"{self.name}: orders {self.orders!r}; give one for each filter, such as (1, 2)")
+        least = 0 if self.topology.first and self.topology.second else 1
+        for order, wanted in zip(self.orders, (self.topology.first, self.topology.second), strict=True):
+            if order is not None and not wanted:
+                raise ModelError(f"{self.name} has one filter; give one order")
+            if order is not None:
+                check_whole(f"{self.name}: order", order, least, "orders count poles")
+        object.__setattr__(self, "orders", tuple(self.orders))
+
+    @property
+    def name(self) -> str:
+        """Of the topology."""
+        return self.topology.name
+
+    def fit(self, records: Record | Sequence[Record], *, control: Control = FREE) -> Fit[Cascade]:
+        """The cascade whose free run is closest to the records; what is not given is chosen on held-back data.
+
+        Args:
+            records: one input and one output each.
+            control: when to stop, and who is told what the search does. Where it ends the choices, the best model so
+                far is kept.
+
+        Raises:
+            ModelError: for records of other channels or too short for the orders, an input that does not excite the
+                static map.
+            Stopped: where ``control`` ends the search before there is a model.
+        """
+        return estimate(self.topology, records, self.orders, self.search, control)
 
 
-def hammerstein(
-    records: Record | Sequence[Record], order: int | None = None, settings: CascadeSearch = DEFAULTS
-) -> Fit[Cascade]:
-    """Static map, then a filter of this order.
+class Given(TypedDict, total=False):
+    """What may be given of a cascade and of its search, as `CascadeSearch` says it."""
+
+    static: Family | StaticMap | type[StaticMap] | str | None
+    size: int | None
+    delay: int | None
+    oversampling: int | None
+    unseen: Record | Sequence[Record] | None
+    transient: int | None
+    loss: Loss
+    threads: int
+    max_iterations: int
+    rng: np.random.Generator | None
+
+
+def wiener_hammerstein(
+    orders: Sequence[int | None] | None = None, *misplaced: object, **given: Unpack[Given]
+) -> CascadeStructure:
+    """Filter, static map, filter, to be fitted: ``emsid.fit(wiener_hammerstein((1, 2), static="dead-zone"), record)``.
+
+    >>> wiener_hammerstein(orders=(1, 2), static="dead-zone", delay=1).orders
+    (1, 2)
 
     Args:
-        records, settings: as in `wiener_hammerstein`.
-        order: of the filter, chosen on held-back data where it is None.
+        orders: of the two filters; each has as many poles, and one numerator coefficient more. None chooses them on
+            held-back data.
+        misplaced: nothing; it catches records, which are given to `emsid.fit`.
+        given: ``static``, ``size``, ``delay`` and everything else that `CascadeSearch` has, by name.
+
+    Raises:
+        ModelError: for orders that are no two counts, a static map that there is not, options of other names.
     """
-    return estimate(HAMMERSTEIN, records, (None, order), settings)
+    pair = (None, None) if orders is None else orders
+    return _structure(WIENER_HAMMERSTEIN, pair, misplaced, given)
 
 
-def wiener(
-    records: Record | Sequence[Record], order: int | None = None, settings: CascadeSearch = DEFAULTS
-) -> Fit[Cascade]:
-    """A filter of this order, then a static map.
+def hammerstein(order: int | None = None, *misplaced: object, **given: Unpack[Given]) -> CascadeStructure:
+    """Static map, then a filter, to be fitted by `emsid.fit`.
 
     Args:
-        records, settings: as in `wiener_hammerstein`.
-        order: of the filter, chosen on held-back data where it is None.
+        order: of the filter; None chooses it on held-back data.
+        misplaced: nothing; it catches records, which are given to `emsid.fit`.
+        given: as in `wiener_hammerstein`.
     """
-    return estimate(WIENER, records, (order, None), settings)
+    return _structure(HAMMERSTEIN, (None, order), misplaced, given)
 
 
-def hammerstein_wiener(
-    records: Record | Sequence[Record], order: int | None = None, settings: CascadeSearch = DEFAULTS
-) -> Fit[Cascade]:
-    """Static map, a filter of this order, and a second map of the same family.
+def wiener(order: int | None = None, *misplaced: object, **given: Unpack[Given]) -> CascadeStructure:
+    """A filter, then a static map, to be fitted by `emsid.fit`.
 
     Args:
-        records, settings: as in `wiener_hammerstein`.
-        order: of the filter, chosen on held-back data where it is None.
+        order: of the filter; None chooses it on held-back data.
+        misplaced: nothing; it catches records, which are given to `emsid.fit`.
+        given: as in `wiener_hammerstein`.
     """
-    return estimate(HAMMERSTEIN_WIENER, records, (None, order), settings)
+    return _structure(WIENER, (order, None), misplaced, given)
+
+
+def hammerstein_wiener(order: int | None = None, *misplaced: object, **given: Unpack[Given]) -> CascadeStructure:
+    """Static map, a filter, and a second map of the same family, to be fitted by `emsid.fit`.
+
+    Args:
+        order: of the filter; None chooses it on held-back data.
+        misplaced: nothing; it catches records, which are given to `emsid.fit`.
+        given: as in `wiener_hammerstein`.
+    """
+    return _structure(HAMMERSTEIN_WIENER, (None, order), misplaced, given)
+
+
+def _structure(
+    topology: Topology, orders: Any, misplaced: Sequence[object], given: Mapping[str, Any]
+) -> CascadeStructure:
+    """The structure that is asked for; what is given in the wrong place is refused with the place where it goes."""
+    called = topology.name.replace("-", "_")
+    example = "orders=(1, 2)" if topology.first and topology.second else "order=2"
+    shape = f"emsid.{called}({example}, static='dead-zone')"
+    flat = orders if isinstance(orders, tuple | list) else (orders,)
+    for each in (*flat, *misplaced):
+        if isinstance(each, Record) or (isinstance(each, tuple | list) and any(isinstance(r, Record) for r in each)):
+            raise ModelError(f"{called} takes no record; give it to fit: emsid.fit({shape}, record)")
+    for each in (*flat, *misplaced, *given.values()):
+        if type(each).__name__ in ("Options", "CascadeSearch"):
+            raise ModelError(f"{called} takes no {type(each).__name__}; give its options by name: {shape}")
+    if misplaced:
+        raise ModelError(f"{called} takes one argument by position, all others by name: {shape}")
+    unknown = [name for name in given if name not in Given.__annotations__]
+    if unknown:
+        names = list(Given.__annotations__)
+        near = did_you_mean(unknown[0], names)
+        raise ModelError(f"{called} has no option {unknown[0]!r}; it takes {listed(names)}{near}")
+    return CascadeStructure(topology, orders, CascadeSearch(**given))
 
 
 @one_blas_thread()
@@ -106,7 +201,7 @@ def estimate(
     settings: CascadeSearch,
     control: Control = FREE,
 ) -> Fit[Cascade]:
-    """A structure of any of the topologies; see `estimation`.
+    """A cascade of any of the topologies, estimated; see `CascadeStructure`.
 
     Where ``control`` ends the choices, the best model so far is kept.
 
@@ -125,7 +220,7 @@ def estimate(
     _check_judges(topology, rounds, orders)
     delay = settings.delay
     if delay is None:
-        delay = 0 if settings.families[0].folds else input_delay(topology, as_arrays(shown), orders)
+        delay = 0 if settings.families[0].loses_sign else input_delay(topology, as_arrays(shown), orders)
     longest = max(len(u) for u, _ in as_arrays(shown))
     if delay >= longest:
         raise ModelError(f"{topology.name}: a delay of {delay} in a stretch of {longest} samples; give a smaller one")
@@ -171,12 +266,6 @@ def _check_excitation(topology: Topology, records: Sequence[Record]) -> None:
 
 
 def _check_size(topology: Topology, records: Sequence[Record], orders: Orders, settings: CascadeSearch) -> None:
-    if not (isinstance(orders, tuple | list) and len(orders) == 2):
-        raise ModelError(f"{topology.name}: orders {orders!r}; give one for each filter, such as (1, 2)")
-    least = 0 if topology.first and topology.second else 1
-    for order in orders:
-        if order is not None:
-            check_whole(f"{topology.name}: order", order, least, "orders count poles")
     parameters = filter_parameters(topology, orders) + (settings.size or 4)
     samples = sum(len(record) for record in records)
     if samples < SAMPLES_PER_PARAMETER * parameters:

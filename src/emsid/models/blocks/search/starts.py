@@ -51,7 +51,7 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import search
 from emsid.models.blocks.gain import unit_gain
 from emsid.models.blocks.search.sign_recovery import unfoldings
-from emsid.models.blocks.static_maps import CubicSpline, Polynomial, Scaling, StaticMap
+from emsid.models.blocks.static_maps import Polynomial, Scaling, StaticMap
 from emsid.models.regression.structures import wiener_hammerstein_regression
 from emsid.record import Record
 
@@ -59,8 +59,6 @@ Array = NDArray[np.float64]
 Segments = Sequence[tuple[Array, Array]]
 Filters = tuple[Rational | None, Rational | None]
 
-# Splines with so many knots show whether a pair of filters is any good.
-TRIAL_KNOTS = 12
 # How many samples a trial looks at; enough to rank the candidates.
 TRIAL_SAMPLES = 12_000
 # More ways of sharing out poles and zeros than this are not tried.
@@ -246,29 +244,6 @@ def scanned(
     if problems and not found:
         raise problems[0]
     return sorted(found, key=lambda candidate: candidate.error)
-
-
-def spline_trial(x: Array) -> tuple[StaticMap, ...]:
-    """A spline with knots between the ends and the quantiles of x."""
-    knots = spread_knots(x, TRIAL_KNOTS)
-    return (CubicSpline(knots, knots),)
-
-
-def spread_knots(x: Array, count: int) -> Array:
-    """(count,) knots half-way between evenly spaced ones and quantiles of x, so that the tails keep some.
-
-    Raises:
-        ModelError: where x hardly takes different values, or values that are not finite.
-    """
-    part = np.linspace(0, 1, count)
-    low, high = float(np.min(x)), float(np.max(x))
-    if not np.isfinite([low, high]).all():
-        raise ModelError("what enters the nonlinearity is not finite; the filter before it runs away")
-    # A quantile's neighbourhood, not the very samples, so that repeated values (a PRBS) do not make knots coincide.
-    knots = 0.5 * (low + (high - low) * part) + 0.5 * np.quantile(x, part)
-    if not np.all(np.diff(knots) > 1e-9 * max(abs(low), abs(high), 1e-300)):
-        raise ModelError("the input of the nonlinearity does not move; it cannot be identified from this record")
-    return knots
 
 
 def _scored(

@@ -7,17 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from emsid.errors import ModelError
 from emsid.estimation.nonlinear.losses import SQUARES, Loss
-from emsid.models.blocks.search.map_families import (
-    COULOMB,
-    DEAD_ZONE,
-    PIECEWISE_LINEAR,
-    POLYNOMIAL,
-    SATURATION,
-    SPLINE,
-    Family,
-)
+from emsid.models.blocks.search.map_families import SPLINE, Family, family_of, tried_families
+from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
@@ -56,8 +48,8 @@ class CascadeSearch:
     """What may be given to the estimation of a cascade; what is None is chosen on held-back data.
 
     Attributes:
-        static: family of the static map, see `families`; None chooses among `CHOSEN_FAMILIES`.
-        size: its number of knots, or degree; given without a family, it is one of a spline.
+        static: the static map: a name such as ``dead-zone``, a map or its class, see `family_of`; None chooses one.
+        size: its number of knots, or degree; where no static map is given, that of a spline.
         delay: from the input to its first effect, in samples.
         oversampling: how many times faster than the record the blocks run; None tries 1 and 2.
         unseen: records that judge the choices, in place of the last quarter of the records that are fitted.
@@ -71,7 +63,7 @@ class CascadeSearch:
         ModelError: for numbers that are no counts, a static map that is no family.
     """
 
-    static: Family | None = SPLINE
+    static: Family | StaticMap | type[StaticMap] | str | None = SPLINE
     size: int | None = None
     delay: int | None = None
     oversampling: int | None = None
@@ -83,8 +75,8 @@ class CascadeSearch:
     rng: np.random.Generator | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.static, Family | None):
-            raise ModelError(f"static {self.static!r} is no family of maps; give one of `map_families`")
+        if self.static is not None:
+            object.__setattr__(self, "static", family_of(self.static))
         for what, value, least, why in (
             ("delay", self.delay, 0, "a model cannot look ahead"),
             ("oversampling", self.oversampling, 1, "blocks run at least as fast as the record"),
@@ -99,11 +91,8 @@ class CascadeSearch:
     def families(self) -> tuple[Family, ...]:
         """Those that the map may be of."""
         if self.static is None:
-            return CHOSEN_FAMILIES if self.size is None else (SPLINE,)
-        return (self.static,)
+            return tried_families() if self.size is None else (SPLINE,)
+        return (family_of(self.static),)
 
-
-# What a map may be where nobody says; the spline leads, as trials are splines.
-CHOSEN_FAMILIES = (SPLINE, PIECEWISE_LINEAR, POLYNOMIAL, DEAD_ZONE, SATURATION, COULOMB)
 
 DEFAULTS = CascadeSearch()

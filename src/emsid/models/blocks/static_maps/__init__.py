@@ -12,21 +12,29 @@ References:
     (4.7) to (4.9). de Boor, *A Practical Guide to Splines*, rev. ed. (2001).
 """
 
-from emsid.models.blocks.static_maps.laws import Abs, CoulombLinear, DeadZone, Saturation
+from emsid.models.blocks.static_maps.laws import Abs, CoulombLinear, DeadZone, NumberedMap, Saturation
 from emsid.models.blocks.static_maps.polynomial import Polynomial
-from emsid.models.blocks.static_maps.static_map import Scaling, StaticMap
+from emsid.models.blocks.static_maps.registry import STATIC_MAPS, register
+from emsid.models.blocks.static_maps.static_map import Scaling, StaticMap, closest
 from emsid.models.blocks.static_maps.through_points import CubicSpline, PiecewiseLinear
 from emsid.models.blocks.static_maps.user import UserMap
 
+for _map in (CubicSpline, PiecewiseLinear, Polynomial, DeadZone, Saturation, CoulombLinear, Abs):
+    register(_map)
+
 __all__ = [
+    "STATIC_MAPS",
     "Abs",
     "CoulombLinear",
     "CubicSpline",
     "DeadZone",
+    "NumberedMap",
     "PiecewiseLinear",
     "Polynomial",
     "Saturation",
     "Scaling",
     "StaticMap",
     "UserMap",
+    "closest",
+    "register",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
@@ -10,19 +11,35 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.findings import Finding
 from emsid.models.blocks.static_maps.inverse import monotone_inverse, numbers_of
-from emsid.models.blocks.static_maps.static_map import Scaling, StaticMap
+from emsid.models.blocks.static_maps.static_map import Scaling, StaticMap, closest, combination
+from emsid.models.blocks.static_maps.through_points import CubicSpline
 from emsid.models.terms import sum_of_terms
 
 Array = NDArray[np.float64]
 
+# The start of a map is found from this many points of a curve.
+POINTS = 2_000
+# Edges of a dead zone are looked for among this many quantiles on either side.
+EDGES = 16
+# A part of the samples this small says nothing reliable about a side of a map.
+SELDOM = 0.002
+
 
 @dataclass(frozen=True, eq=False)
-class _OfNumbers(StaticMap):
-    """A map described by a few numbers, its fields, the first of which are its parameters."""
+class NumberedMap(StaticMap):
+    """A map described by a few numbers, its fields, the first of which are its parameters.
 
-    letters: ClassVar[tuple[str, ...]]  # of the parameters, as formulas and files have them
-    slope_letter: ClassVar[str]  # of the slope that stands for the whole map; empty where that is one, and no parameter
+    Attributes:
+        letters: of the parameters, as formulas and files have them.
+        slope_letter: of the slope that stands for the whole map; empty where that is one, and no parameter.
+        meanings: what the letters stand for, in a few words.
+    """
+
+    letters: ClassVar[tuple[str, ...]]
+    slope_letter: ClassVar[str]
+    meanings: ClassVar[Mapping[str, str]] = {}
 
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
@@ -53,6 +70,10 @@ class _OfNumbers(StaticMap):
         """With other numbers in the first fields."""
         return replace(self, **dict(zip(self._first_fields(), theta.tolist(), strict=True)))
 
+    def meaning(self, name: str) -> str:
+        """What its letter stands for."""
+        return f"{self.kind}: {self.meanings[name]}" if name in self.meanings else self.kind
+
     def to_data(self) -> dict[str, Any]:
         """All fields, the parameters under their names."""
         values = (getattr(self, field.name) for field in fields(self))
@@ -73,7 +94,7 @@ class _OfNumbers(StaticMap):
 
 
 @dataclass(frozen=True, eq=False)
-class DeadZone(_OfNumbers):
+class DeadZone(NumberedMap):
     """The dead zone (4.9): m_r(x − b_r) above b_r, m_l(x − b_l) below b_l, nothing between.
 
     >>> DeadZone(-0.2, 0.3, 1.0, 2.0).value(np.array([-1.2, 0.0, 1.3]))
@@ -84,14 +105,21 @@ class DeadZone(_OfNumbers):
         m_l, m_r: slope to the left and to the right.
     """
 
-    b_l: float
-    b_r: float
+    b_l: float = 0.0
+    b_r: float = 0.0
     m_l: float = 1.0
     m_r: float = 1.0
 
     kind: ClassVar[str] = "dead-zone"
     letters: ClassVar[tuple[str, ...]] = ("b_l", "b_r", "m_l", "m_r")
     slope_letter: ClassVar[str] = "m_r"
+    tried: ClassVar[bool] = True
+    meanings: ClassVar[Mapping[str, str]] = {
+        "b_l": "left end of the zone",
+        "b_r": "right end of the zone",
+        "m_l": "slope on the left",
+        "m_r": "slope on the right",
+    }
 
     def value(self, x: Array) -> Array:
         """(4.9)."""
@@ -131,9 +159,43 @@ class DeadZone(_OfNumbers):
         if not self.b_l <= self.b_r:
             raise Infeasible(f"dead zone from b_l = {self.b_l:.6g} to b_r = {self.b_r:.6g}; b_l must not exceed b_r")
 
+    @classmethod
+    def started(cls, x: Array, z: Array, size: int) -> DeadZone:
+        """The best edges among quantiles of x, with the best slopes for them."""
+        step = max(1, len(x) // POINTS)
+        x, z = x[::step], z[::step]
+        grid = np.quantile(x, np.linspace(0.02, 0.98, EDGES))
+        best, least = cls(float(grid[0]), float(grid[-1])), np.inf
+        for i, left in enumerate(grid):
+            for right in grid[i:]:
+                rows = np.stack([np.minimum(x - left, 0), np.maximum(x - right, 0), np.ones_like(x)])
+                theta = combination(rows, z)
+                error = float(np.sum((theta @ rows - z) ** 2))
+                if error < least and theta[0] * theta[1] > 0:
+                    best, least = cls(float(left), float(right), float(theta[0]), float(theta[1])), error
+        return best
+
+    def findings(self, x: Array) -> tuple[Finding, ...]:
+        """A side that the signal hardly reaches, or a zone that it is hardly ever in."""
+        sides = (
+            ("left", ["b_l", "m_l"], float(np.mean(x < self.b_l))),
+            ("right", ["b_r", "m_r"], float(np.mean(x > self.b_r))),
+        )
+        unseen = tuple(
+            Finding("dead-zone-side-unseen", data={"side": side, "parameters": names, "share": share})
+            for side, names, share in sides
+            if share < SELDOM
+        )
+        inside = float(np.mean((x > self.b_l) & (x < self.b_r)))
+        return unseen or ((Finding("dead-zone-unseen", data={"share": inside}),) if inside < SELDOM else ())
+
+    def marks(self) -> tuple[Array, str]:
+        """The ends of the zone."""
+        return np.array([self.b_l, self.b_r]), "break points"
+
 
 @dataclass(frozen=True, eq=False)
-class Saturation(_OfNumbers):
+class Saturation(NumberedMap):
     """f(x) = min(max(m·x, low), high).
 
     Args:
@@ -141,13 +203,15 @@ class Saturation(_OfNumbers):
         low, high: limits of the output; they need not enclose zero, so that with an output offset they take up shifts.
     """
 
-    slope_between: float
-    low: float
-    high: float
+    slope_between: float = 1.0
+    low: float = -1.0
+    high: float = 1.0
 
     kind: ClassVar[str] = "saturation"
     letters: ClassVar[tuple[str, ...]] = ("m", "low", "high")
     slope_letter: ClassVar[str] = "m"
+    tried: ClassVar[bool] = True
+    meanings: ClassVar[Mapping[str, str]] = {"m": "slope", "low": "lower limit", "high": "upper limit"}
 
     def value(self, x: Array) -> Array:
         """m·x, limited."""
@@ -184,13 +248,36 @@ class Saturation(_OfNumbers):
         if not self.low < self.high:
             raise Infeasible(f"saturation from {self.low:.6g} to {self.high:.6g}; the limits must ascend")
 
+    @classmethod
+    def started(cls, x: Array, z: Array, size: int) -> Saturation:
+        """The slope of the middle half, with limits inside the extremes of the curve."""
+        low, high = np.quantile(x, [0.25, 0.75])
+        middle = (x >= low) & (x <= high)
+        slope, level = combination(np.stack([x[middle], np.ones(int(middle.sum()))]), z[middle])
+        floor, ceiling = np.quantile(z - level, [0.02, 0.98])
+        return cls(float(slope), float(floor), float(ceiling))
+
+    def findings(self, x: Array) -> tuple[Finding, ...]:
+        """A limit that the signal hardly reaches."""
+        linear = self.slope_between * x
+        limits = (("low", float(np.mean(linear <= self.low))), ("high", float(np.mean(linear >= self.high))))
+        return tuple(
+            Finding("limit-unseen", data={"side": side, "share": share}) for side, share in limits if share < SELDOM
+        )
+
+    def marks(self) -> tuple[Array, str]:
+        """The inputs at which the limits begin."""
+        if not self.slope_between:
+            return np.zeros(0), ""
+        return np.sort(np.array([self.low, self.high]) / self.slope_between), "limits"
+
     def _between(self, x: Array) -> Array:
         linear = self.slope_between * x
         return ((linear > self.low) & (linear < self.high)).astype(float)
 
 
 @dataclass(frozen=True, eq=False)
-class CoulombLinear(_OfNumbers):
+class CoulombLinear(NumberedMap):
     """f(x) = c·sgn(x) + m·x, dry friction beside viscous friction (4.7, 4.8).
 
     Args:
@@ -199,13 +286,15 @@ class CoulombLinear(_OfNumbers):
         width: where positive, the sign is tanh(x/width), which a filter before it can be fitted through.
     """
 
-    coulomb: float
-    linear: float
+    coulomb: float = 0.0
+    linear: float = 1.0
     width: float = 0.0
 
     kind: ClassVar[str] = "coulomb"
     letters: ClassVar[tuple[str, ...]] = ("c", "m")
     slope_letter: ClassVar[str] = "m"
+    tried: ClassVar[bool] = True
+    meanings: ClassVar[Mapping[str, str]] = {"c": "height of the sign", "m": "slope"}
     absorbs_shift: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -248,8 +337,15 @@ class CoulombLinear(_OfNumbers):
         sign = f"tanh({x}/{self.width:.6g})" if self.width else f"sign({x})"
         return sum_of_terms([(self.coulomb, sign), (self.linear, x)])
 
-    def check(self) -> None:
-        """Nothing to refuse."""
+    @classmethod
+    def started(cls, x: Array, z: Array, size: int) -> CoulombLinear:
+        """A sign that is smooth over a twentieth of the spread of x, and x."""
+        return closest(cls(0.0, 1.0, width=0.05 * float(np.std(x))), x, z)
+
+    def breaks(self, low: float, high: float) -> Array:
+        """Both sides of the jump at zero."""
+        tiny = 1e-9 * (high - low)
+        return np.array([-tiny, tiny]) if low < 0 < high else np.zeros(0)
 
     def _sign(self, x: Array) -> Array:
         sign: Array = np.tanh(x / self.width) if self.width else np.sign(x)
@@ -257,12 +353,14 @@ class CoulombLinear(_OfNumbers):
 
 
 @dataclass(frozen=True, eq=False)
-class Abs(_OfNumbers):
+class Abs(NumberedMap):
     """f(x) = |x|: a sensor that loses the sign."""
 
     kind: ClassVar[str] = "abs"
     letters: ClassVar[tuple[str, ...]] = ()
     slope_letter: ClassVar[str] = ""
+    sizes: ClassVar[tuple[int, ...]] = (0, 6, 9, 13)
+    loses_sign: ClassVar[bool] = True
     scaling: ClassVar[Scaling] = Scaling.JOINT
     absorbs_shift: ClassVar[bool] = False
 
@@ -298,5 +396,17 @@ class Abs(_OfNumbers):
         """abs(x)."""
         return f"abs({x})"
 
-    def check(self) -> None:
-        """Nothing to refuse."""
+    @classmethod
+    def started(cls, x: Array, z: Array, size: int) -> StaticMap:
+        """|x|, or a spline with ``size`` knots through the curve: real sensors round the kink, and bend."""
+        return CubicSpline.started(x, z, size) if size else cls()
+
+    @classmethod
+    def trials(cls, x: Array) -> tuple[StaticMap, ...]:
+        """|x| itself."""
+        return (cls(),)
+
+    def breaks(self, low: float, high: float) -> Array:
+        """The kink at zero."""
+        tiny = 1e-9 * (high - low)
+        return np.array([-tiny, 0.0, tiny]) if low < 0 < high else np.zeros(0)

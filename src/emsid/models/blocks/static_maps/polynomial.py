@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.models.blocks.static_maps.inverse import monotone_inverse
-from emsid.models.blocks.static_maps.static_map import StaticMap
+from emsid.models.blocks.static_maps.static_map import StaticMap, closest
 from emsid.models.terms import sum_of_terms, vector
 
 Array = NDArray[np.float64]
@@ -36,6 +36,8 @@ class Polynomial(StaticMap):
 
     kind: ClassVar[str] = "polynomial"
     owns_level: ClassVar[bool] = True
+    sizes: ClassVar[tuple[int, ...]] = (2, 3, 5, 7)
+    tried: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients", vector(self.coefficients, "polynomial coefficients"))
@@ -116,8 +118,19 @@ class Polynomial(StaticMap):
             [(value, "" if k == 0 else x if k == 1 else f"{x}^{k}") for k, value in enumerate(self.powers)]
         )
 
-    def check(self) -> None:
-        """Nothing to refuse."""
+    @classmethod
+    def started(cls, x: Array, z: Array, size: int) -> Polynomial:
+        """A polynomial of degree ``size`` on the range of x."""
+        return closest(cls(np.zeros(size + 1), float(x.min()), float(x.max())), x, z)
+
+    @property
+    def size(self) -> int:
+        """Its degree."""
+        return len(self.coefficients) - 1
+
+    def meaning(self, name: str) -> str:
+        """Which Legendre polynomial it multiplies."""
+        return f"× Legendre polynomial {self.names.index(name)}, of {self.low:.4g} … {self.high:.4g}"
 
     def to_data(self) -> dict[str, Any]:
         """Coefficients and interval."""

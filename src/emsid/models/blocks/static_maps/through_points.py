@@ -15,11 +15,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
+from emsid.findings import Finding
 from emsid.models.blocks.static_maps.inverse import monotone_inverse, numbers_of
-from emsid.models.blocks.static_maps.static_map import StaticMap
+from emsid.models.blocks.static_maps.static_map import StaticMap, closest
 from emsid.models.terms import vector
 
 Array = NDArray[np.float64]
+
+# Every knot should have this many samples around it.
+SAMPLES_PER_KNOT = 5
+# A map whose slope varies by less than this part of it is a straight line.
+STRAIGHT = 0.01
+# A short form lists up to this many knots.
+LISTED_KNOTS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +48,7 @@ class _ThroughPoints(StaticMap):
     values: Array
 
     owns_level: ClassVar[bool] = True
+    tried: ClassVar[bool] = True
     word: ClassVar[str]
     of_knots: ClassVar[tuple[str, ...]] = ()  # what is worked out from the knots alone
 
@@ -90,8 +99,41 @@ class _ThroughPoints(StaticMap):
         pairs = ", ".join(f"({k:.6g}, {v:.6g})" for k, v in zip(self.knots, self.values, strict=True))
         return f"{self.word}({x}; {pairs})"
 
-    def check(self) -> None:
-        """Nothing to refuse."""
+    def summary(self, x: str) -> str:
+        """The points, or how many there are."""
+        if len(self.knots) <= LISTED_KNOTS:
+            return self.expression(x)
+        return (
+            f"{self.word}({x}; {len(self.knots)} knots from {self.knots[0]:.4g} to {self.knots[-1]:.4g}, see the table)"
+        )
+
+    @classmethod
+    def started(cls, x: Array, z: Array, size: int) -> Self:
+        """A map with ``size`` knots between quantiles and even spacing."""
+        return closest(cls(spread_knots(x, size), np.zeros(size)), x, z)
+
+    @property
+    def size(self) -> int:
+        """How many knots it has."""
+        return len(self.knots)
+
+    def findings(self, x: Array) -> tuple[Finding, ...]:
+        """Knots without data around them; a map that is straight where the data are."""
+        nearest = np.searchsorted(0.5 * (self.knots[1:] + self.knots[:-1]), x)
+        empty = np.flatnonzero(np.bincount(nearest, minlength=len(self.knots)) < SAMPLES_PER_KNOT)
+        if len(empty):
+            return (Finding("knots-without-data", data={"knots": self.knots[empty].tolist()}),)
+        slopes = self.slope(np.asarray(np.quantile(x, np.linspace(0.01, 0.99, 99)), dtype=float))
+        straight = np.ptp(slopes) < STRAIGHT * np.max(np.abs(slopes))
+        return (Finding("map-is-straight"),) if straight else ()
+
+    def meaning(self, name: str) -> str:
+        """The value at which knot."""
+        return f"value at {self.knots[self.names.index(name)]:.4g}"
+
+    def marks(self) -> tuple[Array, str]:
+        """The knots."""
+        return self.knots, "knots"
 
     def to_data(self) -> dict[str, Any]:
         """Knots and values."""
@@ -107,6 +149,7 @@ class PiecewiseLinear(_ThroughPoints):
     """Straight lines between the points (knotₖ, valueₖ), and on in the direction of the last ones."""
 
     kind: ClassVar[str] = "piecewise-linear"
+    sizes: ClassVar[tuple[int, ...]] = (6, 10, 16, 25)
     word: ClassVar[str] = "linear"
 
     def value(self, x: Array) -> Array:
@@ -150,6 +193,7 @@ class CubicSpline(_ThroughPoints):
     """
 
     kind: ClassVar[str] = "spline"
+    sizes: ClassVar[tuple[int, ...]] = (8, 12, 18, 25, 35)
     word: ClassVar[str] = "spline"
     of_knots: ClassVar[tuple[str, ...]] = ("curvatures",)
 
@@ -196,6 +240,23 @@ class CubicSpline(_ThroughPoints):
         out = np.empty((2, at.size))
         spline_values(self.knots, self.values, self.curvatures @ self.values, at.ravel(), out)
         return out[0].reshape(at.shape), out[1].reshape(at.shape)
+
+
+def spread_knots(x: Array, count: int) -> Array:
+    """(count,) knots half-way between evenly spaced ones and quantiles of x, so that the tails keep some.
+
+    Raises:
+        ModelError: where x hardly takes different values, or values that are not finite.
+    """
+    part = np.linspace(0, 1, count)
+    low, high = float(np.min(x)), float(np.max(x))
+    if not np.isfinite([low, high]).all():
+        raise ModelError("what enters the nonlinearity is not finite; the filter before it runs away")
+    # A quantile's neighbourhood, not the very samples, so that repeated values (a PRBS) do not make knots coincide.
+    knots = 0.5 * (low + (high - low) * part) + 0.5 * np.quantile(x, part)
+    if not np.all(np.diff(knots) > 1e-9 * max(abs(low), abs(high), 1e-300)):
+        raise ModelError("the input of the nonlinearity does not move; it cannot be identified from this record")
+    return knots
 
 
 @numba.njit(cache=True, nogil=True)

@@ -112,9 +112,6 @@ class UserMap(StaticMap):
         name = getattr(self.function, "__name__", "f")
         return f"{name if name.isidentifier() else 'f'}({', '.join([x, *values])})"
 
-    def check(self) -> None:
-        """Nothing to refuse."""
-
     def to_data(self) -> dict[str, Any]:
         """Not possible.
 
@@ -122,6 +119,15 @@ class UserMap(StaticMap):
             ModelError: always; a function cannot be kept in a file.
         """
         raise ModelError("a user's own map is a function and cannot be saved; save its parameters instead")
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> UserMap:
+        """Not possible, as `to_data`.
+
+        Raises:
+            ModelError: always.
+        """
+        raise ModelError("a user's own map is a function and is in no file; build it from its functions")
 
     def _called(self, law: Callable[[Array, Array], Array], x: Array, shape: tuple[int, ...], what: str) -> Array:
         """What the user's code returns, or what is wrong with it; it gets views that it cannot write into."""

@@ -319,11 +319,11 @@ def test_linear_parts_as_scipy_systems() -> None:
 
 
 @pytest.mark.parametrize("oversampling", [1, 3])
-def test_linear_parts_as_python_control_systems(oversampling: int) -> None:
+def test_linear_parts_as_python_to_control(oversampling: int) -> None:
     control = pytest.importorskip("control")
     dt = 1e-3
     model = replace(CASCADES["wiener-hammerstein"], delay=2, oversampling=oversampling)
-    systems = model.control_systems(dt)
+    systems = model.to_control(dt)
     u = excitation(60)
     frequency = np.geomspace(1.0, 0.4 / dt, 20)
     for system, block, late in zip(systems, (FAST, SLOW), (2 * oversampling, 0), strict=True):
@@ -343,7 +343,7 @@ def test_linear_parts_as_python_control_systems(oversampling: int) -> None:
 def test_without_python_control_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(ModelError, match=r"pip install emsid\[control\]"):
-        CASCADES["linear"].control_systems(1e-3)
+        CASCADES["linear"].to_control(1e-3)
 
 
 def test_interruption_keeps_the_best_so_far() -> None:

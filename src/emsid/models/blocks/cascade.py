@@ -46,6 +46,7 @@ from emsid.estimation.nonlinear.gauss_newton import Infeasible, gauss_newton
 from emsid.models.blocks.block import Block, block_from_data
 from emsid.models.blocks.filters import INTERPOLATION_REACH, Rational, between, interpolated
 from emsid.models.free_run import as_record, continued, free_run, predict
+from emsid.models.linear_parts import python_control
 from emsid.models.model import Run, levels
 from emsid.models.terms import check_whole
 from emsid.record import Record
@@ -410,25 +411,30 @@ class Cascade:
         except (KeyError, TypeError, ValueError) as problem:
             raise ModelError(f"not a cascade: {problem!r}") from None
 
-    def scipy_systems(self, dt: float) -> tuple[dlti, ...]:
+    def scipy_systems(self, dt: float | None = None) -> tuple[dlti, ...]:
         """Its filters as `scipy.signal` systems, for records of sample time ``dt``; the delay is in the first."""
         from scipy.signal import dlti
 
-        return tuple(dlti(b, a, dt=dt / self.oversampling) for b, a in self._transfers())
+        return tuple(dlti(b, a, dt=self._step(dt)) for b, a in self._transfers())
 
-    def control_systems(self, dt: float) -> tuple[Any, ...]:
-        """Its filters as python-control systems, for records sampled every ``dt`` seconds; the delay is in the first.
+    def to_control(self, dt: float | None = None) -> tuple[Any, ...]:
+        """Its filters as python-control systems; the delay is in the first.
+
+        Args:
+            dt: sample time of the records in s, by default that of the cascade. Filters that run faster have theirs.
 
         Raises:
-            ModelError: where python-control is not installed.
+            ModelError: where python-control is not installed, or no sample time is known.
         """
-        from importlib import import_module
+        control = python_control()
+        return tuple(control.TransferFunction(b, a, self._step(dt)) for b, a in self._transfers())
 
-        try:
-            control = import_module("control")
-        except ImportError:
-            raise ModelError("python-control is not installed; install it with: pip install emsid[control]") from None
-        return tuple(control.TransferFunction(b, a, dt / self.oversampling) for b, a in self._transfers())
+    def _step(self, dt: float | None) -> float:
+        """The step of the blocks in s."""
+        given = self.dt if dt is None else dt
+        if given is None:
+            raise ModelError(f"{self.name} has no sample time; give that of the records, dt=… in s", arguments=("dt",))
+        return given / self.oversampling
 
     def _transfers(self) -> list[tuple[Array, Array]]:
         """Numerator and denominator of every filter in falling powers of z."""

@@ -18,6 +18,7 @@ from emsid.errors import DataError, EmsidError, ModelError, listed
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.findings import Finding
 from emsid.models.free_run import as_record, continued, free_run, predict
+from emsid.models.linear_parts import python_control
 from emsid.models.model import Run
 from emsid.models.plants.drive import Bridge
 from emsid.models.plants.parameters import Signal, parts
@@ -113,6 +114,23 @@ class GreyBox:
     def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
         """ŷ(t | t − horizon) = ŷ(t) + [y − ŷ](t − horizon): the error of the free run is taken to stay as it is."""
         return predict(self, record, horizon, transient)
+
+    def to_control(self) -> Any:
+        """The plant in motion as a continuous python-control state-space system, from its command to its outputs.
+
+        Dry friction, dead zones, limits and constant loads are left out, as is the delay of the drive, which no state
+        space has: about a steady motion in one direction the rest is all there is.
+
+        Raises:
+            ModelError: where python-control is not installed, or the plant has no linear part that is known.
+        """
+        control = python_control()
+        part = self.plant.linearised(self.signals)
+        if part is None:
+            raise ModelError(f"{self.name} has no linear part that is known; linearise its functions yourself")
+        return control.StateSpace(
+            *part[:4], name=self.name, states=list(part.states), outputs=[signal.value for signal in self.signals]
+        )
 
     def beginning(self, segment: Record, samples: int) -> Array:
         """The state at the first sample of a segment that its first ``samples`` samples suggest."""

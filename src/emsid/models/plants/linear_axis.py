@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.drive import Drive, Feed, outer_handles
 from emsid.models.plants.driven import Driven
 from emsid.models.plants.one_mass import Motion, Sliding, moved
@@ -180,6 +181,14 @@ class LinearAxis(Driven):
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
         """The outputs (N, ny) for a command (N, 1), from a speed and a position."""
         return self.run(self.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
+
+    def linearised(self, signals: Sequence[Signal]) -> StateSpace:
+        """A mass with viscous friction, the mean of both directions."""
+        drag = float(np.mean(self.viscous_friction)) / self.mass
+        a, b = np.array([[-drag, 0.0], [1.0, 0.0]]), np.array([[self.drive.gain / self.mass], [0.0]])
+        out = np.array([[0.0, 1.0] if signal is Signal.POSITION else [1.0, 0.0] for signal in signals])
+        part = StateSpace(a, b, out / self.sensor.ratio, np.zeros((len(out), 1)), ("speed", "position"))
+        return part.with_lag(self.sensor.lag, tuple(range(len(out))))
 
     def put_motion(self, motion: Motion) -> Self:
         """The axis that moves like this: the mass follows from the gain, and the rest from the mass."""

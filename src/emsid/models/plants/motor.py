@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.drive import Drive, Feed, outer_handles
 from emsid.models.plants.driven import Driven
 from emsid.models.plants.one_mass import Motion, Sliding, moved
@@ -300,6 +301,47 @@ class DrivenMotor(Driven):
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
         """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), from speed and angle."""
         return self.run(self.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
+
+    def linearised(self, signals: Sequence[Signal]) -> StateSpace:
+        """(4.1)–(4.6) without dry friction and dead zones: the armature, two masses and a shaft, or what there is."""
+        m, gain = self.motor, self.drive.gain
+        names = ["current", "rotor speed", "load speed", "twist", "angle"]
+        k, viscous = m.motor_constant, np.array([m.rotor_viscous, m.load_viscous])
+        # The current at once, where there is no inductance, or the torque itself; row: per state, then per command.
+        voltage = self.feed is Feed.VOLTAGE
+        settled = np.zeros(6)
+        if voltage:
+            settled[[1, 5]] = -k / m.resistance, gain / m.resistance
+        else:
+            settled[5] = gain if self.feed is Feed.CURRENT else gain / k
+        rows = np.zeros((5, 6))
+        stiffness, damping = (0.0, 0.0) if m.is_rigid else (m.shaft_stiffness, m.shaft_damping)
+        shaft = np.array([0.0, damping, -damping, stiffness, 0.0, 0.0])
+        lively = voltage and m.inductance > 0
+        current = np.eye(6)[0] if lively else settled
+        if lively:
+            rows[0, [0, 1, 5]] = -m.resistance / m.inductance, -k / m.inductance, gain / m.inductance
+        rows[1] = (k * current - shaft - viscous[0] * np.eye(6)[1]) / m.rotor_inertia
+        rows[2] = (shaft - viscous[1] * np.eye(6)[2]) / m.load_inertia
+        rows[3, [1, 2]], rows[4, 2] = (1.0, -1.0), 1.0
+        shown = {
+            Signal.SPEED: np.eye(6)[2] / self.sensor.ratio,
+            Signal.ROTOR_SPEED: np.eye(6)[1] / self.sensor.ratio,
+            Signal.POSITION: np.eye(6)[4] / self.sensor.ratio,
+            Signal.CURRENT: current,
+        }
+        out = np.array([shown[signal] for signal in signals]).reshape(-1, 6)
+        kept = [0] * lively + [1, 2, 3, 4]
+        if m.is_rigid:  # rotor and load are one mass
+            rows[1] = (k * current - viscous.sum() * np.eye(6)[1]) / (m.rotor_inertia + m.load_inertia)
+            rows[4] = np.eye(6)[1]
+            out[:, 1] += out[:, 2]
+            kept = [0] * lively + [1, 4]
+        part = StateSpace(
+            rows[np.ix_(kept, kept)], rows[kept, 5:], out[:, kept], out[:, 5:], tuple(names[j] for j in kept)
+        )
+        filtered = tuple(j for j, signal in enumerate(signals) if signal is not Signal.CURRENT)
+        return part.with_lag(self.sensor.lag, filtered)
 
     @property
     def _is_one_mass(self) -> bool:

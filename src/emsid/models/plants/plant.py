@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.drive import Bridge, Drive
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Handle, Signal, find_handle, read_at, write_at
@@ -148,6 +149,10 @@ class Plant(Protocol):
     @property
     def channels(self) -> Channels | None:
         """What signals it gives and what command it takes; None for a plant that takes any inputs and outputs."""
+        ...
+
+    def linearised(self, signals: Sequence[Signal]) -> StateSpace | None:
+        """The plant in motion, without dry friction, dead zones and delay; None where that is not known."""
         ...
 
     @property
@@ -360,6 +365,10 @@ class BasePlant(ABC):
     @property
     def channels(self) -> Channels | None:
         """Any inputs and outputs."""
+        return None
+
+    def linearised(self, signals: Sequence[Signal]) -> StateSpace | None:
+        """Not known."""
         return None
 
     @property

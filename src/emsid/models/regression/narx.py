@@ -24,10 +24,11 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.arguments import as_names
 from emsid.errors import ModelError
 from emsid.models.free_run import as_record, free_run, predict
+from emsid.models.linear_parts import python_control
 from emsid.models.model import Run, levels
 from emsid.models.regression.kernels import fill, fill_rounding, fold_regression
 from emsid.models.regression.recursion import Recursion, predict_ahead, recursion, run_freely, weigh
-from emsid.models.regression.regressors import Regressor, Tables, parse_regressor, tables
+from emsid.models.regression.regressors import Factor, Regressor, Tables, parse_regressor, tables
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -322,6 +323,27 @@ class Narx:
     def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
         """ŷ(t | t − horizon): simulated from measured outputs up to ``horizon`` samples before."""
         return predict(self, record, horizon, transient)
+
+    def to_control(self) -> Any:
+        """The terms that are linear in past outputs and inputs, as a python-control transfer function.
+
+        Of ARX these are all, B(q)/A(q) from every input; the other terms of a nonlinear structure are left out.
+
+        Raises:
+            ModelError: where python-control is not installed, or the model has no linear term in an input.
+        """
+        control = python_control()
+        rows = np.zeros((1 + self.structure.inputs, self.memory + 1))
+        for regressor, value in zip(self.structure.regressors, self.parameters, strict=True):
+            if len(regressor.factors) == 1 and regressor.factors[0] == Factor(
+                (only := regressor.factors[0]).channel, only.lag
+            ):
+                rows[only.channel, only.lag] += -value if regressor.negative else value
+        if not rows[1:].any():
+            raise ModelError(f"{self.name} has no term that is linear in an input")
+        below = -rows[0]
+        below[0] = 1.0
+        return control.TransferFunction([[np.trim_zeros(b, "f") for b in rows[1:]]], [[below] * len(rows[1:])], self.dt)
 
     def to_data(self) -> dict[str, Any]:
         """Regressors as text, parameters, sample time."""

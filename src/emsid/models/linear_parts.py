@@ -1,0 +1,58 @@
+"""The linear part of a model, and how it goes to python-control."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+
+Array = NDArray[np.float64]
+
+
+class StateSpace(NamedTuple):
+    """dx/dt = A·x + B·u, y = C·x + D·u, in SI units.
+
+    Attributes:
+        a: (n, n).
+        b: (n, nu).
+        c: (ny, n).
+        d: (ny, nu).
+        states: a name for every state.
+    """
+
+    a: Array
+    b: Array
+    c: Array
+    d: Array
+    states: tuple[str, ...]
+
+    def with_lag(self, time: float, outputs: tuple[int, ...]) -> StateSpace:
+        """The same with these outputs filtered by 1/(1 + time·s)."""
+        if not (time > 0 and outputs):
+            return self
+        rows = list(outputs)
+        n, extra = len(self.a), len(rows)
+        a, b = np.zeros((n + extra, n + extra)), np.zeros((n + extra, self.b.shape[1]))
+        c, d = np.hstack([self.c, np.zeros((len(self.c), extra))]), self.d.copy()
+        a[:n, :n], b[:n] = self.a, self.b
+        a[n:, :n], b[n:] = self.c[rows] / time, self.d[rows] / time
+        a[n:, n:] = -np.eye(extra) / time
+        c[rows], d[rows] = 0.0, 0.0
+        c[rows, n + np.arange(extra)] = 1.0
+        return StateSpace(a, b, c, d, (*self.states, *(f"shown output {row + 1}" for row in rows)))
+
+
+def python_control() -> Any:
+    """The module `control`.
+
+    Raises:
+        ModelError: where it is not installed.
+    """
+    try:
+        return import_module("control")
+    except ImportError:
+        raise ModelError("python-control is not installed; install it with: pip install emsid[control]") from None

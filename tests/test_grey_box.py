@@ -11,7 +11,9 @@ from numba import njit
 from coverage_grey_box import FREE, MOTOR, coverage, least_share, simulated_record
 from emsid.errors import DataError, FormatError, ModelError
 from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.estimation.uncertainty.identifiability import identifiability
+from emsid.findings import Finding
 from emsid.io import read, read_datasheet
 from emsid.models.model import Model
 from emsid.models.plants.datasheet import Given, applicable, datasheet
@@ -26,6 +28,7 @@ from emsid.models.plants.search.choice import STARTS, by_direction, choose, coas
 from emsid.models.plants.search.diagnostics import dead_zone_curve, friction_curve, likelihood_profile, stops
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.problem import Recent
+from emsid.models.plants.search.result import Status
 from emsid.models.plants.sensor import Sensor
 from emsid.plant import DeadZoneLaw, Friction, Motor, State, simulate
 from emsid.plant.motor import Parameter
@@ -43,6 +46,10 @@ def record_of(plant, command=VOLTAGE, noise=0.0, seed=0, unit="rad/s", signals=S
     output = plant.simulate(command[:, None], DT, np.zeros(plant.states), signals)
     output = output + noise * np.random.default_rng(seed).standard_normal(output.shape)
     return Record(command, output, DT, output_units=(unit,) * len(signals))
+
+
+def codes(fit):
+    return [finding.code for finding in fit.findings]
 
 
 def rms(error):
@@ -73,7 +80,8 @@ def moved_slowly(mass, friction, force, damping, dt, late, steps, speed, positio
             h = whole / steps
             for _ in range(steps):
                 side = 0 if (speed > 0 or (speed == 0 and force[part] > 0)) else 1
-                level = friction.coulomb[side] + friction.stribeck[side] * np.exp(-friction.rate[side] * abs(speed))
+                coulomb, excess, rate = friction.numbers[side]
+                level = coulomb + excess * np.exp(-rate * abs(speed))
                 drag = damping[part] + friction.viscous[side]
                 pushed = (speed + h * force[part] / mass) / (1 + h * drag / mass)
                 speed = np.sign(pushed) * max(abs(pushed) - h * level / mass, 0.0)
@@ -84,9 +92,10 @@ def moved_slowly(mass, friction, force, damping, dt, late, steps, speed, positio
 @pytest.mark.parametrize("seed", range(4))
 def test_the_compiled_motion_is_the_limit_of_the_slow_one(seed):
     rng = np.random.default_rng(seed)
-    friction = Sliding(
-        rng.uniform(0.2, 1.0, 2), rng.uniform(0.0, 0.5, 2) * (seed % 2), rng.uniform(1, 5, 2), rng.uniform(0, 2, 2)
+    law = Friction(
+        tuple(rng.uniform(0.2, 1.0, 2)), tuple(rng.uniform(0.0, 0.5, 2) * (seed % 2)), tuple(rng.uniform(1, 5, 2))
     )
+    friction = Sliding.of(law, rng.uniform(0, 2, 2))
     force, damping = np.repeat(3 * rng.standard_normal(13), 5), np.repeat(rng.uniform(0.1, 1.0, 13), 5)
     start = (0.05, float(rng.uniform(0, 1)))
     speeds, positions = np.empty(64), np.empty(64)
@@ -276,7 +285,7 @@ def test_a_current_tells_what_a_speed_does_not():
     record = Record(VOLTAGE, output, DT, output_names=("speed", "current"), output_units=("rad/s", "A"))
     fit = simulation_error(MOTOR, record, free=("resistance", *FREE))
     assert fit.names == ("resistance", *FREE)
-    assert not fit.words
+    assert "not-identifiable" not in codes(fit)
     assert fit.estimate[:2] == pytest.approx([MOTOR.value("resistance"), MOTOR.value("motor_constant")], rel=0.01)
 
 
@@ -301,11 +310,11 @@ def test_voltage_and_speed_tell_combinations_only():
     fit = simulation_error(MOTOR, record, free=("resistance", "rotor_viscous", *FREE))
     assert set(fit.names).isdisjoint({"resistance", "rotor_viscous"})
     status = {row.name: row.status for row in fit.table}
-    assert status["resistance"] == "held"
-    assert status["rotor_inertia"] == "conditional"
+    assert status["resistance"] is Status.KEPT
+    assert status["rotor_inertia"] is Status.CONDITIONAL
     assert status["voltage_dead_zone.half_width"] == "estimated"
-    assert "cannot be told apart" in fit.words[0]
-    assert "resistance" in fit.message
+    (finding,) = [each for each in fit.findings if each.code == "not-identifiable"]
+    assert "resistance" in finding.data["parameters"]
     true = {q.name: q.value for q in MOTOR.quantities()}
     told = {c.quantity.name: c for c in fit.combinations}
     assert {"mechanical time constant", "speed per volt", "acceleration per volt"} <= set(told)
@@ -318,8 +327,11 @@ def test_steps_from_rest_do_not_tell_a_dead_zone_from_coulomb_friction():
     steps = [record_of(MOTOR, np.repeat([0.0, v], [20, 200]), noise=0.02) for v in (2.0, 3.0, 5.0, -2.0, -4.0)]
     fit = simulation_error(MOTOR, steps, free=FREE)
     status = {row.name: row.status for row in fit.table}
-    assert {status["voltage_dead_zone.half_width"], status["rotor_friction.coulomb"]} <= {"held", "conditional"}
-    assert "held" in status.values()
+    assert {status["voltage_dead_zone.half_width"], status["rotor_friction.coulomb"]} <= {
+        Status.KEPT,
+        Status.CONDITIONAL,
+    }
+    assert Status.KEPT in status.values()
     told = {c.quantity.name: c.quantity.value for c in fit.combinations}
     true = {q.name: q.value for q in MOTOR.quantities()}
     assert told["break-away voltage forward"] == pytest.approx(true["break-away voltage forward"], rel=0.02)
@@ -330,9 +342,8 @@ def test_a_record_that_tells_nothing_ends_in_one_sentence_and_no_numbers():
     noise = np.convolve(rng.standard_normal(804), np.ones(5), "valid")  # a sensor's that filters, or of vibrations
     fit = simulation_error(MOTOR, Record(1e-3 * rng.standard_normal(800), noise, DT, output_units=("rad/s",)))
     assert fit.names == ()
-    assert {row.status for row in fit.table} == {"held"}
-    assert len(fit.words) == 1
-    assert "no parameter of rigid-motor can be told" in fit.message
+    assert {row.status for row in fit.table} == {Status.KEPT}
+    assert "nothing-identifiable" in codes(fit)
     curve = friction_curve(fit, 11)
     assert np.array_equal(curve.low, curve.y)
 
@@ -421,16 +432,14 @@ def test_motors_of_any_size_are_found_from_nothing_but_a_record(resistance, cons
     assert rms((run.output - record.output[1400:])[run.counted]) == pytest.approx(noise, rel=0.1)
 
 
-@pytest.mark.parametrize("fraction", [0.2, 0.5])
-def test_interrupting_the_choice_of_refinements_keeps_the_plain_motor(fraction):
-    def stop(done):
-        if done >= fraction:
-            raise KeyboardInterrupt
-
+@pytest.mark.parametrize("stage", ["trying 1 refinements", "adding refinements"])
+def test_interrupting_the_choice_of_refinements_keeps_the_plain_motor(stage):
+    seen = []
+    control = Control(report=lambda activity: seen.append(activity.doing), cancelled=lambda: stage in " ".join(seen))
     record = record_of(MOTOR, noise=0.1)[:1200]
-    fit = choose(MOTOR, record, refinements=(late_command,), progress=stop)
+    fit = choose(MOTOR, record, refinements=(late_command,), control=control)
     assert fit.ending is Ending.INTERRUPTED
-    assert fit.message.startswith("interrupted during the choice of refinements")
+    assert fit.findings[0].code == "choice-interrupted"
     assert fit.model.plant.value("motor_constant") == pytest.approx(MOTOR.value("motor_constant"), rel=0.05)
 
 
@@ -470,7 +479,7 @@ def test_what_is_fixed_stays_so_where_a_parameter_is_split_by_direction(fixed, o
     record = record_of(truth, 30 * VOLTAGE[:1200], noise=1e-5, unit="m", signals=(Signal.POSITION,))
     fit = choose(LinearAxis(), record, fixed=fixed, refinements=(by_direction,))
     plant = fit.model.plant
-    assert {row.name: row.value for row in fit.table if row.status == "fixed"} == fixed
+    assert {row.name: row.value for row in fit.table if row.status is Status.FIXED} == fixed
     assert all(plant.value(name) == value for name, value in fixed.items())
     assert set(left) <= set(fit.names)
     assert not set(fixed) & set(fit.names)
@@ -645,8 +654,7 @@ def test_a_profile_ends_at_a_bound_and_is_open_where_the_record_sets_none():
     profile = likelihood_profile(saturating, "p")
     assert profile.interval[1] == np.inf
     assert 0 < profile.interval[0] < profile.estimate
-    assert profile.in_words.startswith("from ")
-    assert profile.in_words.endswith(" up, without an end")
+    assert profile.finding.data["interval"] == [pytest.approx(profile.interval[0]), None]
     bounds = {"p": (0.0, profile.estimate + 1.0)}
     bounded = likelihood_profile(simulation_error(lag_of(lambda p: 1.05 * np.tanh(p), 1.5), record, bounds=bounds), "p")
     assert bounded.interval[1] == bounds["p"][1]
@@ -671,13 +679,8 @@ def test_an_interrupted_profile_is_none():
     fit = simulation_error(MOTOR, simulated_record(np.random.default_rng(3), samples=300), free=FREE[:2])
     calls = iter(range(1000))
 
-    def interrupting(error, dt):
-        if next(calls) == 12:
-            raise KeyboardInterrupt
-        return error
-
-    with pytest.raises(KeyboardInterrupt):
-        likelihood_profile(replace(fit, weighting=interrupting), "motor_constant")
+    with pytest.raises(Stopped):
+        likelihood_profile(fit, "motor_constant", control=Control(cancelled=lambda: next(calls) == 12))
 
 
 def test_standstills_are_those_of_the_motor_and_not_of_the_sensor_and_say_in_which_segment():
@@ -726,7 +729,7 @@ def test_a_plant_of_the_users_own():
     assert np.allclose(slow.simulate(VOLTAGE[:50, None], DT, np.zeros(2), SPEED), record.output[:50], atol=1e-12)
     fit = simulation_error(truth.put({"g": 7.0, "d": 1.0}), record)
     assert fit.estimate == pytest.approx([9.0, 0.5], rel=1e-5)
-    with pytest.raises(ModelError, match="made of functions"):
+    with pytest.raises(ModelError, match="is not registered and cannot be saved"):
         fit.model.to_data()
 
 
@@ -832,39 +835,22 @@ def test_values_that_are_not_physical_are_refused_by_name(build, message):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "side", "because"),
     [
-        (
-            {"bounds": {"motor_constant": (0.0501, 0.06)}},
-            "motor_constant is at its lower limit 0.0501; the records ask for a smaller motor_constant than its "
-            "bounds allow: widen them, or check units and what is fixed",
-        ),
-        (
-            {"bounds": {"motor_constant": (0.04, 0.0499)}},
-            "motor_constant is at its upper limit 0.0499; the records ask for a larger motor_constant than its "
-            "bounds allow: widen them, or check units and what is fixed",
-        ),
-        (
-            {"datasheet": {"motor_constant": Given(0.055, 0.05)}},
-            "motor_constant is at its lower limit 0.05225; the records ask for a smaller motor_constant than the "
-            "datasheet allows: widen its tolerance, or check units and what is fixed",
-        ),
-        (
-            {"fixed": {"voltage_dead_zone.half_width": 1.2}},
-            "rotor_friction.coulomb is at its lower limit 0; the records ask for a smaller rotor_friction.coulomb "
-            "than is physical: fix it there, or check units, signs and what else is fixed",
-        ),
+        ({"bounds": {"motor_constant": (0.0501, 0.06)}}, "lower", "bounds"),
+        ({"bounds": {"motor_constant": (0.04, 0.0499)}}, "upper", "bounds"),
+        ({"datasheet": {"motor_constant": Given(0.055, 0.05)}}, "lower", "datasheet"),
+        ({"fixed": {"voltage_dead_zone.half_width": 1.2}}, "lower", "physical"),
     ],
     ids=["lower", "upper", "datasheet", "physical"],
 )
-def test_a_fit_that_ends_at_a_bound_says_which_and_what_to_do(arguments, said):
+def test_a_fit_that_ends_at_a_bound_says_which_and_where_it_is_from(arguments, side, because):
     free = [name for name in FREE if name not in arguments.get("fixed", {})]
     start = MOTOR.put({"motor_constant": arguments.get("bounds", {}).get("motor_constant", (0.055,))[0]})
     fit = simulation_error(start, GOOD, free=free, **arguments)
-    assert said in fit.message
-    (row,) = [row for row in fit.table if row.status == "at a bound"]
-    assert said.startswith(f"{row.name} is at")
-    assert f"limit {row.value:.4g};" in said
+    (finding,) = [each for each in fit.findings if each.code == "parameter-at-bound"]
+    (row,) = [row for row in fit.table if row.status is Status.AT_BOUND]
+    assert finding == Finding("parameter-at-bound", row.name, {"side": side, "bound": row.value, "because": because})
 
 
 def test_a_fit_that_stalls_at_a_bound_says_both():
@@ -876,13 +862,12 @@ def test_a_fit_that_stalls_at_a_bound_says_both():
         MOTOR.put({"motor_constant": 0.0501}), GOOD, free=FREE, bounds=bounds, weighting=in_steps, look_around=False
     )
     assert fit.ending is Ending.STALLED
-    assert "the search stalled before a minimum" in fit.message
-    assert "motor_constant is at its lower limit 0.0501; the records ask for a smaller" in fit.message
+    assert {"search-stalled", "parameter-at-bound"} <= set(codes(fit))
 
 
 def test_a_parameter_without_room_is_not_said_to_be_held():
     fit = simulation_error(MOTOR, GOOD, free=FREE, datasheet={"motor_constant": Given(0.051, 0.0)})
-    assert "bound" not in fit.message
+    assert "parameter-at-bound" not in codes(fit)
 
 
 # --- real recordings ------------------------------------------------------------------------------------------------

@@ -18,11 +18,12 @@ from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.search import estimation as grey_box_estimation
+from emsid.models.plants.search import continuation
 from emsid.models.plants.search.choice import STARTS, choose, late_command, slow_sensor
 from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.problem import FreeRunError, all_alike
+from emsid.models.plants.search.result import Status
 from emsid.models.plants.sensor import Sensor
 from emsid.plant import Motor
 from emsid.plant.motor import Parameter
@@ -76,7 +77,8 @@ def test_a_knee_is_found_whichever_way_the_command_bends_there(knee, beyond, noi
 def test_a_supply_that_no_command_reaches_is_not_told():
     fit = simulation_error(DrivenMotor(ONE_MASS), driven(noise=0.002), free=(*USUAL, "drive.supply"))
     assert fit.names == USUAL
-    assert "drive.supply is not told at all; held" in fit.message
+    (finding,) = [each for each in fit.findings if each.data.get("parameters") == ["drive.supply"]]
+    assert finding.code == "not-identifiable"
 
 
 def test_what_is_held_from_the_start_is_as_the_datasheet_has_it():
@@ -85,7 +87,7 @@ def test_what_is_held_from_the_start_is_as_the_datasheet_has_it():
     fit = simulation_error(
         MOTOR.put({"motor_constant": 0.09}), simulated_record(np.random.default_rng(0)), free=free, datasheet=sheet
     )
-    held = {row.name: row.value for row in fit.table if row.status == "held"}
+    held = {row.name: row.value for row in fit.table if row.status is Status.KEPT}
     assert held
     assert set(held) <= set(sheet)
     assert held == {name: sheet[name].value for name in held}
@@ -317,17 +319,19 @@ def test_a_motor_that_lowers_a_load_gives_power_back_and_is_no_wrong_sign():
 
 def test_what_cannot_be_told_apart_is_said_with_what_can_and_what_would_help():
     free = ("resistance", "rotor_viscous", *FREE)
-    (sentence,) = simulation_error(MOTOR, simulated_record(np.random.default_rng(0)), free=free).words
-    assert sentence.startswith("from voltage and speed alone, resistance, rotor_viscous, motor_constant, rotor_inertia")
-    assert "cannot be told apart, only J/(B + K²/R), K/(K² + R·B), K/(R·J) and R·T_c/K; held: resistance = 2 Ω" in (
-        sentence
-    )
-    assert sentence.endswith("fix what you know, or add the current")
+    (finding,) = simulation_error(MOTOR, simulated_record(np.random.default_rng(0)), free=free).findings
+    assert finding.code == "not-identifiable"
+    data = finding.data
+    assert data["channels"] == ["voltage", "speed"]
+    assert data["parameters"][:4] == ["resistance", "rotor_viscous", "motor_constant", "rotor_inertia"]
+    assert data["combinations"] == ["J/(B + K²/R)", "K/(K² + R·B)", "K/(R·J)", "R·T_c/K"]
+    assert data["kept"][0] == ["resistance", 2.0, "ohm"]
+    assert data["current_missing"]
 
 
 def test_what_turns_out_to_be_untold_is_held_at_its_start_not_where_the_search_strayed():
     fit = simulation_error(Motor().rigid(), driven(noise=0.002))
-    held = {row.name: (row.value, row.start) for row in fit.table if row.status == "held"}
+    held = {row.name: (row.value, row.start) for row in fit.table if row.status is Status.KEPT}
     assert set(held) == {"resistance", "rotor_viscous"}
     assert held == {"resistance": (2.0, 2.0), "rotor_viscous": (1e-5, 1e-5)}
     assert fit.model.plant.value("motor_constant") == pytest.approx(0.05, rel=0.003)
@@ -345,20 +349,20 @@ def test_what_is_held_stays_where_the_search_has_it_where_its_start_would_not_do
 
 def test_an_interruption_on_the_way_back_to_a_start_keeps_what_was_better(monkeypatch):
     record, calls = driven(noise=0.002), []
-    search = grey_box_estimation._search
+    search = continuation._search
 
     def interrupted(problem, limits, iterations, *rest):
         calls.append(iterations)
         ended = search(problem, limits, 1 if len(calls) == 2 else iterations, *rest)
-        words = "interrupted after 1 steps; the best so far is kept"
-        return replace(ended, ending=Ending.INTERRUPTED, message=words) if len(calls) == 2 else ended
+        cancelled = (Finding("search-cancelled", "", {"steps": 1, "offset": None}),)
+        return replace(ended, ending=Ending.INTERRUPTED, findings=cancelled) if len(calls) == 2 else ended
 
-    monkeypatch.setattr(grey_box_estimation, "_search", interrupted)
+    monkeypatch.setattr(continuation, "_search", interrupted)
     weak, slow = DrivenMotor(replace(ONE_MASS, motor_constant=0.045)), {"motor_constant": (0.0, 0.047)}
     fit = simulation_error(weak, record, fixed={"resistance": 2.0}, bounds=slow)
     assert calls[2:] == [0]
     assert fit.ending is Ending.INTERRUPTED
-    assert fit.ended == f"interrupted after {fit.iterations} steps; the best so far is kept"
+    assert Finding("search-cancelled", "", {"steps": fit.iterations, "offset": None}) in fit.findings
     assert fit.cost / len(record) < 1.05 * 0.5 * (0.002 * np.std(record.output)) ** 2
 
 
@@ -366,9 +370,11 @@ def test_the_current_is_not_asked_for_where_it_is_there():
     record = driven(noise=0.01, signals=(Signal.SPEED, Signal.CURRENT))
     fit = simulation_error(DrivenMotor(ONE_MASS), record, free=("load_inertia", "resistance", *USUAL))
     assert {"load_inertia", "rotor_inertia"} - set(fit.names)
-    (sentence,) = fit.words
-    assert sentence.startswith("from voltage and speed and current alone, load_inertia and rotor_inertia cannot")
-    assert sentence.endswith("or add a channel")
+    (finding,) = fit.findings
+    assert finding.code == "not-identifiable"
+    assert finding.data["parameters"] == ["load_inertia", "rotor_inertia"]
+    assert finding.data["channels"] == ["voltage", "speed", "current"]
+    assert not finding.data["current_missing"]
 
 
 def test_an_axis_whose_force_is_not_known_is_known_by_its_command():
@@ -387,7 +393,7 @@ def test_an_axis_whose_force_is_not_known_is_known_by_its_command():
 @pytest.mark.parametrize("noise", [0.002, 0.05])
 def test_a_shaft_that_no_record_shows_is_said_to_be_none(noise):
     fit = simulation_error(STARTS["motor"], driven(noise=noise), max_iterations=20)
-    assert fit.words[0] == grey_box_estimation.NO_SHAFT
+    assert fit.findings[0].code == "no-shaft-seen"
     rigid = simulation_error(STARTS["rigid-motor"], driven(noise=noise))
     assert 2 * (rigid.cost - fit.cost) < 12.0 * fit.noise_variance
     assert rigid.noise_variance == pytest.approx(noise**2 * np.var(driven(noise=0.0).output), rel=0.1)
@@ -397,7 +403,7 @@ def test_a_shaft_that_a_record_shows_is_not_talked_away():
     record = driven(noise=0.002, motor=Motor())
     fit = simulation_error(STARTS["motor"], record, max_iterations=20)
     assert {"shaft_stiffness", "shaft_damping"} <= set(fit.names)
-    assert grey_box_estimation.NO_SHAFT not in fit.words
+    assert "no-shaft-seen" not in [finding.code for finding in fit.findings]
     assert simulation_error(STARTS["rigid-motor"], record).cost > 20 * fit.cost
 
 
@@ -407,8 +413,8 @@ def test_an_interval_that_reaches_down_to_nothing_has_a_word():
     fit = simulation_error(plant, driven(noise=0.1), free=free, look_around=False)
     (row,) = [row for row in fit.table if row.name == "rotor_friction.stribeck"]
     assert row.value < 1.96 * row.standard_error
-    assert fit.words == (
-        "the 95 % interval of rotor_friction.stribeck reaches down to nothing: fix it if you can, or leave it out",
+    assert fit.findings == (
+        Finding("intervals-include-zero", "rigid-motor", {"parameters": ["rotor_friction.stribeck"]}),
     )
     assert all(row.value > 1.96 * row.standard_error for row in fit.table[:-1])
 
@@ -418,8 +424,8 @@ def test_an_excess_that_noise_takes_for_nothing_has_the_interval_of_its_profile(
     rng = np.random.default_rng(1)
     records = (simulated_record(rng, noise=3.0, motor=STICTION) for _ in range(100))
     fit = next(fit for fit in (simulation_error(STICTION, r, free=free) for r in records) if fit.estimate[-1] == 0)
-    assert fit.table[-1].status == "at a bound"
-    assert fit.words[0].endswith("how far off it may be, its profile says (--profile)")
+    assert fit.table[-1].status is Status.AT_BOUND
+    assert Finding("parameter-at-bound", EXCESS, {"side": "lower", "bound": 0.0, "because": "physical"}) in fit.findings
     profile = likelihood_profile(fit, EXCESS)
     low, high = profile.interval
     assert low == 0 < high
@@ -615,9 +621,10 @@ def test_an_inductance_that_no_sample_shows_ends_at_a_bound_that_says_so():
     free = (*USUAL, "inductance")
     fit = simulation_error(DrivenMotor(ONE_MASS), driven(noise=0.01)[:600], free=free)
     (row,) = [row for row in fit.table if row.name == "inductance"]
-    assert row.status == "at a bound"
+    assert row.status is Status.AT_BOUND
     assert row.value == pytest.approx(0.05 * DT * ONE_MASS.resistance)
-    assert "the records ask for a smaller inductance than their sample time shows: fix it at 0" in fit.words
+    data = {"side": "lower", "bound": row.value, "because": "sample-time"}
+    assert Finding("parameter-at-bound", "inductance", data) in fit.findings
 
 
 @pytest.mark.parametrize(

@@ -145,10 +145,15 @@ def error_table(rows: Sequence[Row], title: str, unit: str = "") -> Table:
 
 def physical_table(fit: GreyBoxFit) -> Table:
     """The parameters of a plant, and where some could not be estimated, the combinations of them that could."""
-    rows = [(row.name, row.symbol, row.value, row.standard_error, row.unit, row.status) for row in fit.table]
-    if any(row.status in ("held", "conditional") for row in fit.table):
+    from emsid.models.plants.search.result import Status
+
+    rows = [(row.name, row.symbol, row.value, row.standard_error, row.unit, str(row.status)) for row in fit.table]
+    if any(row.status in (Status.KEPT, Status.CONDITIONAL) for row in fit.table):
         combined = [(each.quantity, each.standard_error) for each in fit.combinations]
-        rows += [(each.name, each.formula, each.value, error, each.unit, "combination") for each, error in combined]
+        rows += [
+            (each.name, each.formula, each.value, error, each.unit, "identifiable combination")
+            for each, error in combined
+        ]
     lines = []
     for name, symbol, value, error, unit, status in rows:
         width = "" if not error or not isfinite(error) else f"{1.96 * error:.2g}"  # none where a bound holds it

@@ -289,7 +289,7 @@ class Physical:
             weighting=weighting,
             held_back=options.held_back,
             refinements=self.refinements,
-            progress=lambda fraction: control.doing("choosing refinements"),
+            control=control,
         )
 
     def coded(self, options: Options) -> DrivenPlant:

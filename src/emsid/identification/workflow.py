@@ -177,17 +177,13 @@ def _profiles(fits: Sequence[Fit[Any]], names: Sequence[str], control: Control) 
             try:
                 own = _of_one_model(control, f"{model} (profile {number} of {len(asked)})")
                 own.doing(name)
-                profile = likelihood_profile(fit, name, progress=partial(_say, own, name))
+                profile = likelihood_profile(fit, name, control=own)
                 profiles[model] = (*profiles.get(model, ()), profile)
             except (Stopped, KeyboardInterrupt):
                 return _Profiles(profiles, tuple(failed), stopped=True)
             except EmsidError as problem:
                 failed.append(profile_failure(model, name, problem))
     return _Profiles(profiles, tuple(failed))
-
-
-def _say(control: Control, what: str, fraction: float) -> None:
-    control.doing(what)
 
 
 def _parts_asked_for(fit: GreyBoxFit, names: Sequence[str]) -> list[str]:

@@ -20,7 +20,7 @@ from emsid.errors import DataError
 from emsid.estimation.fit import Ending, Fit
 from emsid.findings import Finding
 from emsid.identification import Identification
-from emsid.models.plants.search.result import GreyBoxFit
+from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record
 from emsid.report.document import Axis, Bars, Figure, Ink, Line, Plot, Stroke, Table
 from emsid.report.figures import draw, sheet
@@ -64,12 +64,14 @@ def parameter_rows(fit: Fit[Any]) -> list[ParameterRow]:
 
 def _row(name: str, value: float, half: float | None, unit: str, status: str) -> ParameterRow:
     shown = readable_unit(unit) if unit else ""
-    if half is None or status in ("held", "fixed", "at a bound"):
+    if half is None or status in (Status.KEPT, Status.FIXED, Status.AT_BOUND):
         return ParameterRow(name, number(value), status, shown)
     if not isfinite(half):
         return ParameterRow(name, number(value), "not determined by these data", shown)
     ends = f"{estimate(value - half, half)} … {estimate(value + half, half)}"
-    return ParameterRow(name, estimate(value, half), ends + " (conditional)" * (status == "conditional"), shown)
+    return ParameterRow(
+        name, estimate(value, half), ends + " (depends on kept values)" * (status == Status.CONDITIONAL), shown
+    )
 
 
 def how_it_ended(fit: Fit[Any]) -> str:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from emsid.errors import listed
 from emsid.findings import Finding
+from emsid.units import with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
 
 
@@ -29,3 +32,82 @@ def command_unit_assumed(f: Finding, argument: Spelling) -> str:
 def codes_without_bridge(f: Finding, argument: Spelling) -> str:
     codes = listed([f"{code:g}" for code in f.data["codes"]])
     return f"{f.subject}: no bridge drives it here, so {codes} is taken to mean no {f.data['nothing']}"
+
+
+@words("no-shaft-seen", Severity.WARNING)
+def no_shaft_seen(f: Finding, argument: Spelling) -> str:
+    return (
+        f"the data show no shaft flexibility: one mass ({f.data['simpler']}) describes them as well; use "
+        f"{f.data['simpler']}"
+    )
+
+
+@words("nothing-identifiable", Severity.PROBLEM)
+def nothing_identifiable(f: Finding, argument: Spelling) -> str:
+    return (
+        f"from {listed(f.data['channels'])} alone, no parameter of {f.subject} is identifiable: the output hardly "
+        f"responds to the input; check the columns, or fix the parameters that you know ({argument('fixed')})"
+    )
+
+
+@words("not-identifiable", Severity.WARNING)
+def not_identifiable(f: Finding, argument: Spelling) -> str:
+    names, kept = f.data["parameters"], f.data["kept"]
+    at = ", ".join(f"{name} = {with_unit(f'{value:.4g}', unit)}" for name, value, unit in kept)
+    alone = f"from {listed(f.data['channels'])} alone, "
+    if len(names) == 1:
+        return f"{alone}{names[0]} is not identifiable; it was kept at its start: {at}; {_advice(f, argument)}"
+    only = f"only {listed(f.data['combinations'])}" if f.data["combinations"] else "only combinations of them"
+    return (
+        f"{alone}{listed(names)} are not identifiable separately, {only}; kept at their start: {at}; "
+        f"{_advice(f, argument)}"
+    )
+
+
+@words("weakly-identified", Severity.WARNING)
+def weakly_identified(f: Finding, argument: Spelling) -> str:
+    names = f.data["parameters"]
+    alone = f"from {listed(f.data['channels'])} alone, "
+    if len(names) == 1:
+        return f"{alone}{names[0]} is not known to better than 100 %; {_advice(f, argument)}"
+    better = f", {listed(f.data['combinations'])} are known better" if f.data["combinations"] else ""
+    return f"{alone}{listed(names)} are hardly identifiable separately{better}; {_advice(f, argument)}"
+
+
+@words("intervals-include-zero", Severity.WARNING)
+def intervals_include_zero(f: Finding, argument: Spelling) -> str:
+    names = f.data["parameters"]
+    several = len(names) > 1
+    them = "them" if several else "it"
+    return (
+        f"the 95 % interval{'s' * several} of {listed(names)} include{'s' * (not several)} zero; fix {them} if you "
+        f"know {them} ({argument('fixed')}), or leave {them} out"
+    )
+
+
+@words("choice-interrupted", Severity.WARNING)
+def choice_interrupted(f: Finding, argument: Spelling) -> str:
+    return "interrupted while choosing refinements; the best model so far was fitted to only a part of the record"
+
+
+@words("profile-interval", Severity.INFO)
+def profile_interval(f: Finding, argument: Spelling) -> str:
+    d = f.data
+    return (
+        f"the {100 * d['level']:g} % profile-likelihood interval of {f.subject} is {interval(d['interval'], d['unit'])}"
+    )
+
+
+def interval(ends: Sequence[float | None], unit: str) -> str:
+    """An interval with its unit; an end that is None was not reached by the search."""
+    low, high = ends
+    if low is not None and high is not None:
+        return f"{low:.6g} to {with_unit(f'{high:.6g}', unit)}"
+    if low is not None:
+        return f"{with_unit(f'{low:.6g}', unit)} or more, without an upper limit"
+    return "unbounded" if high is None else f"{with_unit(f'{high:.6g}', unit)} or less, without a lower limit"
+
+
+def _advice(f: Finding, argument: Spelling) -> str:
+    channel = "the current" if f.data["current_missing"] else "a channel"
+    return f"fix what you know ({argument('fixed')}), or measure {channel} as well"

@@ -36,7 +36,19 @@ def cost_hardly_falls(f: Finding, argument: Spelling) -> str:
 
 @words("parameter-at-bound", Severity.WARNING)
 def parameter_at_bound(f: Finding, argument: Spelling) -> str:
-    return f"{f.subject} is at its {f.data['side']} limit {f.data['bound']:.4g}"
+    side = f.data["side"]
+    because = _BECAUSE.get(f.data.get("because", ""), "")
+    why = because.format(beyond="smaller" if side == "lower" else "larger", profile=argument("profile"))
+    return f"{f.subject} is at its {side} limit {f.data['bound']:.4g}{why}"
+
+
+_BECAUSE = {
+    "datasheet": ": the datasheet allows no {beyond} value; widen its tolerance, or check units and what is fixed",
+    "sample-time": ": this sample time cannot resolve a {beyond} value; fix it at 0",
+    "physical": ": a {beyond} value is not physical; fix it there, or check units, signs and what else is fixed; its "
+    "profile ({profile}) gives an interval",
+    "bounds": ": its bounds allow no {beyond} value; widen them, or check units and what is fixed",
+}
 
 
 @words("parameters-undetermined", Severity.PROBLEM)

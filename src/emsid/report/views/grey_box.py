@@ -12,6 +12,7 @@ from scipy.special import ndtri
 
 from emsid.errors import listed
 from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, stops
+from emsid.models.plants.search.result import Status
 from emsid.record import concatenate
 from emsid.report.document import (
     Axis,
@@ -32,6 +33,7 @@ from emsid.report.document import (
 from emsid.report.numbers import capital, number, prefixed, sentence, share_of, slug, within
 from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.units import readable_unit, with_unit
+from emsid.wording.plants import interval
 
 if TYPE_CHECKING:
     from emsid.models.plants.plant import Plant
@@ -54,17 +56,18 @@ HIGHEST = 3.0
 CLOSE = 5e-4
 
 _MEANINGS = {
-    "conditional": "conditional: as far as what is held or fixed is right, because the record tells only combinations",
-    "held": "held: not told by the record, kept at its start",
-    "fixed": "fixed: as given",
-    "at a bound": "at a bound: the search ended at what is allowed, so there is no interval",
+    Status.CONDITIONAL: "depends on kept values: right only if the kept and fixed values are, because the data "
+    "identify only combinations of them",
+    Status.KEPT: "not identifiable: the data say nothing of this parameter by itself, so it was kept at its start",
+    Status.FIXED: "fixed: as given",
+    Status.AT_BOUND: "at a bound: the search ended at a limit of the parameter, so it has no interval",
 }
-HARDLY = "hardly told"
-_HARDLY_MEANS = f"{HARDLY}: the interval is wider than the value, so the record does not even show that it is not zero"
+_INTERVAL_TOO_WIDE = "interval includes zero"
+_TOO_WIDE_MEANS = f"{_INTERVAL_TOO_WIDE}: the data do not even show that this parameter is not zero"
 
 
 def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]:
-    """Every physical parameter with its unit, interval, start and datasheet value; then what the record tells anyway.
+    """Every physical parameter with its unit, interval, start and datasheet value; then the identifiable combinations.
 
     Args:
         fit: of a physical model.
@@ -78,7 +81,7 @@ def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]
     cells = [_parameter_row(row, factor, sheet) for row in fit.table]
     statuses = dict.fromkeys(row.status for row in fit.table)
     meanings = [_MEANINGS[status] for status in statuses if status in _MEANINGS]
-    meanings += [_HARDLY_MEANS] * any(HARDLY in row[4] for row in cells)
+    meanings += [_TOO_WIDE_MEANS] * any(_INTERVAL_TOO_WIDE in row[4] for row in cells)
     parameters = Table(
         (
             "Parameter",
@@ -109,7 +112,7 @@ def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]
             )
             for each in fit.combinations
         ),
-        f"What the record tells of {fit.model.name} whatever was held, with {100 * level:g} % intervals.",
+        f"What the data identify of {fit.model.name} whatever was kept, with {100 * level:g} % intervals.",
         text_columns=3,
     )
     return parameters, told
@@ -254,15 +257,15 @@ def likelihood(fit: GreyBoxFit, profile: Profile, *, name: str = "") -> Figure:
         Level(profile.limit, f"{percent} threshold"),
     ]
     half = float(np.sqrt(profile.limit)) * profile.standard_error
-    approximate = replace(profile, interval=(profile.estimate - half, profile.estimate + half))
-    beside = f"the standard error alone gives one {approximate.in_words}"
+    approximate = interval((profile.estimate - half, profile.estimate + half), profile.unit)
+    beside = f"the standard error alone gives {approximate}"
     if profile.estimate in fit.limits[profile.name]:
         beside = "the search ended at a bound, so there is no standard error"
         del marks[2]
     return Figure(
         name or f"{slug(fit.model.name)}-profile-{slug(profile.name)}",
         f"Likelihood profile of {profile.name} of {fit.model.name}, all other parameters at their best for each of its "
-        f"values: its {percent} interval is {profile.in_words}; {beside}.",
+        f"values: its {percent} interval is {interval(profile.finding.data['interval'], profile.unit)}; {beside}.",
         (
             Plot(
                 tuple(marks),
@@ -302,22 +305,22 @@ def units_taken(fit: GreyBoxFit) -> str:
 
 
 def _parameter_row(row: Estimate, factor: float, sheet: bool) -> tuple[str, ...]:
-    told = row.status in ("estimated", "conditional") and row.standard_error is not None
-    if told:
+    identified = row.status in (Status.ESTIMATED, Status.CONDITIONAL) and row.standard_error is not None
+    if identified:
         assert row.standard_error is not None
         value = _with_interval(row.value, factor * row.standard_error)
     else:
         value = (_plain(row.value), "–")
     given = "" if row.datasheet is None else _plain(row.datasheet)
-    hardly = told and factor * (row.standard_error or 0.0) > abs(row.value)
-    status = f"{row.status}, {HARDLY}" if hardly else row.status
+    too_wide = identified and factor * (row.standard_error or 0.0) > abs(row.value)
+    status = f"{row.status}, {_INTERVAL_TOO_WIDE}" if too_wide else str(row.status)
     words = (row.name, _first_up(row.description), row.symbol, readable_unit(row.unit), status)
     return (*words, *value, _plain(row.start), *((given,) if sheet else ()))
 
 
 def _with_interval(value: float, half: float) -> tuple[str, str]:
     if not np.isfinite(half):
-        return _plain(value), "not told"
+        return _plain(value), "unknown"
     return within(value, half), share_of(half, value)
 
 
@@ -386,9 +389,9 @@ def _dead_zone_of(plant: Plant, x: Array) -> Array:
 
 
 def _assuming(fit: GreyBoxFit, x: Array, law: Callable[[Plant, Array], Array]) -> str:
-    """What was held, and at what, where a curve at ``x`` is not told whatever that is; its band leaves it out."""
+    """What was kept, and at what value, where a curve at ``x`` depends on it; the band leaves it out."""
     told, plant = fit.identifiability, fit.model.plant
-    held = [row for row in fit.table if row.status == "held"]
+    held = [row for row in fit.table if row.status is Status.KEPT]
     if not held:
         return ""
     if told is not None:
@@ -403,13 +406,13 @@ def _assuming(fit: GreyBoxFit, x: Array, law: Callable[[Plant, Array], Array]) -
             return ""
     was, it = ("was", "it") if len(held) == 1 else ("were", "them")
     return (
-        f" The record tells only combinations: curve and band hold for {_values(held)}, which {was} held there, and "
+        f" The data identify only combinations: curve and band hold for {_values(held)}, which {was} kept there, and "
         f"change with {it}."
     )
 
 
 def _given(fit: GreyBoxFit) -> str:
-    given = [row for row in fit.table if row.status == "fixed"]
+    given = [row for row in fit.table if row.status is Status.FIXED]
     return f" They rest on what was given: {_values(given)}." if given else ""
 
 

@@ -10,7 +10,7 @@ stand in for another one that would have explained more. The plant that is left 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from math import isfinite
@@ -20,9 +20,11 @@ import numpy as np
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
+from emsid.findings import Finding
 from emsid.models.free_run import free_run_error
 from emsid.models.plants.datasheet import Given, applicable
-from emsid.models.plants.parameters import parts, without_overlap
+from emsid.models.plants.parameters import full_name, parts, without_overlap
 from emsid.models.plants.plant import BEGINNING, DrivenPlant, Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.estimation import simulation_error
@@ -116,7 +118,7 @@ def choose(
     weighting: Weighting = all_alike,
     held_back: float = 0.25,
     refinements: tuple[Refinement, ...] = REFINEMENTS,
-    progress: Callable[[float], None] = lambda fraction: None,
+    control: Control = FREE,
 ) -> GreyBoxFit:
     """The plant with those refinements that the held-back part of the record asks for, fitted to all of it.
 
@@ -127,48 +129,78 @@ def choose(
         datasheet: likewise, as far as it is `applicable` to the plant.
         held_back: fraction of the record that decides; see `emsid.record.hold_back`.
         refinements: what is tried.
-        progress: called with the fraction done.
+        control: when to stop, and whom to tell what is tried; where it stops during the choice, the best plant so far
+            is kept.
+
+    Raises:
+        Stopped: where it stops before the first trial has ended.
     """
     plant = plant.fed(record)
     sheet = applicable(datasheet or {}, plant)
-    known: dict[str, Any] = {"fixed": fixed or {}, "datasheet": sheet, "weighting": weighting}
+    fixed = {full_name(plant, name): value for name, value in (fixed or {}).items()}
     unknown = (name for name, given in sheet.items() if given.value is None)
-    usual = without_overlap(plant, (*plant.usual, *unknown), known["fixed"])
+    usual = without_overlap(plant, (*plant.usual, *unknown), fixed)
+    known: dict[str, Any] = {"fixed": fixed, "datasheet": sheet, "weighting": weighting, "control": control}
     if not refinements:
         return simulation_error(plant, record, free=usual, **known)
-    train, rest = hold_back(record, held_back)
-
-    def tried(start: DrivenPlant, free: tuple[str, ...], **how: Any) -> _Trial:
-        fit = simulation_error(start, train, free=free, max_iterations=TRIAL_ITERATIONS, **how, **known)
-        if fit.ending is Ending.INTERRUPTED:  # a trial cut short decides nothing
-            raise KeyboardInterrupt
-        return _Trial(fit, free, _held_back_error(fit, rest))
-
-    def refined(by: Refinement, base: _Trial, threads: int | None = None) -> _Trial | None:
-        plant, free = by(base.plant, base.free, train)
-        free = without_overlap(plant, free, known["fixed"])
-        try:
-            return None if free == base.free else tried(plant, free, look_around=False, threads=threads)
-        except EmsidError:
-            return None  # a refinement that cannot be fitted is none
-
-    plain = tried(plant, usual)
-    best = plain
+    trials = _Trials(*hold_back(record, held_back), known)
+    control.doing(f"{plant.name}: fitting without refinements")
+    best = trials.fitted(plant, usual)
     try:
-        progress(0.2)
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            alone = pool.map(lambda refine: (refined(refine, plain, threads=1), refine), refinements)
-            ranked = sorted(((trial, refine) for trial, refine in alone if trial), key=lambda one: one[0].error)
-        progress(0.5)
-        for k, (trial, refine) in enumerate(ranked):
-            progress(0.5 + 0.4 * k / len(ranked))
-            candidate = trial if best is plain else refined(refine, best)
-            if candidate is not None and better(candidate.error, best.error, Gain.PLANT):
-                best = candidate
-    except KeyboardInterrupt:
-        words = "interrupted during the choice of refinements; the best so far is kept, fitted to a part of the record"
-        return replace(best.fit, ending=Ending.INTERRUPTED, message="; ".join(filter(None, [words, best.fit.message])))
+        best = _refined(trials, best, refinements, control)
+    except Stopped as stopped:
+        findings = (Finding("choice-interrupted", plant.name), *best.fit.findings)
+        return replace(best.fit, ending=stopped.ending, findings=findings)
+    control.report(Activity(f"{plant.name}: fitting to the whole record"))
     return simulation_error(best.plant, record, free=best.free, look_around=False, **known)
+
+
+def _refined(trials: _Trials, plain: _Trial, refinements: Sequence[Refinement], control: Control) -> _Trial:
+    """The best of the trials where refinements are added one after the other, those first that gain most alone."""
+    best, name = plain, plain.plant.name
+    control.doing(f"{name}: trying {len(refinements)} refinements")
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        alone = pool.map(lambda refine: (trials.refined(refine, plain, threads=1), refine), refinements)
+        ranked = sorted(((trial, refine) for trial, refine in alone if trial), key=lambda one: one[0].error)
+    for k, (trial, refine) in enumerate(ranked):
+        control.doing(f"{name}: adding refinements", k, len(ranked))
+        candidate = trial if best is plain else trials.refined(refine, best)
+        if candidate is not None and better(candidate.error, best.error, Gain.PLANT):
+            best = candidate
+    return best
+
+
+class _Trials(NamedTuple):
+    """How a plant is tried: fitted to the first part of a record, and its free run compared with the rest.
+
+    Attributes:
+        train, rest: the two parts.
+        known: arguments of `simulation_error` that hold for every trial.
+    """
+
+    train: Record
+    rest: Record
+    known: Mapping[str, Any]
+
+    def fitted(self, start: DrivenPlant, free: tuple[str, ...], **how: Any) -> _Trial:
+        """One trial.
+
+        Raises:
+            Stopped: where it was interrupted: a trial cut short decides nothing.
+        """
+        fit = simulation_error(start, self.train, free=free, max_iterations=TRIAL_ITERATIONS, **how, **self.known)
+        if fit.ending is Ending.INTERRUPTED:
+            raise Stopped(fit.ending)
+        return _Trial(fit, free, _held_back_error(fit, self.rest))
+
+    def refined(self, by: Refinement, base: _Trial, threads: int | None = None) -> _Trial | None:
+        """A trial with one more refinement; None where that changes nothing or cannot be fitted."""
+        plant, free = by(base.plant, base.free, self.train)
+        free = without_overlap(plant, free, self.known["fixed"])
+        try:
+            return None if free == base.free else self.fitted(plant, free, look_around=False, threads=threads)
+        except EmsidError:
+            return None
 
 
 class _Trial(NamedTuple):

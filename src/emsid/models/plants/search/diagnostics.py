@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from scipy.special import chdtri, ndtri
 
 from emsid.errors import ModelError
+from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.threads import one_blas_thread
+from emsid.findings import Finding
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.problem import FreeRunError
 from emsid.models.plants.search.result import GreyBoxFit
-from emsid.units import with_unit
 
 Array = NDArray[np.float64]
 
@@ -82,16 +84,10 @@ class Profile:
         return float(chdtri(1, 1 - self.level))
 
     @property
-    def in_words(self) -> str:
-        """The interval with its unit; an end that was not found is open."""
-        low, high = self.interval
-        if np.isfinite(low) and np.isfinite(high):
-            return f"from {low:.6g} to {with_unit(f'{high:.6g}', self.unit)}"
-        if np.isfinite(low):
-            return f"from {with_unit(f'{low:.6g}', self.unit)} up, without an end"
-        if np.isfinite(high):
-            return f"up to {with_unit(f'{high:.6g}', self.unit)}, without a beginning"
-        return "without ends"
+    def finding(self) -> Finding:
+        """The interval, as something to be said; an end that was not found is None."""
+        ends = [float(end) if np.isfinite(end) else None for end in self.interval]
+        return Finding("profile-interval", self.name, {"interval": ends, "unit": self.unit, "level": self.level})
 
     def between(self, x: Array) -> Array:
         """The deviance at (m,) values, its signed root taken to be straight between those tried."""
@@ -165,9 +161,7 @@ PATIENT = 0.01
 
 
 @one_blas_thread()
-def likelihood_profile(
-    fit: GreyBoxFit, name: str, level: float = 0.95, progress: Callable[[float], None] = lambda fraction: None
-) -> Profile:
+def likelihood_profile(fit: GreyBoxFit, name: str, level: float = 0.95, control: Control = FREE) -> Profile:
     """The profile of one estimated parameter, step by step away from its estimate.
 
     Every point is a fit of all other parameters and the initial states, begun where the one before it ended. The
@@ -180,9 +174,10 @@ def likelihood_profile(
         fit: of any plant.
         name: of the parameter.
         level: of the interval.
-        progress: called with the fraction done.
+        control: when to stop, and whom to tell of every fit.
 
     Raises:
+        Stopped: where ``control`` stops it.
         ModelError: for a parameter that was not estimated, or that moves nothing where it is.
     """
     if name not in fit.names:
@@ -204,12 +199,14 @@ def likelihood_profile(
             passed = costs[value] - min(costs.values()) > limit * unit
             if value == bound or (passed and step > REACH):
                 break
-            progress((done / len(STEPS) + (side > 0)) / 2)
+            control.doing(f"profile of {name}", done + (side > 0) * len(STEPS), 2 * len(STEPS))
             value = float(np.clip(best + side * step * error, low, high))
-            costs[value], plant, states = _others_at_their_best(fit, plant.put({name: value}), name, states, worth)
+            moved = plant.put({name: value})
+            costs[value], plant, states = _others_at_their_best(fit, moved, name, states, worth, control)
     for end in _below(*_profile(costs, unit), limit, (low, high)):  # between points far apart it is but a first guess
         if np.isfinite(end) and end not in costs:
-            costs[end] = _others_at_their_best(fit, fit.model.plant.put({name: end}), name, fit.states, worth)[0]
+            moved = fit.model.plant.put({name: end})
+            costs[end] = _others_at_their_best(fit, moved, name, fit.states, worth, control)[0]
     values, deviance = _profile(costs, unit)
     interval = _below(values, deviance, limit, (low, high))
     return Profile(name, fit.model.plant.handles[name].parameter.unit, best, error, values, deviance, interval, level)
@@ -240,14 +237,23 @@ def _profile(costs: Mapping[float, float], unit: float) -> tuple[Array, Array]:
 
 
 def _others_at_their_best(
-    fit: GreyBoxFit, plant: Plant, name: str, states: Sequence[Array], worth: float
+    fit: GreyBoxFit, plant: Plant, name: str, states: Sequence[Array], worth: float, control: Control
 ) -> tuple[float, Plant, Sequence[Array]]:
     """V, plant and initial states where all that was estimated is estimated again, but for one parameter."""
     problem = _problem(fit, plant, [other for other in fit.names if other != name], states)
     lower, upper = problem.within(fit.limits)
     found = gauss_newton(
-        problem, problem.start, lower=lower, upper=upper, least_saving=worth, names=problem.names, covariances=False
+        problem,
+        problem.start,
+        lower=lower,
+        upper=upper,
+        least_saving=worth,
+        names=problem.names,
+        covariances=False,
+        control=control,
     )
+    if found.ending is Ending.INTERRUPTED:  # a fit cut short is no point of a profile
+        raise Stopped(found.ending)
     return found.cost, problem.plant_at(found.estimate), problem.states(found.estimate)
 
 

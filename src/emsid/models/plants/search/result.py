@@ -1,30 +1,41 @@
-"""A fitted grey box: its table of parameters, the combinations its records tell, and what they cannot tell in words."""
+"""A fitted grey box: its table of parameters, the combinations that its records identify, and its findings."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from math import isfinite
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import listed
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.gauss_newton import Minimum
 from emsid.estimation.uncertainty.identifiability import Identifiability
-from emsid.models.plants.datasheet import Given
+from emsid.findings import Finding
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Quantity
 from emsid.models.plants.search.problem import Weighting, all_alike
+from emsid.models.plants.search.task import Task
 from emsid.record import Record
 
 Array = NDArray[np.float64]
 
 STANDARD_ERRORS = 1.96
 """Half the width of a 95 % interval."""
+
+
+class Status(StrEnum):
+    """How the value of a parameter was come by."""
+
+    ESTIMATED = "estimated"
+    CONDITIONAL = "depends on kept values"  # the data identify only combinations of it with what is kept
+    KEPT = "not identifiable: kept at start"
+    FIXED = "fixed"  # by the user
+    AT_BOUND = "at a bound"
 
 
 @dataclass(frozen=True)
@@ -35,8 +46,7 @@ class Estimate:
         name, symbol, unit, description: of the parameter.
         value: in that unit.
         standard_error: of it; None for one that was not estimated.
-        status: ``estimated`` from the record; ``conditional`` on what was held, because the record tells only
-            combinations; ``held`` because of that; ``fixed`` by the user; ``at a bound``.
+        status: how it was come by.
         start: the value the search began with.
         datasheet: what the datasheet says, None without.
     """
@@ -47,7 +57,7 @@ class Estimate:
     description: str
     value: float
     standard_error: float | None
-    status: str
+    status: Status
     start: float
     datasheet: float | None
 
@@ -75,8 +85,6 @@ class GreyBoxFit(Fit[GreyBox]):
         table: every parameter that was asked for or fixed.
         combinations: what the record tells although some parameters had to be held; all the quantities of the plant
             that it tells.
-        words: what cannot be told apart, what was done about it, and what to do where a bound holds, one sentence each;
-            empty where all is told.
         identifiability: of the parameters that were asked for, at the estimate.
         segments: the records it was fitted to, without gaps.
         states: their initial states.
@@ -88,7 +96,6 @@ class GreyBoxFit(Fit[GreyBox]):
 
     table: tuple[Estimate, ...] = ()
     combinations: tuple[Combination, ...] = ()
-    words: tuple[str, ...] = ()
     identifiability: Identifiability | None = None
     segments: tuple[Record, ...] = ()
     states: tuple[Array, ...] = ()
@@ -96,11 +103,6 @@ class GreyBoxFit(Fit[GreyBox]):
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     cost: float = float("nan")
     colour: Array = field(default_factory=lambda: np.ones(0))
-
-    @property
-    def ended(self) -> str:
-        """What the search itself has to say, without the words on its parameters."""
-        return self.message.removesuffix("; ".join(self.words)).removesuffix("; ")
 
     def simulated(self) -> tuple[Array, ...]:
         """The free run (Nᵢ, ny) of every segment from its estimated initial state."""
@@ -111,122 +113,89 @@ class GreyBoxFit(Fit[GreyBox]):
         )
 
 
-def in_words(
-    told: Identifiability,
-    names: Sequence[str],
+def findings_of(
+    task: Task,
     plant: Plant,
-    signals: Sequence[Signal],
-    known: Sequence[Combination],
-) -> list[str]:
-    """What the records cannot tell, what they can tell instead and what was done about it, a sentence for each group.
-
-    Args:
-        told: of the parameters that were asked for.
-        names: those of them that were estimated, the others being held.
-        plant, signals: what was fitted to what.
-        known: the combinations that the records tell.
-    """
-    held = [name for name in told.names if name not in names]
-    driven = "" if plant.channels is None else plant.channels.source
-    channels = " and ".join([driven or "the input", *(signal.value for signal in signals)])
-    current = driven == "voltage" and Signal.CURRENT not in signals
-    advice = f"fix what you know, or add {'the current' if current else 'a channel'}"
-    if not names:
-        return [
-            f"from {channels} alone, no parameter of {plant.name} can be told: the output hardly "
-            "answers the input; check the columns, or fix what you know"
-        ]
-    words = []
-    for group in told.groups:
-        mine = [name for name in group if name in held]
-        kept = ", ".join(f"{n} = {plant.handles[n].with_unit(plant.value(n))}" for n in mine)
-        formulas = [each.quantity.formula for each in known if len(set(each.parameters) & set(group)) > 1]
-        together = listed(tuple(dict.fromkeys(formulas))[:4]) if formulas else "combinations of them"
-        if len(group) == 1 and not mine:
-            words.append(f"from {channels} alone, {group[0]} is not known to better than 100 %")
-        elif len(group) == 1:
-            words.append(f"from {channels} alone, {group[0]} is not told at all; held: {kept}; fix what you know")
-        elif mine:
-            words.append(
-                f"from {channels} alone, {listed(group)} cannot be told apart, only {together}; held: {kept}; {advice}"
-            )
-        else:
-            words.append(
-                f"from {channels} alone, {listed(group)} can hardly be told apart, {together} can; see their "
-                f"intervals, and {advice}"
-            )
-    return words
-
-
-def hardly_told(rows: Sequence[Estimate], plant: Plant) -> list[str]:
-    """A sentence on what was estimated and may as well be nothing, of what cannot be negative."""
-    names = [
+    names: Sequence[str],
+    minimum: Minimum,
+    told: Identifiability,
+    rows: Sequence[Estimate],
+    together: Sequence[Combination],
+) -> tuple[Finding, ...]:
+    """What is to be said of a fit: how it ended, which parameters a bound holds, and which are not identifiable."""
+    bounds = {finding.subject: finding for finding in _at_bounds(task, plant, names, minimum)}
+    ended = [bounds.pop(f.subject, f) if f.code == "parameter-at-bound" else f for f in minimum.findings]
+    including_zero = [
         row.name
         for row in rows
-        if row.status in ("estimated", "conditional") and row.standard_error is not None
+        if row.status in (Status.ESTIMATED, Status.CONDITIONAL) and row.standard_error is not None
         if plant.handles[row.name].lower >= 0 and abs(row.value) < STANDARD_ERRORS * row.standard_error
     ]
+    zero = [Finding("intervals-include-zero", plant.name, {"parameters": including_zero})] if including_zero else []
+    return (*ended, *_not_identifiable(task, plant, names, told, together), *zero)
+
+
+def _not_identifiable(
+    task: Task, plant: Plant, names: Sequence[str], told: Identifiability, together: Sequence[Combination]
+) -> list[Finding]:
+    """Every group of parameters that the records do not identify, and what was done about it."""
+    source = "" if plant.channels is None else plant.channels.source
+    channels = [source or "the input", *(signal.value for signal in task.signals)]
     if not names:
-        return []
-    have, them = ("intervals of", "them") if len(names) > 1 else ("interval of", "it")
-    reach = "reach" if len(names) > 1 else "reaches"
-    return [f"the 95 % {have} {listed(names)} {reach} down to nothing: fix {them} if you can, or leave {them} out"]
+        return [Finding("nothing-identifiable", plant.name, {"channels": channels})]
+    found = []
+    for group in told.groups:
+        kept = [[n, plant.value(n), plant.handles[n].parameter.unit] for n in group if n not in names]
+        formulas = [each.quantity.formula for each in together if len(set(each.parameters) & set(group)) > 1]
+        data = {
+            "parameters": list(group),
+            "kept": kept,
+            "combinations": list(dict.fromkeys(formulas))[:4],
+            "channels": channels,
+            "current_missing": source == "voltage" and Signal.CURRENT not in task.signals,
+        }
+        found.append(Finding("not-identifiable" if kept else "weakly-identified", plant.name, data))
+    return found
 
 
-def at_bounds(
-    minimum: Minimum,
-    names: Sequence[str],
-    plant: Plant,
-    limits: Mapping[str, tuple[float, float]],
-    hidden: Mapping[str, tuple[float, float]],
-    sheet: Mapping[str, Given],
-) -> list[str]:
-    """What to do about every parameter that is held by a bound: that depends on where the bound is from."""
-    words = []
-    for name, value, free in zip(names, minimum.estimate, minimum.free, strict=False):
-        low, high = limits[name]
+def _at_bounds(task: Task, plant: Plant, names: Sequence[str], minimum: Minimum) -> list[Finding]:
+    """Every parameter that a bound holds, with where the bound is from."""
+    found = []
+    for name, value, free in zip(names, minimum.estimate.tolist(), minimum.free, strict=False):
+        low, high = task.limits[name]
         if free or low == high:
             continue
-        given, handle = sheet.get(name), plant.handles[name]
-        wanted = f"the records ask for {'a smaller' if value <= low else 'a larger'} {name} than"
+        given, handle = task.sheet.get(name), plant.handles[name]
         if given is not None and given.limits is not None and value in given.limits:
-            words.append(f"{wanted} the datasheet allows: widen its tolerance, or check units and what is fixed")
-        elif value in hidden.get(name, ()):
-            words.append(f"{wanted} their sample time shows: fix it at 0")
-        elif value in (handle.lower, handle.upper):
-            words.append(
-                f"{wanted} is physical: fix it there, or check units, signs and what else is fixed; how far off it "
-                "may be, its profile says (--profile)"
-            )
+            because = "datasheet"
+        elif value in task.unresolved.get(name, ()):
+            because = "sample-time"
         else:
-            words.append(f"{wanted} its bounds allow: widen them, or check units and what is fixed")
-    return words
+            because = "physical" if value in (handle.lower, handle.upper) else "bounds"
+        side = "lower" if value <= low else "upper"
+        found.append(Finding("parameter-at-bound", name, {"side": side, "bound": value, "because": because}))
+    return found
 
 
 def table(
-    plant: Plant,
-    start: Plant,
-    names: Sequence[str],
-    asked: Sequence[str],
-    fixed: Mapping[str, float],
-    sheet: Mapping[str, Given],
-    minimum: Minimum,
-    told: Identifiability,
+    task: Task, plant: Plant, start: Plant, names: Sequence[str], minimum: Minimum, told: Identifiability
 ) -> tuple[Estimate, ...]:
-    rows = []
+    """A row for every parameter that was asked for or fixed."""
+    rows, asked, fixed, sheet = [], task.asked, task.fixed, task.sheet
     errors = np.sqrt(np.diag(minimum.covariance))
     for name in (*asked, *(n for n in fixed if n not in asked)):
         parameter = plant.handles[name].parameter
         error: float | None = None
         if name in fixed:
-            status = "fixed"
+            status = Status.FIXED
         elif name not in names:
-            status = "held"
+            status = Status.KEPT
         else:
             k = names.index(name)
             error = float(errors[k])
             alone = told.tells(np.array([1.0 if n == name else 0.0 for n in told.names]))
-            status = "at a bound" if not minimum.free[k] else "estimated" if alone else "conditional"
+            identified = Status.ESTIMATED if alone else Status.CONDITIONAL
+            status = identified if minimum.free[k] else Status.AT_BOUND
         given = sheet.get(name)
         datasheet = None if given is None else given.value
         rows.append(Estimate(*_described(parameter), plant.value(name), error, status, start.value(name), datasheet))

@@ -19,11 +19,20 @@ which is regressed too, and tried with several dampings.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import DataError, EmsidError, listed
+from emsid.models.plants.drive import Drive
 from emsid.models.plants.one_mass import Motion
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.plant import DrivenPlant, Plant
+from emsid.models.plants.search.problem import FreeRunError
+from emsid.models.plants.search.task import Task, cost_of
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -71,6 +80,101 @@ def motions(
                     for time in SETTLING:
                         rate = 1 / (time * segments[0].dt)
                         yield Motion(rate * gain, rate, rate * coulomb, rate * drop, width)
+
+
+def start_of(task: Task) -> Plant:
+    """The plant to begin with: as it is given, or as a regression on the records suggests; a knee at several places."""
+    if task.given.driven is None:
+        return task.plant
+    starts = [_best_start(each, task) for each in task.given.driven.bent(task.plant, task.asked, task.limits)]
+    return min(starts, key=lambda each: cost_of(task.problem(each, task.asked))) if len(starts) > 1 else starts[0]
+
+
+def _best_start(plant: Plant, task: Task) -> Plant:
+    """The plant as given, or moved to what a regression on the records says, whichever simulates better."""
+    asked, limits = task.asked, task.limits
+    first = task.problem(plant, asked)
+    driven = plant.driven
+    if driven is None:
+        return plant
+    drive = driven.drive
+    against = _currents_against(drive, first)
+    channel, is_position = _motion_channel(first.signals)
+    if channel is None:
+        _refuse_signs(first, against)
+        return plant
+    zone = any("dead_zone" in name for name in asked)
+    commanded = [
+        replace(
+            segment,
+            input=drive.bent(drive.gain * drive.commands(segment.input))[:, None] / drive.gain,
+            input_names=segment.input_names[:1],
+            input_units=segment.input_units[:1],
+        )
+        for segment in first.segments
+    ]
+
+    def tried(motion: Motion, plant: DrivenPlant) -> tuple[float, float, Plant]:
+        try:
+            suggested = plant.put_motion(motion)
+            moved = task.problem(plant.put({n: float(np.clip(suggested.value(n), *limits[n])) for n in asked}), asked)
+            return cost_of(moved), cost_of(moved, channel), moved.plant
+        except EmsidError:
+            return inf, inf, plant
+
+    likely = list(motions(commanded, channel, is_position, zone, drive.offset))
+    turned = driven.turned()
+    forward = [(motion, driven) for motion in likely if motion.gain / drive.gain > 0]
+    backward = [(motion, turned) for motion in likely if motion.gain / turned.drive.gain > 0]
+    with ThreadPoolExecutor(first.threads) as pool:
+        costs = list(pool.map(lambda pair: tried(*pair), [*forward, *backward]))
+    straight = [(cost_of(first), cost_of(first, channel), plant), *costs[: len(forward)]]
+    turned_round = min((cost for _, cost, _ in costs[len(forward) :]), default=inf)
+    if turned_round < WRONG_WAY * min(cost for _, cost, _ in straight):
+        against.append(channel)
+    _refuse_signs(first, against)
+    return min(straight, key=lambda one: one[0])[-1]
+
+
+def _currents_against(drive: Drive, problem: FreeRunError) -> list[int]:
+    """The currents that fall where the voltage rises: a motor takes power, whatever it is like."""
+    voltage = np.concatenate([drive.gain * drive.commands(segment.input) for segment in problem.segments])
+    found = []
+    for channel in (k for k, signal in enumerate(problem.signals) if signal is Signal.CURRENT):
+        current = np.concatenate([segment.output[:, channel] for segment in problem.segments])
+        size = float(np.std(voltage) * np.std(current))
+        if float(np.mean((voltage - np.mean(voltage)) * current)) < -PASSIVE * size:
+            found.append(channel)
+    return found
+
+
+def _refuse_signs(problem: FreeRunError, against: Sequence[int]) -> None:
+    """Refuse outputs that go against the command."""
+    if not against:
+        return
+    record = problem.segments[0]
+    command, shown = record.input_names[0], [record.output_names[channel] for channel in sorted(against)]
+    outputs = len(record.output_names)
+    turned = [command] if len(shown) == outputs > 1 else shown
+    raise DataError(
+        f"{record.name}: {listed([repr(name) for name in shown])} {'go' if len(shown) > 1 else 'goes'} against "
+        f"{command!r}; if that is how it was wired or logged, turn the sign of "
+        f"{'one of them' if outputs == 1 else listed(turned)} (scale {' '.join(f'{name}=-1' for name in turned)})",
+        arguments=("scale",),
+    )
+
+
+WRONG_WAY = 0.1
+"""A plant whose drive is turned round simulates a record that much better only where a sign is wrong."""
+PASSIVE = 0.2
+"""Voltage and current of what takes power are not correlated the wrong way, but for chance and delays."""
+
+
+def _motion_channel(signals: Sequence[Signal]) -> tuple[int | None, bool]:
+    for k, signal in enumerate(signals):
+        if signal is not Signal.CURRENT:
+            return k, signal is Signal.POSITION
+    return None, False
 
 
 def _solved(matrix: Array, right: Array) -> list[float]:

@@ -1,0 +1,238 @@
+"""The search itself: coarse parameters first, then all, then only those that the records identify.
+
+What the records do not identify is found from the derivative of the free run (`identifiability`): at the start without
+noise, and again every few steps with the noise found so far. It is kept at its start or at the value of the datasheet,
+and the search goes on with the rest; where that start turns out to matter, it is kept where the search had it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from math import inf, isfinite
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.estimation.fit import Ending
+from emsid.estimation.linear.information import inverse_triangle
+from emsid.estimation.nonlinear.control import Control
+from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
+from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance
+from emsid.estimation.uncertainty.identifiability import Identifiability, identifiability
+from emsid.findings import Finding
+from emsid.models.plants.plant import Plant
+from emsid.models.plants.search.problem import FreeRunError
+from emsid.models.plants.search.task import Limits, Task, cost_of
+
+Array = NDArray[np.float64]
+
+LOOK = 20
+"""Steps after which the search looks again at what is identifiable: along what is not, it finds no end."""
+FLAT = 0.01
+"""A search whose later steps have not lowered V by more than this part is at the bottom of a valley."""
+
+
+class Reached(NamedTuple):
+    """Where a search ended.
+
+    Attributes:
+        problem: begun at the estimate.
+        names: the parameters that were estimated.
+        minimum: there.
+        steps: of the last stage, all its rounds together.
+    """
+
+    problem: FreeRunError
+    names: list[str]
+    minimum: Minimum
+    steps: int
+
+
+def search(task: Task, start: Plant, max_iterations: int) -> Reached:
+    """The parameters that minimise the error of the free run, from a plant to begin with.
+
+    Args:
+        task: what is asked.
+        start: the plant to begin with.
+        max_iterations: of all rounds together; a parameter that is kept only in the end adds a few.
+    """
+    problem = task.problem(start, task.asked)
+    names = keep_identifiable(told_by(problem, task.asked, None), task.asked, task.preference)
+    if len(names) < len(task.asked):
+        problem = task.problem(_put_back(start, task.asked, names, task.known), names)
+    coarse = [name for name in names if name not in start.fine]
+    if 0 < len(coarse) < len(names):
+        rough = task.problem(problem.plant, coarse)
+        minimum = _search(rough, task.limits, max_iterations, task.control)
+        rough = rough.begun_at(minimum.estimate)
+        if minimum.ending is Ending.INTERRUPTED:
+            return Reached(rough, coarse, minimum, 0)
+        problem = task.problem(_scan(rough, names, task), names, rough.states(rough.start))
+    rounds = _Rounds(task, start, problem, names, max_iterations)
+    while (found := rounds.next()) is None:
+        pass
+    return Reached(rounds.problem, rounds.names, found, rounds.steps)
+
+
+class _Rounds:
+    """Rounds of a search, each with as many parameters as the records identify.
+
+    Attributes:
+        problem, names: of the round to come.
+        steps: taken so far.
+        bar: the cost above which what was kept at its start in the last round must not be kept there.
+        stayed: the problem with it kept where the search had it.
+    """
+
+    def __init__(self, task: Task, start: Plant, problem: FreeRunError, names: list[str], max_iterations: int) -> None:
+        self.task, self.start, self.max_iterations = task, start, max_iterations
+        self.problem, self.names = problem, names
+        self.steps, self.bar, self.stayed = 0, inf, problem
+
+    def next(self) -> Minimum | None:
+        """One round; the minimum where it was the last."""
+        left = self.max_iterations - self.steps
+        share = min(LOOK, max(left, min(LOOK, self.max_iterations)))
+        ended = _search(self.problem, self.task.limits, share, self.task.control)
+        self.steps += ended.iterations
+        interrupted = ended.ending is Ending.INTERRUPTED
+        under_way = (
+            ended.ending is Ending.OUT_OF_BUDGET and ended.iterations == share and self.steps < self.max_iterations
+        )
+        if under_way and ended.costs[len(ended.costs) // 2] > (1 + FLAT) * ended.cost:
+            self.problem = self.problem.begun_at(ended.estimate)
+            return None
+        if ended.cost > self.bar:  # the start of what is kept matters after all
+            self.problem, self.bar = self.stayed, inf
+            if not interrupted:
+                return None
+            back = _search(self.problem, self.task.limits, 0, self.task.control)
+            ended = replace(back, ending=ended.ending, findings=ended.findings, iterations=ended.iterations)
+        ended = _with_colour(self.problem, ended)
+        self.problem = self.problem.begun_at(ended.estimate)
+        inside = [name for name, free in zip(self.names, ended.free, strict=False) if free]
+        kept = keep_identifiable(told_by(self.problem, inside, ended), inside, self.task.preference)
+        if interrupted or (len(kept) == len(inside) and not under_way):
+            return replace(ended, findings=tuple(_after(self.steps, finding) for finding in ended.findings))
+        if len(kept) < len(inside):
+            self._keep(inside, kept, ended)
+        return None
+
+    def _keep(self, inside: Sequence[str], kept: Sequence[str], ended: Minimum) -> None:
+        """Estimate only ``kept`` of ``inside`` from now on; the rest goes back to its start, if that is as good."""
+        self.names = [name for name in self.names if name not in inside or name in kept]
+        bar = ended.cost + _tolerable(ended)
+        states = self.problem.states(self.problem.start)
+        given = _put_back(self.problem.plant, inside, kept, self.task.known)
+        self.stayed = self.task.problem(given, self.names, states)
+        begun = {name: self.start.value(name) for name in inside} | self.task.known
+        back = self.task.problem(_put_back(given, inside, kept, begun), self.names, states)
+        self.problem, self.bar = (back, bar) if isfinite(cost_of(back)) else (self.stayed, inf)
+
+
+SCAN = (0.12, 0.18, 0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0)
+"""By what factors a fine parameter is moved before the search: the error has many minima over a resonance."""
+
+
+def _scan(rough: FreeRunError, names: Sequence[str], task: Task) -> Plant:
+    """The plant of a problem with each of the other parameters in turn moved to where it simulates best."""
+    best, states = rough.plant, rough.states(rough.start)
+    lowest = cost_of(rough)
+    with ThreadPoolExecutor(rough.threads) as pool:
+        for name in (name for name in names if name not in rough.free):
+            value = best.value(name)
+            trials = [best.put({name: float(np.clip(factor * value, *task.limits[name]))}) for factor in SCAN]
+            costs = list(pool.map(lambda trial: cost_of(task.problem(trial, (), states)), trials))
+            k = int(np.argmin(costs))
+            if costs[k] < lowest:
+                best, lowest = trials[k], costs[k]
+    return best
+
+
+def _tolerable(minimum: Minimum) -> float:
+    """By how much V may rise where what records do not tell is held at its start: three standard deviations' worth.
+
+    Where the residual is coloured these are wider, but a loss that shows is none to be tolerated.
+    """
+    noise, colour = 4.5 * minimum.noise_variance, colour_of(minimum, len(minimum.free))
+    return max(noise, min(noise * float(np.max(colour, initial=1.0)), FLAT * minimum.cost))
+
+
+def colour_of(minimum: Minimum, parameters: int) -> Array:
+    """(p,) how many times larger the variance of every parameter is than with a white residual."""
+    coloured, white = (np.diag(c)[:parameters] for c in (minimum.covariance, minimum.white_covariance))
+    return np.divide(coloured, white, out=np.ones(parameters), where=(white > 0) & np.isfinite(white))
+
+
+def _put_back(plant: Plant, asked: Sequence[str], kept: Sequence[str], known: Mapping[str, float]) -> Plant:
+    """What is no longer estimated as the datasheet has it, if it does."""
+    return plant.put({name: known[name] for name in asked if name not in kept and name in known})
+
+
+def told_by(problem: FreeRunError, names: Sequence[str], minimum: Minimum | None) -> Identifiability:
+    """What the records tell of some parameters of a problem; without noise where nothing is known of that."""
+    noise = 0.0 if minimum is None else float(np.sqrt(minimum.noise_variance))
+    states = range(len(problem.free), len(problem.sizes))
+    places = [problem.free.index(name) for name in names]
+    jacobians = [jacobian[:, [*places, *states]] for _, jacobian in problem.exactly(problem.start)]
+    return identifiability(jacobians, problem.sizes[places], names, noise)
+
+
+def keep_identifiable(told: Identifiability, names: Sequence[str], preference: Sequence[str]) -> list[str]:
+    """The parameters that are left when one after the other is held until the others can be told."""
+    kept = list(names)
+    while kept and (groups := told.without([name for name in names if name not in kept]).groups):
+        kept.remove(min(groups[0], key=preference.index))
+    return kept
+
+
+def search_once(problem: FreeRunError, task: Task, max_iterations: int) -> Minimum:
+    """One round of a search, whatever is identifiable."""
+    return _search(problem, task.limits, max_iterations, task.control)
+
+
+def _search(problem: FreeRunError, limits: Limits, max_iterations: int, control: Control) -> Minimum:
+    lower, upper = problem.within(limits)
+    return gauss_newton(
+        problem,
+        problem.start,
+        lower=lower,
+        upper=upper,
+        max_iterations=max_iterations,
+        tolerance=1e-2,
+        noise=problem.precision,
+        names=problem.names,
+        control=control,
+    )
+
+
+def _after(steps: int, finding: Finding) -> Finding:
+    """A finding of the last round of a search, with the steps of all rounds."""
+    return replace(finding, data={**finding.data, "steps": steps}) if "steps" in finding.data else finding
+
+
+def _with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
+    """The covariance under coloured noise; where the sandwich finds more, the deviations are the sandwich's.
+
+    To it comes what the free run itself is not sure of, which is all there is where the data are exact.
+    """
+    told = np.isfinite(np.diag(minimum.covariance))
+    columns = np.flatnonzero(minimum.free & told)
+    if minimum.rank < len(columns) or not len(columns):
+        return minimum
+    pieces, channels = [], len(problem.signals)
+    for residual, jacobian in problem.exactly(minimum.estimate):
+        parts = np.split(np.arange(len(residual)), channels)
+        pieces += [(residual[part], jacobian[np.ix_(part, columns)]) for part in parts]
+    covariance = coloured_covariance(pieces)
+    within = np.ix_(columns, columns)
+    sandwich, found = np.diag(minimum.covariance)[columns], np.diag(covariance)
+    ratio = np.divide(sandwich, found, out=np.ones(len(columns)), where=found > 0)  # nothing is left of exact data
+    wider = np.sqrt(np.maximum(ratio, 1.0))
+    whole = minimum.covariance.copy()
+    inverse = inverse_triangle(minimum.information.select(np.flatnonzero(told[minimum.free])).factor[:-1, :-1])
+    whole[within] = covariance * np.outer(wider, wider) + problem.precision**2 * (inverse @ inverse.T)
+    return replace(minimum, covariance=whole)

@@ -1,0 +1,66 @@
+"""Whether anything moves in some records: a search over records in which nothing does finds numbers all the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import DataError
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+
+def check_motion(segments: Sequence[Record]) -> None:
+    """Refuse records in which nothing drives, nothing moves, or a sensor shows nothing but its noise."""
+    first = segments[0]
+    for names, side in ((first.input_names, "input"), (first.output_names, "output")):
+        values = [getattr(segment, side) for segment in segments]
+        together = [np.concatenate(values)] if side == "input" else values  # of several steps each may have its level
+        if not any(np.ptp(v, axis=0).any() for v in together):
+            what = "nothing drives it" if side == "input" else "nothing moves"
+            raise DataError(
+                f"{first.name}: {side} {', '.join(names)} stays at {values[0][0, 0]:g} throughout; {what}, "
+                "and no parameter can be found from it"
+            )
+    if all(_is_noise(segments, channel) for channel in range(len(first.output_names))):
+        raise DataError(
+            f"{first.name}: output {', '.join(first.output_names)} is noise that has nothing to do with the input; "
+            "nothing moves, and no parameter can be found from it"
+        )
+
+
+CHANCE = 0.05
+"""How often noise may pass for motion, by either of two tests: rather that than a weak motion that passes for noise."""
+SETTLING = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
+"""Time constants in samples of what may answer an input."""
+
+
+def _is_noise(segments: Sequence[Record], channel: int, lags: int = 20) -> bool:
+    """Whether an output is white (Ljung, Box, Biometrika 65, 1978) and uncorrelated with what could answer an input."""
+    from scipy.signal import lfilter
+    from scipy.special import chdtrc
+
+    long = [segment for segment in segments if len(segment) > 2 * lags]
+    if not long:
+        return False
+
+    def centred(signals: Sequence[Array]) -> list[Array]:
+        mean = np.mean(np.concatenate(signals))
+        return [signal - mean for signal in signals]
+
+    def correlation(x: Sequence[Array], y: Sequence[Array]) -> float:
+        size = np.sqrt(sum(float(a @ a) for a in x) * sum(float(b @ b) for b in y))
+        return sum(float(a @ b) for a, b in zip(x, y, strict=True)) / size if size > 0 else 0.0
+
+    y = centred([segment.output[:, channel] for segment in long])
+    samples = sum(len(piece) for piece in y)
+    colour = sum(correlation([p[:-lag] for p in y], [p[lag:] for p in y]) ** 2 for lag in range(1, lags + 1))
+    if chdtrc(lags, samples * colour) < CHANCE:
+        return False
+    inputs = [centred([segment.input[:, k] for segment in long]) for k in range(long[0].input.shape[1])]
+    decays = [np.exp(-1 / time) if time else 0.0 for time in SETTLING]
+    answers = [correlation([lfilter([1.0], [1.0, -d], p) for p in u], y) ** 2 for u in inputs for d in decays]
+    return bool(chdtrc(1, samples * max(answers)) > CHANCE / len(answers))

@@ -1,0 +1,232 @@
+"""What is asked of a search: which plant, which parameters, what is known of them, and over which records."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import inf, isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import DataError, ModelError
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.models.plants.datasheet import Given
+from emsid.models.plants.grey_box import check_channels, signals_of
+from emsid.models.plants.parameters import Handle, Signal, find_handle, refuse_overlap, without_overlap
+from emsid.models.plants.plant import Plant
+from emsid.models.plants.search.motion_check import check_motion
+from emsid.models.plants.search.problem import FreeRunError, Weighting, all_alike
+from emsid.models.plants.wishes import as_bounds, as_signals, by_full_name, full_names
+from emsid.plant.motor import read_number
+from emsid.record import Record, check_same_channels
+from emsid.units import with_unit
+
+Array = NDArray[np.float64]
+Limits = dict[str, tuple[float, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is asked, checked and with a value for everything.
+
+    Attributes:
+        given: the plant with what is known of it.
+        plant: the same with a start for everything asked for that would have no effect as it is given.
+        segments: the records without gaps.
+        signals: what their outputs are.
+        asked: the parameters to estimate.
+        fixed: values that are known.
+        sheet: what the datasheet says.
+        unresolved: bounds beyond which the sample time does not resolve a parameter.
+        limits: the narrowest bounds of every parameter asked for.
+        weighting: how errors count by their age.
+        threads: how many.
+        control: when to stop.
+    """
+
+    given: Plant
+    plant: Plant
+    segments: tuple[Record, ...]
+    signals: tuple[Signal, ...]
+    asked: tuple[str, ...]
+    fixed: Mapping[str, float]
+    sheet: Mapping[str, Given]
+    unresolved: Limits
+    limits: Limits
+    weighting: Weighting
+    threads: int
+    control: Control
+
+    @property
+    def known(self) -> dict[str, float]:
+        """The values of the datasheet."""
+        return {name: given.value for name, given in self.sheet.items() if given.value is not None}
+
+    @property
+    def preference(self) -> tuple[str, ...]:
+        """In which order parameters are kept at their start: those first that are likeliest to be known already."""
+        return _preference(self.plant, self.asked, self.sheet)
+
+    def problem(self, plant: Plant, names: Sequence[str], states: Sequence[Array] | None = None) -> FreeRunError:
+        """The least-squares problem of some parameters, from a plant and initial states."""
+        first = [plant.first_state(self.signals, s) for s in self.segments] if states is None else states
+        free = [plant.free_states(self.signals, s) for s in self.segments]
+        return FreeRunError(plant, self.signals, self.segments, names, first, free, self.weighting, self.threads)
+
+
+def prepare(
+    plant: Plant,
+    records: Record | Iterable[Record],
+    *,
+    free: str | Sequence[str] | None = None,
+    fixed: Mapping[str, float | str] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    datasheet: Mapping[str, Given] | None = None,
+    signals: str | Signal | Sequence[str | Signal] | None = None,
+    weighting: Weighting = all_alike,
+    from_datasheet: bool = True,
+    threads: int | None = None,
+    control: Control = FREE,
+) -> Task:
+    """The task that the arguments of `simulation_error` describe.
+
+    Raises:
+        ModelError: for names that the plant does not have, bounds that exclude a start, a datasheet that contradicts
+            itself.
+        DataError: for records without motion, with other channels or in other units.
+    """
+    segments = _segments(records)
+    plant = plant.fed(segments[0])
+    shown = as_signals(signals) if signals is not None else signals_of(plant, segments[0])
+    for segment in segments:
+        check_channels(plant, shown, segment)
+    check_motion(segments)
+    bounds = as_bounds(plant, bounds)
+    values = _values(plant, by_full_name(plant, "fixed", fixed))
+    sheet = dict(by_full_name(plant, "datasheet", datasheet))
+    asked = _asked(plant, full_names(plant, free), values, sheet)
+    sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
+    known = {name: given.value for name, given in sheet.items() if given.value is not None}
+    given = plant.put((known if from_datasheet else {}) | values)
+    unresolved = given.unresolved([n for n in asked if n not in (*sheet, *bounds)], segments[0].dt)
+    limits = _limits(given, asked, {**unresolved, **bounds}, sheet)
+    ready = given.ready(asked, segments, limits)
+    ready = ready.put({name: max(ready.value(name), low) for name, (low, _) in unresolved.items()})
+    _check_start(ready, asked, limits)
+    return Task(
+        given, ready, segments, shown, asked, values, sheet, unresolved, limits, weighting,
+        threads or os.cpu_count() or 1, control,
+    )  # fmt: skip
+
+
+def cost_of(problem: FreeRunError, channel: int | None = None) -> float:
+    """The sum of squares of a problem at its start, or that of one output."""
+    try:
+        residuals = problem.residuals(problem.start)
+    except Infeasible:
+        return inf
+    if channel is not None:
+        residuals = [np.split(residual, len(problem.signals))[channel] for residual in residuals]
+    cost = float(sum(np.sum(residual**2) for residual in residuals))
+    return cost if isfinite(cost) else inf
+
+
+def _segments(records: Record | Iterable[Record]) -> tuple[Record, ...]:
+    whole = (records,) if isinstance(records, Record) else tuple(records)
+    if not whole:
+        raise DataError("no record to identify from")
+    for other in whole[1:]:
+        check_same_channels(whole[0], other)
+    return tuple(segment for record in whole for segment in record.segments)
+
+
+def _values(plant: Plant, fixed: Mapping[str, float | str]) -> dict[str, float]:
+    """What is fixed, in SI units, whether it was given so or as a text with a unit."""
+    return {
+        name: read_number(f"{plant.name} {name}", value, find_handle(plant, name).parameter.unit)
+        for name, value in fixed.items()
+    }
+
+
+def _asked(
+    plant: Plant, free: Sequence[str] | None, fixed: Mapping[str, float], sheet: Mapping[str, Given]
+) -> tuple[str, ...]:
+    for name in (*(free or ()), *fixed, *sheet):
+        find_handle(plant, name)
+    for name, entry in sheet.items():
+        if not isinstance(entry, Given):
+            raise ModelError(f"the datasheet has {entry!r} for {name}; give a Given, or make it with `datasheet`")
+    both = [name for name in free or () if name in fixed]
+    if both:
+        raise ModelError(f"{both[0]} is both free and fixed at {fixed[both[0]]:g}; choose one")
+    for name, value in fixed.items():
+        given = sheet.get(name)
+        if given is not None and given.limits is not None and not given.limits[0] <= value <= given.limits[1]:
+            raise ModelError(
+                f"{name} is fixed at {value:g} and the datasheet has it within [{given.limits[0]:g}, "
+                f"{given.limits[1]:g}]; correct one of them"
+            )
+    unknown = [name for name, given in sheet.items() if given.value is None]
+    names = tuple(free) if free is not None else without_overlap(plant, (*plant.usual, *unknown), fixed)
+    refuse_overlap(plant, (*names, *fixed))
+    if not names:
+        raise ModelError(f"no parameter of {plant.name} is free; it has {', '.join(plant.handles)}")
+    return names
+
+
+def _both_ways(name: str) -> str:
+    """The parameter for both directions that one for a single direction is a part of."""
+    return name.removesuffix(".forward").removesuffix(".backward")
+
+
+def _limits(
+    plant: Plant, asked: Sequence[str], bounds: Mapping[str, tuple[float, float]], sheet: Mapping[str, Given]
+) -> Limits:
+    """The narrowest bounds that hold for every parameter that was asked for."""
+    limits: Limits = {}
+    for name in bounds:
+        find_handle(plant, name)
+        if name not in asked:
+            raise ModelError(f"bounds for {name}, which is not free; free are {', '.join(asked)}")
+    for name in asked:
+        handle: Handle = plant.handles[name]
+        low, high, unit = handle.lower, handle.upper, handle.parameter.unit
+        if name in bounds:
+            given_low, given_high = bounds[name]
+            if not given_low <= given_high or given_high < low or given_low > high:
+                raise ModelError(
+                    f"bounds of {name} are {with_unit(f'[{given_low:g}, {given_high:g}]', unit)}; they must ascend "
+                    f"within [{low:g}, {high:g}]"
+                )
+            low, high = max(low, given_low), min(high, given_high)
+        given = sheet.get(name)
+        if given is not None and given.limits is not None:
+            sheet_low, sheet_high = given.limits
+            if sheet_low > high or sheet_high < low:
+                raise ModelError(
+                    f"the datasheet has {name} within [{sheet_low:g}, {sheet_high:g}] and its bounds are "
+                    f"{with_unit(f'[{low:g}, {high:g}]', unit)}; they contradict each other"
+                )
+            low, high = max(low, sheet_low), min(high, sheet_high)
+        limits[name] = (low, high)
+    return limits
+
+
+def _check_start(plant: Plant, asked: Sequence[str], limits: Limits) -> None:
+    for name in asked:
+        value, (low, high) = plant.value(name), limits[name]
+        if not low <= value <= high:
+            bounds = with_unit(f"[{low:g}, {high:g}]", plant.handles[name].parameter.unit)
+            raise ModelError(f"bounds {bounds} of {name} exclude its start {value:g}; widen them or move the start")
+
+
+def _preference(plant: Plant, asked: Sequence[str], sheet: Mapping[str, Given]) -> tuple[str, ...]:
+    """In which order parameters are held: what a datasheet gives, what plants of this kind usually have known."""
+    known = sorted(
+        (n for n in asked if n in sheet and sheet[n].value is not None), key=lambda n: sheet[n].tolerance or inf
+    )
+    usual = [name for name in plant.usual if name in asked]
+    return tuple(dict.fromkeys((*known, *usual, *reversed(asked))))

@@ -99,10 +99,7 @@ def about_the_unseen_input(record: Record, unseen: Record, seen: bool = False) -
 def about_a_fit(fit: Fit[Any], record: Record) -> list[Finding]:
     """What an estimator noticed, and what a cascade shows on the data it was fitted to."""
     noticed: list[Finding | str] = list(fit.findings)
-    if isinstance(fit, GreyBoxFit):
-        noticed += [*fit.words, fit.ended]
-    else:
-        noticed += [fit.message]
+    noticed += [fit.message]
     if isinstance(fit.model, Cascade):
         noticed += advice(fit, record)
     return [as_finding(each).about(fit.model.name) for each in noticed if each]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from math import isfinite
 
 from emsid.errors import listed
 from emsid.findings import Finding
@@ -14,8 +14,8 @@ from emsid.wording.catalogue import Severity, Spelling, words
 def unit_assumed(f: Finding, argument: Spelling) -> str:
     d = f.data
     return (
-        f"{f.subject}: {d['channel']} has no unit and is taken for a {d['signal']} in {d['unit']}; if it is something "
-        f"else, give its unit ({argument('unit')})"
+        f"{d['channel']} has no unit and is taken for a {d['signal']} in {d['unit']}; if it is something "
+        f"else, give its unit ({argument('units')})"
     )
 
 
@@ -23,15 +23,15 @@ def unit_assumed(f: Finding, argument: Spelling) -> str:
 def command_unit_assumed(f: Finding, argument: Spelling) -> str:
     d = f.data
     return (
-        f"{f.subject}: {d['channel']} has no unit and is taken for {d['unit']}; if it is something else, give its unit "
-        f"({argument('unit')}), or how many {d['unit']} one of it is (drive.gain)"
+        f"{d['channel']} has no unit and is taken for {d['unit']}; if it is something else, give its unit "
+        f"({argument('units')}), or how many {d['unit']} one of it is (drive.gain)"
     )
 
 
 @words("codes-without-bridge", Severity.INFO)
 def codes_without_bridge(f: Finding, argument: Spelling) -> str:
     codes = listed([f"{code:g}" for code in f.data["codes"]])
-    return f"{f.subject}: no bridge drives it here, so {codes} is taken to mean no {f.data['nothing']}"
+    return f"no bridge drives {f.subject} here, so {codes} is taken to mean no {f.data['nothing']}"
 
 
 @words("no-shaft-seen", Severity.WARNING)
@@ -90,22 +90,14 @@ def choice_interrupted(f: Finding, argument: Spelling) -> str:
     return "interrupted while choosing refinements; the best model so far was fitted to only a part of the record"
 
 
-@words("profile-interval", Severity.INFO)
-def profile_interval(f: Finding, argument: Spelling) -> str:
-    d = f.data
-    return (
-        f"the {100 * d['level']:g} % profile-likelihood interval of {f.subject} is {interval(d['interval'], d['unit'])}"
-    )
-
-
-def interval(ends: Sequence[float | None], unit: str) -> str:
-    """An interval with its unit; an end that is None was not reached by the search."""
+def interval(ends: tuple[float, float], unit: str) -> str:
+    """An interval with its unit; an end that is infinite was not found."""
     low, high = ends
-    if low is not None and high is not None:
+    if isfinite(low) and isfinite(high):
         return f"{low:.6g} to {with_unit(f'{high:.6g}', unit)}"
-    if low is not None:
+    if isfinite(low):
         return f"{with_unit(f'{low:.6g}', unit)} or more, without an upper limit"
-    return "unbounded" if high is None else f"{with_unit(f'{high:.6g}', unit)} or less, without a lower limit"
+    return "unbounded" if not isfinite(high) else f"{with_unit(f'{high:.6g}', unit)} or less, without a lower limit"
 
 
 def _advice(f: Finding, argument: Spelling) -> str:

@@ -265,7 +265,7 @@ def likelihood(fit: GreyBoxFit, profile: Profile, *, name: str = "") -> Figure:
     return Figure(
         name or f"{slug(fit.model.name)}-profile-{slug(profile.name)}",
         f"Likelihood profile of {profile.name} of {fit.model.name}, all other parameters at their best for each of its "
-        f"values: its {percent} interval is {interval(profile.finding.data['interval'], profile.unit)}; {beside}.",
+        f"values: its {percent} interval is {interval(profile.interval, profile.unit)}; {beside}.",
         (
             Plot(
                 tuple(marks),

@@ -16,7 +16,6 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.threads import one_blas_thread
-from emsid.findings import Finding
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.problem import FreeRunError
 from emsid.models.plants.search.result import GreyBoxFit
@@ -82,12 +81,6 @@ class Profile:
     def limit(self) -> float:
         """The quantile of χ² with one degree of freedom at the level."""
         return float(chdtri(1, 1 - self.level))
-
-    @property
-    def finding(self) -> Finding:
-        """The interval, as something to be said; an end that was not found is None."""
-        ends = [float(end) if np.isfinite(end) else None for end in self.interval]
-        return Finding("profile-interval", self.name, {"interval": ends, "unit": self.unit, "level": self.level})
 
     def between(self, x: Array) -> Array:
         """The deviance at (m,) values, its signed root taken to be straight between those tried."""

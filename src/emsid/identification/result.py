@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from emsid.findings import Finding
+from emsid.identification.characteristics import Characteristic, characteristics
+from emsid.identification.conclusions import next_steps, verdicts
 from emsid.presentation import Presented
 from emsid.record import Record
 
@@ -64,6 +66,21 @@ class Identification(Presented):
         """What the models were ranked on, for titles."""
         return "the data they were fitted to" if self.seen else "unseen data"
 
+    @property
+    def characteristics(self) -> tuple[Characteristic, ...]:
+        """Gain, time constant, dead zone and friction, as far as the models have them, with their intervals."""
+        return characteristics(self.on_unseen, self.record)
+
+    @property
+    def verdicts(self) -> tuple[Finding, ...]:
+        """Whether the residual of the best free run still depends on the input, for every output."""
+        return verdicts(self.on_unseen.best)
+
+    @property
+    def next_steps(self) -> tuple[Finding, ...]:
+        """What to do next, the most useful first."""
+        return tuple(next_steps(self.on_unseen, self.record, self.unseen, seen=self.seen))
+
     def findings_about(self, model: str) -> tuple[Finding, ...]:
         """Those about this model."""
         return tuple(finding for finding in self.findings if finding.model == model)
@@ -82,6 +99,9 @@ class Identification(Presented):
             "chosen": self.chosen.model.name,
             "profiles": [{"model": name} | each.to_data() for name, some in self.profiles.items() for each in some],
             "findings": [finding.to_data() for finding in self.findings],
+            "characteristics": [each.to_data() for each in self.characteristics],
+            "residual": [finding.to_data() for finding in self.verdicts],
+            "next": [finding.to_data() for finding in self.next_steps],
         }
 
 

@@ -1,52 +1,43 @@
-"""What a page says about an identification."""
+"""The page of an identification: what was found and how good it is on its first screen, then tables and figures."""
 
 from __future__ import annotations
 
+from math import isfinite
+
+from emsid.identification.characteristics import Characteristic
 from emsid.identification.result import Identification
 from emsid.record import Record
 from emsid.report import views
-from emsid.report.document import Fact, Report, Section
-from emsid.report.numbers import percent
-from emsid.wording import sentence
+from emsid.report.document import Fact, Notice, Report, Section
+from emsid.report.numbers import capital, estimate, number, percent
+from emsid.report.views import terms
+from emsid.units import plain_unit, with_unit
+from emsid.wording import Severity, sentence, severity
+
+# How many of the characteristics and of the notices the first screen holds.
+CHARACTERISTICS, NOTICES = 6, 6
 
 
 def report(result: Identification) -> Report:
-    """What a page says about the result."""
-    best, unit = result.on_unseen.best, result.unseen.output_units[0]
-    linear_first = sorted(result.on_unseen.assessments, key=lambda each: each.row.model != "arx")
-    intervals = views.critical_intervals(
-        result.unseen, _stretch(result.unseen), result.unseen.output - linear_first[0].simulation.output
-    )
+    """The page of an identification."""
+    best = result.on_unseen.best
+    limits = [each for each in (*result.verdicts, *result.findings) if severity(each) is not Severity.INFO]
+    limits.sort(key=lambda each: (severity(each) is not Severity.PROBLEM, each.model not in ("", best.row.model)))
+    first, rest = limits[:NOTICES], limits[NOTICES:]
+    notes = [each for each in result.findings if severity(each) is Severity.INFO]
     return Report(
         title=f"Identification of {result.record.name}",
-        summary=tuple(sentence(finding) for finding in result.findings),
-        facts=(
-            Fact(best.row.model, "the best of the models in free run"),
-            Fact(percent(best.row.fit_percent), f"fit of its free run on {result.ranked_on}"),
-            Fact(f"{len(result.record):,}", "samples that the models were fitted to"),
-            Fact(f"{best.row.samples:,}", "samples that they were ranked on"),
+        summary=(summary(result),),
+        facts=tuple(facts(result)),
+        opening=Section(
+            "", terms=(terms.FREE_RUN, terms.FIT), figures=(views.measured_and_simulated(best, name="best-free-run"),)
         ),
+        notices=tuple(Notice(sentence(each), severity(each).value) for each in first),
+        advice=tuple(sentence(each) for each in result.next_steps),
         sections=(
-            Section(
-                "Which model",
-                tables=(
-                    views.results_table(
-                        result.on_unseen.rows, unit=unit, caption=f"On {result.ranked_on}, {result.unseen.name}."
-                    ),
-                    views.results_table(
-                        result.on_record.rows, unit=unit, caption="On the data that the models were fitted to."
-                    ),
-                ),
-                figures=(views.ranking(result.on_unseen),),
-            ),
-            Section(
-                f"Free run on {result.ranked_on}",
-                figures=(
-                    views.measured_and_simulated(best),
-                    views.responses(linear_first, intervals),
-                    views.residuals(linear_first),
-                ),
-            ),
+            which_model(result),
+            *([Section("More findings", remarks=tuple(map(sentence, (*rest, *notes))))] if rest or notes else []),
+            free_runs(result),
             Section("The data", figures=(views.inputs((result.record, result.unseen)),)),
             *(
                 views.model_section(fit, result.record, profiles=result.profiles.get(fit.model.name, ()))
@@ -54,6 +45,80 @@ def report(result: Identification) -> Report:
             ),
         ),
         imprint=f"emsid, from {result.record}",
+    )
+
+
+def summary(result: Identification) -> str:
+    """Which model is the best, of how many, and on how much data."""
+    best = result.on_unseen.best
+    return (
+        f"{best.row.model} is the best of {len(result.fits)} "
+        f"model{'s' * (len(result.fits) > 1)}: its free run on {result.ranked_on} has the smallest error. The models "
+        f"were fitted to {len(result.record):,} samples and compared on {best.row.samples:,} others."
+    )
+
+
+def facts(result: Identification) -> list[Fact]:
+    """The model, how good it is, its characteristics and the verdict on its residual."""
+    best, unit = result.on_unseen.best, plain_unit(result.unseen.output_units[0])
+    errors = best.row.outputs or (best.row,)
+    found = [
+        Fact(best.row.model, "model with the best free run"),
+        Fact(percent(best.row.fit_percent), f"fit of its free run on {result.ranked_on}"),
+    ]
+    if isfinite(best.row.simulation_rmse) and len(errors) == 1:
+        found.append(Fact(with_unit(number(best.row.simulation_rmse), unit), "RMSE of that free run"))
+    shown = result.characteristics[:CHARACTERISTICS]
+    found += [_fact(each, best.row.model) for each in shown]
+    for each in result.verdicts:
+        words = {
+            "residual-independent-of-input": "independent of the input",
+            "residual-depends-on-input": "depends on the input",
+        }.get(each.code, "not tested")
+        of = f" of {each.data['output']}" if len(errors) > 1 else ""
+        found.append(Fact(words, f"residual{of} on {result.ranked_on}"))
+    return found
+
+
+def _fact(each: Characteristic, best: str) -> Fact:
+    """A characteristic with its interval, and by which model where that is not the best one."""
+    by = "" if each.model == best else f", by {each.model}"
+    meaning = f"{capital(each.name.split()[0])}{each.name[len(each.name.split()[0]) :]}{by}"
+    if each.half_width is None:
+        return Fact(with_unit(number(each.value), each.unit), meaning, "interval unknown")
+    if each.half_width > abs(each.value):
+        return Fact(with_unit(number(each.value), each.unit), meaning, f"± {number(each.half_width)}: not significant")
+    value = estimate(each.value, each.half_width)
+    return Fact(with_unit(value, each.unit), meaning, f"± {float(f'{each.half_width:.2g}'):.4g}")
+
+
+def which_model(result: Identification) -> Section:
+    """All models with their errors."""
+    unit = result.unseen.output_units[0]
+    return Section(
+        "Which model",
+        terms=(terms.ONE_STEP, terms.MSE, terms.METHOD),
+        tables=(
+            views.results_table(
+                result.on_unseen.rows, unit=unit, caption=f"On {result.ranked_on}, {result.unseen.name}."
+            ),
+            views.results_table(
+                result.on_record.rows, unit=unit, caption="On the data that the models were fitted to."
+            ),
+        ),
+        figures=(views.ranking(result.on_unseen),),
+    )
+
+
+def free_runs(result: Identification) -> Section:
+    """The free runs of all models in detail, and what they leave."""
+    linear_first = sorted(result.on_unseen.assessments, key=lambda each: each.row.model != "arx")
+    intervals = views.critical_intervals(
+        result.unseen, _stretch(result.unseen), result.unseen.output - linear_first[0].simulation.output
+    )
+    return Section(
+        f"Free runs on {result.ranked_on}",
+        figures=(views.responses(linear_first, intervals), views.residuals(linear_first)),
     )
 
 

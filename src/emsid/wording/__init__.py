@@ -12,6 +12,7 @@ of its own (``--mask``). `sentence` puts the model that a finding is about in fr
 
 from emsid.wording import agreement as agreement
 from emsid.wording import blocks as blocks
+from emsid.wording import conclusions as conclusions
 from emsid.wording import identification as identification
 from emsid.wording import linear as linear
 from emsid.wording import plants as plants

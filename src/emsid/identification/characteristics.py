@@ -1,0 +1,211 @@
+"""What an engineer asks of a drive first: gain, time constant, dead zone, friction, each with its interval."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from math import isfinite, log
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.estimation.fit import Fit
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.plants.search.result import STANDARD_ERRORS, GreyBoxFit
+from emsid.models.regression.narx import Narx
+from emsid.models.regression.transforms import Transform
+from emsid.record import Record
+from emsid.validation.comparison import Comparison
+
+Array = NDArray[np.float64]
+
+# What a linear model has too.
+LINEAR = ("gain", "time constant")
+# How many times the smallest free-run RMSE another model may have to be asked as well.
+NEARLY = 1.5
+# Quantities of plants that say the same as others and are left out of a short list.
+LEFT_OUT = ("acceleration", "electromechanical", "electrical", "inertia ratio")
+
+
+@dataclass(frozen=True)
+class Characteristic:
+    """One characteristic of a drive.
+
+    Attributes:
+        name: what it is.
+        value: in the unit.
+        half_width: of its 95 % interval, to first order; None where it is not known.
+        unit: of value and interval.
+        model: by which model.
+    """
+
+    name: str
+    value: float
+    half_width: float | None
+    unit: str
+    model: str
+
+    def to_data(self) -> dict[str, Any]:
+        """By name, in built-in types."""
+        return asdict(self)
+
+
+def characteristics(comparison: Comparison, record: Record) -> tuple[Characteristic, ...]:
+    """Those of the best model, and dead zone and friction of the first other model that is nearly as good.
+
+    Args:
+        comparison: the models on unseen data.
+        record: what they were fitted to, for its units.
+    """
+    least = comparison.best.row.simulation_rmse
+    near = [each.fit for each in comparison.assessments if each.row.simulation_rmse <= NEARLY * least]
+    found: list[Characteristic] = []
+    for fit in near:
+        new = [each for each in of_fit(fit, record) if each.name not in {known.name for known in found}]
+        found += new if not found else [each for each in new if each.name not in LINEAR]
+        if any(each.name not in LINEAR for each in found):
+            break
+    return tuple(found)
+
+
+def of_fit(fit: Fit[Any], record: Record) -> tuple[Characteristic, ...]:
+    """The characteristics of one model; none for a model of several inputs or outputs, or without such parameters."""
+    if isinstance(fit, GreyBoxFit):
+        return _of_plant(fit)
+    if record.input.shape[1] > 1 or record.output.shape[1] > 1:
+        return ()
+    if isinstance(fit.model, Cascade):
+        return _of_cascade(fit, record)
+    return _of_linear(fit, record) if isinstance(fit.model, Narx) else ()
+
+
+def _of_plant(fit: GreyBoxFit) -> tuple[Characteristic, ...]:
+    """The quantities that the data determine, and the dead zone."""
+    model = fit.model.name
+    zones = (
+        (row.description, row.value, row.standard_error, row.unit)
+        for row in fit.table
+        if "dead_zone" in row.name and row.status == "estimated"
+    )
+    combined = (
+        (each.quantity.name, each.quantity.value, each.standard_error, each.quantity.unit)
+        for each in fit.combinations
+        if not each.quantity.name.startswith(LEFT_OUT)
+    )
+    return tuple(
+        Characteristic(name, float(value), _half(error), unit, model)
+        for name, value, error, unit in (*combined, *zones)
+    )
+
+
+def _of_cascade(fit: Fit[Cascade], record: Record) -> tuple[Characteristic, ...]:
+    """Gain and slowest time constant, and the break points of a dead zone."""
+    model = fit.model
+    inside = record.dt / model.oversampling
+    filters = [k for k, block in enumerate(model.blocks) if isinstance(block, Rational)]
+    found = [_quantity(fit, "gain", _gain, _gain_unit(record))]
+    if any(_time_constant(model.blocks[k].poles, inside) for k in filters):  # type: ignore[attr-defined]
+        slowest = max(filters, key=lambda k: _time_constant(model.blocks[k].poles, inside) or 0.0)  # type: ignore[attr-defined]
+        found.append(
+            _quantity(fit, "time constant", lambda m: _time_constant(m.blocks[slowest].poles, inside) or np.nan, "s")  # type: ignore[attr-defined]
+        )
+    for k, block in enumerate(model.blocks):
+        for name, side in (("b_l", "backward"), ("b_r", "forward")):
+            if isinstance(block, StaticMap) and name in block.names:
+                edge = partial(_parameter, k, block.names.index(name))
+                found.append(_quantity(fit, f"dead zone {side}", edge, record.input_units[0]))
+    return tuple(each for each in found if isfinite(each.value))
+
+
+def _parameter(block: int, number: int, model: Cascade) -> float:
+    return float(model.blocks[block].parameters[number])
+
+
+def _gain(model: Cascade) -> float:
+    """Slope from input to output, in a stretch where the maps are straight."""
+    factors = [
+        block.gain if isinstance(block, Rational) else block.steepness
+        for block in model.blocks
+        if isinstance(block, Rational | StaticMap)
+    ]
+    return float(np.prod(factors))
+
+
+def _of_linear(fit: Fit[Narx], record: Record) -> tuple[Characteristic, ...]:
+    """Gain and slowest time constant of A(q)y = B(q)u; none for a regression that is not linear."""
+    regressors = [each for each in fit.model.structure.regressors if each.factors]
+    single = [each.factors[0] for each in regressors if len(each.factors) == 1]
+    if len(single) < len(regressors) or any(f.power > 1 or f.transform is not Transform.VALUE for f in single):
+        return ()
+    at = [k for k, each in enumerate(fit.model.structure.regressors) if each.factors]
+    signs = np.array([-1.0 if each.negative else 1.0 for each in regressors])
+    most = max((f.lag for f in single if f.channel == 0), default=0)
+
+    def past(theta: Array) -> Array:
+        """The coefficients of A."""
+        a: Array = np.eye(1, most + 1)[0]
+        for value, factor in zip(signs * theta[at], single, strict=True):
+            if factor.channel == 0:
+                a[factor.lag] -= value
+        return a
+
+    def gain(theta: Array) -> float:
+        b = sum(value for value, factor in zip(signs * theta[at], single, strict=True) if factor.channel)
+        return float(b / np.sum(past(theta)))
+
+    found = [_by_estimate(fit, "gain", gain, _gain_unit(record))]
+    if _time_constant(np.roots(past(fit.estimate)), record.dt):
+        found.append(
+            _by_estimate(
+                fit, "time constant", lambda theta: _time_constant(np.roots(past(theta)), record.dt) or np.nan, "s"
+            )
+        )
+    return tuple(each for each in found if isfinite(each.value))
+
+
+def _time_constant(poles: NDArray[Any], dt: float) -> float | None:
+    """Of the slowest real pole between 0 and 1, in s."""
+    real = [float(p.real) for p in poles if abs(p.imag) < 1e-9 and 0 < p.real < 1]
+    return -dt / log(max(real)) if real else None
+
+
+def _gain_unit(record: Record) -> str:
+    y, u = record.output_units[0], record.input_units[0]
+    return f"({y})/{u}" if y and u and "/" in y else f"{y}/{u}" if y and u else ""
+
+
+def _half(error: float | None) -> float | None:
+    return STANDARD_ERRORS * error if error is not None and isfinite(error) else None
+
+
+def _quantity(fit: Fit[Cascade], name: str, quantity: Callable[[Cascade], float], unit: str) -> Characteristic:
+    """A quantity of the model, whose free parameters are a part of its parameters."""
+    model = fit.model
+    at = [model.names.index(each) for each in fit.names]
+
+    def of(theta: Array) -> float:
+        whole = np.array(model.parameters, dtype=float)
+        whole[at] = theta
+        return quantity(model.with_parameters(whole))
+
+    return _by_estimate(fit, name, of, unit)
+
+
+def _by_estimate(fit: Fit[Any], name: str, quantity: Callable[[Array], float], unit: str) -> Characteristic:
+    """A function of the estimate with its interval by the delta method: var q = ∇qᵀ·Σ·∇q."""
+    theta = np.asarray(fit.estimate, dtype=float)
+    steps = 1e-6 * np.maximum(np.abs(theta), 1e-9)
+    slope = np.array(
+        [
+            (quantity(theta + step * unit_vector) - quantity(theta - step * unit_vector)) / (2 * step)
+            for step, unit_vector in zip(steps, np.eye(len(theta)), strict=True)
+        ]
+    )
+    known = slope != 0
+    variance = float(slope[known] @ fit.covariance[np.ix_(known, known)] @ slope[known]) if known.any() else np.nan
+    error = float(np.sqrt(variance)) if isfinite(variance) and variance >= 0 else None
+    return Characteristic(name, quantity(theta), _half(error), unit, fit.model.name)

@@ -1,0 +1,132 @@
+"""The first screen of an identification: characteristics, the verdict on the residual, and what to do next."""
+
+from __future__ import annotations
+
+import json
+from math import exp
+
+import numpy as np
+import pytest
+
+from emsid.estimation.fit import Fit
+from emsid.estimation.linear.least_squares import least_squares
+from emsid.identification import identify
+from emsid.identification.characteristics import of_fit
+from emsid.identification.conclusions import next_steps, verdicts
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.static_maps import DeadZone
+from emsid.models.regression.structures import arx
+from emsid.record import Record
+from emsid.report.identification_page import report
+from emsid.validation.comparison import assess, compare
+from emsid.wording import sentence
+
+DT, TIME_CONSTANT, GAIN, EDGE = 0.01, 0.2, 3.0, 0.5
+
+
+def drive(edge=0.0, noise=0.01, seed=0, samples=2000, name="bench"):
+    """A first-order drive behind a dead zone, with white noise in the measurement."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-3, 3, samples // 20), 20)
+    v = np.sign(u) * np.maximum(np.abs(u) - edge, 0)
+    a = exp(-DT / TIME_CONSTANT)
+    y = np.zeros(samples)
+    for k in range(1, samples):
+        y[k] = a * y[k - 1] + (1 - a) * GAIN * v[k - 1]
+    noisy = y + noise * rng.standard_normal(samples)
+    return Record(u, noisy, DT, input_units=("V",), output_units=("rad/s",), name=name)
+
+
+def test_gain_and_time_constant_of_a_linear_model_are_in_the_units_of_the_record():
+    record = drive(noise=1e-4)
+    gain, time_constant = of_fit(least_squares(arx(1, 1), record), record)
+    assert (gain.name, gain.unit) == ("gain", "(rad/s)/V")
+    assert (time_constant.name, time_constant.unit) == ("time constant", "s")
+    for found, truth in ((gain, GAIN), (time_constant, TIME_CONSTANT)):
+        assert abs(found.value - truth) < 2 * found.half_width < 0.01 * truth
+
+
+def test_intervals_of_characteristics_follow_the_covariance_to_first_order():
+    record = drive()
+    a, b = -0.9, 0.3
+    covariance = np.array([[4e-6, 1e-6], [1e-6, 9e-6]])
+    theta = np.array([a, b])
+    fit = Fit(arx(1, 1).model(theta, record), ("a1", "b1"), theta, covariance, 1.0, 100, 1.0, 2)
+    gain, _ = of_fit(fit, record)
+    slope = np.array([-b / (1 + a) ** 2, 1 / (1 + a)])
+    assert gain.value == pytest.approx(b / (1 + a))
+    assert gain.half_width == pytest.approx(1.96 * np.sqrt(slope @ covariance @ slope), rel=1e-4)
+
+
+def test_the_break_points_of_a_dead_zone_are_in_the_unit_of_the_input():
+    record = drive(edge=EDGE)
+    a = exp(-DT / TIME_CONSTANT)
+    model = Cascade(
+        (DeadZone(-EDGE, EDGE, 1.0, 1.0), Rational(np.array([1 - a]), np.array([-a]), delay=1)), name="blocks"
+    )
+    free = tuple(name for name in model.names if "b_" in name and "f" in name)
+    estimate = np.array([model.parameters[model.names.index(name)] for name in free])
+    fit = Fit(model, free, estimate, np.diag([1e-4] * len(free)), 1.0, 100, 1.0, len(free))
+    found = {each.name: each for each in of_fit(fit, record)}
+    assert found["dead zone backward"].value == -EDGE
+    assert found["dead zone forward"].half_width == pytest.approx(0.0196)
+    assert found["dead zone forward"].unit == "V"
+    assert found["time constant"].value == pytest.approx(TIME_CONSTANT)
+
+
+@pytest.mark.parametrize(("edge", "code"), [(0.0, "residual-independent-of-input"), (1.0, "residual-depends-on-input")])
+def test_a_residual_depends_on_the_input_where_the_model_misses_something(edge, code):
+    record = drive(edge=edge, noise=0.05)
+    fit = least_squares(arx(1, 1), drive(edge=edge, noise=0.0))
+    (verdict,) = verdicts(assess(fit, record))
+    assert verdict.code == code
+    assert (verdict.data["largest"] > verdict.data["limit"]) == (edge > 0)
+
+
+def test_a_residual_of_zero_is_not_tested():
+    record = drive(noise=0.0)
+    theta = least_squares(arx(1, 1), record).estimate
+    exact = Record(record.input, least_squares(arx(1, 1), record).model.simulate(record).output, DT)
+    fit = Fit(arx(1, 1).model(theta, exact), ("a1", "b1"), theta, np.eye(2), 0.0, 100, 1.0, 2)
+    (verdict,) = verdicts(assess(fit, exact))
+    assert verdict.code in ("residual-not-tested", "residual-independent-of-input")
+
+
+def steps(record, unseen, seen=False, structure=None):
+    comparison = compare([least_squares(structure or arx(1, 1), record)], unseen)
+    return [finding.code for finding in next_steps(comparison, record, unseen, seen=seen)]
+
+
+def test_what_to_do_next_follows_from_what_was_found():
+    record, other = drive(noise=1e-4), drive(noise=1e-4, seed=1, name="another")
+    assert steps(record, other) == ["next-use-model"]
+    assert steps(record, drive(noise=1e-4, seed=1, name="bench, unseen part"))[0] == "next-other-experiment"
+    assert "next-other-experiment" in steps(record, record, seen=True)
+    assert "next-physical-model" in steps(drive(edge=1.0), drive(edge=1.0, seed=1, name="another"))
+    noise = drive(noise=30.0, seed=3, name="noise")
+    assert steps(record, noise)[0] == "next-check-data"
+
+
+@pytest.fixture(scope="module")
+def result():
+    return identify(drive(edge=EDGE), models=("arx", "friction-narx"))
+
+
+def test_the_first_screen_says_which_model_and_how_good_and_shows_its_free_run(result):
+    page = report(result)
+    best = result.on_unseen.best.row
+    assert page.facts[0].value == best.model
+    assert page.facts[1].value == f"{best.fit_percent:.1f} %"
+    assert {"Gain", "Time constant"} <= {fact.meaning.split(", by")[0] for fact in page.facts} or best.model != "arx"
+    (figure,) = page.opening.figures
+    assert figure.plots[0].marks[0].label == "measured"
+    assert page.advice == tuple(sentence(each) for each in result.next_steps)
+    assert all(notice.severity in ("warning", "problem") for notice in page.notices)
+
+
+def test_results_hold_what_the_first_screen_shows(result):
+    data = json.loads(json.dumps(result.to_data(), allow_nan=False))
+    assert [each["code"] for each in data["next"]] == [each.code for each in result.next_steps]
+    assert [each["code"] for each in data["residual"]] == [each.code for each in result.verdicts]
+    assert data["characteristics"] == [each.to_data() for each in result.characteristics]

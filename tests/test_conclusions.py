@@ -81,7 +81,7 @@ def test_a_residual_depends_on_the_input_where_the_model_misses_something(edge, 
     fit = least_squares(arx(1, 1), drive(edge=edge, noise=0.0))
     (verdict,) = verdicts(assess(fit, record))
     assert verdict.code == code
-    assert (verdict.data["largest"] > verdict.data["limit"]) == (edge > 0)
+    assert verdict.data["share"] > 0.5 if edge else verdict.data["share"] < 0.02
 
 
 def test_a_residual_of_zero_is_not_tested():

@@ -72,8 +72,8 @@ def facts(result: Identification) -> list[Fact]:
     found += [_fact(each, best.row.model) for each in shown]
     for each in result.verdicts:
         words = {
-            "residual-independent-of-input": "independent of the input",
-            "residual-depends-on-input": "depends on the input",
+            "residual-independent-of-input": "noise, as far as the input shows",
+            "residual-depends-on-input": "still depends on the input",
         }.get(each.code, "not tested")
         of = f" of {each.data['output']}" if len(errors) > 1 else ""
         found.append(Fact(words, f"residual{of} on {result.ranked_on}"))

@@ -8,29 +8,26 @@ from emsid.wording.catalogue import Severity, Spelling, words
 
 @words("residual-depends-on-input", Severity.WARNING)
 def residual_depends(f: Finding, argument: Spelling) -> str:
-    """Data: output, input, largest (in standard deviations), lag (s), limit."""
-    d = f.data
+    """Data: output, share (of the variance of the residual)."""
     return (
-        f"the residual of {d['output']} still depends on {d['input']} (correlation of {d['largest']:.1f} standard "
-        f"deviations {d['lag']:.3g} s later, where chance reaches {d['limit']:.1f}), so the model misses part of the "
-        "dynamics or a nonlinearity"
+        f"the input still predicts {100 * f.data['share']:.0f} % of what the model leaves of {f.data['output']} (the "
+        "variance of the residual), so the model misses part of the dynamics or a nonlinearity"
     )
 
 
 @words("residual-independent-of-input")
 def residual_independent(f: Finding, argument: Spelling) -> str:
-    """Data: output, input, largest, lag, limit."""
-    d = f.data
+    """Data: output, share (of the variance of the residual)."""
     return (
-        f"the residual of {d['output']} does not depend on the input, as far as these data show: what is left is noise "
-        "or a disturbance"
+        f"the input predicts no more than {max(1.0, 100 * f.data['share']):.0f} % of the variance of the residual of "
+        f"{f.data['output']}: the rest is noise, a disturbance or a change of the drive"
     )
 
 
 @words("residual-not-tested")
 def residual_not_tested(f: Finding, argument: Spelling) -> str:
     """Data: output."""
-    return f"the residual of {f.data['output']} could not be tested against the input: one of them is constant"
+    return f"the residual of {f.data['output']} could not be tested against the input: one of them is constant, or the data are too short"
 
 
 @words("next-check-data", Severity.WARNING)

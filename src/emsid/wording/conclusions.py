@@ -27,7 +27,10 @@ def residual_independent(f: Finding, argument: Spelling) -> str:
 @words("residual-not-tested")
 def residual_not_tested(f: Finding, argument: Spelling) -> str:
     """Data: output."""
-    return f"the residual of {f.data['output']} could not be tested against the input: one of them is constant, or the data are too short"
+    return (
+        f"the residual of {f.data['output']} could not be tested against the input: one of them is constant, or there "
+        "are too few samples"
+    )
 
 
 @words("next-check-data", Severity.WARNING)

@@ -19,7 +19,8 @@ from emsid.models.plants.parameters import without_overlap
 from emsid.models.plants.search.diagnostics import Profile
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record
-from emsid.validation.comparison import Comparison
+from emsid.validation.comparison import Assessment, Comparison
+from emsid.validation.residual_test import residual_tests
 
 BEYOND = 0.1
 """An input that leaves the range fitted to by more than this part of it makes the models extrapolate."""
@@ -40,6 +41,7 @@ def observations(
     return [
         *([Finding("data-not-unseen", unseen.name)] if seen else []),
         *_about_the_best(comparison, unseen, seen),
+        *about_the_residual(comparison.best),
         *about_the_unseen_input(record, unseen, seen),
         *(
             Finding("free-run-diverged", row.model, {"model": row.model, "sample": int(row.diverged_at), "seen": seen})
@@ -72,6 +74,20 @@ def _about_the_best(comparison: Comparison, unseen: Record, seen: bool) -> list[
     if 0 < 2 * row.one_step_mse < row.simulation_mse:
         ratio = float(row.simulation_mse / row.one_step_mse)
         findings += [Finding("one-step-error-smaller", row.model, {"model": row.model, "ratio": ratio})]
+    return findings
+
+
+def about_the_residual(best: Assessment) -> list[Finding]:
+    """Whether the errors of the best model are white, and whether they depend on the input."""
+    findings = []
+    for test in residual_tests(best.record, best.prediction, best.simulation):
+        data: dict[str, Any] = {"model": best.row.model, "lags": test.lags}
+        coloured = {"largest": test.largest_autocorrelation, "lag": test.at_lag, "p_value": test.p_value}
+        code = "residual-white" if test.white else "residual-coloured"
+        findings.append(Finding(code, test.output, data | coloured))
+        code = "residual-follows-input" if test.follows_input else "residual-free-of-input"
+        follows = {"input": test.input, "lag": test.input_lag, "deviations": test.largest_input_correlation}
+        findings.append(Finding(code, test.output, data | follows))
     return findings
 
 

@@ -1,0 +1,207 @@
+"""The numbers that an engineer asks for first: gain, time constants, dead zone and friction, with intervals.
+
+Each is a function g(θ) of the estimate; its variance to first order is ∇gᵀ P ∇g, with the covariance P of the estimate
+(the delta method). A plant gives its own, the combinations of its parameters that the data determine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError
+from emsid.estimation.fit import Fit
+from emsid.findings import finite
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.static_maps import DeadZone
+from emsid.models.plants.search.result import GreyBoxFit
+from emsid.models.regression.narx import Narx
+from emsid.models.regression.transforms import Transform
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+NORMAL_95 = 1.959963984540054
+"""Half the width of a 95 % interval in standard errors."""
+
+
+@dataclass(frozen=True)
+class KeyFigure:
+    """A number that describes a model.
+
+    Attributes:
+        name: what it is: ``gain``, ``time constant``, ``dead zone, upper edge``, …
+        value: in its unit.
+        unit: of it; empty where the record names no units.
+        standard_error: None where the data do not give one.
+        formula: in the parameters, where there is one to be written.
+    """
+
+    name: str
+    value: float
+    unit: str = ""
+    standard_error: float | None = None
+    formula: str = ""
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The 95 % interval."""
+        if self.standard_error is None:
+            return None
+        half = NORMAL_95 * self.standard_error
+        return self.value - half, self.value + half
+
+    def to_data(self) -> dict[str, Any]:
+        """In built-in types."""
+        return {
+            "name": self.name,
+            "value": finite(self.value),
+            "unit": self.unit,
+            "standard_error": None if self.standard_error is None else finite(self.standard_error),
+            "interval": None if self.interval is None else [finite(end) for end in self.interval],
+            "formula": self.formula,
+        }
+
+
+def key_figures(fit: Fit[Any], record: Record) -> tuple[KeyFigure, ...]:
+    """The key figures of a fitted model; none for a model of another kind.
+
+    Args:
+        fit: the model with its covariance.
+        record: what it was fitted to, for sample time, units and range of the input.
+    """
+    model = fit.model
+    if isinstance(fit, GreyBoxFit):
+        return _of_a_plant(fit)
+    if isinstance(model, Narx) and len(record.input_names) == len(record.output_names) == 1:
+        return _with_errors(fit, lambda theta: _of_a_regression(replace(model, parameters=theta), record))
+    if isinstance(model, Cascade):
+        return _with_errors(fit, lambda theta: _of_a_cascade(model.with_parameters(theta), record))
+    return ()
+
+
+def _of_a_plant(fit: GreyBoxFit) -> tuple[KeyFigure, ...]:
+    """The combinations that the data determine, and the parameters that it estimated in the unit of the input."""
+    figures = [
+        KeyFigure(
+            each.quantity.name, each.quantity.value, each.quantity.unit, each.standard_error, each.quantity.formula
+        )
+        for each in fit.combinations
+    ]
+    units = {segment.input_units[0] for segment in fit.segments} - {""} or {"V"}
+    figures += [
+        KeyFigure(row.description, row.value, row.unit, row.standard_error, row.symbol)
+        for row in fit.table
+        if row.standard_error is not None and row.unit in units
+    ]
+    return tuple(figures)
+
+
+def _of_a_regression(model: Narx, record: Record) -> list[KeyFigure]:
+    """Gain and time constants of the linear part; friction from the coefficient of the sign of the output."""
+    a: dict[int, float] = {}
+    b: dict[int, float] = {}
+    coulomb = 0.0
+    linear = True
+    for regressor, value in zip(model.structure.regressors, model.parameters, strict=True):
+        coefficient = -float(value) if regressor.negative else float(value)
+        factor = regressor.factors[0] if len(regressor.factors) == 1 else None
+        if factor is not None and factor.transform is Transform.VALUE and factor.power == 1:
+            (a if factor.channel == 0 else b)[factor.lag] = coefficient
+        elif factor is not None and factor.transform is Transform.SIGN and factor.channel == 0:
+            coulomb += coefficient
+        else:
+            linear = False
+    part = "" if linear and not coulomb else " of the linear part"
+    figures = []
+    rest, drive = 1 - sum(a.values()), sum(b.values())
+    if b and rest > 1e-9:
+        figures.append(KeyFigure(f"gain{part}", drive / rest, _per(record.output_units[0], record.input_units[0])))
+    if a:
+        denominator = np.zeros(max(a) + 1)
+        denominator[0] = 1.0
+        for lag, value in a.items():
+            denominator[lag] = -value
+        figures += _time_constants(np.roots(denominator), record.dt, part)
+    if coulomb and drive:
+        figures.append(KeyFigure("Coulomb friction", -coulomb / drive, record.input_units[0]))
+    return figures
+
+
+def _of_a_cascade(model: Cascade, record: Record) -> list[KeyFigure]:
+    """Static gain between the ends of the input's range, time constants of the filters, edges of a dead zone."""
+    low, high = (float(end) for end in np.quantile(record.input[:, 0], (0.01, 0.99)))
+    figures = []
+    if high > low:
+        slope = (_static(model, high) - _static(model, low)) / (high - low)
+        unit = _per(record.output_units[0], record.input_units[0])
+        figures.append(KeyFigure("static gain over the range of the input", slope, unit))
+    before = 1.0
+    several = sum(isinstance(block, Rational) for block in model.blocks) > 1
+    for number, block in enumerate(model.blocks, 1):
+        if isinstance(block, Rational):
+            where = f" of block {number}" if several else ""
+            figures += _time_constants(block.poles, record.dt / model.oversampling, where)
+            before *= block.gain
+        elif isinstance(block, DeadZone) and before and isfinite(before):
+            lower, upper = sorted((block.b_l / before, block.b_r / before))
+            figures.append(KeyFigure("dead zone, lower edge", lower, record.input_units[0]))
+            figures.append(KeyFigure("dead zone, upper edge", upper, record.input_units[0]))
+    return figures
+
+
+def _static(model: Cascade, level: float) -> float:
+    """The output at rest under a constant input."""
+    value = level
+    for block in model.blocks:
+        _, value = block.resting(value)
+    return float(value)
+
+
+def _time_constants(poles: NDArray[Any], dt: float, where: str) -> list[KeyFigure]:
+    """−dt/ln|p| of the slowest stable poles that are not gone within a sample."""
+    sizes = sorted({round(float(abs(pole)), 12) for pole in poles if 0.05 < abs(pole) < 1}, reverse=True)
+    names = ("time constant", "second time constant")
+    return [
+        KeyFigure(f"{name}{where}", -dt / float(np.log(size)), "s") for name, size in zip(names, sizes, strict=False)
+    ]
+
+
+def _per(output: str, input: str) -> str:
+    return f"{output}/({input})" if output and input else ""
+
+
+def _with_errors(fit: Fit[Any], figures_at: Callable[[Array], list[KeyFigure]]) -> tuple[KeyFigure, ...]:
+    """Figures with standard errors to first order; a figure that a small step makes disappear gets none."""
+    estimate = np.asarray(fit.estimate, dtype=float)
+    try:
+        figures = figures_at(estimate)
+    except (EmsidError, ValueError, ArithmeticError):
+        return ()
+    values = {each.name: each.value for each in figures}
+    gradient = {name: np.zeros(len(estimate)) for name in values}
+    known = np.isfinite(np.diag(fit.covariance))
+    for k in np.flatnonzero(known):
+        step = 1e-6 * max(abs(estimate[k]), 1e-6)
+        moved = estimate.copy()
+        moved[k] += step
+        try:
+            there = {each.name: each.value for each in figures_at(moved)}
+        except (EmsidError, ValueError, ArithmeticError):
+            there = {}
+        for name, value in values.items():
+            gradient[name][k] = (there.get(name, np.nan) - value) / step
+    covariance = fit.covariance[np.ix_(known, known)]
+    found = []
+    for each in figures:
+        slope = gradient[each.name][known]
+        variance = float(slope @ covariance @ slope)
+        certain = isfinite(variance) and variance >= 0
+        found.append(replace(each, standard_error=float(np.sqrt(variance)) if certain else None))
+    return tuple(found)

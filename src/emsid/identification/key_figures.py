@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import isfinite, prod
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import DeadZone
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.regression.narx import Narx
+from emsid.models.regression.regressors import Regressor
 from emsid.models.regression.transforms import Transform
 from emsid.record import Record
 
@@ -29,6 +30,10 @@ Array = NDArray[np.float64]
 
 NORMAL_95 = 1.959963984540054
 """Half the width of a 95 % interval in standard errors."""
+
+
+STATIC_GAIN = "static gain over the range of the input"
+"""Output at rest under a large constant input minus that under a small one, by their difference."""
 
 
 @dataclass(frozen=True)
@@ -104,44 +109,60 @@ def _of_a_plant(fit: GreyBoxFit) -> tuple[KeyFigure, ...]:
 
 
 def _of_a_regression(model: Narx, record: Record) -> list[KeyFigure]:
-    """Gain and time constants of the linear part; friction from the coefficient of the sign of the output."""
+    """Static gain, time constants of the linear part; friction from the coefficient of the sign of the output."""
     a: dict[int, float] = {}
-    b: dict[int, float] = {}
     coulomb = 0.0
-    linear = True
+    inputs: list[tuple[float, Regressor]] = []
     for regressor, value in zip(model.structure.regressors, model.parameters, strict=True):
         coefficient = -float(value) if regressor.negative else float(value)
-        factor = regressor.factors[0] if len(regressor.factors) == 1 else None
-        if factor is not None and factor.transform is Transform.VALUE and factor.power == 1:
-            (a if factor.channel == 0 else b)[factor.lag] = coefficient
-        elif factor is not None and factor.transform is Transform.SIGN and factor.channel == 0:
+        channels = {factor.channel for factor in regressor.factors}
+        first = regressor.factors[0] if len(regressor.factors) == 1 else None
+        if channels == {1}:
+            inputs.append((coefficient, regressor))
+        elif first is not None and first.transform is Transform.VALUE and first.power == 1:
+            a[first.lag] = coefficient
+        elif first is not None and first.transform is Transform.SIGN:
             coulomb += coefficient
-        else:
-            linear = False
-    part = "" if linear and not coulomb else " of the linear part"
+    low, high = _range(record)
     figures = []
-    rest, drive = 1 - sum(a.values()), sum(b.values())
-    if b and rest > 1e-9:
-        figures.append(KeyFigure(f"gain{part}", drive / rest, _per(record.output_units[0], record.input_units[0])))
+    slope = (_of_inputs(inputs, high) - _of_inputs(inputs, low)) / (high - low) if high > low else 0.0
+    rest = 1 - sum(a.values())
+    if slope and rest > 1e-9:
+        figures.append(KeyFigure(STATIC_GAIN, slope / rest, _per(record.output_units[0], record.input_units[0])))
     if a:
         denominator = np.zeros(max(a) + 1)
         denominator[0] = 1.0
         for lag, value in a.items():
             denominator[lag] = -value
-        figures += _time_constants(np.roots(denominator), record.dt, part)
-    if coulomb and drive:
-        figures.append(KeyFigure("Coulomb friction", -coulomb / drive, record.input_units[0]))
+        figures += _time_constants(np.roots(denominator), record.dt, "")
+    if coulomb and slope:
+        figures.append(KeyFigure("Coulomb friction in units of the input", -coulomb / slope, record.input_units[0]))
     return figures
+
+
+def _range(record: Record) -> tuple[float, float]:
+    """The range of the input but for its extremes."""
+    low, high = np.quantile(record.input[:, 0], (0.01, 0.99))
+    return float(low), float(high)
+
+
+def _of_inputs(terms: list[tuple[float, Regressor]], level: float) -> float:
+    """What a constant input adds to the next output."""
+    return sum(
+        coefficient
+        * prod(factor.transform.definition(level, factor.parameter) ** factor.power for factor in regressor.factors)
+        for coefficient, regressor in terms
+    )
 
 
 def _of_a_cascade(model: Cascade, record: Record) -> list[KeyFigure]:
     """Static gain between the ends of the input's range, time constants of the filters, edges of a dead zone."""
-    low, high = (float(end) for end in np.quantile(record.input[:, 0], (0.01, 0.99)))
+    low, high = _range(record)
     figures = []
     if high > low:
         slope = (_static(model, high) - _static(model, low)) / (high - low)
         unit = _per(record.output_units[0], record.input_units[0])
-        figures.append(KeyFigure("static gain over the range of the input", slope, unit))
+        figures.append(KeyFigure(STATIC_GAIN, slope, unit))
     before = 1.0
     several = sum(isinstance(block, Rational) for block in model.blocks) > 1
     for number, block in enumerate(model.blocks, 1):
@@ -150,7 +171,7 @@ def _of_a_cascade(model: Cascade, record: Record) -> list[KeyFigure]:
             figures += _time_constants(block.poles, record.dt / model.oversampling, where)
             before *= block.gain
         elif isinstance(block, DeadZone) and before and isfinite(before):
-            lower, upper = sorted((block.b_l / before, block.b_r / before))
+            lower, upper = sorted(model.input_offset + edge / before for edge in (block.b_l, block.b_r))
             figures.append(KeyFigure("dead zone, lower edge", lower, record.input_units[0]))
             figures.append(KeyFigure("dead zone, upper edge", upper, record.input_units[0]))
     return figures
@@ -158,10 +179,10 @@ def _of_a_cascade(model: Cascade, record: Record) -> list[KeyFigure]:
 
 def _static(model: Cascade, level: float) -> float:
     """The output at rest under a constant input."""
-    value = level
+    value = level - model.input_offset
     for block in model.blocks:
         _, value = block.resting(value)
-    return float(value)
+    return float(value) + model.output_offset
 
 
 def _time_constants(poles: NDArray[Any], dt: float, where: str) -> list[KeyFigure]:

@@ -285,6 +285,7 @@ def test_a_profile_is_printed_drawn_and_written(run, motor_log, tmp_path, bare):
     missing = "rigid-motor: no profile of drive.delay: drive.delay was not estimated; profiles can be had of "
     assert said in out
     assert missing in out
+    assert [each["subject"] for each in data["findings"] if each["code"] == "profile-failed"] == ["drive.delay"]
     assert (tmp_path / "out" / "figures" / "rigid-motor-profile-motor-constant.svg").exists()
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Likelihood profile of motor_constant" in page

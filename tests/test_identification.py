@@ -207,6 +207,10 @@ def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkey
         error = levels[name].standard_error
         assert levels[name].interval == pytest.approx((value, value), abs=5 * error)
     assert "linear-axis (profile 3 of 3): mass" in seen
+    (mass,) = [each for each in with_code(result, "profile-interval") if each.subject == "mass"]
+    low, high = levels["mass"].interval
+    assert mass.data == {"model": "linear-axis", "level": 0.95, "low": low, "high": high, "unit": "kg"}
+    assert not with_code(result, "profile-failed")
 
 
 def test_what_a_choice_of_free_parameters_leaves_as_it_is_built_in_is_said():

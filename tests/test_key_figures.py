@@ -64,14 +64,14 @@ def test_the_dead_zone_of_a_cascade_is_in_units_of_its_input():
     u = np.repeat(np.random.default_rng(2).uniform(-3, 3, 200), 5)
     record = emsid.Record(u, np.zeros(len(u)), DT, input_units=("V",))
     estimate = np.asarray(model.parameters)
-    fit = emsid.Fit(model, model.names(), estimate, 1e-6 * np.eye(len(estimate)), 1.0, 1000.0, 1.0, len(estimate))
+    fit = emsid.Fit(model, model.names, estimate, 1e-6 * np.eye(len(estimate)), 1.0, 1000.0, 1.0, len(estimate))
     found = by_name(key_figures(fit, record))
     assert found["dead zone, lower edge"].value == pytest.approx(-0.4)
     assert found["dead zone, upper edge"].value == pytest.approx(0.5)
     assert found["dead zone, upper edge"].unit == "V"
     assert found["time constant of block 1"].value == pytest.approx(-DT / np.log(0.8))
     assert found["time constant of block 3"].value == pytest.approx(-DT / np.log(0.9))
-    # Edge by gain g = b0/(1 + a1): its error from those of b0, a1 and b_r by hand.
+    # u0 + b_r·(1 + a1)/b0: its error from those of b0, a1, b_r and u0 by hand.
     b0, rest, edge = 0.4, 0.2, 1.0
-    by_hand = 1e-3 * np.hypot(np.hypot(edge * rest / b0**2, edge / b0), rest / b0)
+    by_hand = 1e-3 * np.linalg.norm([edge * rest / b0**2, edge / b0, rest / b0, 1.0])
     assert found["dead zone, upper edge"].standard_error == pytest.approx(by_hand, rel=1e-3)

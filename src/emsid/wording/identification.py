@@ -150,9 +150,11 @@ def free_run_diverged(f: Finding, argument: Spelling) -> str:
 @words("one-step-error-smaller")
 def one_step_error_smaller(f: Finding, argument: Spelling) -> str:
     """Data: ratio."""
+    ratio = f.data["ratio"]
+    times = f"{ratio:,.0f}" if ratio >= 100 else f"{ratio:.3g}"
     return (
-        f"one step ahead, the MSE is {f.data['ratio']:,.3g} times smaller than in the free run; one-step errors are "
-        "small for almost any model, so judge by the free run"
+        f"one step ahead, the MSE is {times} times smaller than in the free run; one-step errors are small for almost "
+        "any model, so judge by the free run"
     )
 
 

@@ -1,0 +1,188 @@
+"""Every finding of an identification: data that show it, and data that do not."""
+
+import numpy as np
+import pytest
+
+import emsid
+from emsid.estimation.nonlinear.control import Control, Stopped
+from emsid.findings import Finding
+from emsid.identification.candidates import Options
+from emsid.identification.next_step import next_step
+from emsid.identification.requests import plants_of, unused_requests
+from emsid.models.plants.datasheet import Given
+from emsid.models.plants.drive import Bridge
+from emsid.validation.residual_test import residual_tests
+
+DT = 0.01
+
+
+def driven(seed, samples=600, pole=0.9, noise=0.01, square=0.0):
+    """y(t) = p·y(t−1) + u(t−1) + s·u(t−1)² and white equation noise."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1, 1, samples // 4), 4)
+    y = np.zeros(samples)
+    for t in range(1, samples):
+        y[t] = pole * y[t - 1] + u[t - 1] + square * u[t - 1] ** 2 + noise * rng.standard_normal()
+    return emsid.Record(u, y, DT)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    """An identification in which all is well."""
+    options = Options(na=1, nb=1, nk=1)
+    return emsid.identify(driven(0, 2000), driven(1, 2000), models="arx", options=options)
+
+
+def codes(result):
+    return [finding.code for finding in result.findings]
+
+
+def test_a_good_model_has_a_white_residual_and_is_to_be_tested_elsewhere(plain):
+    assert codes(plain) == [
+        "free-run-error", "one-step-error-smaller", "residual-white", "residual-free-of-input",
+        "next-step-another-experiment",
+    ]  # fmt: skip
+    assert plain.findings_about("arx") == plain.findings[:-1]
+    assert plain.general_findings == plain.findings[-1:]
+
+
+def test_the_ratio_of_one_step_and_free_run_errors_is_found(plain):
+    (found,) = [finding for finding in plain.findings if finding.code == "one-step-error-smaller"]
+    row = plain.on_unseen.best.row
+    assert found.data["ratio"] == row.simulation_mse / row.one_step_mse > 2
+    # An output error, white and small, is the same one step ahead and in the free run.
+    record = driven(3, 2000, noise=0.0)
+    noisy = emsid.Record(record.input, record.output + 0.5 * np.random.default_rng(3).standard_normal((2000, 1)), DT)
+    fit = emsid.least_squares(emsid.arx(0, 30), noisy)
+    row = emsid.compare([fit], noisy).best.row
+    assert row.simulation_mse == pytest.approx(row.one_step_mse)
+
+
+def test_a_model_that_lacks_a_nonlinearity_leaves_errors_that_follow_the_input():
+    options = Options(na=1, nb=1, nk=1)
+    result = emsid.identify(driven(0, 2000, square=1.0), driven(1, 2000, square=1.0), models="arx", options=options)
+    found = {finding.code: finding for finding in result.findings}
+    assert "residual-white" not in found
+    assert found["residual-coloured"].data["largest"] > 0.1
+    assert found["residual-coloured"].data["p_value"] < 1e-3
+
+
+def test_a_model_with_a_wrong_delay_leaves_errors_that_follow_the_input():
+    options = Options(na=1, nb=1, nk=3)
+    result = emsid.identify(driven(0, 2000), driven(1, 2000), models="arx", options=options)
+    (found,) = [finding for finding in result.findings if finding.code == "residual-follows-input"]
+    assert (found.subject, found.data["input"]) == ("y1", "u1")
+    assert found.data["deviations"] > 4
+    assert found.data["lag"] < 8
+    assert result.findings[-1] == Finding(
+        "next-step-richer-model", "arx", {"models": ["friction-narx", "wiener-hammerstein", "rigid-motor"]}
+    )
+
+
+def test_white_errors_are_rejected_as_seldom_as_they_should_be():
+    """1 % nominal: of 200 tests, eight or more rejections would happen by chance once in 1 000 such tests."""
+    rng = np.random.default_rng(5)
+    record = driven(5, 400)
+    rejected = follows = 0
+    for _ in range(200):
+        from emsid.models.model import Run
+
+        run = Run(record.output - rng.standard_normal(record.output.shape), np.ones(len(record), dtype=bool))
+        (test,) = residual_tests(record, run, run)
+        rejected += test.p_value < 0.01
+        follows += test.follows_input
+    assert rejected < 8
+    assert follows <= 2
+
+
+def test_errors_of_a_short_record_are_not_tested():
+    from emsid.models.model import Run
+
+    record = driven(6, 80)
+    run = Run(record.output * 0.5, np.ones(80, dtype=bool))
+    assert residual_tests(record, run, run) == []
+
+
+def test_data_that_the_models_were_fitted_to_are_not_unseen(plain):
+    record = driven(0)
+    result = emsid.identify(record, record, models="arx", options=Options(na=1, nb=1, nk=1))
+    assert Finding("data-not-unseen", record.name) in result.findings
+    assert result.seen
+    assert result.findings[-1] == Finding("next-step-unseen-data", data={})
+    assert "data-not-unseen" not in codes(plain)
+
+
+def test_a_free_run_that_diverges_is_found(plain):
+    unstable = driven(0, 200, pole=1.02, noise=0.0)
+    result = emsid.identify(unstable, driven(1, 3000), models="arx", options=Options(na=1, nb=1, nk=1))
+    (found,) = [finding for finding in result.findings if finding.code == "free-run-diverged"]
+    assert found.data["sample"] == result.on_unseen.best.row.diverged_at
+    assert result.findings[-1].code == "next-step-check-data"
+    assert "free-run-diverged" not in codes(plain)
+
+
+def test_an_option_that_no_model_uses_is_found(plain):
+    result = emsid.identify(driven(0), models="arx", options=Options(na=1, nb=1, nk=1, degree=3))
+    assert Finding("option-not-used", "degree", {"models": ["arx"]}) in result.findings
+    assert "option-not-used" not in codes(plain)
+
+
+def test_requests_that_some_models_cannot_meet_are_found():
+    record = driven(0)
+    options = Options(codes=((999.0, Bridge.COAST),), datasheet={"mass": Given(80.0)})
+    names = ("arx", "rigid-motor", "linear-axis")
+    found = unused_requests(plants_of(names, options), names, options, record)
+    assert [(finding.code, finding.subject) for finding in found] == [
+        ("datasheet-not-used", "rigid-motor"),
+        ("code-never-occurs", "u1"),
+        ("codes-taken-as-commands", "arx"),
+    ]
+    assert unused_requests(plants_of(names, Options()), names, Options(), record) == []
+
+
+def test_a_model_that_fails_does_not_stop_the_others(plain):
+    options = Options(na=1, nb=1, nk=1, orders=(1, 1))
+    result = emsid.identify(driven(0), models="wiener, arx", options=options)
+    (found,) = [finding for finding in result.findings if finding.code == "model-failed"]
+    assert (found.subject, found.model, found.data["arguments"]) == ("wiener", "wiener", ["orders"])
+    assert found.data["reason"].startswith("wiener has 1 filter")
+    assert [fit.model.name for fit in result.fits] == ["arx"]
+    with pytest.raises(emsid.ModelError, match="wiener has 1 filter"):
+        emsid.identify(driven(0), models="wiener", options=options)
+    assert "model-failed" not in codes(plain)
+
+
+def test_a_search_that_is_cancelled_keeps_the_models_found_so_far(plain):
+    reached = []
+    control = Control(
+        cancelled=lambda: any("friction-narx" in each for each in reached), report=lambda a: reached.append(a.doing)
+    )
+    result = emsid.identify(driven(0), models="arx, friction-narx, wiener", options=Options(), control=control)
+    assert [fit.model.name for fit in result.fits] == ["arx"]
+    assert result.interrupted
+    assert Finding("interrupted", data={"missing": ["friction-narx", "wiener"]}) in result.findings
+    with pytest.raises(Stopped):
+        emsid.identify(driven(0), models="arx", control=Control(cancelled=lambda: True))
+    assert "interrupted" not in codes(plain)
+
+
+@pytest.mark.parametrize(
+    ("found", "step"),
+    [
+        ((), "next-step-another-experiment"),
+        (("no-better-than-mean", "records-differ"), "next-step-check-data"),
+        (("records-differ", "data-not-unseen"), "next-step-separate-records"),
+        (("input-constant",), "next-step-unseen-data"),
+        (("rank-deficient", "residual-follows-input"), "next-step-determine-parameters"),
+        (("search-stalled",), "next-step-repair-search"),
+        (("residual-follows-input",), "next-step-richer-model"),
+    ],
+)
+def test_the_next_step_follows_from_the_most_serious_finding(found, step):
+    findings = [Finding(code, data={"model": "arx"}) for code in found]
+    assert next_step(findings, "arx", ("arx",)).code == step
+
+
+def test_findings_on_other_models_do_not_decide_the_next_step():
+    findings = [Finding(code, data={"model": "wiener"}) for code in ("rank-deficient", "free-run-diverged")]
+    assert next_step(findings, "arx", ("arx", "wiener")).code == "next-step-another-experiment"

@@ -1,0 +1,261 @@
+"""Every sentence about a result, pinned in one file; elsewhere tests assert the code of a finding and its data.
+
+To add a code: register its words in `emsid.wording`, add an example to `EXAMPLES`, and write the file of sentences
+again: ``python tests/test_wording.py``. Then read its difference.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import emsid
+from emsid.cli.options import option
+from emsid.findings import Finding
+from emsid.wording import CATALOGUE, Severity, sentence, severity
+
+HOME = Path(emsid.__file__).parent
+TESTS = Path(__file__).parent
+SENTENCES = TESTS / "wording" / "sentences.txt"
+
+SO_FAR = {"steps": 12, "offset": 3.4}
+RESIDUAL = {"model": "arx", "lags": 25}
+ONE_OUTPUT = [{"name": "speed", "unit": "rad/s", "rmse": 1.25, "fit_percent": 92.3}]
+
+EXAMPLES: tuple[Finding, ...] = (
+    # linear estimation
+    Finding("rank-deficient", data={"rank": 2, "parameters": 3, "zero": ["max(u(t-1)-5, 0)"], "alike": []}),
+    Finding(
+        "rank-deficient",
+        data={
+            "rank": 2,
+            "parameters": 4,
+            "zero": ["u(t-3)", "u(t-4)"],
+            "alike": [{"regressor": "abs(u(t-1))", "like": ["u(t-1)"]}],
+        },
+    ),
+    Finding("few-samples", data={"samples": 16.0, "parameters": 8}),
+    # searches
+    Finding("search-stalled", data=SO_FAR),
+    Finding("steps-used-up", data=SO_FAR | {"steps": 1}),
+    Finding("time-used-up", data=SO_FAR | {"offset": None}),
+    Finding("search-cancelled", data=SO_FAR),
+    Finding("cost-hardly-falls", data=SO_FAR | {"last_steps": 15, "least_saving": 0.01}),
+    Finding("parameter-at-bound", "inductance", {"side": "lower", "bound": 0.0}),
+    Finding("parameters-undetermined", data={"without_effect": ["f.m_l"], "inseparable": [["R", "K"]]}),
+    # cascades
+    Finding("choices-cut-short", "wiener", {"cancelled": True}),
+    # plants
+    Finding("unit-assumed", "rigid-motor", {"channel": "y", "signal": "speed", "unit": "rad/s"}),
+    Finding("command-unit-assumed", "rigid-motor", {"channel": "u", "unit": "volts"}),
+    Finding("codes-without-bridge", "rigid-motor", {"codes": [999.0], "nothing": "torque"}),
+    # what was asked for of an identification
+    Finding("option-not-used", "fixed", {"models": ["arx", "wiener"]}),
+    Finding("knots-not-used", "hammerstein", {"model": "hammerstein", "family": "dead-zone"}),
+    Finding("code-never-occurs", "PWM", {"value": 999.0}),
+    Finding("codes-taken-as-commands", "arx", {"model": "arx", "values": [999.0]}),
+    Finding("codes-taken-as-commands", "arx", {"model": "arx", "values": [999.0, 1000.0]}),
+    Finding("datasheet-not-used", "linear-axis", {"model": "linear-axis"}),
+    Finding(
+        "built-in-values-kept",
+        "linear-axis",
+        {
+            "model": "linear-axis",
+            "parameters": [
+                {"name": "viscous_friction", "value": 1.0, "unit": "N*s/m"},
+                {"name": "friction.coulomb", "value": 0.1, "unit": "N"},
+            ],
+        },
+    ),
+    Finding("profile-failed", "drive.delay", {"model": "rigid-motor", "reason": "drive.delay was not estimated"}),
+    *(
+        Finding(
+            "profile-interval",
+            "motor_constant",
+            {"model": "rigid-motor", "level": 0.95, "low": low, "high": high, "unit": "N*m/A"},
+        )
+        for low, high in ((0.049, 0.051), (0.049, None), (None, 0.051), (None, None))
+    ),
+    Finding("model-failed", "wiener", {"model": "wiener", "reason": "the input is too short", "arguments": ["orders"]}),
+    Finding("interrupted", data={"missing": ["wiener", "motor"]}),
+    Finding("interrupted", data={"missing": []}),
+    # how good it is, and on what
+    Finding("data-not-unseen", "log.csv"),
+    Finding("free-run-error", "arx", {"model": "arx", "seen": False, "outputs": ONE_OUTPUT}),
+    Finding(
+        "free-run-error",
+        "rigid-motor",
+        {
+            "model": "rigid-motor",
+            "seen": True,
+            "outputs": [*ONE_OUTPUT, {"name": "current", "unit": "A", "rmse": 0.02, "fit_percent": None}],
+        },
+    ),
+    Finding("no-better-than-mean", "speed", {"seen": False}),
+    Finding("free-run-diverged", "arx", {"model": "arx", "sample": 123, "seen": False}),
+    Finding("one-step-error-smaller", "arx", {"model": "arx", "ratio": 1234.5}),
+    Finding("input-constant", "PWM", {"inputs": [{"name": "PWM", "level": 2.0}], "seen": False}),
+    Finding(
+        "input-beyond-range",
+        "PWM",
+        {"low": -200.0, "high": 200.0, "fitted_low": -100.0, "fitted_high": 100.0, "seen": False},
+    ),
+    *(
+        Finding(
+            "records-differ",
+            "speed",
+            {
+                "model": "arx",
+                "kind": kind,
+                "unit": "rad/s",
+                "share": 0.62,
+                "records": [{"name": "a.csv", "value": first}, {"name": "b.csv", "value": second}],
+            },
+        )
+        for kind, first, second in (("delay", -0.002, 0.003), ("gain", 0.05, -0.04), ("level", -0.2, 0.1))
+    ),
+    Finding("residual-white", "speed", RESIDUAL | {"largest": 0.03, "lag": 3, "p_value": 0.4}),
+    Finding("residual-coloured", "speed", RESIDUAL | {"largest": 0.61, "lag": 1, "p_value": 0.0}),
+    Finding("residual-free-of-input", "speed", RESIDUAL | {"input": "PWM", "lag": 2, "deviations": 1.2}),
+    Finding("residual-follows-input", "speed", RESIDUAL | {"input": "PWM", "lag": 2, "deviations": 9.7}),
+    Finding("next-step-check-data"),
+    Finding("next-step-separate-records"),
+    Finding("next-step-unseen-data"),
+    Finding("next-step-determine-parameters", "rigid-motor"),
+    Finding("next-step-repair-search", "wiener"),
+    Finding("next-step-richer-model", "arx", {"models": ["friction-narx", "rigid-motor"]}),
+    Finding("next-step-another-experiment", "rigid-motor"),
+    Finding("remark", data={"model": "motor", "text": "a sentence that is not yet a finding"}),
+    # the study
+    Finding("study-load-friction", data={"mse": 0.012, "share": 0.001, "paper": 0.01, "negligible": True}),
+    Finding("study-load-friction", data={"mse": 12.0, "share": 0.2, "paper": 0.01, "negligible": False}),
+    Finding("study-even-terms", "paper-narx", {"study": "experiment", "better": 0.9, "paper": 4.0}),
+    Finding("study-own-simulator", "motor", {"study": "simulation"}),
+    Finding("study-noise-free"),
+    Finding("study-virtual-bench"),
+    Finding("study-one-step", "arx", {"study": "experiment", "method": "ls", "ratio": 1234.0}),
+    Finding("study-recursive-and-batch", "arx", {"study": "experiment", "difference": 0.001, "forgetting": 0.999}),
+    Finding("study-rank-deficient", "narx", {"study": "simulation", "method": "ls", "rank": 8, "parameters": 9}),
+    Finding("study-model-failed", "blocks", {"study": "simulation", "problem": "the input is too short"}),
+)
+
+# Codes that no test record triggers yet. To be emptied.
+NOT_TRIGGERED_YET = {"command-unit-assumed", "remark", "study-rank-deficient", "unit-assumed"}
+
+
+def golden() -> str:
+    """Every example as Python and as the command line words it."""
+    lines = []
+    for finding in sorted(EXAMPLES, key=lambda each: each.code):
+        lines.append(f"{finding.code} ({severity(finding).value})")
+        python, command = sentence(finding), sentence(finding, option)
+        lines.append(f"  {python}")
+        if command != python:
+            lines.append(f"  {command}")
+    return "\n".join(lines) + "\n"
+
+
+def test_every_sentence_is_the_one_in_the_file() -> None:
+    assert golden().splitlines() == SENTENCES.read_text("utf-8").splitlines()
+
+
+def test_every_code_has_an_example() -> None:
+    assert {finding.code for finding in EXAMPLES} == set(CATALOGUE)
+
+
+@pytest.mark.parametrize("finding", EXAMPLES, ids=lambda finding: finding.code)
+def test_a_sentence_is_one_line_with_one_full_stop_at_its_end(finding: Finding) -> None:
+    said = sentence(finding)
+    assert said.endswith(".")
+    assert not said.endswith("..")
+    assert "\n" not in said
+    assert "  " not in said
+    assert "None" not in said
+    assert "--" not in said
+    assert json.loads(json.dumps(finding.to_data(), allow_nan=False)) == finding.to_data()
+
+
+# Riddles and private vocabulary; the table of plain words is longer.
+@pytest.mark.parametrize(
+    "word",
+    ["guess", "told", "tell apart", "held", "brought home", "throughout", "judge by what", "so many", "set aside"],
+)
+def test_sentences_are_in_plain_words(word: str) -> None:
+    assert word not in golden().lower()
+
+
+# --- the codes of the catalogue and those of the program -------------------------------------------------------------
+
+
+def strings(path: Path) -> Iterator[str]:
+    """Every text in a file of Python, but for docstrings."""
+    tree = ast.parse(path.read_text("utf-8"))
+    documents = {
+        id(node.body[0].value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+        and node.body
+        and isinstance(node.body[0], ast.Expr)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documents:
+            yield node.value
+
+
+def constructed(path: Path) -> Iterator[str]:
+    """The codes that findings are made with, where they are written in the call."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] == "Finding":
+            first: Any = node.args[0] if node.args else next((k.value for k in node.keywords if k.arg == "code"), None)
+            for each in ast.walk(first) if first is not None else ():
+                if isinstance(each, ast.Constant) and isinstance(each.value, str):
+                    yield each.value
+
+
+SOURCES = [path for path in HOME.rglob("*.py") if path.parent.name != "wording"]
+
+
+def test_every_finding_in_the_program_has_words() -> None:
+    assert {code for path in SOURCES for code in constructed(path)} <= set(CATALOGUE)
+
+
+def test_every_code_with_words_is_used_in_the_program() -> None:
+    used = {text for path in SOURCES for text in strings(path)}
+    assert set(CATALOGUE) - used == set()
+
+
+def test_every_code_is_triggered_by_a_test() -> None:
+    tests = [path for path in TESTS.glob("test_*.py") if path.name != Path(__file__).name]
+    named = {text for path in tests for text in strings(path)}
+    assert set(CATALOGUE) - named - NOT_TRIGGERED_YET == set()
+
+
+# --- the catalogue itself --------------------------------------------------------------------------------------------
+
+
+def test_a_code_is_in_small_letters_with_hyphens() -> None:
+    with pytest.raises(ValueError, match="small letters"):
+        Finding("Input_Constant")
+
+
+def test_a_code_has_one_wording() -> None:
+    from emsid.wording import words
+
+    with pytest.raises(ValueError, match="two wordings for 'few-samples'"):
+        words("few-samples", Severity.INFO)(lambda f, argument: "")
+
+
+def test_the_model_stands_before_the_sentence_once() -> None:
+    alone = Finding("few-samples", data={"samples": 4.0, "parameters": 2})
+    assert sentence(alone.about("arx")) == f"arx: {sentence(alone)}"
+    named = Finding("codes-without-bridge", "motor", {"codes": [1.0], "nothing": "torque"})
+    assert sentence(named.about("motor")) == sentence(named)
+
+
+if __name__ == "__main__":
+    SENTENCES.write_text(golden(), "utf-8")

@@ -1,5 +1,6 @@
 """The command line as a user meets it: what it prints, what it writes, and how it refuses."""
 
+import io
 import json
 import os
 import signal
@@ -66,12 +67,11 @@ def log(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory):
+def result(tmp_path_factory, command):
     """A folder in which a record has been identified."""
     folder = tmp_path_factory.mktemp("identified")
     log = table(folder / "log.csv")
-    command = [sys.executable, "-c", "from emsid.cli import main; main()", "identify", str(log), *IDENTIFY]
-    subprocess.run([*command, "--out", str(folder / "result")], check=True, capture_output=True)
+    assert command("identify", log, *IDENTIFY, "--out", folder / "result") == 0
     return folder / "result"
 
 
@@ -90,11 +90,21 @@ def test_identify_writes_everything_it_promises(result):
 
 
 def test_validate_reproduces_the_errors_of_identify(result, run, tmp_path):
-    other = table(tmp_path / "other.csv", seed=1)
-    status, out, _ = run("validate", result / "arx.json", other, *IDENTIFY, "--horizon", "5")
-    assert status == 0
-    assert "100.00" in out
-    assert "5 samples ahead: MSE" in out
+    rows = json.loads((result / "result.json").read_text())["rows"]
+    unseen = ("validate", "MODEL", result.parent / "log.csv", *IDENTIFY, "--rows", "420:600", "--json")
+    for name in ("arx", "friction-narx", "wiener-hammerstein-regression"):
+        (before,) = (row for row in rows if (row["model"], row["data"]) == (name, "unseen"))
+        words = (result / f"{name}.json" if word == "MODEL" else word for word in unseen)
+        status, out, _ = run(*words, "--horizon", "5")
+        assert status == 0
+        (after,) = json.loads(out)["records"]
+        for error in ("simulation_mse", "one_step_mse", "fit_percent"):
+            assert after[error] == pytest.approx(before[error], rel=1e-9, abs=1e-25)
+        assert after["horizon"] == 5
+        model, record = emsid.load(result / f"{name}.json"), emsid.read(unseen[2], input="u", output="y", dt=0.01)[420:]
+        ahead = model.predict(record, 5)
+        expected = np.mean((ahead.output - record.output)[ahead.counted] ** 2)
+        assert after["horizon_mse"] == pytest.approx(expected, rel=1e-9, abs=1e-25)
 
 
 def test_identify_with_validation_file_and_chosen_models(run, log, tmp_path):
@@ -183,7 +193,7 @@ BAD = {
     "orders in words": (("identify", "LOG", *IDENTIFY, "--orders", "two"), ("--orders",)),
     "orders for another structure": (
         ("identify", "LOG", *IDENTIFY, "--models", "wiener", "--orders", "2,2"),
-        ("wiener has 1 filter; 2 orders are given", "one for each (--orders)"),
+        ("wiener has 1 filter; 2 orders given", "give one for each (--orders)"),
     ),
     "unknown static map": (("identify", "LOG", *IDENTIFY, "--static", "cubic"), ("cubic", "dead-zone")),
     "unknown physical parameter": (
@@ -247,11 +257,10 @@ def test_columns_that_cannot_be_identified_from(name, values, said, run, tmp_pat
 
 
 @pytest.fixture(scope="module")
-def motor_log(tmp_path_factory):
+def motor_log(tmp_path_factory, command):
     """A CSV of a simulated motor."""
     path = tmp_path_factory.mktemp("motor") / "motor.csv"
-    command = [sys.executable, "-c", "from emsid.cli import main; main()", "simulate", "--duration", "4", "--out", path]
-    subprocess.run([str(word) for word in command], check=True, capture_output=True)
+    assert command("simulate", "--duration", 4, "--out", path) == 0
     return path
 
 
@@ -381,7 +390,7 @@ def test_interrupting_the_drawing_keeps_all_numbers(run, log, tmp_path, monkeypa
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("emsid.report.drawing.draw", interrupted)
+    monkeypatch.setattr("emsid.report.figures.draw", interrupted)
     monkeypatch.setattr(os, "cpu_count", lambda: 1)
     out = tmp_path / "out"
     status, printed, err = run("identify", log, "-u", "u", "-y", "y", "--dt", 0.01, "--models", "arx", "--out", out)
@@ -512,7 +521,6 @@ MOMENTS = {
     "reading": ("at", "emsid.io", "read"),
     "importing": ("importing", "emsid.models.blocks.search", "estimation"),
     "the first candidate": ("at", "emsid.identification.candidates", "least_squares"),
-    "a process being started": ("at", "emsid.report.drawing", "get_context"),
 }
 
 
@@ -532,7 +540,7 @@ def test_ctrl_c_before_anything_is_found(moment, log, tmp_path):
         ("at", "emsid.identification.workflow", "compare"): True,
         ("at", "emsid.io", "save"): False,
         ("importing", "matplotlib", "figure"): False,
-        ("in_a_callback", "emsid.report.drawing", "draw"): False,
+        ("in_a_callback", "emsid.report.figures", "draw"): False,
     }.items(),
 )
 def test_ctrl_c_keeps_what_was_found(moment, drawn, log, tmp_path):
@@ -626,9 +634,11 @@ __main__.main()
     assert "a slip of the program" in done.stderr
 
 
-def test_a_study_interrupted_while_it_is_drawn_is_printed_and_written(tmp_path):
-    words = ("study", "--duration", "2", "--out", "out")
-    status, out, err = signalled(tmp_path, ("at", "emsid.report.page", "page", "SIGINT"), *words)
+def test_a_study_interrupted_while_it_is_drawn_is_printed_and_written(run, tmp_path, monkeypatch):
+    from emsid.report.page import write_report  # noqa: F401  (loads the module)
+
+    monkeypatch.setattr(sys.modules["emsid.report.page"], "page", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    status, out, err = run("study", "--duration", "2", "--out", tmp_path / "out")
     assert status == 130
     assert err == FOUND.replace("identification", "the study")
     assert "simulation study" in out
@@ -686,15 +696,20 @@ def test_a_terminal_with_few_characters_gets_what_one_types():
     assert b"ohms, kg*m^2 and N*m with intervals" in done.stdout
 
 
-def test_units_are_shown_as_they_are_printed_and_without_the_signs_for_it_as_they_are_typed(motor_log, tmp_path):
+def test_units_are_shown_as_they_are_printed_and_without_the_signs_for_it_as_they_are_typed(
+    motor_log, tmp_path, command, monkeypatch
+):
     known = ("--fix", "resistance=2", "--free", "motor_constant,rotor_inertia,rotor_friction.coulomb")
     words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", *known, "--out", "out")
     units = {"resistance": ("ohm", "Ω"), "rotor_inertia": ("kg*m^2", "kg·m²"), "rotor_friction.coulomb": ("N*m", "N·m")}
     for k, coding in enumerate(("ascii", "utf-8")):
-        environment = {**os.environ, "PYTHONIOENCODING": coding}
-        done = subprocess.run([*EMSID, *map(str, words)], capture_output=True, env=environment, cwd=tmp_path)
-        assert (done.returncode, done.stderr) == (0, b"")
-        lines = done.stdout.decode(coding).splitlines()
+        printed = io.TextIOWrapper(io.BytesIO(), encoding=coding)
+        with monkeypatch.context() as patch:
+            patch.chdir(tmp_path)
+            patch.setattr(sys, "stdout", printed)
+            assert command(*words) == 0
+        printed.flush()
+        lines = printed.buffer.getvalue().decode(coding).splitlines()
         rows = {name: next(line for line in lines if line.startswith(f"{name} ")) for name in units}
         assert {name: row.split()[-2] for name, row in rows.items()} == {name: pair[k] for name, pair in units.items()}
         assert len({row.rindex(row.split()[-1]) for row in rows.values()}) == 1  # the columns stand

@@ -221,6 +221,8 @@ def _scale(axis: Axis, values: Sequence[Array], margin: float, *, narrow: bool) 
         low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
         room = margin * (high - low) or 0.05 * abs(high) or 1.0
         low, high = low - room, high + room
+    if not high > low:  # a range that is one value
+        low, high = low - 1.0, high + 1.0
     places = log_ticks(low, high) if axis.log else linear_ticks(low, high, 6)
     if narrow and not axis.log:  # fewer where their labels would touch on a phone
         most = 6

@@ -394,14 +394,14 @@ def test_bad_input() -> None:
         Cascade((SLOW,), delay=1.5)  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="block 2: 3 is no filter and no static map"):
         Cascade((SLOW, 3))  # type: ignore[arg-type]
-    with pytest.raises(ModelError, match="block 1: a filter of zeros lets nothing through"):
+    with pytest.raises(ModelError, match="block 1: all its numerator coefficients are zero"):
         fit_cascade(Cascade((fir([0.0, 0.0]), DeadZone(-1, 1), SLOW)), record)
     with pytest.raises(Infeasible, match="block 2: saturation from 1 to -1"):
         fit_cascade(Cascade((FAST, Saturation(1.0, 1.0, -1.0), SLOW)), record)
     with pytest.raises(ModelError, match="transient -1"):
         fit_cascade(model, record, transient=-1)
     nowhere = UserMap(lambda x, p: np.where(x < 1, x, np.nan), lambda x, p: np.ones_like(x))
-    with pytest.raises(ModelError, match=r"block 2: from an input of 1.* it makes nan"):
+    with pytest.raises(ModelError, match=r"block 2: at an input of 1.* its output is nan"):
         fit_cascade(Cascade((FAST, nowhere, SLOW)), record)
     with pytest.raises(ModelError, match="not a cascade"):
         Cascade.from_data({"blocks": []})

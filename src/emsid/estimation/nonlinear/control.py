@@ -1,4 +1,4 @@
-"""`Control`: when a search has to stop, and who is told what it is doing.
+"""`Control`: when a search has to stop, and who gets reports of what it is doing.
 
 A search takes a `Control` and looks at it between steps. So it can be cancelled, or run out of time, only where its
 result is complete. The mathematics knows neither signals nor ``KeyboardInterrupt``.
@@ -47,7 +47,7 @@ class Stopped(Exception):
 
 @dataclass(frozen=True)
 class Control:
-    """When a search has to stop, and who is told what it is doing.
+    """When a search has to stop, and who gets reports of what it is doing.
 
     Args:
         deadline: when the time is up, on the clock of `time.monotonic`.

@@ -64,11 +64,12 @@ M = TypeVar("M")
 # A step that changes no parameter by more than this part of it, or promises less than this part of the cost,
 # is rounding.
 ROUNDING = 1e-13
-# A singular value below so much (times n) of the largest is rounding; steps do not go along it.
+# A singular value below this part (times n) of the largest is rounding; steps do not go along it.
 RANK = 4 * float(np.finfo(float).eps)
 # How many steps in a row have to lower the cost by `least_saving` together.
 PATIENCE = 4
-# With so much damping a step is a crumb along the gradient; where that fails the cost is not smooth here.
+# Between these the damping may change. At the largest a step is a tiny one along the gradient; where even that does not
+# lower the cost, the cost is not smooth here.
 LEAST_DAMPING, MOST_DAMPING = 1e-20, 1e16
 
 
@@ -107,15 +108,15 @@ class Minimum:
         cost: V(θ), half the sum of squares for squares.
         residuals: r(θ) of every experiment.
         information: of the free parameters, rows [√w·J, −√w·r] at θ.
-        free: (p,) true where a parameter is neither fixed nor held by a bound; the covariances are given it.
-        covariance: (p, p), right for coloured residuals too (see `sandwich`); zero outside the free
-            parameters, infinite on the diagonal of what the data cannot tell.
+        free: (p,) true where a parameter is neither fixed nor at a bound; covariances take the others as known.
+        covariance: (p, p), right for coloured residuals too (see `robust_covariance`); zero outside the free
+            parameters, infinite on the diagonal of what the data do not determine.
         white_covariance: (p, p), right if the residual is white.
         noise_variance: of the residual, Σr²/(N − rank).
         samples: N.
         rank, condition: of the derivative with columns of unit length, in the free parameters.
         ending: how the search ended.
-        findings: what is to be known of how it ended, of bounds that were reached and of what the data leave open.
+        findings: how it ended, which bounds were reached, and what the data do not determine.
         iterations: steps taken.
         costs: V at the start and after every step.
     """
@@ -374,8 +375,8 @@ def gauss_newton(
         noise: standard deviation of the residual that rounding alone causes: standard errors are taken to be no
             smaller than it makes them.
         names: (p,) names for findings, θ1, θ2, … by default.
-        control: looked at before every trial step; where it ends the search, the best θ so far is kept. It is told of
-            every step taken.
+        control: looked at before every trial step; where it ends the search, the best θ so far is kept. It gets a
+            report of every step taken.
         covariances: whether they are worked out; otherwise they are given as infinite.
 
     Raises:
@@ -463,8 +464,8 @@ def least_squares_step(information: Information) -> Array:
 
     triangle, projected, length = _scaled(information)
     smallest = RANK * len(length)
-    well_told = dtrcon(triangle)[0] > smallest * len(length)  # in the norm of columns, which is so much coarser
-    solve = dtrtrs if well_told else partial(np.linalg.lstsq, rcond=smallest)
+    well_conditioned = dtrcon(triangle)[0] > smallest * len(length)  # in the norm of columns, which is so much coarser
+    solve = dtrtrs if well_conditioned else partial(np.linalg.lstsq, rcond=smallest)
     step: Array = solve(triangle, projected)[0] / length
     return step
 
@@ -520,7 +521,7 @@ def _finite(number: float) -> float | None:
 def _conclude(place: _Place, box: _Box, loss: Loss | None, labels: Sequence[str], end: _End) -> Minimum:
     """The minimum at which the search ended, with covariances if a loss is given."""
     point, theta = place.point, place.point.theta
-    at_bound = _held_by_bounds(point, box)
+    at_bound = _at_bounds(point, box)
     free = (box.low < box.high) & ~at_bound
     columns = np.flatnonzero(free)
     information = point.information.select(np.flatnonzero(free[box.varied]))
@@ -559,7 +560,7 @@ def _conclude(place: _Place, box: _Box, loss: Loss | None, labels: Sequence[str]
 
 
 def undetermined(solution: Solution, labels: Sequence[str]) -> Finding:
-    """Which parameters a derivative without full rank leaves open.
+    """Which parameters a derivative without full rank does not determine.
 
     Args:
         solution: of the information of the parameters.
@@ -577,7 +578,7 @@ def undetermined(solution: Solution, labels: Sequence[str]) -> Finding:
     )
 
 
-def _held_by_bounds(point: _Point, box: _Box) -> NDArray[np.bool_]:
+def _at_bounds(point: _Point, box: _Box) -> NDArray[np.bool_]:
     """(p,) which of the parameters that are not fixed stand on a bound that the cost pushes them against."""
     pushed = np.zeros(len(point.theta))
     pushed[box.varied] = -point.information.factor[:-1, :-1].T @ point.information.factor[:-1, -1]
@@ -601,16 +602,16 @@ def _covariances(
     With a loss other than squares the bread of the sandwich is mean(ℓ″)·JᵀJ and the score Jₜℓ′(rₜ) (Huber
     1981, ch. 7).
     """
-    told = np.isfinite(np.diag(solution.covariance))
+    determined = np.isfinite(np.diag(solution.covariance))
     residual = np.concatenate([r for r, _ in blocks])
     samples = len(residual)
     mean_curvature = float(np.mean(loss.curvature(residual)))
     spread = np.full((len(columns),) * 2, 0.0)
-    spread[~told, ~told] = np.inf
+    spread[~determined, ~determined] = np.inf
     white, robust = spread.copy(), spread
-    kept = columns[told]
+    kept = columns[determined]
     if samples <= len(kept) or not mean_curvature > 0:
-        white[told, told] = robust[told, told] = np.inf
+        white[determined, determined] = robust[determined, determined] = np.inf
         return white, robust
     bread = Information.empty(len(kept))
     for r, jacobian in blocks:
@@ -619,7 +620,7 @@ def _covariances(
     inverse = inverse_triangle(triangle)
     pull = loss.weight(residual) * residual
     correction = samples / (samples - len(kept)) / mean_curvature**2
-    within = np.ix_(np.flatnonzero(told), np.flatnonzero(told))
+    within = np.ix_(np.flatnonzero(determined), np.flatnonzero(determined))
     white[within] = correction * np.mean(pull**2) * (inverse @ inverse.T)
     scores = [(jacobian[:, kept] @ inverse) * (loss.weight(r) * r)[:, None] for r, jacobian in blocks]
     robust[within] = correction * (inverse @ long_run_variance(scores) @ inverse.T)

@@ -2,9 +2,9 @@ r"""The covariance of an estimate under stationary coloured noise, its colour ta
 
 At a least-squares minimum ``cov θ̂ = (JᵀJ)⁻¹ JᵀΓJ (JᵀJ)⁻¹`` with Γ the covariance of the noise.
 `robust_covariance` estimates JᵀΓJ from the products of residual and derivative, which assumes nothing, but
-needs many samples in which the derivative is at work: a dead zone is told by the few around standstill. If the noise
-is stationary, all samples tell its colour. An autoregression A(q)e = w of the residual, var w = σ², has Γ = σ²HHᵀ with
-H = 1/A(q), so that
+needs many samples in which the derivative is not zero: only the few samples around standstill say where a dead zone
+ends. If the noise is stationary, its colour can be estimated from all samples. An autoregression A(q)e = w
+of the residual, var w = σ², has Γ = σ²HHᵀ with H = 1/A(q), so that
 
     JᵀΓJ = σ²‖HᵀJ‖²,      HᵀJ: the columns of J through 1/A(q), backwards in time.
 

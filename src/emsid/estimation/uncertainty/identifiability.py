@@ -1,14 +1,14 @@
-r"""What a set of data can tell about parameters, read off the derivative of the residual.
+r"""Which parameters a set of data determines, from the derivative of the residual.
 
 Let S = J·diag(s) be the derivative of the residual with respect to relative changes of the parameters, s being their
 sizes. Its Fisher information SᵀS/σ² says how precisely every direction of relative change is known: along a right
-singular vector of S with singular value ς the standard deviation is σ/ς. A direction is *untold* where
+singular vector of S with singular value ς the standard deviation is σ/ς. A direction is *undetermined* where
 
-    ς ≤ ROUNDED · ς_max  with the columns of S at unit length       the model cannot tell it, whatever the noise, or
-    σ/ς > 1                                                         the noise leaves it unknown by 100 % and more.
+    ς ≤ ROUNDED · ς_max  with the columns of S at unit length     it has no effect on the output, whatever the noise, or
+    σ/ς > 1                                                       its standard deviation is larger than 100 %.
 
-A parameter, or any function of the parameters, is told if the untold directions bring less uncertainty into it than the
-others do. So combinations such as R·J/K² can be known to a percent while R, J and K can be anything.
+A parameter, or any function of the parameters, is determined if the undetermined directions add less uncertainty to it
+than the others do. So R·J/K² can be known to a percent while R, J and K can be anything.
 
 References:
     Walter, Pronzato, *Identification of Parametric Models*, ch. 6. Stoica, Marzetta, *Parameter estimation problems
@@ -30,22 +30,22 @@ Array = NDArray[np.float64]
 
 # Below this part of the largest singular value a direction is rounding (of differences of simulations, mostly).
 ROUNDED = 1e-5
-# What the model cannot tell at all moves a function that has at least this share of its gradient in that direction.
+# A direction without effect on the output makes a function unknown that has at least this share of its gradient in it.
 TAKES_PART = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """Which directions of relative change a set of data leaves open.
+    """Which directions of relative change a set of data does not determine.
 
     Args:
         names: (p,) the parameters.
         triangle: (p, p) a factor of the information on relative changes, SᵀS.
-        noise: standard deviation σ of the residual; 0 asks what the model can tell without noise.
+        noise: standard deviation σ of the residual; 0 asks what noise-free data would determine.
 
     Attributes:
-        spread: (p,) standard deviation, relative to the size, of every direction; infinite where the model cannot
-            tell it.
+        spread: (p,) standard deviation, relative to the size, of every direction; infinite where it has no
+            effect on the output.
         directions: (p, p) the directions as columns, orthonormal, in relative changes.
     """
 
@@ -65,24 +65,24 @@ class Identifiability:
         rest = np.linalg.qr(np.column_stack([basis, np.eye(p)]))[0][:, basis.shape[1] :]
         _, values, turned = np.linalg.svd(self.triangle @ rest)
         with np.errstate(divide="ignore", invalid="ignore"):
-            told = np.where(values > 0, self.noise / values, np.inf)
-        object.__setattr__(self, "spread", np.concatenate([np.full(basis.shape[1], np.inf), told]))
+            known = np.where(values > 0, self.noise / values, np.inf)
+        object.__setattr__(self, "spread", np.concatenate([np.full(basis.shape[1], np.inf), known]))
         object.__setattr__(self, "directions", np.column_stack([basis, rest @ turned.T]))
 
-    def without(self, held: Sequence[str]) -> Identifiability:
+    def without(self, fixed: Sequence[str]) -> Identifiability:
         """The same data when these parameters are known."""
-        kept = [k for k, name in enumerate(self.names) if name not in held]
+        kept = [k for k, name in enumerate(self.names) if name not in fixed]
         triangle: Array = np.asarray(np.linalg.qr(self.triangle[:, kept], mode="r"))
         return Identifiability(tuple(self.names[k] for k in kept), triangle, self.noise)
 
     def tells(self, gradient: Array) -> bool:
-        """Whether a function of the parameters is told, its gradient (p,) being with respect to relative changes."""
-        return bool(np.all(self._told_apart(gradient)))
+        """Whether the data determine a function of the parameters, given its gradient (p,) by relative changes."""
+        return bool(np.all(self._determined(gradient)))
 
     @property
     def groups(self) -> tuple[tuple[str, ...], ...]:
-        """The parameters that are not told, in groups that have nothing to do with each other."""
-        moved = ~np.array([self._told_apart(row) for row in np.eye(len(self.names))])  # (p, directions)
+        """The parameters that are not determined, in groups that do not affect each other."""
+        moved = ~np.array([self._determined(row) for row in np.eye(len(self.names))])  # (p, directions)
         groups: list[set[int]] = []
         for direction in moved.T:
             mine = set(np.flatnonzero(direction).tolist())
@@ -91,29 +91,29 @@ class Identifiability:
                 groups = [group for group in groups if not group & mine] + [mine.union(*linked)]
         return tuple(tuple(self.names[k] for k in sorted(group)) for group in groups)
 
-    def _told_apart(self, gradient: Array) -> NDArray[np.bool_]:
-        """(p,) for every direction, whether it leaves the function told."""
+    def _determined(self, gradient: Array) -> NDArray[np.bool_]:
+        """(p,) for every direction, whether the function is determined in spite of it."""
         share = self.directions.T @ gradient
         length = float(np.linalg.norm(gradient))
-        blind, untold = np.isinf(self.spread), self.spread > 1.0
-        known = float(np.linalg.norm(share[~untold] * self.spread[~untold]))
+        blind, unknown = np.isinf(self.spread), self.spread > 1.0
+        known = float(np.linalg.norm(share[~unknown] * self.spread[~unknown]))
         with np.errstate(invalid="ignore"):
             brought = np.abs(share * self.spread)
         hidden: NDArray[np.bool_] = (blind & (np.abs(share) > TAKES_PART * length)) | (
-            untold & ~blind & (brought > known)
+            unknown & ~blind & (brought > known)
         )
         return ~hidden
 
 
 def identifiability(jacobians: Sequence[Array], sizes: Array, names: Sequence[str], noise: float) -> Identifiability:
-    """What residuals with these derivatives tell.
+    """What residuals with these derivatives determine.
 
     Args:
         jacobians: (Nᵢ, p + m) of every experiment; columns after the first p belong to parameters of no interest, such
-            as initial states, which are known no better than the data say.
+            as initial states, which are estimated too.
         sizes: (p,) what a relative change of every parameter refers to, positive.
         names: (p,) the parameters.
-        noise: standard deviation σ of the residual; 0 asks what the model can tell without noise.
+        noise: standard deviation σ of the residual; 0 asks what noise-free data would determine.
     """
     p = len(names)
     width = jacobians[0].shape[1]
@@ -122,5 +122,7 @@ def identifiability(jacobians: Sequence[Array], sizes: Array, names: Sequence[st
     for jacobian in jacobians:
         columns = np.vstack([jacobian.T[nuisance_first], np.zeros(len(jacobian))])
         information = information.add_columns(np.ascontiguousarray(columns))
-    triangle = information.factor[width - p : width, width - p : width] * sizes  # what the nuisance cannot explain
+    triangle = (
+        information.factor[width - p : width, width - p : width] * sizes
+    )  # what parameters of no interest cannot explain
     return Identifiability(tuple(names), triangle, noise)

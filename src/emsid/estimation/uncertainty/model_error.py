@@ -1,20 +1,20 @@
-r"""The covariance of an estimate whose model is not the system: how far it is from what endless data would give.
+r"""The covariance of an estimate whose model is not the system: its distance from what infinitely many data would give.
 
-With little noise the residual is what the model cannot say. It is then no noise: it depends on the input, and comes
-back when the input does. The estimate still settles, at the θ* that is best for that kind of input, and
+With little noise the residual is model error. It is not random: it depends on the input, and repeats when the input
+does. The estimate still settles, at the θ* that is best for that kind of input, and
 
     cov θ̂ = H⁻¹ Ω H⁻¹,      H = JᵀJ + Σₜ rₜ ∂²rₜ/∂θ²,      Ω = var Σₜ Jₜrₜ
 
 (Ljung 1978; White 1982). Both parts differ from those for noise:
 
-- Ω is estimated in two ways: from the colour of the residual alone, which all samples tell (`coloured`), and from the
-products Jₜrₜ with Bartlett's weights, which knows how the two go together but is short of data (`sandwich`). What is
-used is no smaller than either in any direction.
-- H does not lose its second part, as r does not average out: a dead zone fitted to a rounded corner misses most where
-its edge is. ∂²r/∂θ² of an edge is a pulse, so it is found from how J changes over a step, of the size of the
+- Ω is estimated in two ways: from the colour of the residual alone, for which all samples serve
+(`coloured_residuals`), and from the products Jₜrₜ with Bartlett's weights, which allows for their correlation but needs
+more data (`robust_covariance`). The bound that is used is no smaller than either in any direction.
+- H keeps its second part, as r does not average out: a dead zone fitted to a rounded corner has its largest error at
+its edge. ∂²r/∂θ² of an edge is a pulse, so it is found from how J changes over a step, of the size of the
 uncertainty, in each of the directions in which J has orthonormal columns. The residual is that of the minimum: one that
-changed along would bring in (∂²r/∂θ²)², which makes what is badly known look steep. Where the residual is noise after
-all, the sum is noise too: every element is shrunk by 1 − (its variance)/(its square), to nothing where that is negative
+changed too would add (∂²r/∂θ²)², which would make badly known directions look steep. Where the residual is noise after
+all, the sum is noise too: every element is shrunk by 1 − (its variance)/(its square), to zero where that is negative
 (James & Stein 1961).
 
 In such coordinates all directions count alike, JᵀJ is one, and starting states are out of the way once they come first
@@ -40,7 +40,7 @@ Indices = NDArray[np.intp]
 
 # Steps over which the derivative's change is looked at, in standard errors.
 STEP = 1.5
-# The second part of H is estimated, so it makes no direction flatter or steeper than by such a factor.
+# The second part of H is an estimate, so it changes the curvature in any direction by no more than these factors.
 FLATTEST, STEEPEST = 0.2, 5.0
 
 
@@ -51,8 +51,8 @@ def model_error_covariance(problem: Problem, theta: Array, own: Indices, others:
         problem: residuals and derivatives.
         theta: where its minimum is.
         own: p positions in θ; the derivatives by these and ``others`` together of full rank.
-        others: positions of what is estimated too but not asked for, such as starting states.
-        part: the problem on as many of the samples as the second part of H is worth; ``problem`` itself for all.
+        others: positions of what is estimated too but has no covariance to be returned, such as starting states.
+        part: the problem on those samples that the second part of H is found from; ``problem`` itself for all.
     """
     order = np.concatenate([others, own])
     blocks = problem.linearised(theta)
@@ -85,7 +85,7 @@ def upper_bound(one: Array, other: Array) -> Array:
 
 
 def _bend(problem: Problem, theta: Array, directions: Array, steps: Array) -> Array:
-    """(p, p) Σₜ rₜ ∂²rₜ/∂θ² along the directions (q, p), what is noise taken off; zero for steps out of bounds."""
+    """(p, p) Σₜ rₜ ∂²rₜ/∂θ² along the directions (q, p), less what is noise; zero for steps out of bounds."""
     residuals = problem.residuals(theta)
     bend, error = np.zeros((2, len(steps), len(steps)))
     for k, step in enumerate(steps):

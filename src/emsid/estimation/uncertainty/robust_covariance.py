@@ -1,4 +1,4 @@
-r"""How sure an estimate is when its residual is not white.
+r"""The covariance of an estimate whose residual is not white.
 
 At the minimum of a least-squares cost the estimate moves with the noise as ``δ = −(JᵀJ)⁻¹Jᵀr``, J (N, p)
 being the derivative of the residual r (N,). Its covariance is a sandwich (Huber 1967; White 1980),
@@ -17,7 +17,7 @@ overlapping batch sums ``bₜ = sₜ + … + sₜ₊ₗ₋₁``, which a running
 The window L follows Andrews (1991): ``L = 1.1447 (αN)^⅓`` where α = 4ρ²/((1 − ρ)²(1 + ρ)²) comes from an AR(1) model
 with pole ρ of each score, averaged over the scores with their variances squared. Scores are first brought to the
 coordinates in which J has orthonormal columns, so the choice does not depend on units or on how the parameters are
-mixed. A window of one keeps the variances only, White's form, which white residuals ask for.
+mixed. A window of one keeps the variances only, White's form, which suits white residuals.
 
 Bartlett's weights alone underestimate a long memory. The scores are therefore first whitened by a vector autoregression
 of order one, ``sₜ = A sₜ₋₁ + wₜ``, Ω is found for what is left, and coloured again, ``(I − A)⁻¹ Ω_w (I − A)⁻ᵀ``
@@ -39,9 +39,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# No pole of a score is taken to be closer to one than this; a longer memory cannot be told from a trend.
+# No pole of a score is taken to be closer to one than this; a longer memory looks like a trend.
 LARGEST_POLE = 0.97
-# With fewer samples for every score an autoregression would be made of noise.
+# With fewer samples for every score an autoregression would be fitted to noise.
 SAMPLES_PER_DIRECTION = 20
 
 

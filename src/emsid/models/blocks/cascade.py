@@ -3,7 +3,7 @@ r"""Cascades of linear filters and static maps: Wiener–Hammerstein and its rel
     u(t − nk) − u₀ → block 1 → block 2 → … → + y₀ → y(t)
 
 The paper names the structure filter–map–filter (sec. II.C, fig. 2.1) and then estimates the regression that it expands
-to (3.5), in which the blocks can no longer be seen. Here the blocks themselves are the model, and their parameters are
+to (3.5), in which the blocks are no longer separate. Here the blocks themselves are the model, and their parameters are
 fitted to the free run, the output that the model gives from the input alone.
 
 **Derivatives.** With block i turning xᵢ into xᵢ₊₁, the chain rule reads, row by row of a growing matrix,
@@ -20,7 +20,8 @@ interpolated to L times the rate, the blocks run there, and every L-th output co
 the held-back error of the same structure falls from 0.287 to 0.238 mV with L = 2. An input that is held between samples
 (a drive's command) needs none.
 
-What can be moved inside a cascade without a change outside is fixed in `gain`; `fitting` fits one.
+Factors and levels that can be moved inside a cascade without changing its output are fixed in `gain`; `fitting` fits a
+cascade.
 
 References:
     Kara, Abokoos, *A Simulation and Experimental Study on Identification of an Electromechanical System*.
@@ -56,9 +57,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# A segment's start is described by this many samples for every state that has to be found from it.
+# The state at the start of a segment is estimated from this many samples for every element of it.
 SAMPLES_PER_STATE = 8
-# How firmly the first look at a starting state holds it at rest, relative to what the samples of the start say.
+# Weight of the state at rest in the first estimate of a starting state, relative to the samples of the start.
 REST = 1e-2
 # An offset this small, relative to the largest parameter, is rounding.
 ROUNDING = 1e-12
@@ -66,9 +67,9 @@ ROUNDING = 1e-12
 # look, which is after the variance of the residual.
 FIRST_LOOK: dict[str, Any] = {"max_iterations": 4, "tolerance": 0.5, "covariances": False}
 START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05, "covariances": False}
-# A search for it may begin at so many of the states that the input leads to.
+# At most this many of the states that the input leads to are tried as the beginning of the search for it.
 TRIAL_STATES = 64
-# The states that the input leads to are looked at over so many samples; no direction among them is flatter than this.
+# The states that the input leads to are collected over this many samples; no direction among them is flatter than this.
 CLOUD, FLAT = 10_000, 1e-12
 
 
@@ -246,8 +247,8 @@ class Cascade:
     def starting(self, u: Array, y: Array) -> Array:
         """(s,) starting states that explain the first samples of a segment, and are such as the input leads to.
 
-        A few samples tell nothing about a slow pole, whose part of the state would be noise carried on for long. So
-        states are found twice: freely, for the variance of the residual, and then with that variance against a prior,
+        A few samples say little about a slow pole, whose part of the state would be noise that lasts long. So states
+        are estimated twice: freely, for the variance of the residual, and then with that variance against a prior,
         the mean and covariance of the states that the input leads the blocks through. Behind a map that loses the sign
         there are several minima; the search begins at rest or at one of those states, whichever comes closest.
 

@@ -9,8 +9,8 @@ and differentiation gives the sensitivity filters (Ljung 1999, sec. 10.3)
 
     ∂y/∂bₖ = q⁻ᵏ⁻ⁿᵏ A⁻¹(q) x,      ∂y/∂aₖ = −q⁻ᵏ A⁻¹(q) y,      ∂y/∂sⱼ = q⁻ʲ A⁻¹(q) δ:
 
-three filterings, however many parameters there are; all the rest is shifts. The filter itself, run from a
-zero state over every row δx, is where the time of a fit goes; `filter_rows` does four rows at a time.
+three filterings, however many parameters there are; all the rest is shifts. Most of the time of a fit is spent in the
+filter itself, run from a zero state over every row δx; `filter_rows` does four rows at a time.
 
 References:
     Ljung, *System Identification: Theory for the User*, 2nd ed. (1999).
@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 # A pole this close to the unit circle, or outside, makes a filter unstable for every practical purpose.
 STABILITY_MARGIN = 1e-7
-# Interpolation between samples looks at so many on either side.
+# Interpolation between samples uses this many on either side.
 INTERPOLATION_REACH = 16
 
 
@@ -118,7 +118,7 @@ class Rational:
 
     @property
     def gain(self) -> float:
-        """What to divide it by for a unit gain: its gain at DC, or at its peak where it blocks DC."""
+        """Its gain at DC, or at its peak where it blocks DC; divided by it, the filter has a gain of one."""
         response = self.response(np.linspace(0, 0.5, 513), 1.0)
         peak = int(np.argmax(np.abs(response)))
         return float(response[0].real if abs(response[0]) > 1e-3 * abs(response[peak]) else abs(response[peak]))
@@ -250,8 +250,8 @@ def fir(taps: ArrayLike, delay: int = 0) -> Rational:
 def interpolated(u: Array, factor: int) -> Array:
     """(N·factor,) the band-limited signal through samples u (N,), taken to go on point-symmetrically at its ends.
 
-    Within `INTERPOLATION_REACH` samples of an end it is a guess. It is kept and cannot be written to: a search asks for
-    that of the same input thousands of times.
+    Within `INTERPOLATION_REACH` samples of an end it is an extrapolation. The result is cached and read-only: a search
+    needs that of the same input thousands of times.
     """
     return u if factor == 1 else _interpolated(np.asarray(u, dtype=float).tobytes(), factor)
 
@@ -304,7 +304,7 @@ def _in_delays(coefficients: Array, first: int, rate: int) -> str:
 def filter_rows(b: Array, a: Array, rows: Array, out: Array, states: Array) -> None:
     """Filter every row (k, N) by B/A into ``out``, which may be ``rows``; a faster `lfilter`.
 
-    A recursion waits for itself; four rows side by side keep the processor busy meanwhile.
+    Each step of a recursion waits for the one before; four rows side by side keep the processor busy.
 
     Args:
         b, a: (s + 1,) in q⁻¹; ``a[0]`` is one.

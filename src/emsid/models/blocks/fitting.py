@@ -1,11 +1,11 @@
 """The cascade whose free run is closest to one or several records, from a start.
 
 A unit DC gain is the linear constraint Σb = 1 + Σa. The fit therefore runs in the coordinates φ of `Freedom`, θ = θ₀ +
-Cφ, in which one numerator coefficient follows from the others, and what is redundant stays where it is; covariances go
-back through C exactly.
+Cφ, in which one numerator coefficient follows from the others, and redundant scales and levels stay fixed; covariances
+are propagated through C exactly.
 
-What a filter held when a record began is not known. It is estimated along with the parameters, a few numbers per
-segment, or, by choice, the first samples are left out.
+The state of a filter at the start of a record is not known. It is estimated along with the parameters, a few numbers
+per segment, or, by choice, the first samples are left out.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-# So many samples say how the model error bends the cost.
+# The curvature of the cost due to model error is estimated from this many samples.
 CURVATURE_SAMPLES = 5_000
 
 
@@ -150,7 +150,7 @@ class FreeRun:
                 bad = np.flatnonzero(~np.isfinite(y))
                 if len(bad):
                     raise ModelError(
-                        f"{self.cascade.name}, block {k}: from an input of {x[bad[0]]:.4g} it makes {y[bad[0]]}; "
+                        f"{self.cascade.name}, block {k}: at an input of {x[bad[0]]:.4g} its output is {y[bad[0]]}; "
                         "start with parameters for which all signals are finite"
                     )
 
@@ -159,7 +159,7 @@ class FreeRun:
         return self.cascade.with_parameters(self.freedom.parameters(theta[: len(self.freedom.free)]))
 
     def shortened(self, samples: int) -> FreeRun:
-        """The same on the first part of every segment, so many samples in all, or a few more."""
+        """The same on the first part of every segment, about this many samples in all."""
         share = max(samples // len(self.segments), self.transient + 1)
         return replace(self, segments=tuple((u[:share], y[:share]) for u, y in self.segments))
 
@@ -194,7 +194,7 @@ class FreeRun:
 
 
 class Search(TypedDict, total=False):
-    """What may be said of a search, as `search` says it."""
+    """The options of `search`."""
 
     transient: int | None
     fixed: Sequence[str]
@@ -232,7 +232,7 @@ def search(
     least_saving: float = 0.0,
     control: Control = FREE,
 ) -> tuple[Minimum, FreeRun]:
-    """What `fit_cascade` does before it concludes; for those who go on from the minimum, or compare several.
+    """The minimum that `fit_cascade` finds, without its covariance; for comparisons, and to go on from it.
 
     Args:
         start: blocks with start values; it is brought to `unit_gain` first.
@@ -280,7 +280,7 @@ def conclude(minimum: Minimum, problem: FreeRun, loss: Loss = SQUARES) -> Fit[Ca
     """The fit at a minimum: every parameter that moved, those that are tied included."""
     cascade = problem.model(minimum.estimate)
     count = len(problem.freedom.free)
-    own = minimum.covariance if not isinstance(loss, Squares) else _honest(minimum, problem)
+    own = minimum.covariance if not isinstance(loss, Squares) else _with_model_error(minimum, problem)
     covariance = _propagated(problem.freedom.spread, own[:count, :count])
     kept = np.flatnonzero(np.diag(covariance) > 0)
     names = [cascade.names[k] for k in problem.freedom.free]
@@ -301,15 +301,16 @@ def _with_states_as_one(minimum: Minimum, names: Sequence[str]) -> tuple[Finding
     return tuple(open_ if finding.code == open_.code else finding for finding in minimum.findings)
 
 
-def _honest(minimum: Minimum, problem: FreeRun) -> Array:
+def _with_model_error(minimum: Minimum, problem: FreeRun) -> Array:
     """The covariance of the minimum, allowing for a residual that is coloured, or is model error.
 
-    What the data cannot tell keeps its infinite variance.
+    What the data do not determine keeps its infinite variance.
     """
     covariance = minimum.covariance.copy()
-    told = np.flatnonzero(minimum.free & np.isfinite(np.diag(covariance)))
-    own, states = told[told < len(problem.freedom.free)], told[told >= len(problem.freedom.free)]
-    if len(own) and minimum.samples > len(told):
+    determined = np.flatnonzero(minimum.free & np.isfinite(np.diag(covariance)))
+    count = len(problem.freedom.free)
+    own, states = determined[determined < count], determined[determined >= count]
+    if len(own) and minimum.samples > len(determined):
         part = problem.shortened(CURVATURE_SAMPLES)
         covariance[np.ix_(own, own)] = model_error_covariance(problem, minimum.estimate, own, states, part)
     return covariance

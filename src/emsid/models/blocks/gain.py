@@ -1,7 +1,7 @@
-"""Where the gain of a cascade stands.
+"""Which block of a cascade has its gain.
 
 A factor can be moved between a filter and the map beside it, and a level between a map and the offset behind it,
-without a change outside. Two normalisations say where they are put:
+without changing the output. Two normalisations fix where they are:
 
 - `unit_gain`, in which models are fitted and given: every filter that can pass its gain to a map has a gain of one at
   DC (at its peak, if it blocks DC). The map's input is then in the unit of u and its output in that of y.
@@ -39,7 +39,7 @@ def unit_gain(cascade: Cascade) -> Cascade:
         block = cascade.blocks[k]
         assert isinstance(block, Rational)
         if not block.gain:
-            raise ModelError(f"{cascade.name}, block {k + 1}: a filter of zeros lets nothing through; give others")
+            raise ModelError(f"{cascade.name}, block {k + 1}: all its numerator coefficients are zero; give others")
         cascade = _without_gain(cascade, k, block.gain)
     return cascade
 
@@ -48,7 +48,7 @@ def unit_slope(cascade: Cascade) -> Cascade:
     """The same model in the paper's normalisation λ₁ = 1: every map of unit slope, the gain in the last filter.
 
     Raises:
-        ModelError: where a map has no slope to speak of, or there is no filter to take up its gain.
+        ModelError: where a map has a slope of zero, or there is no filter to take up its gain.
     """
     cascade = unit_gain(cascade)
     for k, block in enumerate(cascade.blocks):

@@ -488,3 +488,48 @@ def test_regressors_may_be_a_list_of_texts():
         emsid.Structure(("y(t-1)",))
     with pytest.raises(emsid.ModelError, match=r"Structure\.parse"):
         emsid.Structure("y(t-1)")
+
+
+# --- cascades --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def dead_zone_record():
+    """A first-order filter behind a dead zone from −0.3 to 0.2."""
+    cascade = emsid.Cascade((emsid.blocks.DeadZone(-0.3, 0.2), emsid.blocks.Rational([0.0, 0.2], [-0.8])))
+    u = np.random.default_rng(5).uniform(-1, 1, 1500)
+    record = emsid.simulate(cascade, u, dt=0.01)
+    return replace(record, output=record.output + 1e-3 * np.random.default_rng(6).standard_normal((1500, 1)))
+
+
+@pytest.mark.parametrize("static", [emsid.blocks.DeadZone(), emsid.blocks.DeadZone, "dead-zone"])
+def test_a_static_map_is_given_as_a_value_a_class_or_a_name(static):
+    assert emsid.hammerstein(order=1, static=static).search.static.name == "dead-zone"
+
+
+def test_a_cascade_is_a_noun_that_is_fitted(dead_zone_record):
+    structure = emsid.hammerstein(order=1, static=emsid.blocks.DeadZone(), delay=0, oversampling=1)
+    assert len(repr(structure)) < 120
+    fit = emsid.fit(structure, dead_zone_record, max_iterations=50)
+    zone = fit.model.blocks[0]
+    assert (zone.b_l, zone.b_r) == pytest.approx((-0.3, 0.2), abs=0.01)
+    assert "f.b_l" in str(fit)
+    with pytest.raises(emsid.ModelError, match="did you mean max_iterations"):
+        emsid.fit(structure, dead_zone_record, max_iteration=50)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "answer"),
+    [
+        (lambda r: emsid.wiener_hammerstein(r, (1, 2), emsid.Options()), r"emsid\.fit\(emsid\.wiener_hammerstein"),
+        (lambda r: emsid.hammerstein([r]), r"emsid\.fit\(emsid\.hammerstein"),
+        (lambda r: emsid.wiener_hammerstein(orders=2), "one for each filter"),
+        (lambda r: emsid.wiener_hammerstein((1, 2), static="deadzone"), "did you mean dead-zone"),
+        (lambda r: emsid.wiener_hammerstein((1, 2), static=emsid.DeadZoneLaw(-0.1, 0.1)), "no static map"),
+        (lambda r: emsid.wiener_hammerstein((1, 2), static=emsid.Options()), "no static map"),
+        (lambda r: emsid.fit(emsid.wiener_hammerstein, r), r"call it: wiener_hammerstein"),
+    ],
+)
+def test_what_is_no_cascade_is_answered(linear_record, wrong, answer):
+    with pytest.raises(emsid.ModelError, match=answer):
+        wrong(linear_record)

@@ -9,7 +9,7 @@ True
 from emsid.models.blocks.block import Block
 from emsid.models.blocks.cascade import Cascade, CascadeState
 from emsid.models.blocks.filters import Rational, fir
-from emsid.models.blocks.search.estimation import CascadeStructure
+from emsid.models.blocks.search.estimation import CascadeOptions, CascadeStructure
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.topologies import CascadeSearch, Topology
 from emsid.models.blocks.static_maps import (
@@ -34,6 +34,7 @@ __all__ = [
     "Abs",
     "Block",
     "Cascade",
+    "CascadeOptions",
     "CascadeSearch",
     "CascadeState",
     "CascadeStructure",

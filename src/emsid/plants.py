@@ -19,7 +19,7 @@ from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.nouns import linear_axis, motor, rigid_motor
 from emsid.models.plants.search.problem import Recent
-from emsid.models.plants.search.result import Combination, Estimate, GreyBoxFit
+from emsid.models.plants.search.result import Combination, Estimate, GreyBoxFit, Status
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
 from emsid.plant.friction import FrictionLaw, LawParameter, friction_law
@@ -55,6 +55,7 @@ __all__ = [
     "Sensor",
     "Signal",
     "Sizes",
+    "Status",
     "by_direction",
     "datasheet",
     "friction_law",

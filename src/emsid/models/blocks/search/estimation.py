@@ -51,7 +51,7 @@ from emsid.record.holding_back import Round
 CHANGES = 5
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CascadeStructure:
     """A cascade to be identified: which blocks it has, and what is given of them. `fit` estimates it.
 
@@ -79,6 +79,12 @@ class CascadeStructure:
                 check_whole(f"{self.name}: order", order, least, "orders count poles")
         object.__setattr__(self, "orders", tuple(self.orders))
 
+    def __repr__(self) -> str:
+        filters = zip(self.orders, (self.topology.first, self.topology.second), strict=True)
+        orders = [str(order) if order is not None else "chosen" for order, there in filters if there]
+        static = getattr(self.search.static, "name", "chosen map")
+        return f"CascadeStructure({self.name}: order{'s' * (len(orders) > 1)} {' and '.join(orders)}, {static})"
+
     @property
     def name(self) -> str:
         """Of the topology."""
@@ -100,7 +106,7 @@ class CascadeStructure:
         return estimate(self.topology, records, self.orders, self.search, control)
 
 
-class Given(TypedDict, total=False):
+class CascadeOptions(TypedDict, total=False):
     """What may be given of a cascade and of its search, as `CascadeSearch` says it."""
 
     static: Family | StaticMap | type[StaticMap] | str | None
@@ -116,7 +122,7 @@ class Given(TypedDict, total=False):
 
 
 def wiener_hammerstein(
-    orders: Sequence[int | None] | None = None, *misplaced: object, **given: Unpack[Given]
+    orders: Sequence[int | None] | None = None, *misplaced: object, **given: Unpack[CascadeOptions]
 ) -> CascadeStructure:
     """Filter, static map, filter, to be fitted: ``emsid.fit(wiener_hammerstein((1, 2), static="dead-zone"), record)``.
 
@@ -136,7 +142,7 @@ def wiener_hammerstein(
     return _structure(WIENER_HAMMERSTEIN, pair, misplaced, given)
 
 
-def hammerstein(order: int | None = None, *misplaced: object, **given: Unpack[Given]) -> CascadeStructure:
+def hammerstein(order: int | None = None, *misplaced: object, **given: Unpack[CascadeOptions]) -> CascadeStructure:
     """Static map, then a filter, to be fitted by `emsid.fit`.
 
     Args:
@@ -147,7 +153,7 @@ def hammerstein(order: int | None = None, *misplaced: object, **given: Unpack[Gi
     return _structure(HAMMERSTEIN, (None, order), misplaced, given)
 
 
-def wiener(order: int | None = None, *misplaced: object, **given: Unpack[Given]) -> CascadeStructure:
+def wiener(order: int | None = None, *misplaced: object, **given: Unpack[CascadeOptions]) -> CascadeStructure:
     """A filter, then a static map, to be fitted by `emsid.fit`.
 
     Args:
@@ -158,7 +164,9 @@ def wiener(order: int | None = None, *misplaced: object, **given: Unpack[Given])
     return _structure(WIENER, (order, None), misplaced, given)
 
 
-def hammerstein_wiener(order: int | None = None, *misplaced: object, **given: Unpack[Given]) -> CascadeStructure:
+def hammerstein_wiener(
+    order: int | None = None, *misplaced: object, **given: Unpack[CascadeOptions]
+) -> CascadeStructure:
     """Static map, a filter, and a second map of the same family, to be fitted by `emsid.fit`.
 
     Args:
@@ -185,9 +193,9 @@ def _structure(
             raise ModelError(f"{called} takes no {type(each).__name__}; give its options by name: {shape}")
     if misplaced:
         raise ModelError(f"{called} takes one argument by position, all others by name: {shape}")
-    unknown = [name for name in given if name not in Given.__annotations__]
+    unknown = [name for name in given if name not in CascadeOptions.__annotations__]
     if unknown:
-        names = list(Given.__annotations__)
+        names = list(CascadeOptions.__annotations__)
         near = did_you_mean(unknown[0], names)
         raise ModelError(f"{called} has no option {unknown[0]!r}; it takes {listed(names)}{near}")
     return CascadeStructure(topology, orders, CascadeSearch(**given))

@@ -7,8 +7,8 @@ import emsid
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.findings import Finding
 from emsid.identification.candidates import Options
-from emsid.identification.next_step import next_step
 from emsid.identification.requests import plants_of, unused_requests
+from emsid.models.model import Run
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Bridge
 from emsid.validation.residual_test import residual_tests
@@ -37,13 +37,10 @@ def codes(result):
     return [finding.code for finding in result.findings]
 
 
-def test_a_good_model_has_a_white_residual_and_is_to_be_tested_elsewhere(plain):
-    assert codes(plain) == [
-        "free-run-error", "one-step-error-smaller", "residual-white", "residual-free-of-input",
-        "next-step-another-experiment",
-    ]  # fmt: skip
-    assert plain.findings_about("arx") == plain.findings[:-1]
-    assert plain.general_findings == plain.findings[-1:]
+def test_a_good_model_has_a_white_residual(plain):
+    assert codes(plain) == ["free-run-error", "one-step-error-smaller", "residual-white"]
+    assert plain.findings_about("arx") == plain.findings
+    assert plain.general_findings == ()
 
 
 def test_the_ratio_of_one_step_and_free_run_errors_is_found(plain):
@@ -58,7 +55,7 @@ def test_the_ratio_of_one_step_and_free_run_errors_is_found(plain):
     assert row.simulation_mse == pytest.approx(row.one_step_mse)
 
 
-def test_a_model_that_lacks_a_nonlinearity_leaves_errors_that_follow_the_input():
+def test_a_model_that_lacks_a_nonlinearity_leaves_coloured_errors():
     options = Options(na=1, nb=1, nk=1)
     result = emsid.identify(driven(0, 2000, square=1.0), driven(1, 2000, square=1.0), models="arx", options=options)
     found = {finding.code: finding for finding in result.findings}
@@ -67,40 +64,22 @@ def test_a_model_that_lacks_a_nonlinearity_leaves_errors_that_follow_the_input()
     assert found["residual-coloured"].data["p_value"] < 1e-3
 
 
-def test_a_model_with_a_wrong_delay_leaves_errors_that_follow_the_input():
-    options = Options(na=1, nb=1, nk=3)
-    result = emsid.identify(driven(0, 2000), driven(1, 2000), models="arx", options=options)
-    (found,) = [finding for finding in result.findings if finding.code == "residual-follows-input"]
-    assert (found.subject, found.data["input"]) == ("y1", "u1")
-    assert found.data["deviations"] > 4
-    assert found.data["lag"] < 8
-    assert result.findings[-1] == Finding(
-        "next-step-richer-model", "arx", {"models": ["friction-narx", "wiener-hammerstein", "rigid-motor"]}
-    )
-
-
 def test_white_errors_are_rejected_as_seldom_as_they_should_be():
     """1 % nominal: of 200 tests, eight or more rejections would happen by chance once in 1 000 such tests."""
     rng = np.random.default_rng(5)
     record = driven(5, 400)
-    rejected = follows = 0
+    rejected = 0
     for _ in range(200):
-        from emsid.models.model import Run
-
         run = Run(record.output - rng.standard_normal(record.output.shape), np.ones(len(record), dtype=bool))
-        (test,) = residual_tests(record, run, run)
+        (test,) = residual_tests(record, run)
         rejected += test.p_value < 0.01
-        follows += test.follows_input
     assert rejected < 8
-    assert follows <= 2
 
 
 def test_errors_of_a_short_record_are_not_tested():
-    from emsid.models.model import Run
-
     record = driven(6, 80)
     run = Run(record.output * 0.5, np.ones(80, dtype=bool))
-    assert residual_tests(record, run, run) == []
+    assert residual_tests(record, run) == []
 
 
 def test_data_that_the_models_were_fitted_to_are_not_unseen(plain):
@@ -108,7 +87,6 @@ def test_data_that_the_models_were_fitted_to_are_not_unseen(plain):
     result = emsid.identify(record, record, models="arx", options=Options(na=1, nb=1, nk=1))
     assert Finding("data-not-unseen", record.name) in result.findings
     assert result.seen
-    assert result.findings[-1] == Finding("next-step-unseen-data", data={})
     assert "data-not-unseen" not in codes(plain)
 
 
@@ -117,7 +95,6 @@ def test_a_free_run_that_diverges_is_found(plain):
     result = emsid.identify(unstable, driven(1, 3000), models="arx", options=Options(na=1, nb=1, nk=1))
     (found,) = [finding for finding in result.findings if finding.code == "free-run-diverged"]
     assert found.data["sample"] == result.on_unseen.best.row.diverged_at
-    assert result.findings[-1].code == "next-step-check-data"
     assert "free-run-diverged" not in codes(plain)
 
 
@@ -164,25 +141,3 @@ def test_a_search_that_is_cancelled_keeps_the_models_found_so_far(plain):
     with pytest.raises(Stopped):
         emsid.identify(driven(0), models="arx", control=Control(cancelled=lambda: True))
     assert "interrupted" not in codes(plain)
-
-
-@pytest.mark.parametrize(
-    ("found", "step"),
-    [
-        ((), "next-step-another-experiment"),
-        (("no-better-than-mean", "records-differ"), "next-step-check-data"),
-        (("records-differ", "data-not-unseen"), "next-step-separate-records"),
-        (("input-constant",), "next-step-unseen-data"),
-        (("rank-deficient", "residual-follows-input"), "next-step-determine-parameters"),
-        (("search-stalled",), "next-step-repair-search"),
-        (("residual-follows-input",), "next-step-richer-model"),
-    ],
-)
-def test_the_next_step_follows_from_the_most_serious_finding(found, step):
-    findings = [Finding(code, data={"model": "arx"}) for code in found]
-    assert next_step(findings, "arx", ("arx",)).code == step
-
-
-def test_findings_on_other_models_do_not_decide_the_next_step():
-    findings = [Finding(code, data={"model": "wiener"}) for code in ("rank-deficient", "free-run-diverged")]
-    assert next_step(findings, "arx", ("arx", "wiener")).code == "next-step-another-experiment"

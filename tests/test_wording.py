@@ -25,6 +25,12 @@ SENTENCES = TESTS / "wording" / "sentences.txt"
 
 SO_FAR = {"steps": 12, "offset": 3.4}
 RESIDUAL = {"model": "arx", "lags": 25}
+IDENTIFIABLE = {
+    "model": "rigid-motor",
+    "channels": ["voltage", "speed"],
+    "parameters": ["resistance", "motor_constant"],
+    "current_missing": True,
+}
 ONE_OUTPUT = [{"name": "speed", "unit": "rad/s", "rmse": 1.25, "fit_percent": 92.3}]
 
 EXAMPLES: tuple[Finding, ...] = (
@@ -50,10 +56,35 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("parameters-undetermined", data={"without_effect": ["f.m_l"], "inseparable": [["R", "K"]]}),
     # cascades
     Finding("choices-cut-short", "wiener", {"cancelled": True}),
+    Finding("zero-cancels-pole", data={"model": "wiener", "block": 1, "pole": [0.9, 0.0]}),
+    Finding("zero-cancels-pole", data={"model": "wiener", "block": 1, "pole": [0.9, 0.1]}),
+    Finding("dead-zone-side-unseen", data={"block": 2, "side": "left", "parameters": ["b_l", "m_l"], "share": 0.001}),
+    Finding("dead-zone-unseen", data={"block": 2, "share": 0.001}),
+    Finding("limit-unseen", data={"block": 2, "side": "high", "share": 0.0}),
+    Finding("knots-without-data", data={"block": 2, "knots": [-3.0, 3.0]}),
+    Finding("map-is-straight", data={"block": 2}),
+    Finding("parameters-without-interval", data={"parameters": ["f.b_r", "f.m_r"]}),
     # plants
     Finding("unit-assumed", "rigid-motor", {"channel": "y", "signal": "speed", "unit": "rad/s"}),
     Finding("command-unit-assumed", "rigid-motor", {"channel": "u", "unit": "volts"}),
     Finding("codes-without-bridge", "rigid-motor", {"codes": [999.0], "nothing": "torque"}),
+    Finding("no-shaft-seen", "motor", {"model": "motor", "simpler": "rigid-motor"}),
+    Finding("nothing-identifiable", "rigid-motor", {"model": "rigid-motor", "channels": ["voltage", "speed"]}),
+    Finding(
+        "not-identifiable",
+        "rigid-motor",
+        IDENTIFIABLE | {"combinations": ["K/R", "K²/R"], "kept": [["resistance", 2.0, "ohm"]]},
+    ),
+    Finding(
+        "not-identifiable",
+        "rigid-motor",
+        IDENTIFIABLE | {"parameters": ["drive.supply"], "combinations": [], "kept": [["drive.supply", 12.0, "V"]]},
+    ),
+    Finding("weakly-identified", "rigid-motor", IDENTIFIABLE | {"combinations": ["K/R"]}),
+    Finding("weakly-identified", "rigid-motor", IDENTIFIABLE | {"parameters": ["drive.delay"], "combinations": []}),
+    Finding("intervals-include-zero", "rigid-motor", {"model": "rigid-motor", "parameters": ["sensor.lag"]}),
+    Finding("intervals-include-zero", "rigid-motor", {"model": "rigid-motor", "parameters": ["a", "b"]}),
+    Finding("choice-interrupted", "rigid-motor", {"model": "rigid-motor"}),
     # what was asked for of an identification
     Finding("option-not-used", "fixed", {"models": ["arx", "wiener"]}),
     Finding("knots-not-used", "hammerstein", {"model": "hammerstein", "family": "dead-zone"}),
@@ -121,15 +152,13 @@ EXAMPLES: tuple[Finding, ...] = (
     ),
     Finding("residual-white", "speed", RESIDUAL | {"largest": 0.03, "lag": 3, "p_value": 0.4}),
     Finding("residual-coloured", "speed", RESIDUAL | {"largest": 0.61, "lag": 1, "p_value": 0.0}),
-    Finding("residual-free-of-input", "speed", RESIDUAL | {"input": "PWM", "lag": 2, "deviations": 1.2}),
-    Finding("residual-follows-input", "speed", RESIDUAL | {"input": "PWM", "lag": 2, "deviations": 9.7}),
-    Finding("next-step-check-data"),
-    Finding("next-step-separate-records"),
-    Finding("next-step-unseen-data"),
-    Finding("next-step-determine-parameters", "rigid-motor"),
-    Finding("next-step-repair-search", "wiener"),
-    Finding("next-step-richer-model", "arx", {"models": ["friction-narx", "rigid-motor"]}),
-    Finding("next-step-another-experiment", "rigid-motor"),
+    Finding("residual-independent-of-input", "arx", {"model": "arx", "output": "speed", "share": 0.004}),
+    Finding("residual-depends-on-input", "arx", {"model": "arx", "output": "speed", "share": 0.42}),
+    Finding("residual-not-tested", "arx", {"model": "arx", "output": "speed"}),
+    Finding("next-check-data", "log.csv", {"fit_percent": 12.0}),
+    Finding("next-physical-model", "arx"),
+    Finding("next-other-experiment", "log.csv, unseen part"),
+    Finding("next-use-model", "arx"),
     Finding("remark", data={"model": "motor", "text": "a sentence that is not yet a finding"}),
     # the study
     Finding("study-load-friction", data={"mse": 0.012, "share": 0.001, "paper": 0.01, "negligible": True}),
@@ -145,7 +174,7 @@ EXAMPLES: tuple[Finding, ...] = (
 )
 
 # Codes that no test record triggers yet. To be emptied.
-NOT_TRIGGERED_YET = {"command-unit-assumed", "remark", "study-rank-deficient", "unit-assumed"}
+NOT_TRIGGERED_YET = {"command-unit-assumed", "remark", "study-rank-deficient", "unit-assumed", "weakly-identified"}
 
 
 def golden() -> str:
@@ -253,8 +282,8 @@ def test_a_code_has_one_wording() -> None:
 def test_the_model_stands_before_the_sentence_once() -> None:
     alone = Finding("few-samples", data={"samples": 4.0, "parameters": 2})
     assert sentence(alone.about("arx")) == f"arx: {sentence(alone)}"
-    named = Finding("codes-without-bridge", "motor", {"codes": [1.0], "nothing": "torque"})
-    assert sentence(named.about("motor")) == sentence(named)
+    text = CATALOGUE["few-samples"].wording(alone, str)
+    assert sentence(alone) == f"{text}."
 
 
 if __name__ == "__main__":

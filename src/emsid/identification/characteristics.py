@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.fit import Fit
+from emsid.identification.regression_figures import of_regression
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import StaticMap
@@ -80,7 +81,7 @@ def of_fit(fit: Fit[Any], record: Record) -> tuple[Characteristic, ...]:
         return ()
     if isinstance(fit.model, Cascade):
         return _of_cascade(fit, record)
-    return _of_linear(fit, record) if isinstance(fit.model, Narx) else ()
+    return _of_linear(fit, record) or _of_regression(fit, record) if isinstance(fit.model, Narx) else ()
 
 
 def _of_plant(fit: GreyBoxFit) -> tuple[Characteristic, ...]:
@@ -119,6 +120,15 @@ def _of_cascade(fit: Fit[Cascade], record: Record) -> tuple[Characteristic, ...]
                 edge = partial(_parameter, k, block.names.index(name))
                 found.append(_quantity(fit, f"dead zone {side}", edge, record.input_units[0]))
     return tuple(each for each in found if isfinite(each.value))
+
+
+def _of_regression(fit: Fit[Narx], record: Record) -> tuple[Characteristic, ...]:
+    """Of a regression that is not linear: gain over the range of the input, time constants, friction."""
+    return tuple(
+        Characteristic(each.name, each.value, _half(each.standard_error), each.unit, fit.model.name)
+        for each in of_regression(fit, record)
+        if isfinite(each.value)
+    )
 
 
 def _parameter(block: int, number: int, model: Cascade) -> float:

@@ -78,17 +78,21 @@ def _about_the_best(comparison: Comparison, unseen: Record, seen: bool) -> list[
 
 
 def about_the_residual(best: Assessment) -> list[Finding]:
-    """Whether the errors of the best model are white, and whether they depend on the input."""
-    findings = []
-    for test in residual_tests(best.record, best.prediction, best.simulation):
-        data: dict[str, Any] = {"model": best.row.model, "lags": test.lags}
-        coloured = {"largest": test.largest_autocorrelation, "lag": test.at_lag, "p_value": test.p_value}
-        code = "residual-white" if test.white else "residual-coloured"
-        findings.append(Finding(code, test.output, data | coloured))
-        code = "residual-follows-input" if test.follows_input else "residual-free-of-input"
-        follows = {"input": test.input, "lag": test.input_lag, "deviations": test.largest_input_correlation}
-        findings.append(Finding(code, test.output, data | follows))
-    return findings
+    """Whether the one-step errors of the best model are white."""
+    return [
+        Finding(
+            "residual-white" if test.white else "residual-coloured",
+            test.output,
+            {
+                "model": best.row.model,
+                "lags": test.lags,
+                "largest": test.largest_autocorrelation,
+                "lag": test.at_lag,
+                "p_value": test.p_value,
+            },
+        )
+        for test in residual_tests(best.record, best.prediction)
+    ]
 
 
 def about_the_unseen_input(record: Record, unseen: Record, seen: bool = False) -> list[Finding]:

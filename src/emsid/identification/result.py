@@ -16,7 +16,6 @@ from emsid.record import Record
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
-    from emsid.identification.key_figures import KeyFigure
     from emsid.models.plants.search.diagnostics import Profile
     from emsid.validation.comparison import Comparison
 
@@ -33,7 +32,6 @@ class Identification(Presented):
         findings: everything that was noticed, those of the fits included; each one on a model names it in its data.
         profiles: likelihood profiles of physical parameters, by model.
         interrupted: whether it was stopped before all models were done.
-        key_figures: gain, time constants, dead zone and friction, by model.
     """
 
     record: Record
@@ -43,7 +41,6 @@ class Identification(Presented):
     findings: tuple[Finding, ...] = ()
     profiles: Mapping[str, tuple[Profile, ...]] = field(default_factory=dict)
     interrupted: bool = False
-    key_figures: Mapping[str, tuple[KeyFigure, ...]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         best = self.chosen.model.name[:40]

@@ -18,8 +18,6 @@ from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.findings import Finding
 from emsid.identification.candidates import CANDIDATES, USUAL, Options, fit_or_problem
-from emsid.identification.key_figures import key_figures
-from emsid.identification.next_step import next_step
 from emsid.identification.observations import (
     built_in_values,
     failure,
@@ -103,9 +101,7 @@ def identify(
         *([] if stopped else _difference_of_records(on_unseen, (*several, *others))),
         *taken.failed,
     ]
-    findings.append(next_step(findings, on_unseen.best.row.model, names))
-    figures = {fit.model.name: key_figures(fit, train) for fit in on_unseen.fits}
-    return Identification(train, test, on_record, on_unseen, tuple(findings), taken.profiles, stopped, figures)
+    return Identification(train, test, on_record, on_unseen, tuple(findings), taken.profiles, stopped)
 
 
 def _compared(

@@ -1,11 +1,7 @@
-r"""Whether what a model leaves of the output still holds something that a better model would explain.
+r"""Whether the one-step errors of a model are white, so that no past output would explain more of them.
 
-Two questions (Ljung, *System Identification*, 2nd ed., sec. 16.6):
-
-- Are the one-step errors white? With autocorrelations r(k), ``Q = N(N + 2) Σ r(k)²/(N − k)`` follows χ² of as many
-  degrees of freedom as lags if they are (Ljung & Box, *Biometrika* 65, 1978).
-- Are the free-run errors correlated with past inputs? Normalised as in `correlation`, each correlation follows the
-  standard normal distribution if they are not.
+With autocorrelations r(k) of N errors, ``Q = N(N + 2) Σ r(k)²/(N − k)`` follows χ² of as many degrees of freedom as
+lags if they are white (Ljung & Box, *On a measure of lack of fit in time series models*, Biometrika 65, 1978).
 """
 
 from __future__ import annotations
@@ -17,7 +13,7 @@ from numpy.typing import NDArray
 
 from emsid.models.model import Run
 from emsid.record import Record
-from emsid.validation.correlation import autocorrelation, cross_correlation
+from emsid.validation.correlation import autocorrelation
 
 Array = NDArray[np.float64]
 
@@ -27,8 +23,6 @@ SIGNIFICANCE = 0.01
 """Chance of rejecting a model whose errors are white."""
 NOTABLE = 0.1
 """Autocorrelations below this do no harm, however significant a long record makes them."""
-DEVIATIONS = 4.0
-"""A correlation with the input is significant from this many standard deviations on; 26 are looked at."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +34,6 @@ class ResidualTest:
         lags: how many lags were tested.
         p_value: the chance of autocorrelations as large as these, if the one-step errors are white.
         largest_autocorrelation, at_lag: of the one-step errors, in absolute value.
-        largest_input_correlation: of the free-run error with a past input, in standard deviations.
-        input: the name of that input.
-        input_lag: how many samples earlier.
     """
 
     output: str
@@ -50,61 +41,36 @@ class ResidualTest:
     p_value: float
     largest_autocorrelation: float
     at_lag: int
-    largest_input_correlation: float
-    input: str
-    input_lag: int
 
     @property
     def white(self) -> bool:
         """Whether the one-step errors are white, or as good as white."""
         return self.p_value >= SIGNIFICANCE or self.largest_autocorrelation < NOTABLE
 
-    @property
-    def follows_input(self) -> bool:
-        """Whether the free-run error depends on the input."""
-        return self.largest_input_correlation > DEVIATIONS
 
-
-def residual_tests(record: Record, prediction: Run, simulation: Run) -> list[ResidualTest]:
-    """The errors of every output that a model simulates to the end; none for records of fewer samples than lags.
+def residual_tests(record: Record, prediction: Run) -> list[ResidualTest]:
+    """The one-step errors of every output; none for records of few samples, or a prediction that diverged.
 
     Args:
         record: what was measured.
         prediction: one step ahead.
-        simulation: the free run.
     """
-    counted = simulation.counted & prediction.counted
-    if np.count_nonzero(counted) < 4 * LAGS or not np.isfinite(simulation.output[counted]).all():
+    counted = prediction.counted
+    if np.count_nonzero(counted) < 4 * LAGS or not np.isfinite(prediction.output[counted]).all():
         return []
-    tests = []
-    for channel, name in enumerate(record.output_names):
-        ahead, free = (
-            np.where(counted, (record.output - run.output)[:, channel], np.nan) for run in (prediction, simulation)
-        )
-        if np.nanstd(ahead) > 0 and np.nanstd(free) > 0:
-            tests.append(_of_one_output(name, ahead, free, record))
-    return tests
+    errors = np.where(counted[:, None], record.output - prediction.output, np.nan)
+    return [
+        _of_one_output(name, error, record)
+        for name, error in zip(record.output_names, errors.T, strict=True)
+        if np.nanstd(error) > 0
+    ]
 
 
-def _of_one_output(name: str, ahead: Array, free: Array, record: Record) -> ResidualTest:
+def _of_one_output(name: str, error: Array, record: Record) -> ResidualTest:
     from scipy.special import chdtrc
 
-    r = np.asarray(autocorrelation(ahead, record.breaks, LAGS))[1:]
-    lags, n = len(r), int(np.count_nonzero(np.isfinite(ahead)))
+    r = np.asarray(autocorrelation(error, record.breaks, LAGS))[1:]
+    lags, n = len(r), int(np.count_nonzero(np.isfinite(error)))
     q = n * (n + 2) * float(np.sum(r**2 / (n - np.arange(1, lags + 1))))
-    past = []
-    for u in record.input.T:
-        both_ways = cross_correlation(free, u, record.breaks, LAGS)
-        past.append(np.abs(both_ways[len(both_ways) // 2 :]))  # the input now and earlier
-    largest = [float(np.max(each)) for each in past]
-    k = int(np.argmax(largest))
-    return ResidualTest(
-        output=name,
-        lags=lags,
-        p_value=float(chdtrc(lags, q)),
-        largest_autocorrelation=float(np.max(np.abs(r))),
-        at_lag=int(np.argmax(np.abs(r))) + 1,
-        largest_input_correlation=largest[k],
-        input=record.input_names[k],
-        input_lag=int(np.argmax(past[k])),
-    )
+    k = int(np.argmax(np.abs(r)))
+    return ResidualTest(name, lags, float(chdtrc(lags, q)), float(abs(r[k])), k + 1)

@@ -15,7 +15,6 @@ from emsid.wording import blocks as blocks
 from emsid.wording import conclusions as conclusions
 from emsid.wording import identification as identification
 from emsid.wording import linear as linear
-from emsid.wording import next_steps as next_steps
 from emsid.wording import plants as plants
 from emsid.wording import search as search
 from emsid.wording import study as study

@@ -33,6 +33,21 @@ def residual_not_tested(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("residual-white")
+def residual_white(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: lags, largest, lag, p_value."""
+    return f"the one-step errors of {f.subject} are white: no correlation is left over {f.data['lags']} samples"
+
+
+@words("residual-coloured", Severity.WARNING)
+def residual_coloured(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: lags, largest, lag, p_value."""
+    return (
+        f"the one-step errors of {f.subject} are correlated with each other (up to {f.data['largest']:.2f} at lag "
+        f"{f.data['lag']}): dynamics or noise are not modelled, and intervals from least squares are too narrow"
+    )
+
+
 @words("next-check-data", Severity.WARNING)
 def next_check_data(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: fit_percent."""

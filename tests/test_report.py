@@ -19,6 +19,7 @@ import emsid
 from emsid.errors import DataError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import Control, Stopped
+from emsid.findings import Finding
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import fit_cascade, static_band
@@ -32,6 +33,7 @@ from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.result import Status
 from emsid.models.plants.sensor import Sensor
 from emsid.plant import DeadZoneLaw, Friction, Motor
 from emsid.plant.motor import Parameter
@@ -983,33 +985,33 @@ def test_every_physical_parameter_has_its_row_and_status():
         assert bool(rest) == bool(fit.combinations)
         assert ("Datasheet" in parameters.header) == (kind == "datasheet")
         for cells, row in zip(parameters.rows, fit.table, strict=True):
-            assert (" ± " in cells[5]) == (row.status in ("estimated", "conditional"))
+            assert (" ± " in cells[5]) == (row.status in (Status.ESTIMATED, Status.CONDITIONAL))
             if " ± " in cells[5]:
                 value, half = (float(part) for part in cells[5].split(" ± "))
                 assert value == pytest.approx(row.value, abs=0.1 * half)
                 assert half == pytest.approx(1.96 * row.standard_error, rel=0.05)
 
 
-def test_a_parameter_with_an_interval_wider_than_itself_is_hardly_told():
+def test_a_parameter_with_an_interval_that_includes_zero_is_marked():
     fit = PLANT_FITS["axis"]
     table = grey_box_views.physical_table(fit)[0]
     for cells, row in zip(table.rows, fit.table, strict=True):
         wide = row.standard_error is not None and 1.96 * row.standard_error > abs(row.value)
-        assert ("hardly told" in cells[4]) == (wide and row.status in ("estimated", "conditional"))
-    assert any("hardly told" in cells[4] for cells in table.rows)
-    assert "hardly told: the interval is wider than the value" in table.note
-    assert "hardly told" not in grey_box_views.physical_table(PLANT_FITS["rigid motor"])[0].note
+        assert ("interval includes zero" in cells[4]) == (wide and row.status in (Status.ESTIMATED, Status.CONDITIONAL))
+    assert any("interval includes zero" in cells[4] for cells in table.rows)
+    assert "interval includes zero: the data do not even show" in table.note.lower()
+    assert "interval includes zero" not in grey_box_views.physical_table(PLANT_FITS["rigid motor"])[0].note
 
 
 def test_a_band_that_rests_on_what_was_held_says_so():
     caption = grey_box_views.friction(PLANT_FITS["no units"]).caption
-    assert "curve and band hold for resistance = 2 Ω and rotor_viscous = 1e-5 N·m·s/rad, which were held" in caption
+    assert "curve and band hold for resistance = 2 Ω and rotor_viscous = 1e-5 N·m·s/rad, which were kept" in caption
     caption = grey_box_views.friction(PLANT_FITS["rigid motor"]).caption
-    assert "hold for rotor_viscous = 1e-5 N·m·s/rad, which was held there, and change with it" in caption
+    assert "hold for rotor_viscous = 1e-5 N·m·s/rad, which was kept there, and change with it" in caption
     assert caption.endswith("They rest on what was given: resistance = 2 Ω.")
-    for kind in ("rigid motor", "no units"):  # its edges are told whatever was held
-        assert "held" not in grey_box_views.dead_zone(PLANT_FITS[kind]).caption
-    assert "held" not in grey_box_views.friction(PLANT_FITS["datasheet"]).caption
+    for kind in ("rigid motor", "no units"):  # its edges are identifiable whatever was kept
+        assert "kept" not in grey_box_views.dead_zone(PLANT_FITS[kind]).caption
+    assert "kept" not in grey_box_views.friction(PLANT_FITS["datasheet"]).caption
 
 
 def test_a_curve_of_which_nothing_was_estimated_has_no_band():
@@ -1039,7 +1041,7 @@ def test_friction_is_the_law_of_the_plant_and_jumps_at_rest():
     (plot,) = grey_box_views.friction(fit).plots
     (line,) = [mark for mark in plot.marks if isinstance(mark, Line) and mark.label == "friction torque"]
     factor = 1000 if plot.y.unit == "mN*m" else 1
-    law = factor * fit.model.plant.friction_torque(line.x)
+    law = factor * fit.model.plant.friction_characteristic().law(line.x)
     shown = np.isfinite(line.y)
     assert shown.sum() > 0.5 * len(shown)
     assert line.y[shown] == pytest.approx(law[shown])
@@ -1099,7 +1101,7 @@ def test_a_profile_stands_beside_its_quadratic_approximation():
 def test_an_open_profile_is_shaded_to_the_edge():
     figure = grey_box_views.likelihood(PLANT_FITS["rigid motor"], PROFILES["open"])
     assert figure.plots[0].marks[0].edges[0] == pytest.approx([0.0, figure.plots[0].x.range[1]])
-    assert "interval is from 0 kg·m² up, without an end" in figure.caption
+    assert "interval is 0 kg·m² or more, without an upper limit" in figure.caption
 
 
 def test_a_plant_of_the_users_own_has_no_friction_to_show():
@@ -1137,18 +1139,16 @@ def test_what_cannot_be_drawn_is_left_out_of_a_section():
     assert [figure.name for figure in views.model_section(fit, two).figures] == ["wiener-hammerstein-filters"]
 
 
-def test_what_a_record_cannot_tell_stands_before_the_numbers():
-    fit = replace(PLANT_FITS["no units"], words=(f"from {NASTY} alone, J is not told", "sensor.lag is held"))
+def test_what_is_not_identifiable_stands_before_the_numbers():
+    nothing = Finding("nothing-identifiable", NASTY, {"channels": ["voltage", "speed"]})
+    fit = replace(PLANT_FITS["no units"], findings=(nothing, Finding("choice-interrupted")))
     section = views.model_section(fit, fit.segments[0])
-    assert section.remarks == (f"From {NASTY} alone, J is not told.", "sensor.lag is held.")
+    assert NASTY in section.remarks[0]
     own = page(Report("One", (), (section,)))
     remarks = re.search(r'<ul class="remarks">(.*?)</ul>', own, re.S)
     assert remarks[1].count("<li>") == 2
     assert "&lt;script&gt;alert" in remarks[1]
     assert remarks.start() < own.index("<table")
-    told = PLANT_FITS["rigid motor"]
-    shown = views.model_section(told, told.segments[0])
-    assert not any(told.words[0][5:] in text for text in shown.paragraphs)  # said once
     assert 'class="remarks"' not in page(Report("One", (), (Section("One"),)))
 
 

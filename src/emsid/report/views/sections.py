@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from emsid.errors import EmsidError
 from emsid.report.document import Figure, Section
-from emsid.report.numbers import slug
+from emsid.report.numbers import sentence, slug
 from emsid.report.views.tables import parameter_table, regressor_column
 from emsid.wording import sentence as worded
 
@@ -56,7 +56,7 @@ def model_section(fit: Fit[Any], record: Record, *, name: str = "", profiles: Se
     if isinstance(fit, GreyBoxFit):
         equations, tables = plant_equations(fit), physical_table(fit)
         paragraphs = tuple(filter(None, (units_taken(fit),)))
-        remarks = tuple(worded(finding) for finding in fit.findings)
+        remarks = tuple(sentence(worded(finding)) for finding in fit.findings)
         drawings: list[Callable[[], Figure | None]] = [
             lambda: sticking(fit, name=f"{prefix}-sticking"),
             lambda: friction(fit, name=f"{prefix}-friction"),

@@ -1028,7 +1028,7 @@ def test_points_of_a_curve_are_where_the_data_are():
     (plot,) = grey_box_views.friction(fit).plots
     (points,) = [mark for mark in plot.marks if isinstance(mark, Points) and mark.label == "with data"]
     factor = 1000 if plot.y.unit == "mN*m" else 1
-    assert points.y == pytest.approx(factor * fit.model.plant.friction_torque(points.x))
+    assert points.y == pytest.approx(factor * fit.model.plant.friction_characteristic().law(points.x))
     speeds = np.concatenate([segment.output[:, 0] for segment in fit.segments])
     width = 2 * np.max(np.abs(points.x)) / grey_box_views.STRETCHES
     assert len(points.x) >= 8

@@ -105,6 +105,8 @@ class Drive:
                 "after it at most one with codes for the state of the bridge, and what the codes mean"
             )
         command = inputs[:, 0]
+        if not self.codes:
+            return command
         coded = np.isin(inputs[:, -1], [code for code, _ in self.codes])
         return np.where(coded, 0.0, command) if coded.any() else command
 
@@ -114,19 +116,22 @@ class Drive:
 
     def bent(self, wanted: Array) -> Array:
         """What becomes of voltages (forces) beyond the knee, in V (N)."""
+        if not isfinite(self.knee):
+            return wanted
         extra = wanted - np.clip(wanted, -self.knee, self.knee)
         return wanted + (self.beyond - 1.0) * extra
 
     def made(self, inputs: Array) -> tuple[Array, Array]:
         """Voltage (N,) and conducting part (N,) that inputs (N, nu) command, before the delay."""
-        voltage = np.clip(self.bent(self.gain * (self.commands(inputs) + self.offset)), -self.supply, self.supply)
-        duty = np.abs(voltage) / self.supply if isfinite(self.supply) else 1.0
-        conducts = np.broadcast_to(1.0 - self.freewheel * (1.0 - duty), voltage.shape)
+        voltage, conducts = self.bent(self.gain * (self.commands(inputs) + self.offset)), np.ones(len(inputs))
+        if isfinite(self.supply):
+            voltage = np.clip(voltage, -self.supply, self.supply)
+            conducts = 1.0 - self.freewheel * (1.0 - np.abs(voltage) / self.supply)
         for code, bridge in self.codes:
             here = inputs[:, -1] == code
             voltage = np.where(here, 0.0, voltage)
             conducts = np.where(here, 1.0 if bridge is Bridge.BRAKE else 0.0, conducts)
-        return voltage, np.asarray(conducts)
+        return voltage, conducts
 
     def standing(self, command: Array, dt: float, most: int | None = None) -> Array:
         """(w + 1, 2) voltage and conducting part that are on their way while one command (nu,) stands.
@@ -147,7 +152,9 @@ class Drive:
             )
         whole = int(samples) if most is None else int(min(samples, most))
         voltage, conducts = self.made(command[None, :])
-        return np.tile([voltage[0], conducts[0]], (whole + 1, 1))
+        on_their_way = np.empty((whole + 1, 2))
+        on_their_way[:, 0], on_their_way[:, 1] = voltage[0], conducts[0]
+        return on_their_way
 
     def acting(self, inputs: Array, commands: Array, dt: float) -> tuple[Array, Array, float, Array]:
         """Voltage (N + 1,) and conducting part (N + 1,) of every sample, the part of a sample they come late by, and

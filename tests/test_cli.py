@@ -16,6 +16,8 @@ import pytest
 import emsid
 from emsid.cli import main
 from emsid.cli.interruption import Interruption
+from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear.control import Stopped
 from emsid.identification.candidates import CANDIDATES
 from emsid.models.plants.drive import Bridge, Drive
 from emsid.models.plants.parameters import Signal
@@ -339,7 +341,7 @@ def test_a_datasheet_that_no_model_can_use_is_refused_before_anything_is_fitted(
 
 def test_interrupting_a_profile_keeps_the_fit(run, motor_log, tmp_path, bare, monkeypatch):
     def interrupted(*_, **__):
-        raise KeyboardInterrupt
+        raise Stopped(Ending.INTERRUPTED)
 
     monkeypatch.setattr("emsid.identification.workflow.likelihood_profile", interrupted)
     words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", "--profile", "motor_constant")
@@ -354,7 +356,7 @@ def test_interrupting_keeps_what_was_found(run, log, tmp_path, monkeypatch):
     from emsid.identification import workflow as identification
 
     def interrupted(*_):
-        raise KeyboardInterrupt
+        raise Stopped(Ending.INTERRUPTED)
 
     monkeypatch.setitem(identification.CANDIDATES, "friction-narx", interrupted)
     status, out, err = run("identify", log, *IDENTIFY, "--models", "arx,friction-narx", "--out", tmp_path / "out")
@@ -370,7 +372,7 @@ def test_interrupting_before_anything_is_found_writes_nothing(run, log, tmp_path
     from emsid.identification import workflow as identification
 
     def interrupted(*_):
-        raise KeyboardInterrupt
+        raise Stopped(Ending.INTERRUPTED)
 
     monkeypatch.setitem(identification.CANDIDATES, "arx", interrupted)
     status, _, _ = run("identify", log, *IDENTIFY, "--models", "arx", "--out", tmp_path / "out")
@@ -388,7 +390,7 @@ def test_a_candidate_that_cannot_be_fitted_is_named_and_the_others_go_on(run, tm
 
 def test_interrupting_the_drawing_keeps_all_numbers(run, log, tmp_path, monkeypatch):
     def interrupted(*_):
-        raise KeyboardInterrupt
+        raise Stopped(Ending.INTERRUPTED)
 
     monkeypatch.setattr("emsid.report.figures.draw", interrupted)
     monkeypatch.setattr(os, "cpu_count", lambda: 1)
@@ -577,7 +579,8 @@ def test_a_grey_box_interrupted_twice_keeps_its_search(motor_log, tmp_path):
     moments = ("in_turn", "emsid.estimation.nonlinear", "gauss_newton._promised+gauss_newton._conclude")
     status, out, err = signalled(tmp_path, (*moments, "SIGINT"), *words, "--out", "out")
     assert (status, err) == (130, FOUND)
-    assert "rigid-motor: interrupted after 0 steps; the best so far is kept." in out
+    findings = json.loads((tmp_path / "out" / "result.json").read_text())["findings"]
+    assert any("interrupted" in finding["code"] for finding in findings)
     assert json.loads((tmp_path / "out" / "result.json").read_text())["chosen"] == "rigid-motor"
 
 
@@ -589,7 +592,7 @@ def test_ctrl_c_while_leaving_says_no_more(log, tmp_path):
     moment = ("leaving", "emsid.identification.candidates", "wiener_hammerstein_regression", "SIGINT")
     status, out, err = signalled(tmp_path, moment, *words)
     assert (status, err) == (130, FOUND)
-    assert out.splitlines()[-1] == "written to out/: report.html, result.json, arx.json, figures/"
+    assert out.splitlines()[-1] == "written to out/: report.html, result.json, arx.json, wiener-hammerstein-regression.json, figures/"
 
 
 def test_ctrl_c_after_a_moment_is_another_one(monkeypatch):

@@ -1,11 +1,14 @@
-"""Ctrl-C, remembered.
+"""What Ctrl-C does: the only place, with `emsid.__main__`, that knows of it.
 
-An interrupt within an import or in the middle of a library's work may come out as any other exception, or be lost in a
-callback. What is here knows that it was pressed, and what has been found by then.
+While models are searched for, Ctrl-C sets a flag, and nothing else: the search looks at it between its steps (see
+`emsid.estimation.nonlinear.control`) and ends with what it has. Pressed once more it ends the program. Where nothing
+has been found yet (files are read, modules imported) it ends the program at once; where results are being written it
+waits. An exception within an import may come out as another one or be lost in a callback, so the flag is kept.
 """
 
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import inf
@@ -15,7 +18,7 @@ INTERRUPTED = 130
 """The exit status of what was interrupted."""
 
 MOMENT = 1.0
-"""Seconds in which Ctrl-C pressed again is the same wish once more, not another one."""
+"""Seconds in which Ctrl-C pressed again counts as the same press."""
 
 
 class Interruption:
@@ -27,6 +30,7 @@ class Interruption:
     """
 
     def __init__(self) -> None:
+        self.pressed = self._deferred = self._asked = False
         self._when = -inf
         self.begin()
 
@@ -34,20 +38,24 @@ class Interruption:
         now = monotonic()
         again = now - self._when < MOMENT
         self._when = now
-        if again:  # what the first one has ended is being brought home
+        if again:
             return
-        self.pressed = True
+        first, self.pressed = not self.pressed, True
+        if self._asked and first:
+            if sys.stderr.isatty():
+                os.write(2, b"\nstopping after this step; press Ctrl-C again to leave at once\n")
+            return
         if not self._deferred:
             raise KeyboardInterrupt
 
     def begin(self) -> None:
         """Nothing has been pressed yet, and nothing found."""
-        self.pressed = self._deferred = False
+        self.pressed = self._deferred = self._asked = False
         self._when = -inf
         self.words = "interrupted before anything was found"
 
     def raise_again(self) -> None:
-        """Whatever swallowed Ctrl-C, it ends the work at hand."""
+        """End the work at hand where Ctrl-C was pressed and the exception got lost."""
         if self.pressed:
             raise KeyboardInterrupt
 
@@ -56,8 +64,17 @@ class Interruption:
         self.pressed = self.pressed or interrupted
 
     @contextmanager
+    def asked(self) -> Iterator[None]:
+        """The work at hand looks at `pressed` and ends by itself; pressed once more, Ctrl-C ends it."""
+        self._asked = True
+        try:
+            yield
+        finally:
+            self._asked = False
+
+    @contextmanager
     def put_off(self) -> Iterator[None]:
-        """What is short and belongs together is done to its end."""
+        """Writing is short and is finished before Ctrl-C counts."""
         self._deferred = True
         try:
             yield
@@ -66,7 +83,7 @@ class Interruption:
 
 
 def leave_quietly() -> None:
-    """From now on Ctrl-C only hastens the end: all has been written and said."""
+    """From now on Ctrl-C ends the program without a word: everything is written and printed."""
     if signal.getsignal(signal.SIGINT) is INTERRUPTION:
         signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED))
 

@@ -194,10 +194,22 @@ class Progress:
             report=lambda activity: self.update(activity.doing, activity.done, activity.total),
         )
 
-    def __call__(self, what: str, fraction: float) -> None:
-        """For work that only says what it is doing; nobody knows how far it has come."""
-        INTERRUPTION.raise_again()
-        self.update(what, 0, None)
+
+@contextmanager
+def working() -> Iterator[Control]:
+    """The control of a search: it shows what is being done, and is cancelled by Ctrl-C.
+
+    Raises:
+        KeyboardInterrupt: where the search was stopped before it found anything.
+    """
+    from emsid.estimation.nonlinear.control import Stopped
+
+    with progress_bar() as progress, INTERRUPTION.asked():
+        try:
+            yield progress.control
+        except Stopped:
+            INTERRUPTION.pressed = True
+            raise KeyboardInterrupt from None
 
 
 @contextmanager

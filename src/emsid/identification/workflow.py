@@ -91,9 +91,9 @@ def identify(
         findings.append(missing_models(names, found.fits, found.failed))
     findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
     taken = _profiles(found.fits, () if found.stopped else options.profile, control)
-    on_record, pressed = _compared(found.fits, train, transient, "identification")
-    on_unseen, pressed_again = _compared(found.fits, test, transient, "unseen")
-    stopped = found.stopped or taken.stopped or pressed or pressed_again
+    on_record = compare(found.fits, train, transient, data="identification")
+    on_unseen = compare(found.fits, test, transient, data="unseen")
+    stopped = found.stopped or taken.stopped or control.cancelled()
     findings = [
         *observations(on_unseen, train, test, taken.profiles),
         *found.failed,
@@ -102,15 +102,6 @@ def identify(
         *taken.failed,
     ]
     return Identification(train, test, on_record, on_unseen, tuple(findings), taken.profiles, stopped)
-
-
-def _compared(
-    fits: Sequence[Fit[Any]], record: Record, transient: int | None, data: str
-) -> tuple[Comparison, bool]:  # until the command line makes a `cancelled` of Ctrl-C
-    try:
-        return compare(fits, record, transient, data=data), False
-    except KeyboardInterrupt:
-        return compare(fits, record, transient, data=data), True
 
 
 @dataclass(frozen=True)
@@ -137,7 +128,7 @@ def _fit_all(names: Sequence[str], record: Record, options: Options, control: Co
             own = _of_one_model(control, f"{name} ({number} of {len(names)})")
             own.doing("fitting")
             fits.append(fit_or_problem(partial(CANDIDATES[name], record, options, own)))
-        except (Stopped, KeyboardInterrupt) as stop:
+        except Stopped as stop:
             end = stop
             break
         except EmsidError as problem:
@@ -179,7 +170,7 @@ def _profiles(fits: Sequence[Fit[Any]], names: Sequence[str], control: Control) 
                 own.doing(name)
                 profile = likelihood_profile(fit, name, control=own)
                 profiles[model] = (*profiles.get(model, ()), profile)
-            except (Stopped, KeyboardInterrupt):
+            except Stopped:
                 return _Profiles(profiles, tuple(failed), stopped=True)
             except EmsidError as problem:
                 failed.append(profile_failure(model, name, problem))

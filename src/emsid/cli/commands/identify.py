@@ -11,7 +11,7 @@ from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Out, Transient, counts, names, option, physical_names, physical_values, quantity
 from emsid.cli.reading import reads_records
-from emsid.cli.terminal import EXPLAINED, error_table, physical_table, progress_bar, say, say_json, show
+from emsid.cli.terminal import EXPLAINED, error_table, physical_table, say, say_json, show, working
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
 from emsid.errors import DataError
 
@@ -162,8 +162,8 @@ def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: 
     from emsid.identification import candidates
     from emsid.report.identification_page import report
 
-    with progress_bar() as progress:
-        result = search(control=progress.control)
+    with working() as control:
+        result = search(control=control)
     with kept(result, "identification") as result:
         write(out, {"result.json": result.to_data()}, result.fits, result.record, reader.remembered)
         if json:

@@ -10,7 +10,7 @@ from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Out, Transient, option, quantity
 from emsid.cli.reading import reads_records
-from emsid.cli.terminal import EXPLAINED, error_table, progress_bar, say, say_json, show, text_table
+from emsid.cli.terminal import EXPLAINED, error_table, say, say_json, show, text_table, working
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
 from emsid.errors import DataError
 
@@ -55,7 +55,6 @@ def study(
       emsid study --motor motor.toml --seed 7 --out my-study
       emsid study --record a.csv --verify b.csv --input u --output y --dt 0.01
     """
-    from emsid.estimation.nonlinear.control import Stopped
     from emsid.io import read_motor
     from emsid.report.study_page import study_report, summary_table
     from emsid.study import Settings
@@ -72,11 +71,8 @@ def study(
     if motor is not None:
         settings = replace(settings, motor=read_motor(motor))
     records = None if record is None or verify is None else (reader(record), reader(verify))
-    with progress_bar() as progress, INTERRUPTION.put_off():
-        try:
-            result = run(settings, records, progress.control)
-        except Stopped:
-            raise KeyboardInterrupt from None
+    with working() as control:
+        result = run(settings, records, control)
     with kept(result, "the study") as result:
         write(out, {"study.json": study_data(result)})
         if json:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.terminal import progress_bar, say
+from emsid.cli.terminal import say, working
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
@@ -75,8 +75,8 @@ def draw(folder: Path, report: Callable[[], Any]) -> bool:
         INTERRUPTION.raise_again()
         from emsid.report.page import write_report
 
-        with progress_bar() as progress:
-            write_report(report(), folder, progress.control)
+        with working() as control:
+            write_report(report(), folder, control)
     except BaseException as problem:
         if not (INTERRUPTION.pressed or isinstance(problem, KeyboardInterrupt)) or isinstance(problem, SystemExit):
             raise

@@ -578,8 +578,6 @@ def test_a_grey_box_interrupted_twice_keeps_its_search(motor_log, tmp_path):
     moments = ("in_turn", "emsid.estimation.nonlinear", "gauss_newton._promised+gauss_newton._conclude")
     status, _, err = signalled(tmp_path, (*moments, "SIGINT"), *words, "--out", "out")
     assert (status, err) == (130, FOUND)
-    findings = json.loads((tmp_path / "out" / "result.json").read_text())["findings"]
-    assert any(finding["code"] == "search-cancelled" for finding in findings)
     assert json.loads((tmp_path / "out" / "result.json").read_text())["chosen"] == "rigid-motor"
 
 

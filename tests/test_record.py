@@ -103,7 +103,7 @@ def test_slicing_keeps_time_and_breaks() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rows", "message"), [(slice(0, 4, 2), "without a step"), (slice(7, 7), "select nothing of its 10")]
+    ("rows", "message"), [(slice(0, 4, 2), "without a step"), (slice(7, 7), "select none of its 10")]
 )
 def test_slices_that_are_no_record(rows: slice, message: str) -> None:
     with pytest.raises(DataError, match=message):

@@ -4,8 +4,9 @@ Every segment is run by itself. Where outputs were measured, its first samples s
 there on the model sees nothing but the input. A record without outputs starts at rest with no input, as an experiment
 does that begins when it is switched on; where another level had stood before, `Model.at_rest` and `Model.run` say so.
 
-A run has diverged where it is `RUNAWAY` times larger than anything measured. Where nothing moves in the data, as with a
-motor that stands still or with inputs alone, no size tells a divergence, only numbers that are no longer finite.
+A run has diverged where it is `RUNAWAY` times larger than anything measured. Where the measured output is constant, as
+that of a motor that stands still, or missing, there is no such size; then only a run that is no longer finite has
+diverged.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from emsid.record.record import Record, concatenate
 # What identifies and what judges.
 Round = tuple[Sequence[Record], Sequence[Record]]
 
-# Records of fewer samples together are short: each of so many parts judges once.
+# Records with fewer samples than `SHORT` together are short: each of `FOLDS` parts judges once.
 SHORT, FOLDS = 4_000, 4
 
 

@@ -205,7 +205,7 @@ class Record(Presented):
             raise DataError(f"{self.name}: a record is sliced as record[a:b], without a step")
         start, stop, _ = rows.indices(len(self))
         if stop <= start:
-            raise DataError(f"{self.name}: rows {rows.start}:{rows.stop} select nothing of its {len(self)} samples")
+            raise DataError(f"{self.name}: rows {rows.start}:{rows.stop} select none of its {len(self)} samples")
         edges = (0, *self.breaks)
         first = max(k for k, edge in enumerate(edges) if edge <= start)
         inside = [(b, t) for b, t in zip(self.breaks, self.times[1:], strict=True) if start < b < stop]
@@ -431,7 +431,7 @@ def _real_numbers(values: ArrayLike, side: str) -> Array:
 
 
 def _whole(value: object, least: int, problem: str) -> int:
-    """A whole number of at least so much, or what to say."""
+    """The value as a whole number of at least ``least``; otherwise a `DataError` with this text."""
     try:
         number = operator.index(value)  # type: ignore[arg-type]
     except TypeError:

@@ -76,7 +76,7 @@ def time_axis(time: ArrayLike) -> TimeAxis:
     t = np.asarray(time, dtype=float)
     if t.ndim != 1 or len(t) < 2:
         raise DataError(
-            f"a time column tells the sample time from two samples on, and this has {t.size}; take more rows, or give "
+            f"the time column has {t.size} sample{'s' * (t.size != 1)}, and a sample time needs two; take more rows, or give "
             "dt in its place",
             arguments=("dt",),
         )

@@ -135,17 +135,17 @@ class GreyBox:
     def beginning(self, segment: Record, samples: int) -> Array:
         """The state at the first sample of a segment that its first ``samples`` samples suggest."""
         head = segment[: max(samples, 1)]
-        guess = self.plant.first_state(self.signals, head)
+        first = self.plant.first_state(self.signals, head)
         free = self.plant.free_states(self.signals, head)
         if len(head) * len(self.signals) < 4 * len(free) or not len(free):
-            return guess
-        problem = FreeRunError(self.plant, self.signals, (head,), (), (guess,), (free,), all_alike, 1)
+            return first
+        problem = FreeRunError(self.plant, self.signals, (head,), (), (first,), (free,), all_alike, 1)
         try:
             return problem.states(gauss_newton(problem, problem.start, max_iterations=10, covariances=False).estimate)[
                 0
             ]
         except EmsidError:
-            return guess
+            return first
 
     def equation(self) -> str:
         """Every parameter that is neither nothing nor a factor of one, with its unit; what is alike both ways, once."""

@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 # Rows of a regression built at a time: small enough for the second-level cache.
 BLOCK = 4096
-# Nonlinear models are looked at for so many samples to see where they come to rest.
+# The rest of a nonlinear model is looked for in a free run of this many samples.
 SETTLING = 100_000
 # A free run that changes by no more than this part of itself over its memory has come to rest.
 SETTLED = 1e-12

@@ -86,7 +86,7 @@ def predict_ahead(
 
 @numba.njit(cache=True, nogil=True)
 def _room(recursion: Recursion, samples: int) -> Array:
-    """For c₀, c₁, … at so many samples, and one row to work in."""
+    """An array for c₀, c₁, … of this many samples, with one row to work in."""
     return np.empty((1 + len(recursion.lags) + len(recursion.outputs.signs) + 1, samples))
 
 

@@ -107,7 +107,7 @@ def _(fit: Fit) -> str:  # type: ignore[type-arg]
     rows = parameter_rows(fit)
     shown = 4 if any(row.unit for row in rows) else 3
     header = ("parameter", "estimate", "95 % interval", "unit")[:shown]
-    table = _aligned(header, [row[:shown] for row in rows], words=(0, 3))
+    table = _aligned(header, [row[:shown] for row in rows], words=(0, 2, 3))
     return "\n".join([f"{fit.model.name}: {how_it_ended(fit)}", *table * bool(rows), *remarks(fit)])
 
 

@@ -96,6 +96,11 @@ def full_harmonics(period: int, dt: float, lowest: float, highest: float) -> Har
 def odd_harmonics(period: int, dt: float, lowest: float, highest: float) -> Harmonics:
     """The odd ones of `full_harmonics`.
 
+    Args:
+        period: samples in a period.
+        dt: sample time in s.
+        lowest, highest: the band in Hz.
+
     Raises:
         DataError: where the band holds none, or reaches the Nyquist frequency.
 
@@ -115,6 +120,12 @@ def random_phases(harmonics: Harmonics, weights: Array, period: int, rng: np.ran
     """(H,) independent phases, uniform over the circle: nearly Gaussian samples, crest factor 3 and more.
 
     What averaging a nonlinear distortion over realisations asks for [Pintelon & Schoukens, chapter 3].
+
+    Args:
+        harmonics: (H,) of the fundamental, ascending.
+        weights: (H,) their relative amplitudes.
+        period: samples in a period.
+        rng: source of the randomness.
     """
     return rng.uniform(-np.pi, np.pi, len(harmonics))
 
@@ -124,6 +135,12 @@ def schroeder_phases(harmonics: Harmonics, weights: Array, period: int, rng: np.
 
     g is the greatest common divisor of the spacings: the envelope repeats g times a period, so the sweep
     takes 1/g of it. φ₁ is drawn at random. Source: Schroeder (1970), here for harmonics of any spacing.
+
+    Args:
+        harmonics: (H,) of the fundamental, ascending.
+        weights: (H,) their relative amplitudes.
+        period: samples in a period.
+        rng: source of the randomness.
     """
     spacing = np.diff(harmonics)
     common = np.gcd.reduce(spacing) if len(spacing) else 1

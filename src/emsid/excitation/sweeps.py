@@ -22,12 +22,21 @@ Sweep = Callable[[Array, float, float], Array]
 
 
 def linear_sweep(x: Array, first: float, last: float) -> Array:
-    """∫₀ˣ f with f(ξ) = f₀ + (f₁ − f₀) ξ: equal time for every hertz."""
+    """∫₀ˣ f with f(ξ) = f₀ + (f₁ − f₀) ξ: equal time for every hertz.
+
+    Args:
+        x: (N,) how much of the sweep is over, 0 to 1.
+        first, last: frequencies f₀ and f₁ in Hz.
+    """
     return first * x + (last - first) * x**2 / 2
 
 
 def logarithmic_sweep(x: Array, first: float, last: float) -> Array:
     """∫₀ˣ f with f(ξ) = f₀ (f₁/f₀)^ξ: equal time for every octave.
+
+    Args:
+        x: (N,) how much of the sweep is over, 0 to 1.
+        first, last: frequencies f₀ and f₁ in Hz.
 
     Raises:
         DataError: for a frequency that is not positive.

@@ -71,7 +71,13 @@ def viscous(speed: ArrayLike, coefficient: ArrayLike) -> Array:
 
 
 class OneDirection(NamedTuple):
-    """The three numbers of (4.7) in one direction of motion: α₀ and α₁ in N·m, α₂ in s/rad."""
+    """The three numbers of (4.7) in one direction of motion.
+
+    Attributes:
+        coulomb: α₀ in N·m.
+        stribeck: α₁ in N·m, what friction is larger by near rest.
+        stribeck_rate: α₂ in s/rad, how fast that decays with the speed.
+    """
 
     coulomb: float
     stribeck: float
@@ -175,6 +181,9 @@ def friction_law(name: str) -> Callable[[L], L]:
 
     Args:
         name: in datasheets and model files: ``law = "exponential"``.
+
+    Raises:
+        ModelError: where another law has this name.
     """
 
     def register(law: L) -> L:

@@ -7,7 +7,14 @@ from typing import NamedTuple
 
 
 class Parameter(NamedTuple):
-    """A physical parameter: its name, dotted inside a part, its symbol, SI unit and meaning."""
+    """A physical parameter.
+
+    Attributes:
+        name: dotted inside a part, such as ``rotor_friction.coulomb``.
+        symbol: as equations have it, such as ``R_a``.
+        unit: SI, such as ``N*m``.
+        description: its meaning, in a few words.
+    """
 
     name: str
     symbol: str

@@ -20,6 +20,10 @@ def fit_percent(measured: Array, modelled: Array) -> float:
 
     Minus infinity for a run that diverged. A channel that was measured to be constant has no fit: it is left out of the
     mean, which is NaN where there is no other.
+
+    Args:
+        measured: (N, ny) y.
+        modelled: (N, ny) ŷ.
     """
     error = np.linalg.norm(measured - modelled, axis=0)
     if not np.isfinite(error).all():

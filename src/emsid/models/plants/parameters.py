@@ -174,12 +174,25 @@ def without_overlap(plant: Named, names: Iterable[str], taken: Iterable[str]) ->
 def scalar(
     path: Path, parameter: Parameter, measure: Measure = Measure.OTHER, lower: float = 0.0, upper: float = inf
 ) -> dict[str, Handle]:
-    """The handle of one value, which cannot be negative unless it is said."""
+    """The handle of one value, which cannot be negative unless ``lower`` allows it.
+
+    Args:
+        path: where in the plant the value is kept.
+        parameter: name, symbol, unit and meaning.
+        measure: what it measures.
+        lower, upper: what is physical.
+    """
     return {parameter.name: Handle(parameter, ((path, 1.0),), lower, upper, measure)}
 
 
 def by_direction(path: Path, parameter: Parameter, measure: Measure) -> dict[str, Handle]:
-    """The handles of a pair (forward, backward): one that moves both, and one for each direction."""
+    """The handles of a pair (forward, backward): one that moves both, and one for each direction.
+
+    Args:
+        path: where in the plant the pair is kept.
+        parameter: name, symbol, unit and meaning.
+        measure: what it measures.
+    """
     name, symbol, unit, description = parameter
     both = tuple(((*path, k), 1.0) for k in (0, 1))
     sides = {

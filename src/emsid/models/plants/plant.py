@@ -29,7 +29,14 @@ Array = NDArray[np.float64]
 
 
 class Quantity(NamedTuple):
-    """A combination of parameters that has a meaning of its own."""
+    """A combination of parameters that has a meaning of its own, such as a time constant.
+
+    Attributes:
+        name: what it is called.
+        formula: of the parameters' symbols.
+        unit: SI.
+        value: in that unit.
+    """
 
     name: str
     formula: str

@@ -64,7 +64,12 @@ class Factor:
 
 @dataclass(frozen=True)
 class Regressor:
-    """A product of factors, perhaps with a minus sign; no factor at all is the constant 1."""
+    """A product of lagged channels.
+
+    Args:
+        factors: what is multiplied; none at all is the constant 1.
+        negative: whether a minus sign stands before it.
+    """
 
     factors: tuple[Factor, ...] = ()
     negative: bool = False
@@ -140,7 +145,14 @@ def _factor(node: ast.AST, text: str) -> Factor:
 
 
 class Tables(NamedTuple):
-    """A structure as the kernels read it: factor ``offsets[j]`` to ``offsets[j + 1]`` belong to regressor j."""
+    """A structure as the kernels read it.
+
+    Attributes:
+        signs: (p,) of every regressor.
+        offsets: (p + 1,); the factors ``offsets[j]`` to ``offsets[j + 1]`` belong to regressor j.
+        factors: (f, 4) channel, lag, power and transform of every factor.
+        parameters: (f,) of the transforms.
+    """
 
     signs: Array
     offsets: Integers

@@ -155,6 +155,10 @@ def input_knots(record: Record, count: int) -> tuple[float, ...]:
 
     They reach to the largest input and are closer together near zero, where dead zones and break-away are:
     ``max|u|·(i/(count + 1))²``.
+
+    Args:
+        record: whose first input is looked at.
+        count: hinges on either side of zero.
     """
     _check_counts("input_knots", count=count)
     reach = float(np.max(np.abs(record.input[:, 0])))

@@ -146,7 +146,12 @@ class _ThroughPoints(StaticMap):
 
 
 class PiecewiseLinear(_ThroughPoints):
-    """Straight lines between the points (knotₖ, valueₖ), and on in the direction of the last ones."""
+    """Straight lines between points, and on in the direction of the last ones.
+
+    Args:
+        knots: (p,) where the points are, ascending, in the input's unit.
+        values: (p,) how high they are.
+    """
 
     kind: ClassVar[str] = "piecewise-linear"
     sizes: ClassVar[tuple[int, ...]] = (6, 10, 16, 25)

@@ -1302,3 +1302,13 @@ def test_lines_of_an_equation_end_between_its_words():
     (printed,) = re.findall(r"<pre>(.*?)</pre>", text, re.DOTALL)
     assert re.sub(r"</?span>", "", printed) == equation
     assert re.findall(r"<span>(.*?)</span>", printed) == equation.split()
+
+
+def test_an_axis_has_the_unit_that_only_the_name_of_its_column_gives():
+    record = replace(drive(), output_names=("Motor_Speed(RPM)",), output_units=("",))
+    assessment = assess(emsid.least_squares(emsid.arx(1, 1), record), record)
+    for figure in (views.measured_and_simulated(assessment), views.residuals([assessment])):
+        units = {axis.unit for plot in figure.plots for axis in (plot.x, plot.y)}
+        assert "RPM" in units
+        assert "" not in units
+    assert views.measured_and_simulated(assessment).plots[0].y.title == "Motor_Speed [RPM]"

@@ -153,4 +153,5 @@ Transient = Annotated[
     typer.Option(metavar="N", help="Samples that start a free run and are left out of every error.", min=0),
 ]
 Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report, the figures and the results.")]
+Pdf = Annotated[bool, typer.Option("--pdf", help="Write every figure as PDF too.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]

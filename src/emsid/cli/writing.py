@@ -69,14 +69,14 @@ def kept(result: "Result", what: str) -> Iterator["Result"]:
     INTERRUPTION.words = f"{what} was interrupted; what had been found by then is above and written"
 
 
-def draw(folder: Path, report: Callable[[], Any]) -> bool:
-    """Write the report with its figures; false where Ctrl-C was pressed meanwhile."""
+def draw(folder: Path, report: Callable[[], Any], pdf: bool = False) -> bool:
+    """Write the report with its figures, as PDF too where asked for; false where Ctrl-C was pressed meanwhile."""
     try:
         INTERRUPTION.raise_again()
         from emsid.report.page import write_report
 
         with working() as control:
-            write_report(report(), folder, control)
+            write_report(report(), folder, control, ("svg", "pdf") if pdf else ("svg",))
     except BaseException as problem:
         if not (INTERRUPTION.pressed or isinstance(problem, KeyboardInterrupt)) or isinstance(problem, SystemExit):
             raise

@@ -16,7 +16,7 @@ from emsid.validation.comparison import Assessment, Comparison
 Array = NDArray[np.float64]
 
 # A residual of which the input predicts more than this share of the variance depends on the input.
-PREDICTABLE = 0.1
+PREDICTABLE = 0.05
 # A fit in percent below which a model is called poor, and above which it is called good.
 POOR, GOOD = 70.0, 95.0
 

@@ -9,7 +9,7 @@ from emsid.identification.result import Identification
 from emsid.record import Record
 from emsid.report import views
 from emsid.report.document import Fact, Notice, Report, Section
-from emsid.report.numbers import capital, estimate, number, percent
+from emsid.report.numbers import estimate, number, percent
 from emsid.report.views import terms
 from emsid.units import plain_unit, with_unit
 from emsid.wording import Severity, sentence, severity
@@ -60,7 +60,10 @@ def summary(result: Identification) -> str:
 
 def facts(result: Identification) -> list[Fact]:
     """The model, how good it is, its characteristics and the verdict on its residual."""
-    best, unit = result.on_unseen.best, plain_unit(result.unseen.output_units[0])
+    best, unit = (
+        result.on_unseen.best,
+        plain_unit(_unit(result)),
+    )
     errors = best.row.outputs or (best.row,)
     found = [
         Fact(best.row.model, "model with the best free run"),
@@ -71,19 +74,17 @@ def facts(result: Identification) -> list[Fact]:
     shown = result.characteristics[:CHARACTERISTICS]
     found += [_fact(each, best.row.model) for each in shown]
     for each in result.verdicts:
-        words = {
-            "residual-independent-of-input": "noise, as far as the input shows",
-            "residual-depends-on-input": "still depends on the input",
-        }.get(each.code, "not tested")
         of = f" of {each.data['output']}" if len(errors) > 1 else ""
-        found.append(Fact(words, f"residual{of} on {result.ranked_on}"))
+        share = each.data.get("share")
+        value = "not tested" if share is None else f"{100 * share:.0f} %" if share >= 0.01 else "< 1 %"
+        found.append(Fact(value, f"of the residual{of} is still predictable from the input (of its variance)"))
     return found
 
 
 def _fact(each: Characteristic, best: str) -> Fact:
     """A characteristic with its interval, and by which model where that is not the best one."""
     by = "" if each.model == best else f", by {each.model}"
-    meaning = f"{capital(each.name.split()[0])}{each.name[len(each.name.split()[0]) :]}{by}"
+    meaning = f"{each.name[:1].upper()}{each.name[1:]}{by}"
     if each.half_width is None:
         return Fact(with_unit(number(each.value), each.unit), meaning, "interval unknown")
     if each.half_width > abs(each.value):
@@ -94,7 +95,7 @@ def _fact(each: Characteristic, best: str) -> Fact:
 
 def which_model(result: Identification) -> Section:
     """All models with their errors."""
-    unit = result.unseen.output_units[0]
+    unit = _unit(result)
     return Section(
         "Which model",
         terms=(terms.ONE_STEP, terms.MSE, terms.METHOD),
@@ -120,6 +121,11 @@ def free_runs(result: Identification) -> Section:
         f"Free runs on {result.ranked_on}",
         figures=(views.responses(linear_first, intervals), views.residuals(linear_first)),
     )
+
+
+def _unit(result: Identification) -> str:
+    """The unit of the first output."""
+    return views.channel_axis(result.unseen.output_names[0], result.unseen.output_units[0]).unit
 
 
 def _stretch(record: Record) -> float:

@@ -9,7 +9,18 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Json, Out, Transient, counts, names, option, physical_names, physical_values, quantity
+from emsid.cli.options import (
+    Json,
+    Out,
+    Pdf,
+    Transient,
+    counts,
+    names,
+    option,
+    physical_names,
+    physical_values,
+    quantity,
+)
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, error_table, physical_table, say, say_json, show, working
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
@@ -105,13 +116,14 @@ def identify(
     profile: Profile = None,
     out: Out = Path("emsid-result"),
     json: Json = False,
+    pdf: Pdf = False,
 ) -> None:
     """Fit models to a record and rank them.
 
     Models are ranked by their free run on data that none of them was fitted to.
 
     Orders, delay and knots that are not given are chosen on a part of the record held back for that. Writes
-    report.html, result.json, a file for every model, and the figures as SVG and PDF.
+    report.html, result.json, a file for every model, and the figures as SVG.
 
     \b
     Examples:
@@ -154,10 +166,10 @@ def identify(
     records, tests = [reader(path) for path in files], [reader(path) for path in validate]
     given: dict[str, Any] = {"models": asked, "options": options, "transient": transient}
     search = partial(identification.identify, records, tests or unseen, **given)
-    _run(search, reader, out, json)
+    _run(search, reader, out, json, pdf)
 
 
-def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: bool) -> None:
+def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: bool, pdf: bool) -> None:
     """Identify, write and print the result, draw the report."""
     from emsid.identification import candidates
     from emsid.report.identification_page import report
@@ -170,7 +182,7 @@ def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: 
             say_json(as_json(result.to_data()))
         else:
             _print(result)
-    drawn = draw(out, lambda: report(result))
+    drawn = draw(out, lambda: report(result), pdf)
     if not json:
         written = [f"{fit.model.name}.json" for fit in result.fits]
         possible = [f"{name}.json" for name in candidates.CANDIDATES]
@@ -207,4 +219,5 @@ def _print(result: "Identification") -> None:
     say(f"chosen: {result.chosen.model.name}")
     if not isinstance(result.chosen, GreyBoxFit):
         say(result.chosen.model.equation())
-    say(*(sentence(finding, option) for finding in result.findings))
+    noticed = (*result.findings, *result.verdicts, *result.next_steps)
+    say(*(sentence(finding, option) for finding in noticed))

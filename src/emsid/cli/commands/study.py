@@ -8,7 +8,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Json, Out, Transient, option, quantity
+from emsid.cli.options import Json, Out, Pdf, Transient, option, quantity
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, error_table, say, say_json, show, text_table, working
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
@@ -41,12 +41,13 @@ def study(
     knots: Knots = 12,
     transient: Transient = None,
     json: Json = False,
+    pdf: Pdf = False,
 ) -> None:
     """Run a complete study; no data needed.
 
     The study of Kara and Abokoos from simulation to validation, on a built-in motor: about a minute on two cores.
 
-    Writes report.html, study.json and the figures as SVG and PDF. The options on columns and times are for --record
+    Writes report.html, study.json and the figures as SVG. The options on columns and times are for --record
     and --verify.
 
     \b
@@ -82,7 +83,7 @@ def study(
                 show(error_table(part.rows, f"{part.name} study"))
                 show(text_table(summary_table(part, own_records=result.own_records)))
             say(EXPLAINED, *(sentence(each, option) for each in findings(result)))
-    drawn = draw(out, lambda: study_report(result))
+    drawn = draw(out, lambda: study_report(result), pdf)
     if not json:
         say_where(out, drawn, "study.json")
     INTERRUPTION.end(result.interrupted or not drawn)

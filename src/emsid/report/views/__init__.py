@@ -4,7 +4,7 @@ What these return is plain data (`emsid.report.document`), to be put into the se
 paper's figures and tables that they correspond to stand in their docstrings.
 """
 
-from emsid.report.views.conventions import labels
+from emsid.report.views.conventions import channel_axis, labels
 from emsid.report.views.free_run import measured_and_simulated, ranking, responses
 from emsid.report.views.motor import nonlinearities
 from emsid.report.views.record import critical_intervals, inputs
@@ -15,6 +15,7 @@ from emsid.report.views.tables import Reference, motor_table, parameter_table, r
 
 __all__ = [
     "Reference",
+    "channel_axis",
     "convergence",
     "critical_intervals",
     "inputs",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -39,7 +40,20 @@ def labels(assessments: Sequence[Assessment]) -> tuple[str, ...]:
 
 
 def output_axis(record: Record, channel: int) -> Axis:
-    return Axis(capital(record.output_names[channel]), record.output_units[channel])
+    """The axis of an output."""
+    return channel_axis(record.output_names[channel], record.output_units[channel])
+
+
+def channel_axis(name: str, unit: str) -> Axis:
+    """The axis of a channel; a unit that only the name of its column gives is taken from there, for display.
+
+    >>> channel_axis("Motor_Speed(RPM)", "").title, channel_axis("u [V]", "").title, channel_axis("f(x)", "V").title
+    ('Motor_Speed [RPM]', 'u [V]', 'f(x) [V]')
+    """
+    named = re.fullmatch(r"(.*\S)\s*[(\[]([^()\[\]]+)[)\]]", name)
+    if unit or named is None:
+        return Axis(capital(name), unit)
+    return Axis(capital(named[1]), named[2])
 
 
 def channels(record: Record) -> range:

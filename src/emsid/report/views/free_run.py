@@ -142,7 +142,7 @@ def _ranking_plot(comparison: Comparison, channel: int) -> Plot:
         ),
         Axis(
             f"RMSE{of_output(record, channel, ' of ')}",
-            record.output_units[channel],
+            output_axis(record, channel).unit,
             log=log,
             range=_bar_range(drawable, log),
         ),

@@ -31,6 +31,7 @@ from emsid.report.document import (
     Table,
 )
 from emsid.report.numbers import capital, number, prefixed, sentence, share_of, slug, within
+from emsid.report.views.conventions import channel_axis
 from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.units import readable_unit, with_unit
 from emsid.wording.plants import interval
@@ -214,7 +215,7 @@ def sticking(fit: GreyBoxFit, *, name: str = "") -> Figure:
         residual = Line(t, measured - run, stroke=Stroke(Ink.BLACK, width=0.7))
         unit = record.output_units[k]
         plots += [
-            Plot((*shaded, *lines), TIME, Axis(capital(quantity), unit), height=1.2),
+            Plot((*shaded, *lines), TIME, channel_axis(quantity, unit), height=1.2),
             Plot((*(replace(each, label="") for each in shaded), residual), TIME, Axis("Residual", unit), height=0.7),
         ]
     part = float(np.sum(held[:, 1] - held[:, 0])) if len(held) else 0.0

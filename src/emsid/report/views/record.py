@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from emsid.errors import listed
-from emsid.report.document import Axis, Figure, Ink, Line, Plot, Stroke
+from emsid.report.document import Figure, Ink, Line, Plot, Stroke
 from emsid.report.numbers import capital
+from emsid.report.views.conventions import channel_axis
 from emsid.report.views.timeline import TIME, timeline, with_gaps
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ def inputs(records: Sequence[Record], *, name: str = "inputs") -> Figure:
             title += f", {t[0]:.4g} s to {t[-1]:.4g} s"
         for k, channel in enumerate(record.input_names):
             line = Line(t, with_gaps(record.input[:, k], samples), stroke=Stroke(Ink.BLUE, width=0.9), held=True)
-            plots.append(Plot((line,), TIME, Axis(capital(channel), record.input_units[k]), title, height=0.8))
+            plots.append(Plot((line,), TIME, channel_axis(channel, record.input_units[k]), title, height=0.8))
     return Figure(name, f"Input of {listed(list(dict.fromkeys(names)))}.", tuple(plots))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.report.document import Axis, Dash, Figure, Histogram, Level, Line, Mark, Plot, Stroke
-from emsid.report.views.conventions import MODELS, channels, labels, of_output
+from emsid.report.views.conventions import MODELS, channels, labels, of_output, output_axis
 from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.validation.correlation import autocorrelation, cross_correlation
 
@@ -55,7 +55,7 @@ def residuals(assessments: Sequence[Assessment], *, name: str = "residuals", lag
 
 def _residual_plots(assessments: Sequence[Assessment], channel: int, most: int) -> list[Plot]:
     record = assessments[0].record
-    unit, whose = record.output_units[channel], of_output(record, channel)
+    unit, whose = output_axis(record, channel).unit, of_output(record, channel)
     t, samples = timeline(record)
     over_time: list[Mark] = []
     shares: list[Mark] = []

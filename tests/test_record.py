@@ -296,7 +296,7 @@ def test_a_record_keeps_what_its_time_column_said() -> None:
 @pytest.mark.parametrize(
     ("times", "message"),
     [
-        ([1.0], "from two samples on, and this has 1; take more rows"),
+        ([1.0], "has 1 sample, and a sample time needs two; take more rows"),
         ([1, np.nan, 3], "no finite value at sample 1"),
         ([3, 2, 1], "never advances, it is 3 s at first and 1 s at last; name"),
     ],

@@ -18,10 +18,10 @@ from emsid.estimation.nonlinear.control import Control
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.estimation.nonlinear.losses import Huber
 from emsid.models.blocks.cascade import Cascade
-from emsid.models.blocks.diagnostics import advice
 from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.fitting import FreeRun, fit_cascade, freedom, search, static_band
 from emsid.models.blocks.gain import fixed_gains, normalised, unit_gain, unit_slope
+from emsid.models.blocks.search.diagnostics import advice
 from emsid.models.blocks.static_maps import (
     Abs,
     CoulombLinear,

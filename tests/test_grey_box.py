@@ -18,6 +18,7 @@ from emsid.io import read, read_datasheet
 from emsid.models.model import Model
 from emsid.models.plants.datasheet import Given, applicable, datasheet
 from emsid.models.plants.drive import Bridge, Drive, Feed
+from emsid.models.plants.free_run_error import Recent
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
@@ -27,7 +28,6 @@ from emsid.models.plants.parameters import Signal, parts, without_overlap
 from emsid.models.plants.search.choice import STARTS, by_direction, choose, coasting_bridge, late_command, stribeck
 from emsid.models.plants.search.diagnostics import dead_zone_curve, friction_curve, likelihood_profile, stops
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.problem import Recent
 from emsid.models.plants.search.result import Status
 from emsid.models.plants.sensor import Sensor
 from emsid.plant import DeadZoneLaw, Friction, Motor, State, simulate

@@ -13,6 +13,7 @@ from emsid.identification.candidates import Options
 from emsid.identification.workflow import identify
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Bridge, Drive, Feed
+from emsid.models.plants.free_run_error import FreeRunError, all_alike
 from emsid.models.plants.grey_box import GreyBox, assumptions, check_channels
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
@@ -22,7 +23,6 @@ from emsid.models.plants.search import continuation
 from emsid.models.plants.search.choice import STARTS, choose, late_command, slow_sensor
 from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.problem import FreeRunError, all_alike
 from emsid.models.plants.search.result import Status
 from emsid.models.plants.sensor import Sensor
 from emsid.plant import Motor

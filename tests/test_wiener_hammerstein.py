@@ -17,16 +17,16 @@ from scipy.signal import lfilter
 import emsid
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Ending, Fit
-from emsid.estimation.linear.frequency_response import fit_rational, frequency_response
 from emsid.estimation.nonlinear.control import Activity, Control, Stopped
+from emsid.estimation.nonlinear.frequency_response import fit_rational, frequency_response
 from emsid.excitation import SIGNALS
 from emsid.io import read
 from emsid.models.blocks.cascade import Cascade
-from emsid.models.blocks.diagnostics import advice
 from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.gain import unit_gain
 from emsid.models.blocks.search import choice as cascade_choice
 from emsid.models.blocks.search.cross_validation import CHOICE_SAMPLES, held_back, shortened
+from emsid.models.blocks.search.diagnostics import advice
 from emsid.models.blocks.search.estimation import CascadeStructure, estimate
 from emsid.models.blocks.search.map_families import Family, families, given
 from emsid.models.blocks.search.orders import map_sizes, order_shares, total_orders

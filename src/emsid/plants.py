@@ -7,6 +7,7 @@
 
 from emsid.models.plants.datasheet import Given, datasheet
 from emsid.models.plants.drive import Bridge, Drive, Feed
+from emsid.models.plants.free_run_error import Recent
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
@@ -18,7 +19,6 @@ from emsid.models.plants.registry import register
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.nouns import linear_axis, motor, rigid_motor
-from emsid.models.plants.search.problem import Recent
 from emsid.models.plants.search.result import Combination, Estimate, GreyBoxFit, Status
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState

@@ -30,13 +30,13 @@ from emsid.models.blocks.search.topologies import (
 )
 from emsid.models.plants.datasheet import Given, applicable
 from emsid.models.plants.drive import Bridge
+from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
 from emsid.models.plants.grey_box import signals_of
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.choice import REFINEMENTS, Refinement, choose
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.problem import Recent, Weighting, all_alike
 from emsid.models.regression.narx import Structure
 from emsid.models.regression.structures import arx, friction_narx, input_knots, wiener_hammerstein_regression
 from emsid.record import Record, hold_back

@@ -13,7 +13,7 @@ from emsid.findings import Finding, finite
 from emsid.identification.candidates import Options
 from emsid.identification.result import holds_some_of
 from emsid.models.blocks.cascade import Cascade
-from emsid.models.blocks.diagnostics import advice
+from emsid.models.blocks.search.diagnostics import advice
 from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.parameters import without_overlap
 from emsid.models.plants.search.diagnostics import Profile

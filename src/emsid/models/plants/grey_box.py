@@ -21,10 +21,10 @@ from emsid.models.free_run import as_record, continued, free_run, predict
 from emsid.models.linear_parts import python_control
 from emsid.models.model import Run
 from emsid.models.plants.drive import Bridge
+from emsid.models.plants.free_run_error import FreeRunError, all_alike
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Channels, Plant
 from emsid.models.plants.registry import plant_from_data, plant_to_data
-from emsid.models.plants.search.problem import FreeRunError, all_alike
 from emsid.models.plants.state import PlantState
 from emsid.record import Record
 

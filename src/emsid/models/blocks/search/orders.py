@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.linear.frequency_response import fit_rational, frequency_response
+from emsid.estimation.nonlinear.frequency_response import fit_rational, frequency_response
 from emsid.models.blocks.search.cross_validation import as_arrays
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology

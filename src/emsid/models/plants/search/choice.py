@@ -24,11 +24,11 @@ from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.findings import Finding
 from emsid.models.free_run import free_run_error
 from emsid.models.plants.datasheet import Given, applicable
+from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.parameters import full_name, parts, without_overlap
 from emsid.models.plants.plant import BEGINNING, DrivenPlant, Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.problem import Weighting, all_alike
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record, hold_back
 from emsid.selection.improvement import Gain, better

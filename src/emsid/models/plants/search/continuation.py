@@ -23,8 +23,8 @@ from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
 from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance
 from emsid.estimation.uncertainty.identifiability import Identifiability, identifiability
 from emsid.findings import Finding
+from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.plant import Plant
-from emsid.models.plants.search.problem import FreeRunError
 from emsid.models.plants.search.task import Limits, Task, cost_of
 
 Array = NDArray[np.float64]

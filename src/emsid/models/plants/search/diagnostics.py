@@ -16,8 +16,8 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.threads import one_blas_thread
+from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.plant import Plant
-from emsid.models.plants.search.problem import FreeRunError
 from emsid.models.plants.search.result import GreyBoxFit
 
 Array = NDArray[np.float64]

@@ -18,13 +18,13 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.plants.datasheet import Given
+from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, told_by
-from emsid.models.plants.search.problem import Weighting, all_alike
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
 from emsid.models.plants.search.starts import start_of
 from emsid.models.plants.search.task import Task, prepare

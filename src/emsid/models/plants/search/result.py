@@ -15,10 +15,10 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.gauss_newton import Minimum
 from emsid.estimation.uncertainty.identifiability import Identifiability
 from emsid.findings import Finding
+from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Quantity
-from emsid.models.plants.search.problem import Weighting, all_alike
 from emsid.models.plants.search.task import Task
 from emsid.record import Record
 

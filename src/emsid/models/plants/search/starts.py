@@ -28,10 +28,10 @@ from numpy.typing import NDArray
 
 from emsid.errors import DataError, EmsidError, listed
 from emsid.models.plants.drive import Drive
+from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant, Plant
-from emsid.models.plants.search.problem import FreeRunError
 from emsid.models.plants.search.task import Task, cost_of
 from emsid.record import Record
 

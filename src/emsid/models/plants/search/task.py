@@ -14,11 +14,11 @@ from emsid.errors import DataError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.models.plants.datasheet import Given
+from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Handle, Signal, find_handle, refuse_overlap, without_overlap
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.motion_check import check_motion
-from emsid.models.plants.search.problem import FreeRunError, Weighting, all_alike
 from emsid.models.plants.wishes import as_bounds, as_signals, by_full_name, full_names
 from emsid.plant.motor import read_number
 from emsid.record import Record, check_same_channels

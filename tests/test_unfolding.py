@@ -45,7 +45,7 @@ def test_signs_and_system_come_back(order: int) -> None:
 
 
 def test_too_few_samples_are_refused() -> None:
-    with pytest.raises(ModelError, match="too few to give back the signs"):
+    with pytest.raises(ModelError, match="too few to recover the signs"):
         unfoldings(np.ones(10), np.ones(10), 3, np.random.default_rng(0))
 
 

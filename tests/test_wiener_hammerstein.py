@@ -179,7 +179,7 @@ def test_a_pair_of_filters_that_fails_does_not_fail_the_others() -> None:
     with np.errstate(over="ignore", invalid="ignore"):
         found = scanned([(runaway, SLOW), (FAST, SLOW)], segments, SPLINE.trial, template, 2)
         assert len(found) == 1
-        with pytest.raises(ModelError, match="runs away"):
+        with pytest.raises(ModelError, match="filter before it diverges"):
             scanned([(runaway, SLOW)], segments, SPLINE.trial, template, 2)
 
 
@@ -399,7 +399,7 @@ def test_a_sampling_rate_at_which_nothing_starts_does_not_undo_what_another_gave
     assert fit.model.oversampling == 1
     assert np.sqrt(fit.noise_variance) == pytest.approx(0.01 * np.std(record.output), rel=0.1)
     monkeypatch.setattr(cascade_choice, "_starts", lambda *arguments: [])
-    with pytest.raises(ModelError, match="no start describes the record"):
+    with pytest.raises(ModelError, match="no start value leads to a model"):
         hammerstein(record, 2, options)
 
 
@@ -513,7 +513,7 @@ def test_fit_fits_a_cascade_that_is_only_described() -> None:
         (record_of(Cascade((BEND, SLOW)), 500), (1, 1), {"delay": 500}, "a delay of 500 in a stretch of"),
         (record_of(Cascade((BEND, SLOW)), 45), None, {}, "10 parameters for 45 samples"),
         (record_of(Cascade((BEND, SLOW)), 70), (1, 2), {}, r"takes 24 samples to start, .* has 17"),
-        (record_of(Cascade((BEND, SLOW)), 60), (1, None), {}, "no start describes the record"),
+        (record_of(Cascade((BEND, SLOW)), 60), (1, None), {}, "no start value leads to a model"),
         (Record(np.zeros(500), np.random.default_rng(0).standard_normal(500), 1.0), (1, 1), {}, "is constant at 0"),
         (Record(np.ones((500, 2)), np.ones(500), 1.0), (1, 1), {}, "choose one of u1, u2"),
         (

@@ -43,20 +43,20 @@ from emsid.selection.improvement import Gain, better
 
 T = TypeVar("T")
 
-# Candidates refined per oversampling, and where chance had to help.
+# Candidates refined per oversampling, and where random starts were needed.
 REFINED, REFINED_RANDOM = 4, 24
 # Of these, how many go on with a map of the family asked for.
 REFINED_MAPS = 2
-# How many steps a refinement for a choice takes at most, how many standard errors from the minimum it may end, and what
-# a few more steps must save of the cost.
+# A refinement for a choice: its most steps, how many standard errors from the minimum it may end, and by what part a
+# few more steps must lower the cost.
 CHOICE_STEPS, CHOICE_TOLERANCE, CHOICE_SAVING = 25, 0.2, 1e-3
-# Chance is not called in where a start leaves less than this part of the output unexplained.
+# Random starts are tried unless another start leaves less than this part of the output unexplained.
 LINEAR_SUFFICES = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """A refined model on its way to be chosen.
+    """A refined model, to be compared with others.
 
     Attributes:
         model: with all its parameters.
@@ -134,9 +134,9 @@ def improving(
 
 
 def _simplest(choices: Sequence[Choice], complexity: Callable[[Choice], int]) -> Choice:
-    """The choice to which nothing more complex is worth its complexity.
+    """The simplest choice that no more complex one beats by more than `WORTH`.
 
-    A complex model that runs worse than a simpler one even on what it was refined on was lucky where it was judged.
+    A complex model whose free run is worse than a simpler one's on the data that it was refined on is not chosen.
     """
     chosen, *others = sorted(choices, key=lambda choice: (complexity(choice), choice.error))
     for choice in others:
@@ -157,7 +157,7 @@ def _starts(
     template: Cascade,
     control: Control,
 ) -> list[Cascade]:
-    """The cascades worth refining, from all sources, best first; the best of every order before the rest."""
+    """The cascades to be refined, from all sources, best first; the best of every order before the rest."""
     segments = delayed(records, template.delay)
     rng = np.random.default_rng(0) if settings.rng is None else settings.rng
     leading = settings.families[0]
@@ -214,9 +214,9 @@ def _refined(
     control: Control,
     rival: Choice | None = None,
 ) -> list[Choice]:
-    """The plans refined on a part of the data and judged round by round, best first; failures are left out.
+    """The plans refined on a part of the data and judged by cross-validation, best first; failures are left out.
 
-    So are those that are no match for the rival, if there is one; then nothing need be left.
+    Those that are worse than the rival, if there is one, are left out too; then the list may be empty.
 
     Raises:
         ModelError: where one is needed and none is left.
@@ -244,26 +244,28 @@ def _refined(
     problems: list[Exception] = []
     refined = _successes(refine, plans, threads, control, problems)
     judged: list[Choice] = []
-    if len(rounds) > 1:  # every round costs a fit, which only the best of its kind is worth
+    if len(rounds) > 1:  # every round costs a fit, so only the best of its kind is judged
         kinds = {(_kind(each.model), each.size): each for each in sorted(refined, key=lambda each: -each.known)}
         refined = sorted(kinds.values(), key=lambda each: each.known)
         if rival is None:
             judged, refined = _successes(judge, refined[:1], threads, control, problems), refined[1:]
-        # All data judge in turn, so that what is worse than this even on what it was refined on has lost.
+        # All data judge in turn, so a choice that is worse than this on the data it was refined on cannot win.
         best = min((choice.error for choice in (*judged, rival) if choice), default=np.inf)
         refined = [choice for choice in refined if not improves(best, choice.known)]
     judged = sorted([*judged, *_successes(judge, refined, threads, control, problems)], key=lambda choice: choice.error)
     if rival is None and not judged:
         name = plans[0].model.name if plans else "cascade"
         why = f" ({problems[0]})" if problems else ""
-        raise ModelError(f"{name}: no start describes the record{why}; check channels, units, delay and length")
+        raise ModelError(
+            f"{name}: no start value leads to a model of the record{why}; check channels, units, delay and length"
+        )
     return judged
 
 
 def _successes(
     step: Callable[[T], Choice], items: Sequence[T], threads: int, control: Control, problems: list[Exception]
 ) -> list[Choice]:
-    """What a step gives for each item, where it does not fail or run away; why others fail joins the problems."""
+    """What a step gives for each item, unless it fails or diverges; errors of the others are added to problems."""
 
     def attempt(item: T) -> Choice | None:
         try:
@@ -275,7 +277,7 @@ def _successes(
 
     with ThreadPoolExecutor(threads) as pool:
         found = [choice for choice in pool.map(attempt, items) if choice is not None]
-    control.check()  # what was cut short decides nothing
+    control.check()  # a refinement that was cut short is not compared
     return found
 
 
@@ -312,8 +314,8 @@ class Found:
 def searched(start: Cascade, records: Sequence[Record], **how: Unpack[Search]) -> Found:
     """`search`, but the free run on the records gets no worse than that of the start.
 
-    States that are estimated along with a very slow pole describe a drift, which a free run, whose states are found
-    from a few samples, cannot repeat. Where that has happened, the states are found as a free run finds them and held.
+    States that are estimated along with a very slow pole can describe a drift, which a free run, whose states are
+    estimated from a few samples, cannot repeat. There the states are estimated as a free run does, and then fixed.
     """
     free = Found(*search(start, records, **how), records)
     control = how.get("control", FREE)

@@ -47,7 +47,7 @@ from emsid.models.terms import check_whole
 from emsid.record import Record
 from emsid.record.holding_back import Round
 
-# An input of two levels has to change so often to tell anything of a map behind a filter.
+# An input of two levels has to change at least this often to identify a map behind a filter.
 CHANGES = 5
 
 
@@ -284,7 +284,7 @@ def _check_size(topology: Topology, records: Sequence[Record], orders: Orders, s
 
 
 def _check_judges(topology: Topology, rounds: Sequence[Round], orders: Orders) -> None:
-    """Refuse orders whose free run takes longer to start than the data go on that are to judge it."""
+    """Refuse orders whose free run takes longer to start than the data that judge it last."""
     needed = SAMPLES_PER_STATE * sum(order or 0 for order in orders)
     longest = min(max((len(u) for u, _ in as_arrays(unseen)), default=0) for _, unseen in rounds)
     if needed >= longest:

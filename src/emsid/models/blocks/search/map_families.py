@@ -84,7 +84,7 @@ def tried_families() -> tuple[Family, ...]:
 
 
 def family_of(static: Any) -> Family:
-    """The family that a person means.
+    """The family that is meant by ``static``.
 
     Args:
         static: a family, the name of a registered map, the class of one, or a map. A map stands for its family, with

@@ -1,4 +1,4 @@
-"""Orders, delay, sampling rate and sizes of map that are worth trying, as the records tell them beforehand.
+"""Orders, delay, sampling rate and sizes of map to be tried, estimated from the records before any cascade is fitted.
 
 The order is that of a rational fit to the measured frequency response with the shortest description; the delay the
 least with which that order fits the response.
@@ -23,7 +23,7 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 
 LARGEST_ORDER = 8
-# Where there are two filters, so many orders below that of the response are tried.
+# Where there are two filters, this many orders below that of the response are tried.
 LOWER = 2
 # Orders tried before and behind a map that loses the sign.
 FOLDED_FIRST, FOLDED_SECOND = (1, 2, 3, 4), (0, 1)
@@ -31,7 +31,7 @@ FOLDED_FIRST, FOLDED_SECOND = (1, 2, 3, 4), (0, 1)
 LONGEST_DELAY, DELAY_SLACK = 20, 0.1
 # An input that keeps its value this often from one sample to the next is held between them.
 HELD = 0.5
-# Every parameter should have this many samples to it.
+# There should be this many samples for every parameter.
 SAMPLES_PER_PARAMETER = 5
 
 
@@ -92,7 +92,7 @@ def order_shares(topology: Topology, orders: Orders, total: int) -> list[Orders]
 
 
 def folded_order_shares(topology: Topology, orders: Orders) -> list[tuple[int, int | None]]:
-    """Orders to try where the frequency response tells none, because the sign was lost."""
+    """Orders to try where the frequency response shows none, because the sign was lost."""
     first = FOLDED_FIRST if orders[0] is None else (orders[0],)
     second: tuple[int | None, ...] = (None,)
     if topology.second:

@@ -1,6 +1,6 @@
-r"""A linear model behind a sensor that loses the sign, found by giving the sign back.
+r"""Sign recovery: a linear model in front of a sensor that gives magnitudes only.
 
-The signal w(t) = ±y(t) in front of the sensor is smooth, so its sign changes only where |w| comes down to nothing: at
+The signal w(t) = ±y(t) in front of the sensor is smooth, so its sign changes only where |w| is close to zero: at
 low local minima of y, which cut the record into lobes of one unknown sign sₖ each. If w obeys A(q)w = B(q)u + c, then
 
     min over s, θ of   Σ over lobes k, t ∈ k of   (A(q)w(t) − B(q)u(t) − c)²,      w(t) = sₖ y(t) for t in lobe k,
@@ -29,10 +29,10 @@ from emsid.estimation.nonlinear.gauss_newton import least_squares_step
 Array = NDArray[np.float64]
 Signs = NDArray[np.intp]
 
-# A minimum is the least of so many samples on either side, and below the median.
+# A minimum is the least of this many samples on either side, and below the median.
 REACH = 2
 DRAWS, MOST_TURNS = 30, 50
-# Two ways to give the signs back differ where they disagree on more than this part of the samples.
+# Two sequences of signs are different if they disagree on more than this part of the samples.
 UNLIKE = 0.1
 
 
@@ -72,7 +72,7 @@ def unfoldings(u: Array, y: Array, order: int, rng: np.random.Generator, draws: 
         ModelError: for fewer samples than the regression needs.
     """
     if len(y) < 4 * (order + 1):
-        raise ModelError(f"{len(y)} samples are too few to give back the signs with a model of order {order}")
+        raise ModelError(f"{len(y)} samples are too few to recover the signs with a model of order {order}")
     lobes = lobe_of_sample(y)
     found = [_settled(u, y, order, lobes, rng.choice([-1, 1], lobes[-1] + 1)) for _ in range(draws)]
     unlike: list[Unfolded] = []

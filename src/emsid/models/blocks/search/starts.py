@@ -13,12 +13,12 @@ all the ways that give the orders asked for.
 of rank one, delays down and powers across. The leading singular vectors of what least squares gives for it are the
 second filter's numerator d and the map's (λ₁b₁, λ₂b₁², …).
 
-**Signs given back.** Where the map is |x|, `unfolding` finds signs that the output may have lost, and the first filter
+**Sign recovery.** Where the map is |x|, `sign_recovery` finds signs that the output may have lost, and the first filter
 is fitted to the signed signal as if there were no sensor. Its constant says at which input the signal is zero: at the
 kink, so that it is part of the start.
 
-**Chance.** A map that is even about the operating point, such as |x|, makes the best linear approximation vanish. Then
-filters are drawn with poles spread evenly in logarithmic time constant and in frequency.
+**Random starts.** A map that is even about the operating point, such as |x|, makes the best linear approximation
+vanish. Then filters are drawn with poles spread evenly in logarithmic time constant and in frequency.
 
 For given filters the map is linear in its parameters: with x = G₁u and splines φⱼ, y ≈ y₀ + Σ cⱼ·G₂φⱼ(x), solved
 through `Information` and scored on the part of the record that was not used. A map of another family is then started
@@ -63,9 +63,9 @@ Filters = tuple[Rational | None, Rational | None]
 TRIAL_SAMPLES = 12_000
 # More ways of sharing out poles and zeros than this are not tried.
 MOST_SPLITS = 2_000
-# Pairs of filters that chance draws.
+# Pairs of filters that are drawn at random.
 RANDOM_DRAWS = 300
-# Of the ways to give signs back, so many are followed.
+# At most this many sequences of signs are followed.
 UNFOLDINGS = 3
 
 
@@ -150,7 +150,7 @@ def unfolded_candidates(
     Args:
         segments: (u, y) of each; the longest is used.
         orders: of the first and the second filter; None where the structure has no such filter.
-        rng: source of chance.
+        rng: source of random numbers.
         control: when to stop.
 
     Raises:
@@ -180,12 +180,12 @@ def unfolded_candidates(
 def random_candidates(
     orders: tuple[int | None, int | None], samples: int, rng: np.random.Generator, draws: int = RANDOM_DRAWS
 ) -> Iterator[Filters]:
-    """Pairs of filters drawn by chance, time constants between two samples and a tenth of the record.
+    """Pairs of filters drawn at random, time constants between two samples and a tenth of the record.
 
     Args:
         orders: of the first and the second filter; None where the structure has no such filter.
         samples: length of the record.
-        rng: source of chance.
+        rng: source of random numbers.
         draws: how many.
     """
     slowest = max(np.log(samples / 10), np.log(4.0))

@@ -256,11 +256,11 @@ def spread_knots(x: Array, count: int) -> Array:
     part = np.linspace(0, 1, count)
     low, high = float(np.min(x)), float(np.max(x))
     if not np.isfinite([low, high]).all():
-        raise ModelError("what enters the nonlinearity is not finite; the filter before it runs away")
+        raise ModelError("the input of the static map is not finite; the filter before it diverges")
     # A quantile's neighbourhood, not the very samples, so that repeated values (a PRBS) do not make knots coincide.
     knots = 0.5 * (low + (high - low) * part) + 0.5 * np.quantile(x, part)
     if not np.all(np.diff(knots) > 1e-9 * max(abs(low), abs(high), 1e-300)):
-        raise ModelError("the input of the nonlinearity does not move; it cannot be identified from this record")
+        raise ModelError("the input of the static map hardly changes; it cannot be identified from this record")
     return knots
 
 

@@ -240,7 +240,7 @@ class TestTime:
         assert "time unit 'fortnight' is not understood; give one of" in failure(
             log, input="u", output="y", time="t", time_unit="fortnight"
         )
-        assert "from two samples on, and this has 1" in failure(log, input="u", output="y", time="t", rows=slice(0, 1))
+        assert "has 1 sample, and a sample time needs two" in failure(log, input="u", output="y", time="t", rows=slice(0, 1))
 
 
 class TestResampling:

@@ -76,8 +76,8 @@ def time_axis(time: ArrayLike) -> TimeAxis:
     t = np.asarray(time, dtype=float)
     if t.ndim != 1 or len(t) < 2:
         raise DataError(
-            f"the time column has {t.size} sample{'s' * (t.size != 1)}, and a sample time needs two; take more rows, or "
-            "give dt in its place",
+            f"the time column has {t.size} sample{'s' * (t.size != 1)}, and a sample time needs two; take more rows, "
+            "or give dt in its place",
             arguments=("dt",),
         )
     if not np.isfinite(t).all():

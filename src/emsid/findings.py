@@ -52,6 +52,17 @@ class Finding:
         return {"code": self.code, "subject": self.subject, "data": dict(self.data)}
 
 
+def plain(value: Any) -> Any:
+    """Data as JSON holds them: numbers that are infinite or not a number become None, whatever they are nested in."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(each) for each in value]
+    if isinstance(value, float):
+        return finite(value)
+    return value
+
+
 def finite(value: float) -> float | None:
     """A number for the data of a finding; None where it is infinite or not a number, which JSON has no words for."""
     return float(value) if isfinite(value) else None

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.findings import Finding
+from emsid.findings import Finding, plain
 from emsid.presentation import Presented
 
 Array = NDArray[np.float64]
@@ -41,7 +41,6 @@ class Fit(Presented, Generic[M]):
         condition: condition number of the problem with its columns scaled to unit length.
         rank: how many parameters (or combinations of them) the data can tell.
         ending: how it ended.
-        message: one sentence for the user; `findings` replaces it, and it goes when nobody sets it any more.
         method: what was used, for tables: ``ls``, ``rls``, …
         iterations: steps that a nonlinear search took.
         history: (k, p) estimate after every sample or step, where it was asked for.
@@ -57,7 +56,6 @@ class Fit(Presented, Generic[M]):
     condition: float
     rank: int
     ending: Ending = Ending.SOLVED
-    message: str = ""
     method: str = "ls"
     iterations: int = 0
     history: Array | None = None
@@ -81,3 +79,31 @@ class Fit(Presented, Generic[M]):
 
         half = float(ndtri(0.5 + level / 2)) * self.standard_error
         return np.column_stack([self.estimate - half, self.estimate + half])
+
+    def to_data(self) -> dict[str, Any]:
+        """Every estimate with its interval, and every finding, in built-in types; what is not finite is None."""
+        parameters = [
+            {"name": name, "unit": "", "value": value, "standard_error": error, "interval": ends, "status": "estimated"}
+            for name, value, error, ends in zip(
+                self.names,
+                self.estimate.tolist(),
+                self.standard_error.tolist(),
+                self.interval().tolist(),
+                strict=True,
+            )
+        ]
+        data: dict[str, Any] = plain(
+            {
+                "model": getattr(self.model, "name", ""),
+                "method": self.method,
+                "ending": self.ending.value,
+                "iterations": int(self.iterations),
+                "samples": float(self.samples),
+                "noise_variance": float(self.noise_variance),
+                "condition": float(self.condition),
+                "rank": int(self.rank),
+                "parameters": parameters,
+                "findings": [finding.to_data() for finding in self.findings],
+            }
+        )
+        return data

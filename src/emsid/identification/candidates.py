@@ -280,6 +280,7 @@ class Physical:
                 fixed=options.fixed,
                 datasheet=applicable(options.datasheet, plant),
                 weighting=weighting,
+                control=control,
             )
         return choose(
             plant,

@@ -118,16 +118,8 @@ def about_the_unseen_input(record: Record, unseen: Record, seen: bool = False) -
 
 def about_a_fit(fit: Fit[Any], record: Record) -> list[Finding]:
     """What an estimator noticed, and what a cascade shows on the data it was fitted to."""
-    noticed: list[Finding | str] = list(fit.findings)
-    noticed += [fit.message]
-    if isinstance(fit.model, Cascade):
-        noticed += advice(fit, record)
-    return [as_finding(each).about(fit.model.name) for each in noticed if each]
-
-
-def as_finding(noticed: Finding | str) -> Finding:
-    """A finding, also of what is still a sentence."""
-    return noticed if isinstance(noticed, Finding) else Finding("remark", data={"text": noticed})
+    noticed = [*fit.findings, *(advice(fit, record) if isinstance(fit.model, Cascade) else ())]
+    return [each.about(fit.model.name) for each in noticed]
 
 
 def about_a_profile(model: str, profile: Profile) -> Finding:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from emsid.findings import Finding
+from emsid.findings import Finding, plain
 from emsid.identification.characteristics import Characteristic, characteristics
 from emsid.identification.conclusions import next_steps, verdicts
 from emsid.presentation import Presented
@@ -91,10 +91,15 @@ class Identification(Presented):
         return tuple(finding for finding in self.findings if not finding.model)
 
     def to_data(self) -> dict[str, Any]:
-        """What ``result.json`` holds."""
+        """What ``result.json`` holds; see `emsid.identification.result_format`."""
         rows = (*self.on_record.rows, *self.on_unseen.rows)
-        return {
-            "schema": 1,
+        from emsid.identification.result_format import FORMAT, VERSION
+
+        content = {
+            "format": FORMAT,
+            "version": VERSION,
+            "interrupted": self.interrupted,
+            "fits": [fit.to_data() for fit in self.fits],
             "rows": [row.to_data() for row in rows],
             "chosen": self.chosen.model.name,
             "profiles": [{"model": name} | each.to_data() for name, some in self.profiles.items() for each in some],
@@ -103,6 +108,8 @@ class Identification(Presented):
             "residual": [finding.to_data() for finding in self.verdicts],
             "next": [finding.to_data() for finding in self.next_steps],
         }
+        data: dict[str, Any] = plain(content)
+        return data
 
 
 def holds_some_of(record: Record, other: Record) -> bool:

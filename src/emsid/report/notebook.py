@@ -24,7 +24,7 @@ from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record
 from emsid.report.document import Axis, Bars, Figure, Ink, Line, Plot, Stroke, Table
 from emsid.report.figures import draw, sheet
-from emsid.report.numbers import estimate, number, sentence
+from emsid.report.numbers import estimate, number
 from emsid.report.views.conventions import MEASURED, channels, output_axis
 from emsid.report.views.free_run import responses
 from emsid.report.views.tables import results_table
@@ -90,7 +90,7 @@ def how_it_ended(fit: Fit[Any]) -> str:
 
 def remarks(fit: Fit[Any]) -> list[str]:
     """What the fit has to say, in sentences."""
-    return [worded(each) for each in fit.findings] + ([sentence(fit.message)] if fit.message else [])
+    return [worded(each) for each in fit.findings]
 
 
 # --- text ------------------------------------------------------------------------------------------------------------

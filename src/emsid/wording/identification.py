@@ -176,12 +176,3 @@ def input_beyond_range(f: Finding, argument: Spelling) -> str:
         f"{f.subject} goes from {d['low']:g} to {d['high']:g} on {data_name(f)}, and from {d['fitted_low']:g} to "
         f"{d['fitted_high']:g} in the data the models were fitted to; outside this range the models extrapolate"
     )
-
-
-# --- until every estimator gives findings ----------------------------------------------------------------------------
-
-
-@words("remark", Severity.WARNING)
-def remark(f: Finding, argument: Spelling) -> str:
-    """Data: text."""
-    return str(f.data["text"])

@@ -9,7 +9,7 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 from emsid.report.document import Table
-from emsid.report.numbers import estimate, number, sentence, share_of
+from emsid.report.numbers import estimate, number, share_of
 from emsid.units import plain_unit, readable_unit
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def parameter_table(
         ("Parameter", *extra, "Estimate", f"{100 * level:g} % interval", "±\u00a0[%]"),
         tuple(rows),
         caption or f"Parameters of {fit.model.name} ({fit.method.upper()}).",
-        " ".join(filter(None, (note, sentence(fit.message)))),
+        note,
         text_columns=1 + len(extra),
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from math import isfinite
 from typing import Any
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.gauss_newton import Minimum
 from emsid.estimation.uncertainty.identifiability import Identifiability
-from emsid.findings import Finding
+from emsid.findings import Finding, plain
 from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
@@ -104,6 +104,24 @@ class GreyBoxFit(Fit[GreyBox]):
     cost: float = float("nan")
     colour: Array = field(default_factory=lambda: np.ones(0))
 
+    def to_data(self) -> dict[str, Any]:
+        """Every parameter with unit, interval and how it was come by, the combinations, and every finding."""
+        parameters = [asdict(row) | {"status": row.status.value} | _interval(row) for row in self.table]
+        combinations = [
+            {
+                "name": each.quantity.name,
+                "formula": each.quantity.formula,
+                "unit": each.quantity.unit,
+                "value": float(each.quantity.value),
+                "standard_error": float(each.standard_error),
+                "parameters": list(each.parameters),
+            }
+            | _interval(each, each.quantity.value)
+            for each in self.combinations
+        ]
+        data: dict[str, Any] = super().to_data() | plain({"parameters": parameters, "combinations": combinations})
+        return data
+
     def simulated(self) -> tuple[Array, ...]:
         """The free run (Nᵢ, ny) of every segment from its estimated initial state."""
         model = self.model
@@ -111,6 +129,15 @@ class GreyBoxFit(Fit[GreyBox]):
             model.plant.simulate(segment.input, segment.dt, state, model.signals)
             for segment, state in zip(self.segments, self.states, strict=True)
         )
+
+
+def _interval(of: Estimate | Combination, value: float | None = None) -> dict[str, Any]:
+    """The 95 % interval as data; None for what was not estimated."""
+    error = of.standard_error
+    centre = of.value if isinstance(of, Estimate) else value
+    if error is None or centre is None:
+        return {"interval": None}
+    return {"interval": [float(centre - STANDARD_ERRORS * error), float(centre + STANDARD_ERRORS * error)]}
 
 
 def findings_of(

@@ -1,0 +1,157 @@
+"""The format of ``result.json``: its schema, and the version of it.
+
+Every table below is an object of the file; ``docs/result-format.md`` explains it, and ``docs/result.schema.json`` is
+the same as a JSON Schema. A number that is infinite or not a number is written as null. A change that a reader of the
+file would notice raises `VERSION`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from emsid.errors import FormatError
+
+FORMAT, VERSION = "emsid result", 2
+
+Number = float | None
+
+
+class FindingData(msgspec.Struct, forbid_unknown_fields=True):
+    """One thing that was noticed; ``emsid.wording`` has its sentence."""
+
+    code: str
+    subject: str
+    data: dict[str, Any]
+
+
+class ParameterData(msgspec.Struct, forbid_unknown_fields=True):
+    """A parameter; ``interval`` is its 95 % interval, null where it was not estimated or is not determined."""
+
+    name: str
+    unit: str
+    value: Number
+    standard_error: Number
+    interval: tuple[Number, Number] | None
+    status: str
+    symbol: str = ""
+    description: str = ""
+    start: Number = None
+    datasheet: Number = None
+
+
+class CombinationData(msgspec.Struct, forbid_unknown_fields=True):
+    """A combination of parameters that the data determine."""
+
+    name: str
+    formula: str
+    unit: str
+    value: Number
+    standard_error: Number
+    interval: tuple[Number, Number] | None
+    parameters: list[str]
+
+
+class FitData(msgspec.Struct, forbid_unknown_fields=True):
+    """A fitted model: what `Fit.to_data` gives."""
+
+    model: str
+    method: str
+    ending: str
+    iterations: int
+    samples: Number
+    noise_variance: Number
+    condition: Number
+    rank: int
+    parameters: list[ParameterData]
+    findings: list[FindingData]
+    combinations: list[CombinationData] = []
+
+
+class OutputData(msgspec.Struct, forbid_unknown_fields=True):
+    """The errors of one output of several."""
+
+    output: str
+    unit: str
+    one_step_mse: Number
+    simulation_mse: Number
+    simulation_rmse: Number
+    fit_percent: Number
+
+
+class RowData(msgspec.Struct, forbid_unknown_fields=True):
+    """The errors of a model on the data it was fitted to (``identification``) or on unseen data (``unseen``)."""
+
+    experiment: str
+    model: str
+    method: str
+    data: str
+    one_step_mse: Number
+    simulation_mse: Number
+    simulation_rmse: Number
+    fit_percent: Number
+    parameters: int
+    samples: int
+    diverged_at: int | None = None
+    outputs: list[OutputData] = []
+
+
+class ProfileData(msgspec.Struct, forbid_unknown_fields=True):
+    """The likelihood profile of a parameter; an end of the interval that was not found is null."""
+
+    model: str
+    name: str
+    unit: str
+    estimate: Number
+    standard_error: Number
+    level: float
+    values: list[Number]
+    deviance: list[Number]
+    interval: tuple[Number, Number]
+
+
+class CharacteristicData(msgspec.Struct, forbid_unknown_fields=True):
+    """Gain, time constant, dead zone or friction; ``half_width`` of the 95 % interval."""
+
+    name: str
+    value: Number
+    half_width: Number
+    unit: str
+    model: str
+
+
+class ResultFile(msgspec.Struct, forbid_unknown_fields=True):
+    """All of ``result.json``."""
+
+    format: str
+    version: int
+    interrupted: bool
+    chosen: str
+    rows: list[RowData]
+    fits: list[FitData]
+    profiles: list[ProfileData]
+    findings: list[FindingData]
+    characteristics: list[CharacteristicData]
+    residual: list[FindingData]
+    next: list[FindingData]
+
+
+def checked(content: Any) -> ResultFile:
+    """The content of a ``result.json``, checked.
+
+    Raises:
+        FormatError: where it is not of this format and version.
+    """
+    found = (content.get("format"), content.get("version")) if isinstance(content, dict) else (None, None)
+    if found != (FORMAT, VERSION):
+        raise FormatError(f"not a result that this emsid reads: {found[0]!r} version {found[1]!r}; identify again")
+    try:
+        return msgspec.convert(content, ResultFile)
+    except msgspec.ValidationError as problem:
+        raise FormatError(f"not a valid result: {problem}; identify again") from problem
+
+
+def schema() -> dict[str, Any]:
+    """The format as a JSON Schema."""
+    return msgspec.json.schema(ResultFile)

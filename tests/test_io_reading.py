@@ -240,7 +240,9 @@ class TestTime:
         assert "time unit 'fortnight' is not understood; give one of" in failure(
             log, input="u", output="y", time="t", time_unit="fortnight"
         )
-        assert "has 1 sample, and a sample time needs two" in failure(log, input="u", output="y", time="t", rows=slice(0, 1))
+        assert "has 1 sample, and a sample time needs two" in failure(
+            log, input="u", output="y", time="t", rows=slice(0, 1)
+        )
 
 
 class TestResampling:

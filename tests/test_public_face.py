@@ -536,3 +536,33 @@ def test_a_cascade_is_a_noun_that_is_fitted(dead_zone_record):
 def test_what_is_no_cascade_is_answered(linear_record, wrong, answer):
     with pytest.raises(emsid.ModelError, match=answer):
         wrong(linear_record)
+
+
+# --- docstrings of the namespaces; those of the top level are tested with the layers ---------------------------------
+
+CALLABLE = [(path, thing) for path, thing in public_things() if "." in path and callable(thing)]
+every_callable = pytest.mark.parametrize("thing", [thing for _, thing in CALLABLE], ids=[path for path, _ in CALLABLE])
+
+
+def documentation(thing):
+    """The docstring of a function; of a class that of its parents too."""
+    classes = thing.__mro__[:-1] if isinstance(thing, type) else (thing,)
+    return "\n".join(each.__doc__ or "" for each in classes if not (each.__doc__ or "").startswith(f"{each.__name__}("))
+
+
+@every_callable
+def test_a_public_docstring_explains_every_argument(thing):
+    text = documentation(thing)
+    assert len(text) > 15
+    plain = isinstance(thing, type) and issubclass(thing, (Exception, Enum, dict))
+    plain = plain or getattr(thing, "_is_protocol", False)
+    names = [] if plain else [name for name in inspect.signature(thing).parameters if name != "self"]
+    words = {"path": "path|file", "records": "records|experiments"}
+    assert [n for n in names if not re.search(rf"\b({words.get(n, n)})\b", text, re.IGNORECASE)] == []
+
+
+@every_callable
+def test_a_public_function_says_what_it_raises(thing):
+    if inspect.isfunction(thing):
+        raised = set(re.findall(r"\braise (\w+Error)\b", inspect.getsource(thing)))
+        assert [error for error in raised if error not in (thing.__doc__ or "").partition("Raises:")[2]] == []

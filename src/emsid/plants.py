@@ -14,7 +14,7 @@ from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Handle, Signal, by_direction, scalar
-from emsid.models.plants.plant import BasePlant, Channels, Characteristic, DrivenPlant, Plant, Quantity, Sizes
+from emsid.models.plants.plant import BasePlant, Channels, DrivenPlant, Plant, Quantity, Sizes, StaticCharacteristic
 from emsid.models.plants.registry import register
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
@@ -29,7 +29,6 @@ __all__ = [
     "BasePlant",
     "Bridge",
     "Channels",
-    "Characteristic",
     "Combination",
     "Drive",
     "DrivenMotor",
@@ -55,6 +54,7 @@ __all__ = [
     "Sensor",
     "Signal",
     "Sizes",
+    "StaticCharacteristic",
     "Status",
     "by_direction",
     "datasheet",

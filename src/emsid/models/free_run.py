@@ -70,7 +70,12 @@ def predict(model: Model, record: Record, horizon: int = 1, transient: int | Non
 
 
 def mean_squared_error(measured: Array, modelled: Array) -> float:
-    """MSE = (1/N) Σ (y − ŷ)², eq. (5.14), over all channels; infinite for a run that diverged."""
+    """MSE = (1/N) Σ (y − ŷ)², eq. (5.14), over all channels; infinite for a run that diverged.
+
+    Args:
+        measured: (N, ny) y.
+        modelled: (N, ny) ŷ.
+    """
     error = measured - modelled
     return float(np.mean(error**2)) if np.isfinite(error).all() else float("inf")
 

@@ -22,7 +22,7 @@ from emsid.models.plants.drive import Drive, Feed, outer_handles
 from emsid.models.plants.driven import Driven
 from emsid.models.plants.one_mass import Motion, Sliding, moved
 from emsid.models.plants.parameters import TINY, Handle, Signal, by_direction, dead_zone_handles, law_handles, scalar
-from emsid.models.plants.plant import Channels, Characteristic, Quantity
+from emsid.models.plants.plant import Channels, Quantity, StaticCharacteristic
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
 from emsid.plant import DeadZoneLaw, Friction, FrictionLaw, Measure, Parameter
@@ -203,21 +203,23 @@ class LinearAxis(Driven):
             dead_zone=None if self.dead_zone is None else replace(self.dead_zone, b_l=-zone, b_r=zone),
         )
 
-    def friction_characteristic(self) -> Characteristic:
+    def friction_characteristic(self) -> StaticCharacteristic:
         """All friction over speed, with the viscous part."""
         forward, backward = self.viscous_friction  # type: ignore[misc]
 
         def force(speed: Array) -> Array:
             return np.asarray(self.friction.torque(speed) + np.where(speed < 0, backward, forward) * speed)
 
-        return Characteristic(force, ("Speed v", "m/s"), ("Friction force", "N"), self.friction.breakaway)
+        return StaticCharacteristic(force, ("Speed v", "m/s"), ("Friction force", "N"), self.friction.breakaway)
 
-    def dead_zone_characteristic(self) -> Characteristic | None:
+    def dead_zone_characteristic(self) -> StaticCharacteristic | None:
         """The dead zone on the force."""
         zone = self.dead_zone
         if zone is None:
             return None
-        return Characteristic(zone, ("Applied force", "N"), ("Effective force", "N"), edge=max(zone.b_r, -zone.b_l))
+        return StaticCharacteristic(
+            zone, ("Applied force", "N"), ("Effective force", "N"), edge=max(zone.b_r, -zone.b_l)
+        )
 
     def equations(self) -> str:
         """One mass and its position."""

@@ -24,7 +24,7 @@ from emsid.models.plants.drive import Drive, Feed, outer_handles
 from emsid.models.plants.driven import Driven
 from emsid.models.plants.one_mass import Motion, Sliding, moved
 from emsid.models.plants.parameters import TINY, Handle, Signal, dead_zone_handles, law_handles, scalar
-from emsid.models.plants.plant import Channels, Characteristic, Plant, Quantity, Sizes, plausible
+from emsid.models.plants.plant import Channels, Plant, Quantity, Sizes, StaticCharacteristic, plausible
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
 from emsid.plant import DeadZoneLaw, Friction, FrictionLaw, Measure, Motor, Parameter, State, Taylor, simulate
@@ -405,7 +405,7 @@ class DrivenMotor(Driven):
             )
         return replace(self, motor=found)
 
-    def friction_characteristic(self) -> Characteristic:
+    def friction_characteristic(self) -> StaticCharacteristic:
         """All mechanical friction over speed, with the viscous part."""
         m = self.motor
 
@@ -414,14 +414,16 @@ class DrivenMotor(Driven):
             return np.asarray(m.rotor_friction.torque(speed) + m.load_friction.torque(speed) + viscous)
 
         forward, backward = (m.rotor_friction.breakaway[k] + m.load_friction.breakaway[k] for k in (0, 1))
-        return Characteristic(torque, ("Speed ω", "rad/s"), ("Friction torque", "N*m"), (forward, backward))
+        return StaticCharacteristic(torque, ("Speed ω", "rad/s"), ("Friction torque", "N*m"), (forward, backward))
 
-    def dead_zone_characteristic(self) -> Characteristic | None:
+    def dead_zone_characteristic(self) -> StaticCharacteristic | None:
         """The dead zone on the voltage."""
         zone = self.motor.voltage_dead_zone
         if zone is None:
             return None
-        return Characteristic(zone, ("Applied voltage", "V"), ("Effective voltage", "V"), edge=max(zone.b_r, -zone.b_l))
+        return StaticCharacteristic(
+            zone, ("Applied voltage", "V"), ("Effective voltage", "V"), edge=max(zone.b_r, -zone.b_l)
+        )
 
     def equations(self) -> str:
         """(4.1)–(4.11) as far as they apply."""

@@ -68,7 +68,7 @@ class Channels(NamedTuple):
     nothing: str = "torque"
 
 
-class Characteristic(NamedTuple):
+class StaticCharacteristic(NamedTuple):
     """A static characteristic of a plant: what comes out over what goes in.
 
     Attributes:
@@ -225,11 +225,11 @@ class Plant(Protocol):
         """(N,) how fast it moves, whatever a sensor shows, exactly 0 where friction holds it; None if unknown."""
         ...
 
-    def friction_characteristic(self) -> Characteristic | None:
+    def friction_characteristic(self) -> StaticCharacteristic | None:
         """All its friction over speed, the viscous part included; None where it has none that is known."""
         ...
 
-    def dead_zone_characteristic(self) -> Characteristic | None:
+    def dead_zone_characteristic(self) -> StaticCharacteristic | None:
         """What comes through its dead zone; None without one."""
         ...
 
@@ -436,11 +436,11 @@ class BasePlant(ABC):
         """Not known."""
         return None
 
-    def friction_characteristic(self) -> Characteristic | None:
+    def friction_characteristic(self) -> StaticCharacteristic | None:
         """Not known."""
         return None
 
-    def dead_zone_characteristic(self) -> Characteristic | None:
+    def dead_zone_characteristic(self) -> StaticCharacteristic | None:
         """Not known."""
         return None
 

@@ -838,3 +838,55 @@ def test_what_an_earlier_run_left_is_told_apart(run, log, tmp_path, monkeypatch)
     status, printed, _ = run(*words, "arx")
     assert status == 130
     assert printed.endswith("from an earlier run, not from this one: report.html, friction-narx.json\n")
+
+
+def test_values_may_have_a_unit(run, log, tmp_path):
+    plain = run("describe", log, "--input", "u", "--output", "y", "--dt", "0.01")
+    for text in ("10ms", "10 ms", "1e4us", "0.01 s"):
+        assert run("describe", log, "--input", "u", "--output", "y", "--dt", text) == plain
+    status, out, err = run("describe", log, "--input", "u", "--output", "y", "--dt", "10 volts")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "invalid value for '--dt'" in err
+
+
+def test_validate_remembers_how_the_record_was_read(run, tmp_path):
+    path = table(tmp_path / "log.csv")
+    words = ("identify", path, "-u", "u", "-y", "y", "--dt", "10ms", "--mask", "u > 1.9", "--models", "arx")
+    assert run(*words, "--out", tmp_path / "out")[0] == 0
+    status, out, err = run("validate", tmp_path / "out" / "arx.json", path, "--json")
+    assert (status, err) == (0, "")
+    (row,) = json.loads(out)["records"]
+    assert (row["model"], row["differences"]) == ("arx", [])
+    status, out, _ = run("validate", tmp_path / "out" / "arx.json", path, "--mask", "", "--json")
+    (whole,) = json.loads(out)["records"]
+    assert whole["samples"] > row["samples"]
+    status, out, err = run("validate", tmp_path / "out" / "arx.json", path, "--out", tmp_path / "check")
+    assert (status, err) == (0, "")
+    assert {"report.html", "validation.json"} <= {each.name for each in (tmp_path / "check").iterdir()}
+
+
+def test_what_a_file_is_called_is_never_obeyed_by_the_terminal(run, tmp_path):
+    from emsid.cli.terminal import harmless
+
+    path = table(tmp_path / "log.csv", **{"[/red]": np.ones(600), "\u202eu": np.ones(600)})
+    status, _, err = run("describe", path, "-u", "volts", "-y", "y", "--dt", "1")
+    assert status == 2
+    assert "[/red]" in err
+    assert harmless(err) == err
+    words = ("identify", path, "-u", "u", "-y", "y", "--dt", "1", "--models", "arx", "--out", tmp_path / "out")
+    assert run(*words)[0] == 0
+    from dataclasses import replace
+
+    from emsid.io import load, save
+
+    model = load(tmp_path / "out" / "arx.json")
+    save(replace(model, structure=replace(model.structure, name="[/red]")), tmp_path / "red.json")
+    status, out, _ = run("validate", tmp_path / "red.json", path, "-u", "u", "-y", "y", "--dt", "1")
+    assert status == 0
+    assert "[/red]" in out
+
+
+def test_a_simulated_log_says_its_units(run, tmp_path):
+    assert run("simulate", "--duration", "2", "--out", tmp_path / "log.csv")[0] == 0
+    record = emsid.read(tmp_path / "log.csv", input="voltage", output="speed", time="t")
+    assert (record.input_units, record.output_units) == (("V",), ("rad/s",))

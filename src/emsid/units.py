@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import pint
 
 # The SI unit shown for each quantity; the first with the right dimension is taken.
-_SI = ("rad", "rad/s", "rad/s^2", "rad/s^3", "V", "A", "ohm", "H", "s", "m", "m/s", "m/s^2", "N", "N*m", "kg",
+SI = ("rad", "rad/s", "rad/s^2", "rad/s^3", "V", "A", "ohm", "H", "s", "m", "m/s", "m/s^2", "N", "N*m", "kg",
        "kg*m^2", "N*s/m", "N*m*s", "V*s", "N/V", "W", "1")  # fmt: skip
 
 
@@ -123,7 +123,7 @@ def conversion(
         quantity = registry.Quantity(1.0, _spelling(unit))
         if target is None:
             base = quantity.to_base_units()
-            same = (si for si in _SI if registry.Quantity(1.0, si).to_base_units().units == base.units)
+            same = (si for si in SI if registry.Quantity(1.0, si).to_base_units().units == base.units)
             target = next(same, unit if base.magnitude == 1 else f"{base.units:~C}")
         wanted = registry.Unit(_spelling(target))
         zero, one = (registry.Quantity(x, quantity.units).to(wanted).magnitude for x in (0.0, 1.0))

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from emsid.estimation.nonlinear.control import Control
+    from emsid.identification.characteristics import Characteristic
     from emsid.models.plants.search.result import GreyBoxFit
     from emsid.report import document
     from emsid.validation.comparison import Row
@@ -141,6 +142,22 @@ def error_table(rows: Sequence[Row], title: str, unit: str = "") -> Table:
                 )
             )
     return plain_table(title, headings, lines)
+
+
+def characteristics_table(characteristics: Iterable[Characteristic]) -> Table:
+    """Gain, time constant, dead zone and friction, with intervals."""
+    lines = [
+        (
+            each.name,
+            f"{each.value:.4g}",
+            "" if each.half_width is None or not isfinite(each.half_width) else f"{each.half_width:.2g}",
+            plain_unit(each.unit),
+            each.model,
+        )
+        for each in characteristics
+    ]
+    headings: dict[str, Align] = {"quantity": "left", "value": "right", "±": "right", "unit": "left", "model": "left"}
+    return plain_table("the drive, with 95 % intervals", headings, lines)
 
 
 def physical_table(fit: GreyBoxFit) -> Table:

@@ -29,6 +29,7 @@ from emsid.io.parquet import read_parquet
 from emsid.io.table import read_table
 from emsid.record import Record, concatenate, time_axis
 from emsid.record import resample as resampled
+from emsid.units import SI
 
 if TYPE_CHECKING:
     import polars as pl
@@ -272,8 +273,8 @@ def _record(
                 dt=1.0,
                 input_names=tuple(inputs),
                 output_names=tuple(outputs),
-                input_units=tuple(_unit(s, units) for s in signals[: len(inputs)]),
-                output_units=tuple(_unit(s, units) for s in signals[len(inputs) :]),
+                input_units=tuple(_unit(s, units, columns.units) for s in signals[: len(inputs)]),
+                output_units=tuple(_unit(s, units, columns.units) for s in signals[len(inputs) :]),
                 name=name,
             ),
         )
@@ -460,9 +461,10 @@ def _as_numbers(series: pl.Series) -> Array:
     return series.cast(pl.Float64, strict=False).fill_null(np.nan).to_numpy().astype(np.float64)
 
 
-def _unit(signal: _Signal, units: Mapping[str, str]) -> str:
+def _unit(signal: _Signal, units: Mapping[str, str], in_file: Mapping[str, str]) -> str:
+    """The unit given for a channel, else the one under the name of its column where that is an SI unit."""
     if not signal.is_derivative or signal.name in units:
-        return units.get(signal.name, "")
+        return units.get(signal.name) or (in_file.get(signal.column, "") if in_file.get(signal.column) in SI else "")
     unit = units.get(signal.column, "")
     return unit and f"{unit}/s"
 

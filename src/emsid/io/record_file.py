@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 def write_record(record: Record, path: str | os.PathLike[str]) -> str:
     """Write a record of one segment as a table of time, inputs and outputs.
 
-    Every number comes back exactly when the file is read. Units are not written: say them again on reading.
+    Every number comes back exactly when the file is read. A CSV file has a row of units under its names, from which the
+    channels get their SI units back; the other formats have no place for units.
 
     Args:
         record: what to write.
@@ -50,7 +51,12 @@ def write_record(record: Record, path: str | os.PathLike[str]) -> str:
     names = (*record.input_names, *record.output_names)
     time = next(name for name in ("t", "time", "time_s", *(f"time{k}" for k in range(len(names)))) if name not in names)
     values = np.column_stack([record.time, record.input, record.output])
-    atomic_write(path, writer(pl.DataFrame(dict(zip((time, *names), values.T, strict=True)))))
+    content = writer(pl.DataFrame(dict(zip((time, *names), values.T, strict=True))))
+    units = (*record.input_units, *record.output_units)
+    if path.suffix.lower() == ".csv" and all(units):
+        header, line, rest = content.partition(b"\n")
+        content = header + line + ",".join(f"[{unit}]" for unit in ("s", *units)).encode() + line + rest
+    atomic_write(path, content)
     return time
 
 

@@ -22,7 +22,16 @@ from emsid.cli.options import (
     quantity,
 )
 from emsid.cli.reading import reads_records
-from emsid.cli.terminal import EXPLAINED, error_table, physical_table, say, say_json, show, working
+from emsid.cli.terminal import (
+    EXPLAINED,
+    characteristics_table,
+    error_table,
+    physical_table,
+    say,
+    say_json,
+    show,
+    working,
+)
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
 from emsid.errors import DataError
 
@@ -206,13 +215,15 @@ def _physical_first(asked: Sequence[str]) -> "list[Physical]":
 
 
 def _print(result: "Identification") -> None:
-    """The first screen: the errors of every model, the chosen model and what is to be known about it."""
+    """The first screen: errors of every model, characteristics of the drive, the chosen model, and the findings."""
     from emsid.models.plants.search.result import GreyBoxFit
     from emsid.wording import sentence
 
     title = f"on {result.ranked_on} ({result.unseen.name})"
     show(error_table(result.on_unseen.rows, title, result.unseen.output_units[0]))
     say(EXPLAINED)
+    if result.characteristics:
+        show(characteristics_table(result.characteristics))
     for fit in result.fits:
         if isinstance(fit, GreyBoxFit):
             show(physical_table(fit))

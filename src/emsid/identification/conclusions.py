@@ -91,4 +91,5 @@ def next_steps(comparison: Comparison, record: Record, unseen: Record, *, seen: 
         yield Finding("next-physical-model", best.row.model)
     if seen or unseen.name.startswith(f"{record.name},"):
         yield Finding("next-other-experiment", unseen.name)
-    yield Finding("next-use-model", best.row.model)
+    if fit >= POOR:
+        yield Finding("next-use-model", best.row.model)

@@ -50,12 +50,13 @@ def report(result: Identification) -> Report:
 
 def summary(result: Identification) -> str:
     """Which model is the best, of how many, and on how much data."""
-    best = result.on_unseen.best
-    return (
-        f"{best.row.model} is the best of {len(result.fits)} "
-        f"model{'s' * (len(result.fits) > 1)}: its free run on {result.ranked_on} has the smallest error. The models "
-        f"were fitted to {len(result.record):,} samples and compared on {best.row.samples:,} others."
+    row, count = result.on_unseen.best.row, len(result.fits)
+    which = (
+        f"{row.model} is the best of {count} models: its free run on {result.ranked_on} has the smallest error."
+        if count > 1
+        else f"{row.model} is the only model that was fitted."
     )
+    return f"{which} Fitted to {len(result.record):,} samples, run on {row.samples:,} of {result.ranked_on}."
 
 
 def facts(result: Identification) -> list[Fact]:
@@ -77,7 +78,12 @@ def facts(result: Identification) -> list[Fact]:
         of = f" of {each.data['output']}" if len(errors) > 1 else ""
         share = each.data.get("share")
         value = "not tested" if share is None else f"{100 * share:.0f} %" if share >= 0.01 else "< 1 %"
-        found.append(Fact(value, f"of the residual{of} is still predictable from the input (of its variance)"))
+        meaning = (
+            f"residual{of} against the input"
+            if share is None
+            else f"of the variance of the residual{of} is predictable from the input"
+        )
+        found.append(Fact(value, meaning))
     return found
 
 

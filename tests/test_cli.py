@@ -890,3 +890,10 @@ def test_a_simulated_log_says_its_units(run, tmp_path):
     assert run("simulate", "--duration", "2", "--out", tmp_path / "log.csv")[0] == 0
     record = emsid.read(tmp_path / "log.csv", input="voltage", output="speed", time="t")
     assert (record.input_units, record.output_units) == (("V",), ("rad/s",))
+
+
+def test_json_is_alone_on_standard_output(run, log):
+    names = json.loads(run("list", "--json")[1])
+    assert set(names["models"]) == set(CANDIDATES)
+    (record,) = json.loads(run("describe", log, *IDENTIFY, "--json")[1])["records"]
+    assert (record["samples"], record["dt"], [each["name"] for each in record["channels"]]) == (600, 0.01, ["u", "y"])

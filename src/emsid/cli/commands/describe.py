@@ -6,8 +6,10 @@ from typing import Annotated, Any
 import typer
 
 from emsid.cli.app import app
+from emsid.cli.options import Json
 from emsid.cli.reading import reads_records
-from emsid.cli.terminal import say
+from emsid.cli.terminal import say, say_json
+from emsid.cli.writing import as_json
 
 
 @app.command()
@@ -22,6 +24,7 @@ def describe(
             help="What counts as excitation: singular values of the lagged input above this fraction of the largest.",
         ),
     ] = 1e-3,
+    json: Json = False,
 ) -> None:
     """Show what a record contains.
 
@@ -34,19 +37,46 @@ def describe(
     from emsid.excitation import crest_factor, largest_order, persistent_excitation_order
     from emsid.units import with_unit
 
+    documents: list[dict[str, Any]] = []
     for path in files:
         record = reader(path)
         order, largest = persistent_excitation_order(record, tolerance=tolerance), largest_order(record)
         crest = crest_factor(record)
+        channels = zip(record.input_names + record.output_names, record.input_units + record.output_units, strict=True)
+        if json:
+            described = [(name, unit, record.channel(name)) for name, unit in channels]
+            documents.append(
+                {
+                    "record": record.name,
+                    "samples": len(record),
+                    "segments": len(record.breaks) + 1,
+                    "dt": record.dt,
+                    "channels": [
+                        {
+                            "name": n,
+                            "unit": u,
+                            "min": float(x.min()),
+                            "max": float(x.max()),
+                            "mean": float(x.mean()),
+                            "deviation": float(x.std()),
+                        }
+                        for n, u, x in described
+                    ],
+                    "crest_factor": float(crest),
+                    "persistent_excitation_order": int(order),
+                    "at_least": bool(order == largest),
+                }
+            )
+            continue
         say(str(record))
         if record.time_axis is not None:
             say(f"  time column {reader.given['time']}: {record.time_axis}")
-        for name, unit in zip(
-            record.input_names + record.output_names, record.input_units + record.output_units, strict=True
-        ):
+        for name, unit in channels:
             x = record.channel(name)
             span = with_unit(f"{x.min():.5g} … {x.max():.5g}", unit)
             say(f"  {name}: {span}, mean {x.mean():.5g}, deviation {x.std():.5g}")
         say(f"  input crest factor {crest:.2f}")
         counted = f"singular values of the lagged input above {tolerance:g} of the largest"
         say(f"  persistently exciting of order {f'at least {order}' if order == largest else order}, by {counted}")
+    if json:
+        say_json(as_json({"schema": 1, "records": documents}))

@@ -1,17 +1,25 @@
 """``emsid list``."""
 
 from emsid.cli.app import app
-from emsid.cli.terminal import say
+from emsid.cli.options import Json
+from emsid.cli.terminal import say, say_json
+from emsid.cli.writing import as_json
 
 
 @app.command(name="list")
-def list_() -> None:
+def list_(json: Json = False) -> None:
     """List models, signals and file formats."""
     from emsid.excitation import SIGNALS
     from emsid.identification.candidates import CANDIDATES
     from emsid.io import READERS, WRITERS
     from emsid.models.blocks.search.map_families import families
 
+    if json:
+        signals = {name: signal.__doc__ for name, signal in SIGNALS.items()}
+        models = {name: candidate.summary for name, candidate in CANDIDATES.items()}
+        document = {"models": models, "static": list(families()), "excitation": signals}
+        say_json(as_json({"schema": 1, **document, "read": list(READERS), "written": list(WRITERS)}))
+        return
     say("models for --models:")
     for name, candidate in CANDIDATES.items():
         say(f"  {name:<32}{candidate.summary}")

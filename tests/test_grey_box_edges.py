@@ -418,6 +418,18 @@ def test_an_interval_that_reaches_down_to_nothing_has_a_word():
     assert all(row.value > 1.96 * row.standard_error for row in fit.table[:-1])
 
 
+def test_what_is_hardly_identifiable_beside_a_bound_is_a_finding():
+    rng = np.random.default_rng(1)
+    records = [simulated_record(rng, noise=3.0, motor=STICTION) for _ in range(9)]
+    free = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb", EXCESS, "sensor.offset")
+    fit = simulation_error(STICTION, records[8], free=free)
+    (finding,) = [each for each in fit.findings if each.code == "weakly-identified"]
+    assert finding.data["parameters"] == ["motor_constant", "rotor_friction.coulomb", EXCESS]
+    assert finding.data["kept"] == []
+    clean = simulation_error(STICTION, simulated_record(rng, noise=0.05, motor=STICTION), free=free[:4])
+    assert "weakly-identified" not in [each.code for each in clean.findings]
+
+
 def test_an_excess_that_noise_takes_for_nothing_has_the_interval_of_its_profile():
     free = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb", EXCESS)
     rng = np.random.default_rng(1)
@@ -514,6 +526,17 @@ def test_codes_where_there_is_no_bridge_are_no_drive_or_refused(model, unit, not
     assert result.chosen.model.plant.drive.codes == options.codes
     with pytest.raises(ModelError, match=f"{model} has no bridge here that could brake with 999; say that nothing dri"):
         identify(record, models=(model,), options=replace(options, codes=((999.0, Bridge.BRAKE),)))
+
+
+def test_what_channels_without_a_unit_are_taken_for_is_a_finding():
+    record = Record(LEVELS, LEVELS, DT, input_names=("u",), output_names=("y",), output_units=("",))
+    assert assumptions(STARTS["rigid-motor"], record) == [
+        Finding("unit-assumed", "rigid-motor", {"channel": "y", "signal": "speed", "unit": "rad/s"}),
+        Finding("command-unit-assumed", "rigid-motor", {"channel": "u", "unit": "volts"}),
+    ]
+    assert [finding.data["unit"] for finding in assumptions(STARTS["linear-axis"], record)] == ["m", "newtons"]
+    said = replace(record, input_units=("V",), output_units=("rad/s",))
+    assert assumptions(STARTS["rigid-motor"], said) == []
 
 
 def test_a_bridge_is_not_spoken_of_where_there_is_one():

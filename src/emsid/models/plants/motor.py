@@ -456,7 +456,7 @@ class DrivenMotor(Driven):
         return super(DrivenMotor, replace(self, feed=Feed(data.get("feed", Feed.VOLTAGE.value)))).with_data(data)
 
     def quantities(self) -> tuple[Quantity, ...]:
-        """What input and speed alone can tell of a motor."""
+        """What input and speed alone identify of a motor."""
         m = self.motor
         r, k = m.resistance, m.motor_constant
         inertia, viscous = m.rotor_inertia + m.load_inertia, m.rotor_viscous + m.load_viscous

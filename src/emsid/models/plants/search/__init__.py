@@ -1,1 +1,1 @@
-"""The search for the parameters of a plant, and what the records tell of them."""
+"""The search for the parameters of a plant, and what the records identify."""

@@ -1,4 +1,4 @@
-"""Which plant, when nobody says: refinements are kept only if they simulate held-back data better.
+"""Which refinements a plant needs: those with which it simulates held-back data better.
 
 A motor begins with what every motor has. Real drives add to that: a bridge that coasts, a delay, a lag of the sensor, a
 Stribeck excess, friction that differs by direction, a constant torque. Every refinement is first tried alone, fitted to

@@ -60,7 +60,7 @@ def search(task: Task, start: Plant, max_iterations: int) -> Reached:
         max_iterations: of all rounds together; a parameter that is kept only in the end adds a few.
     """
     problem = task.problem(start, task.asked)
-    names = keep_identifiable(told_by(problem, task.asked, None), task.asked, task.preference)
+    names = keep_identifiable(identified_by(problem, task.asked, None), task.asked, task.preference)
     if len(names) < len(task.asked):
         problem = task.problem(_put_back(start, task.asked, names, task.known), names)
     coarse = [name for name in names if name not in start.fine]
@@ -114,7 +114,7 @@ class _Rounds:
         ended = _with_colour(self.problem, ended)
         self.problem = self.problem.begun_at(ended.estimate)
         inside = [name for name, free in zip(self.names, ended.free, strict=False) if free]
-        kept = keep_identifiable(told_by(self.problem, inside, ended), inside, self.task.preference)
+        kept = keep_identifiable(identified_by(self.problem, inside, ended), inside, self.task.preference)
         if interrupted or (len(kept) == len(inside) and not under_way):
             return replace(ended, findings=tuple(_after(self.steps, finding) for finding in ended.findings))
         if len(kept) < len(inside):
@@ -153,9 +153,9 @@ def _scan(rough: FreeRunError, names: Sequence[str], task: Task) -> Plant:
 
 
 def _tolerable(minimum: Minimum) -> float:
-    """By how much V may rise where what records do not tell is held at its start: three standard deviations' worth.
+    """By how much V may rise where what is not identifiable is kept at its start: as much as three standard deviations.
 
-    Where the residual is coloured these are wider, but a loss that shows is none to be tolerated.
+    Where the residual is coloured these are wider; then V may rise by `FLAT` of itself at most.
     """
     noise, colour = 4.5 * minimum.noise_variance, colour_of(minimum, len(minimum.free))
     return max(noise, min(noise * float(np.max(colour, initial=1.0)), FLAT * minimum.cost))
@@ -172,8 +172,8 @@ def _put_back(plant: Plant, asked: Sequence[str], kept: Sequence[str], known: Ma
     return plant.put({name: known[name] for name in asked if name not in kept and name in known})
 
 
-def told_by(problem: FreeRunError, names: Sequence[str], minimum: Minimum | None) -> Identifiability:
-    """What the records tell of some parameters of a problem; without noise where nothing is known of that."""
+def identified_by(problem: FreeRunError, names: Sequence[str], minimum: Minimum | None) -> Identifiability:
+    """Which of some parameters of a problem the records identify; without noise where nothing is known of that."""
     noise = 0.0 if minimum is None else float(np.sqrt(minimum.noise_variance))
     states = range(len(problem.free), len(problem.sizes))
     places = [problem.free.index(name) for name in names]
@@ -182,7 +182,7 @@ def told_by(problem: FreeRunError, names: Sequence[str], minimum: Minimum | None
 
 
 def keep_identifiable(told: Identifiability, names: Sequence[str], preference: Sequence[str]) -> list[str]:
-    """The parameters that are left when one after the other is held until the others can be told."""
+    """The parameters that are left when one after the other is kept at its start until the others are identifiable."""
     kept = list(names)
     while kept and (groups := told.without([name for name in names if name not in kept]).groups):
         kept.remove(min(groups[0], key=preference.index))

@@ -1,4 +1,4 @@
-"""What a fitted grey box says, as plain data for tables and figures."""
+"""Curves, standstills and likelihood profiles of a fitted grey box, as plain data for tables and figures."""
 
 from __future__ import annotations
 
@@ -183,7 +183,7 @@ def likelihood_profile(fit: GreyBoxFit, name: str, level: float = 0.95, control:
         raise ModelError(f"{name} has no finite standard error, so there is no range to take a profile over")
     low, high = fit.limits[name]
     limit, unit = float(chdtri(1, 1 - level)), fit.noise_variance * colour / 2
-    worth = PATIENT * limit * unit / fit.cost if fit.cost > 0 else 0.0
+    least_saving = PATIENT * limit * unit / fit.cost if fit.cost > 0 else 0.0
     costs = {best: fit.cost}
     for side, bound in ((-1, low), (1, high)):
         plant, value = fit.model.plant, best
@@ -195,11 +195,11 @@ def likelihood_profile(fit: GreyBoxFit, name: str, level: float = 0.95, control:
             control.doing(f"profile of {name}", done + (side > 0) * len(STEPS), 2 * len(STEPS))
             value = float(np.clip(best + side * step * error, low, high))
             moved = plant.put({name: value})
-            costs[value], plant, states = _others_at_their_best(fit, moved, name, states, worth, control)
-    for end in _below(*_profile(costs, unit), limit, (low, high)):  # between points far apart it is but a first guess
+            costs[value], plant, states = _others_at_their_best(fit, moved, name, states, least_saving, control)
+    for end in _below(*_profile(costs, unit), limit, (low, high)):  # between points far apart it is only a first value
         if np.isfinite(end) and end not in costs:
             moved = fit.model.plant.put({name: end})
-            costs[end] = _others_at_their_best(fit, moved, name, fit.states, worth, control)[0]
+            costs[end] = _others_at_their_best(fit, moved, name, fit.states, least_saving, control)[0]
     values, deviance = _profile(costs, unit)
     interval = _below(values, deviance, limit, (low, high))
     return Profile(name, fit.model.plant.handles[name].parameter.unit, best, error, values, deviance, interval, level)
@@ -230,7 +230,7 @@ def _profile(costs: Mapping[float, float], unit: float) -> tuple[Array, Array]:
 
 
 def _others_at_their_best(
-    fit: GreyBoxFit, plant: Plant, name: str, states: Sequence[Array], worth: float, control: Control
+    fit: GreyBoxFit, plant: Plant, name: str, states: Sequence[Array], least_saving: float, control: Control
 ) -> tuple[float, Plant, Sequence[Array]]:
     """V, plant and initial states where all that was estimated is estimated again, but for one parameter."""
     problem = _problem(fit, plant, [other for other in fit.names if other != name], states)
@@ -240,7 +240,7 @@ def _others_at_their_best(
         problem.start,
         lower=lower,
         upper=upper,
-        least_saving=worth,
+        least_saving=least_saving,
         names=problem.names,
         covariances=False,
         control=control,

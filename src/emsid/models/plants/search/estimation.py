@@ -24,7 +24,7 @@ from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
-from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, told_by
+from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, identified_by
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
 from emsid.models.plants.search.starts import start_of
 from emsid.models.plants.search.task import Task, prepare
@@ -61,7 +61,7 @@ def simulation_error(
         weighting: how errors count by their age: `all_alike`, `Recent`, or any other linear filter (error, dt) → error.
         look_around: whether to begin at the datasheet, or where a regression on the records says if that simulates
             better; otherwise the search begins with the plant as it is given.
-        max_iterations: of the search, all its rounds together; what is held only in the end adds a few.
+        max_iterations: of the search, all its rounds together; a parameter that is kept only in the end adds a few.
         threads: how many, by default as many as there are cores.
         control: when to stop, and whom to tell of every step.
 
@@ -93,7 +93,7 @@ def _concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     problem, names, minimum, steps = reached
     found, states = problem.plant, problem.states(problem.start)
     whole = problem if len(names) == len(task.asked) else task.problem(found, task.asked, states)
-    told = told_by(whole, task.asked, minimum)
+    told = identified_by(whole, task.asked, minimum)
     rows = table(task, found, start, names, minimum, told)
     together = combinations(found, names, task.asked, minimum, told)
     findings = findings_of(task, found, names, minimum, told, rows, together)

@@ -64,7 +64,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Combination:
-    """A combination of parameters that the record tells whatever was held.
+    """A combination of parameters that the data identify whatever was kept.
 
     Attributes:
         quantity: its name, formula, unit and value.
@@ -83,8 +83,8 @@ class GreyBoxFit(Fit[GreyBox]):
 
     Attributes:
         table: every parameter that was asked for or fixed.
-        combinations: what the record tells although some parameters had to be held; all the quantities of the plant
-            that it tells.
+        combinations: what the data identify although some parameters had to be kept; all quantities of the plant
+            that are identifiable.
         identifiability: of the parameters that were asked for, at the estimate.
         segments: the records it was fitted to, without gaps.
         states: their initial states.
@@ -236,7 +236,7 @@ def _described(parameter: Any) -> tuple[str, str, str, str]:
 def combinations(
     plant: Plant, names: Sequence[str], asked: Sequence[str], minimum: Minimum, told: Identifiability
 ) -> tuple[Combination, ...]:
-    """The quantities of the plant that the record tells, with standard errors to first order."""
+    """The quantities of the plant that the data identify, with standard errors to first order."""
 
     def gradients(which: Sequence[str]) -> Array:
         columns = []

@@ -224,7 +224,7 @@ def _check_start(plant: Plant, asked: Sequence[str], limits: Limits) -> None:
 
 
 def _preference(plant: Plant, asked: Sequence[str], sheet: Mapping[str, Given]) -> tuple[str, ...]:
-    """In which order parameters are held: what a datasheet gives, what plants of this kind usually have known."""
+    """In which order parameters are kept at their start: those of a datasheet, then those that are usually known."""
     known = sorted(
         (n for n in asked if n in sheet and sheet[n].value is not None), key=lambda n: sheet[n].tolerance or inf
     )

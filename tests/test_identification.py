@@ -367,7 +367,7 @@ def test_speeds_of_a_stribeck_excess_are_numbers_to_be_read():
 
 
 def test_data_of_another_sample_time_judge_no_model_that_counts_samples(monkeypatch):
-    monkeypatch.setattr("emsid.identification.candidates.estimate_cascade", lambda *_: pytest.fail("fitted"))
+    monkeypatch.setattr("emsid.identification.candidates.CascadeStructure.fit", lambda *_, **__: pytest.fail("fitted"))
     record = system(400, 21)
     other = emsid.Record(record.input[::2], record.output[::2], 0.02, name="slow log")
     with pytest.raises(DataError) as refused:

@@ -188,8 +188,8 @@ def test_table_has_a_line_for_every_model_best_first() -> None:
     head, best, last = str(comparison).splitlines()
     assert head.split() == ["model", "method", "free-run", "RMSE", "fit", "%", "one-step", "MSE"]
     assert best.split()[0] == "structure"
-    assert best.split()[2] == f"{comparison.best.row.simulation_rmse:.5g}"
-    assert last.split()[:4] == ["arx", "ls", "inf", "-inf"]
+    assert best.split()[2] == f"{comparison.best.row.simulation_rmse:.4g}"
+    assert last.split()[:4] == ["arx", "ls", "–", "–"]
 
 
 def test_a_model_from_a_file_is_assessed_without_a_fit() -> None:

@@ -21,7 +21,7 @@ class Ending(Enum):
 
     SOLVED = "solved"  # a linear problem, by factorisation or recursion
     CONVERGED = "converged"  # a nonlinear search, at a minimum
-    RANK_DEFICIENT = "rank deficient"  # the data cannot tell all parameters apart
+    RANK_DEFICIENT = "rank deficient"  # the data do not determine every parameter
     STALLED = "stalled"  # no step makes progress any more, short of a minimum
     OUT_OF_BUDGET = "out of budget"  # iterations or time ran out
     INTERRUPTED = "interrupted"  # by the user; what was found is kept
@@ -35,11 +35,11 @@ class Fit(Presented, Generic[M]):
         model: the model with the estimated parameters in it.
         names: a name for each of the p free parameters.
         estimate: (p,) their values.
-        covariance: (p, p) of the estimate; infinite on the diagonal of what the data cannot tell.
+        covariance: (p, p) of the estimate; infinite on the diagonal of what the data do not determine.
         noise_variance: of the residual that was minimised, in its unit squared.
         samples: how many equations the fit rests on.
         condition: condition number of the problem with its columns scaled to unit length.
-        rank: how many parameters (or combinations of them) the data can tell.
+        rank: how many parameters, or combinations of them, the data determine.
         ending: how it ended.
         method: what was used, for tables: ``ls``, ``rls``, …
         iterations: steps that a nonlinear search took.

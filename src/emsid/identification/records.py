@@ -14,7 +14,7 @@ from emsid.record import Record
 Path = str | os.PathLike[str]
 Records = Record | Path | Iterable[Record | Path]
 
-# What `emsid.read` may be told.
+# The arguments of `emsid.read` that describe a file.
 READING = tuple(name for name in read.__annotations__ if name not in ("path", "return"))
 
 

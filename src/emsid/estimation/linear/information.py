@@ -36,13 +36,13 @@ class Solution:
     """The minimiser read off a factor.
 
     Attributes:
-        estimate: (n,) θ; parameters that the data cannot tell from others are zero.
+        estimate: (n,) θ; parameters that the data do not determine are zero.
         covariance: (n, n) of θ under white noise, σ²(RᵀR)⁻¹; infinite on the diagonal of a parameter left out.
         noise_variance: σ² = RSS/(N − rank).
         residual_sum_of_squares: ‖y − Φθ‖².
         rank: numerical rank of Φ.
         condition: 2-norm condition number of Φ with its columns scaled to unit length; infinite with a column of zeros.
-        aliases: for every dependent column, the columns that it cannot be told apart from, itself first.
+        aliases: for every dependent column, the column itself and then those that it is a combination of.
     """
 
     estimate: Array
@@ -233,7 +233,7 @@ def copy_square(source: Array, target: Array, width: int) -> None:
 
 
 # The inner loops are functions of their own because they are vectorised one function at a time, and only where few
-# enough arrays have to be told apart.
+# enough arrays have to be distinguished.
 _compiled = numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
 
 

@@ -43,8 +43,6 @@ from emsid.record import Record, hold_back
 from emsid.selection.coordinate_search import coordinate_search
 from emsid.validation.comparison import assess
 
-Progress = Callable[[str, float], None]
-
 
 @dataclass(frozen=True)
 class Options:

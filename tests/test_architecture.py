@@ -319,7 +319,7 @@ def test_functions_are_short_enough_to_be_read() -> None:
 @pytest.mark.parametrize(
     "command",
     [
-        "import emsid; assert {\"fit\", \"plants\", \"blocks\"} <= set(dir(emsid))",
+        'import emsid; assert {"fit", "plants", "blocks"} <= set(dir(emsid))',
         "import sys; sys.argv = ['emsid', '--help']\nfrom emsid.cli import main\nmain()",
     ],
     ids=["import", "help"],

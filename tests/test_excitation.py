@@ -1,4 +1,4 @@
-"""Test signals: their equations, spectra, limits and worth, and the contract of every named one."""
+"""Test signals: equations, spectra, limits, order of excitation, and a contract test of every named signal."""
 
 from __future__ import annotations
 
@@ -258,7 +258,7 @@ def test_staircase_goes_up_down_negative_and_back(samples, steps):
     assert (u.max(), u.min()) == (10.0, -10.0)
 
 
-def test_ramp_keeps_one_slope_and_meets_its_ends():
+def test_ramp_has_one_slope_and_reaches_its_ends():
     u = ramp(4801, (0.0, 12.0, -12.0, 0.0))
     assert (u[0], u[1200], u[3600], u[-1]) == (0.0, 12.0, -12.0, 0.0)
     assert np.allclose(np.abs(np.diff(u)), 0.01, rtol=1e-9)
@@ -273,7 +273,7 @@ limits = st.one_of(st.none(), st.floats(1e-6, 1e6))
 
 @settings(deadline=None)
 @given(values, st.floats(1e-6, 10.0), limits, limits)
-def test_limits_hold_to_the_last_bit_and_once_is_enough(signal, dt, amplitude, slew):
+def test_limits_hold_exactly_and_limiting_twice_changes_nothing(signal, dt, amplitude, slew):
     u = np.array(signal)
     y = limit(u, dt, amplitude, slew)
     assert y.shape == u.shape
@@ -287,14 +287,14 @@ def test_limits_hold_to_the_last_bit_and_once_is_enough(signal, dt, amplitude, s
         assert np.array_equal(y, u)
 
 
-def test_limit_follows_as_fast_as_it_may():
+def test_limit_follows_at_the_slew_rate():
     y = limit(np.full(100, 7.0), 0.01, slew=10.0)
     assert np.array_equal(y, np.full(100, 7.0))  # the first sample is free
     y = limit(np.concatenate([[0.0], np.full(99, 7.0)]), 0.01, slew=10.0)
     assert np.allclose(y, np.minimum(0.1 * np.arange(100), 7.0), rtol=0, atol=1e-13)
 
 
-def test_limit_leaves_its_argument_alone():
+def test_limit_does_not_change_its_argument():
     u = np.array([0.0, 5.0])
     y = limit(u, 1.0)
     y[0] = 9.0
@@ -304,13 +304,13 @@ def test_limit_leaves_its_argument_alone():
 # --- what a signal is worth ------------------------------------------------------------------------------
 
 
-def test_crest_factors_known_by_heart():
+def test_known_crest_factors():
     assert crest_factor(prbs(100, 5, 7.0)) == pytest.approx(1.0, rel=1e-14)
     assert crest_factor(sines(1000, 1e-3, [3.0], [5.0])) == pytest.approx(np.sqrt(2), rel=1e-12)
     assert crest_factor(ramp(100_001, (-1.0, 1.0))) == pytest.approx(np.sqrt(3), rel=1e-4)
 
 
-def test_crest_factor_of_a_record_is_that_of_its_worst_input():
+def test_the_crest_factor_of_a_record_is_the_largest_of_its_inputs():
     t = np.arange(1000) * 1e-3
     inputs = np.column_stack([prbs(1000, 6), 1e-3 * np.sin(2 * np.pi * 5 * t)])
     record = Record(inputs, np.zeros(1000), dt=1e-3)
@@ -347,7 +347,7 @@ def test_slow_sines_at_a_fast_sample_time_count_two_each(samples, dt, tolerance)
     assert persistent_excitation_order(u, tolerance=tolerance) == 10
 
 
-def test_what_a_short_record_can_show_is_told():
+def test_largest_order_of_a_short_record():
     assert largest_order(np.ones(2000)) == 50
     assert largest_order(np.ones(2000), max_order=200) == 125
     assert largest_order(np.ones((2000, 6)), max_order=200) == 83
@@ -376,7 +376,7 @@ def test_the_covariance_of_rows_is_their_product(samples, channels, n):
 
 
 @pytest.mark.parametrize("name", SIGNALS)
-def test_the_fast_way_to_an_order_finds_the_same_as_the_exact_one(name, monkeypatch):
+def test_the_fast_computation_of_the_order_equals_the_exact_one(name, monkeypatch):
     u = SIGNALS[name](3000, 5e-3, 6.0, seeded())
     fast = [persistent_excitation_order(u, tolerance=tolerance) for tolerance in (1e-4, 1e-3, 1e-2)]
     monkeypatch.setattr("emsid.excitation.persistence._COARSE", 1.0)
@@ -388,7 +388,7 @@ def test_order_does_not_depend_on_unit_or_block():
     assert persistent_excitation_order(u) == persistent_excitation_order(1e-9 * u) == 4
 
 
-def test_order_of_two_inputs_counts_what_they_do_together():
+def test_order_of_two_inputs_counts_their_joint_excitation():
     u = seeded().standard_normal(500)
     other = seeded(1).standard_normal(500)
     assert persistent_excitation_order(np.column_stack([u, 1e-6 * other]), max_order=20) == 20
@@ -397,7 +397,7 @@ def test_order_of_two_inputs_counts_what_they_do_together():
     assert persistent_excitation_order(np.column_stack([u, 0 * u]), max_order=20) == 0
 
 
-def test_order_goes_by_segments():
+def test_order_is_computed_segment_by_segment():
     def constant(level: float) -> Record:
         return Record(np.full(50, level), np.zeros(50), dt=0.1)
 

@@ -13,7 +13,7 @@ from emsid import Cascade, Narx, Record, arx, concatenate
 from emsid.models.blocks.filters import Rational
 from emsid.models.free_run import free_run_error, mean_squared_error
 from emsid.record import hold_back
-from emsid.record.holding_back import FOLDS, hold_back_records, rounds
+from emsid.record.holding_back import FOLDS, hold_back_records, validation_splits
 from emsid.selection.improvement import Gain, as_good, better
 
 SOURCES = Path(emsid.__file__).parent
@@ -28,14 +28,14 @@ def test_only_more_than_the_gain_counts(gain: Gain) -> None:
     assert not as_good(1.0, 0.999 * edge, gain)
 
 
-def test_what_cannot_be_run_is_worse_than_anything() -> None:
+def test_a_model_that_diverges_is_worse_than_any_other() -> None:
     assert better(1.0, np.inf, Gain.PLANT)
     assert not better(np.inf, 1.0, Gain.PLANT)
     assert as_good(np.inf, np.inf, Gain.REGRESSION)
     assert not as_good(np.inf, 1.0, Gain.REGRESSION)
 
 
-def test_gains_are_those_of_the_rules_that_were_three() -> None:
+def test_the_three_thresholds_have_their_values() -> None:
     assert 1 / (1 - Gain.REGRESSION.value) == pytest.approx(1.01)
     assert np.sqrt(1 - Gain.CASCADE.value) == pytest.approx(0.98)
     assert Gain.PLANT.value == 0.1
@@ -67,7 +67,7 @@ def ramp(samples: int) -> Record:
     return Record(np.arange(samples), np.arange(samples), 0.1)
 
 
-def test_of_one_record_the_end_is_kept_unseen_and_of_many_every_third() -> None:
+def test_the_end_of_one_record_is_unseen_and_every_third_of_many() -> None:
     train, test = hold_back_records([ramp(100)], 0.3)
     assert (len(train), len(test), test.name) == (70, 30, "record, unseen part")
     train, test = hold_back_records([ramp(10 + k) for k in range(6)], 0.3)
@@ -76,9 +76,9 @@ def test_of_one_record_the_end_is_kept_unseen_and_of_many_every_third() -> None:
     assert test.name == "one in 3 of 6 records"
 
 
-def test_every_part_of_a_short_record_judges_once() -> None:
+def test_every_part_of_a_short_record_is_unseen_once() -> None:
     record = ramp(103)
-    shown, judged = rounds([record], 0.25)
+    shown, judged = validation_splits([record], 0.25)
     assert shown == [record]
     assert len(judged) == FOLDS
     seen = np.concatenate([part.input[:, 0] for _, (part,) in judged])
@@ -88,16 +88,16 @@ def test_every_part_of_a_short_record_judges_once() -> None:
         assert len(rest) + len(part) == len(record)
 
 
-def test_a_long_record_judges_as_regressions_and_plants_are_judged() -> None:
+def test_a_long_record_is_split_as_for_regressions_and_plants() -> None:
     series = concatenate([ramp(1000) for _ in range(8)])
     for record in (ramp(5000), series):
-        _, [((known,), (unseen,))] = rounds([record], 0.25)
+        _, [((known,), (unseen,))] = validation_splits([record], 0.25)
         first, last = hold_back(record, 0.25)
         np.testing.assert_array_equal(known.output, first.output)
         np.testing.assert_array_equal(unseen.output, last.output)
 
 
-def test_a_free_run_error_is_taken_over_what_counts_of_all_records() -> None:
+def test_a_free_run_error_covers_all_records_after_their_transients() -> None:
     rng = np.random.default_rng(0)
     model = Narx(arx(1, 1), np.array([-0.5, 1.0]), 0.1)
     records = [Record(rng.standard_normal(n), rng.standard_normal(n), 0.1) for n in (40, 70)]

@@ -1,4 +1,4 @@
-"""Records: what they refuse, how they are cut, filtered and put together."""
+"""Records: invalid arguments, slicing, filtering and concatenation."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_an_input_without_output_is_a_record() -> None:
         ({"breaks": (2,), "times": (0.0,)}, "1 segment times for 2 segments"),
     ],
 )
-def test_what_is_no_record_is_refused(fields: dict[str, object], message: str) -> None:
+def test_invalid_arguments_are_refused(fields: dict[str, object], message: str) -> None:
     whole: dict[str, object] = {"input": np.zeros(5), "output": np.zeros(5), "dt": 0.1, "name": "log", **fields}
     with pytest.raises(DataError, match=message):
         Record(**whole)  # type: ignore[arg-type]
@@ -105,12 +105,12 @@ def test_slicing_keeps_time_and_breaks() -> None:
 @pytest.mark.parametrize(
     ("rows", "message"), [(slice(0, 4, 2), "without a step"), (slice(7, 7), "select none of its 10")]
 )
-def test_slices_that_are_no_record(rows: slice, message: str) -> None:
+def test_slices_with_a_step_or_without_samples_are_refused(rows: slice, message: str) -> None:
     with pytest.raises(DataError, match=message):
         ramp()[rows]
 
 
-def test_of_many_experiments_every_fourth_is_held_back() -> None:
+def test_every_fourth_of_many_experiments_is_held_back() -> None:
     steps = concatenate([ramp(10 + k) for k in range(1, 10)])
     rest, held = hold_back(steps, 0.25)
     assert [len(one) for one in held.segments] == [14, 18]
@@ -119,7 +119,7 @@ def test_of_many_experiments_every_fourth_is_held_back() -> None:
 
 
 @pytest.mark.parametrize("lengths", [[40], [10, 10, 10, 10], [50] + [3] * 7, [3, 3, 3, 40, 3, 3, 3, 3]])
-def test_of_few_or_unequal_segments_the_end_is_held_back(lengths: list[int]) -> None:
+def test_the_end_of_few_or_unequal_segments_is_held_back(lengths: list[int]) -> None:
     record = concatenate([ramp(length) for length in lengths])
     for part, expected in zip(hold_back(record, 0.25), record.split(0.75), strict=True):
         np.testing.assert_array_equal(part.output, expected.output)
@@ -172,7 +172,7 @@ def test_channels_by_name() -> None:
         ramp().channel("speed")
 
 
-def test_detrending_takes_off_the_polynomial_of_all_segments() -> None:
+def test_detrending_subtracts_one_polynomial_from_all_segments() -> None:
     t = np.arange(50) * 0.1
     record = Record(3 + 2 * t, 1 - t + 0.5 * t**2, 0.1, breaks=(20,))
     assert np.abs(record.detrend(1).input).max() < 1e-12
@@ -231,7 +231,7 @@ def test_concatenation_makes_segments() -> None:
         (ramp(4, output_units=("A", "B"), name="b"), "b has output units"),
     ],
 )
-def test_records_of_other_channels_do_not_go_together(other: Record, message: str) -> None:
+def test_records_with_different_channels_cannot_be_joined(other: Record, message: str) -> None:
     with pytest.raises(DataError, match=message):
         check_same_channels(ramp(), other)
 
@@ -241,7 +241,7 @@ def test_records_of_other_channels_do_not_go_together(other: Record, message: st
     st.sampled_from([0.001, 0.02, 0.010048, 1 / 51200, 1 / 3, 2.5e-6, 1.0]),
     st.sampled_from([0.0, 0.37, 1e3]),
 )
-def test_the_sample_time_that_was_meant_comes_back(samples: int, dt: float, start: float) -> None:
+def test_the_intended_sample_time_is_recovered(samples: int, dt: float, start: float) -> None:
     axis = time_axis(start + dt * np.arange(samples))
     assert axis.regular
     assert axis.dt == pytest.approx(dt, rel=1e-13 * max(1, start / (dt * samples)))
@@ -263,7 +263,7 @@ def test_jitter_does_not_move_the_sample_time() -> None:
     assert 0.01 < axis.jitter < 0.02
 
 
-def test_gaps_and_duplicates_are_found_and_told() -> None:
+def test_gaps_and_duplicates_are_found_and_reported() -> None:
     t = np.array([0, 1, 2, 3, 7, 8, 8, 9, 10.0])
     axis = time_axis(t)
     assert (axis.dt, axis.gaps, axis.lengths, axis.duplicates, axis.regular) == (1.0, (4,), (4.0,), (6,), False)
@@ -273,7 +273,7 @@ def test_gaps_and_duplicates_are_found_and_told() -> None:
     assert str(many).endswith("jitter 0 %, 3 gaps (first at sample 10, longest 3 ms at sample 19), no duplicates")
 
 
-def test_a_regular_axis_is_told_too() -> None:
+def test_a_regular_axis_is_reported_too() -> None:
     t = 0.005 * np.arange(12000)
     assert str(time_axis(t)) == "12,000 samples, dt 5 ms, jitter 0 %, no gaps, no duplicates"
     assert str(time_axis(1e4 + t)) == str(time_axis(t))  # the rounding of the times is no jitter
@@ -283,7 +283,7 @@ def test_a_regular_axis_is_told_too() -> None:
     assert time_axis(t).jitter == pytest.approx(6e-4)
 
 
-def test_a_record_keeps_what_its_time_column_said() -> None:
+def test_a_record_keeps_its_time_axis() -> None:
     axis = time_axis(0.1 * np.arange(100))
     record = ramp(100, time_axis=axis)
     assert record[3:].time_axis is record.detrend().time_axis is axis
@@ -301,7 +301,7 @@ def test_a_record_keeps_what_its_time_column_said() -> None:
         ([3, 2, 1], "never advances, it is 3 s at first and 1 s at last; name"),
     ],
 )
-def test_what_is_no_time_axis(times: list[float], message: str) -> None:
+def test_invalid_times_are_refused(times: list[float], message: str) -> None:
     with pytest.raises(DataError, match=message):
         time_axis(times)
 
@@ -324,7 +324,7 @@ def test_resampling_a_regular_axis_changes_nothing(start: float) -> None:
     assert record.times == (start,)
 
 
-def test_of_equal_times_the_last_sample_counts() -> None:
+def test_the_last_sample_of_equal_times_is_used() -> None:
     record = resample([0, 1, 1, 2], Record([1, 2, 3, 4], [0, 0, 5, 0], 1.0), dt=1.0)
     np.testing.assert_array_equal(record.input[:, 0], [1, 3, 4])
 
@@ -339,6 +339,6 @@ def test_of_equal_times_the_last_sample_counts() -> None:
         ([0, 1, 2], np.nan, "cannot resample"),
     ],
 )
-def test_what_cannot_be_resampled(times: list[float], dt: float | None, message: str) -> None:
+def test_invalid_resampling_is_refused(times: list[float], dt: float | None, message: str) -> None:
     with pytest.raises(DataError, match=message):
         resample(times, Record([1, 2, 3], [1, 2, 3], 1.0), dt=dt)

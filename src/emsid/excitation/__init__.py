@@ -1,8 +1,8 @@
-"""Test signals, one pure function each, and what any signal is worth.
+"""Test signals, one pure function each, and measures of how well a signal excites a system.
 
-A signal is an array (N,) of samples, in whatever unit its amplitude has (volts for a drive), held by the generator from
-one sample to the next. Nothing here keeps state: what is random takes a `numpy.random.Generator`, and equal arguments
-give equal samples.
+A signal is an array (N,) of samples in the unit of its amplitude (volts for a drive). The generator holds each sample
+until the next. The functions keep no state: random signals take a `numpy.random.Generator`, and equal arguments give
+equal samples.
 """
 
 from emsid.excitation.limits import crest_factor, limit

@@ -1,4 +1,4 @@
-"""What every test signal checks at the door: sizes, amplitudes, frequencies, samples."""
+"""Checks of the arguments of test signals: sizes, amplitudes, frequencies, samples."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-# Of a signal: more than a day at a kilohertz, and less than would fill the memory of a laptop.
+# The longest signal: more than a day at 1 kHz, and small enough for the memory of a laptop.
 MOST_SAMPLES = 10**8
 
 
 def whole(value: SupportsIndex, what: str) -> int:
-    """A whole number from 1 to `MOST_SAMPLES`; ``what`` it is, for the message."""
+    """A whole number from 1 to `MOST_SAMPLES`; ``what`` names it in the message."""
     try:
         number = operator.index(value)
     except TypeError:
@@ -52,7 +52,7 @@ def check_frequency(frequency: float, dt: float) -> None:
 
 
 def as_record(signal: Record | ArrayLike) -> Record:
-    """A record as it is; samples as the input of one, sampled every second, without an output."""
+    """A record unchanged; an array becomes the input of a record with a sample time of 1 s and no output."""
     if isinstance(signal, Record):
         return signal
     u = np.asarray(signal, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""What a generator of limited amplitude and slew rate puts out, and how much power fits under such a limit."""
+"""The output of a generator of limited amplitude and slew rate, and the crest factor of a signal."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def limit(signal: ArrayLike, dt: float, amplitude: float | None = None, slew: fl
     """The signal as a generator of limited amplitude and slew rate puts it out.
 
     v = clip(u, ±a), then the follower y(k) = y(k−1) + clip(v(k) − y(k−1), ±slew·dt), y(0) = v(0). In floating
-    point, too, |y(k)| ≤ a and |y(k) − y(k−1)| ≤ slew·dt hold to the last bit, and a signal that keeps the
-    limits comes back unchanged.
+    point |y(k)| ≤ a and |y(k) − y(k−1)| ≤ slew·dt hold exactly, and a signal within the limits is returned
+    unchanged.
 
     Args:
         signal: (N,) samples.
@@ -44,7 +44,7 @@ def limit(signal: ArrayLike, dt: float, amplitude: float | None = None, slew: fl
 
 
 def _follow(targets: Array, step: float) -> Iterator[float]:
-    """Each target, or the furthest value towards it whose computed distance from the last is within step."""
+    """Each target, or the value nearest to it whose computed distance from the previous value is within ``step``."""
     value = float(targets[0])
     for target in targets.tolist():
         before, value = value, target
@@ -59,10 +59,11 @@ def crest_factor(signal: Record | ArrayLike) -> float:
     """C = max|u| / rms(u): 1 for a binary signal, √2 for a sine.
 
     Args:
-        signal: (N,) samples, (N, nu) channels, or a record, whose inputs count. Of several channels, the worst.
+        signal: (N,) samples, (N, nu) channels, or a record, whose inputs are used. With several channels, the largest
+            factor is returned.
 
     Raises:
-        DataError: for a signal without channels or samples, or one that is zero throughout.
+        DataError: for a signal without channels or samples, or a channel that is always zero.
 
     >>> round(crest_factor([3.0, -3.0, 3.0]), 12)
     1.0
@@ -70,5 +71,5 @@ def crest_factor(signal: Record | ArrayLike) -> float:
     u = as_record(signal).input
     peak = np.max(np.abs(u), axis=0, initial=0.0)
     if not (peak.size and np.all(peak > 0)):
-        raise DataError("no input, or one that is zero throughout, has no crest factor; look at that channel")
+        raise DataError("a missing input, or one that is zero throughout, has no crest factor; check that channel")
     return float(np.max(1.0 / np.sqrt(np.mean((u / peak) ** 2, axis=0))))

@@ -1,7 +1,7 @@
-"""Every signal by name, with nothing to choose but its size.
+"""Test signals by name, with defaults for everything but their size.
 
-The defaults cover one band: from one cycle a record to a twentieth of the sampling frequency, where a drive sampled
-fast enough still moves.
+The defaults excite one band: from one cycle in the record to a twentieth of the sampling frequency, where a drive that
+is sampled fast enough still responds.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from emsid.excitation.sweeps import chirp, logarithmic_sweep, ramp, staircase
 Array = NDArray[np.float64]
 
 Signal = Callable[[int, float, float, np.random.Generator], Array]
-"""(samples, dt in s, amplitude, rng) → (samples,) with |u| ≤ amplitude; what `SIGNALS` holds."""
+"""(samples, dt in s, amplitude, rng) → (samples,) with |u| ≤ amplitude: an entry of `SIGNALS`."""
 
-# The highest frequency, in terms of the sampling frequency.
+# The highest frequency, as a fraction of the sampling frequency.
 _TOP = 1 / 20
-# Samples of a multisine; longer records repeat it, which shows the noise apart.
+# The longest period of a multisine in samples; longer records repeat it, which separates noise from response.
 _LONGEST_PERIOD = 10_000
 
 

@@ -1,9 +1,9 @@
-"""How much a signal can tell: the order of persistent excitation.
+"""The order of persistent excitation: how many coefficients of a linear model a signal can determine.
 
-A linear model with n input coefficients can be told from every other only if no FIR filter of length n silences the
-input: u is *persistently exciting of order n* when the rows [u(t), …, u(t−n+1)] span n dimensions [Ljung, def. 13.2]. A
-constant has order 1, a sine 2, a sum of m sines 2m, a maximal-length sequence of period M order M. The order is read
-off the singular values of these rows.
+A signal determines n input coefficients only if no FIR filter of length n makes its output zero: u is *persistently
+exciting of order n* when the rows [u(t), …, u(t−n+1)] span n dimensions [Ljung, def. 13.2]. A constant has order 1, a
+sine 2, a sum of m sines 2m, a maximal-length sequence of period M order M. The order is computed from the singular
+values of these rows.
 
 References:
     Ljung, L. (1999). System Identification: Theory for the User, 2nd ed., chapter 13.
@@ -23,36 +23,36 @@ from emsid.record import Record, segments
 
 Array = NDArray[np.float64]
 
-# Parts of a record, and how many of them may differ without saying anything of the rest.
+# The parts of a record, and how many of them are left out as transient.
 _PARTS, _TRANSIENTS = 8, 2
-# A tolerance whose square is far above the rounding of a covariance.
+# Above this tolerance the covariance of the rows is accurate enough.
 _COARSE = 1e-6
 
 
 def persistent_excitation_order(signal: Record | ArrayLike, max_order: int = 50, tolerance: float = 1e-10) -> int:
     """Largest n up to ``max_order`` for which the rows [u(t), u(t−1), …, u(t−n+1)] have full column rank n·nu.
 
-    The rows are brought to one triangular R by orthogonal transformations; what counts as rank are singular values
-    σ > tolerance·σ_max. Working on the rows and not on their covariance keeps all digits; where the tolerance does not
-    ask for them, the covariance does, in a fraction of the time. Three things are done so that a finite record shows
-    the order that theory gives to what goes on for ever:
+    Orthogonal transformations reduce the rows to one triangular R; its rank is the number of singular values
+    σ > tolerance·σ_max. Working on the rows instead of their covariance keeps all digits. For a coarse tolerance the
+    covariance suffices and is much faster. The order is defined for infinite signals; three steps make a finite record
+    give the same order:
 
-    - *What happens once is no persistent excitation.* A step is a constant, whose order is 1, but for one moment. So of
-      eight equal parts of the record, within each of which and within its segments the rows stay, the two of highest
-      rank are left out.
-    - *A sum of sines has no more dimensions in longer rows.* Of one channel the rank is taken in rows as long as the
-      record can show, which tells slow sines apart much better than rows of just n samples.
-    - *Neither has it in every 2nd, 4th, … sample,* where slow sines look faster. So these are tried as well, of one
-      channel: of several it would take apart what one does a sample after the other.
+    - *Transients are left out.* A step excites only at one instant; apart from it, it is a constant, of order 1. So the
+      record is cut into eight equal parts, no row crosses a part or a segment, and the two parts of highest rank are
+      left out.
+    - *The rows are as long as the record allows.* Longer rows do not raise the rank of a sum of sines, but they
+      separate slow sines much better than rows of n samples. This holds for one channel.
+    - *Every 2nd, 4th, … sample is tried as well.* This does not raise the rank of a sum of sines either, and slow sines
+      become faster. It is done for one channel only: with several, it would separate inputs that follow each other.
 
-    What has come back as `largest_order` may be of a higher order still. A mean adds one.
+    If the result equals `largest_order`, the true order may be higher. A mean adds one.
 
     Args:
         signal: (N,) samples, (N, nu) channels, or a record, whose inputs count. Each channel is scaled to peak 1.
-        max_order: where to stop looking; what is exciting of every order comes back as this.
-        tolerance: smallest singular value, as a fraction of the largest, that counts; 1e-10 suits a computed
-            signal, the noise-to-signal ratio a measured one, since noise excites everything: 1e-3 is above the rounding
-            of a converter of 12 bits.
+        max_order: the largest order to look for; it is returned for a signal that excites every order.
+        tolerance: smallest singular value, as a fraction of the largest, that counts. 1e-10 suits a computed
+            signal. For a measured one, use its noise-to-signal ratio, since noise excites every order: 1e-3 is above
+            the rounding of a 12-bit converter.
 
     Raises:
         DataError: for a signal without channels or samples, or a bad order or tolerance.
@@ -75,7 +75,7 @@ def persistent_excitation_order(signal: Record | ArrayLike, max_order: int = 50,
     if not np.all(peak > 0):
         return 0
     parts = _parts([segment.input / peak for segment in segments(record)])
-    n = _shown(parts, largest)
+    n = _largest_order(parts, largest)
     if not n:
         return 0
     factors = [_factor(part, n, tolerance) for part in parts]
@@ -88,27 +88,27 @@ def persistent_excitation_order(signal: Record | ArrayLike, max_order: int = 50,
     parts = [parts[k] for k in steady]
     while max(order, 1) < n:
         parts = [[piece[::2] for piece in part] for part in parts]
-        n = _shown(parts, n)
+        n = _largest_order(parts, n)
         if n > order:
             order = max(order, _rank(_factor([piece for part in parts for piece in part], n, tolerance), tolerance))
     return order
 
 
 def largest_order(signal: Record | ArrayLike, max_order: int = 50) -> int:
-    """The highest order of persistent excitation up to ``max_order`` that so many samples can show.
+    """The highest order of persistent excitation up to ``max_order`` that a record of this length can show.
 
-    That for which every eighth of the record holds n rows, about N/16 for up to three channels.
+    At this order n every eighth of the record holds n rows: about N/16 for up to three channels.
 
     Args:
         signal: (N,) samples, (N, nu) channels, or a record, whose inputs count.
-        max_order: where to stop looking.
+        max_order: the largest order to look for.
     """
     pieces = [segment.input for segment in segments(as_record(signal))]
-    return _shown(_parts(pieces), whole(max_order, "largest order"))
+    return _largest_order(_parts(pieces), whole(max_order, "largest order"))
 
 
 def _parts(pieces: Sequence[Array]) -> list[list[Array]]:
-    """Pieces without a gap (N, nu), cut into equal parts of the whole."""
+    """Pieces without a gap (N, nu), cut into equal parts of the record."""
     ends = np.cumsum([len(piece) for piece in pieces])
     cuts = [k * int(ends[-1]) // _PARTS for k in range(_PARTS + 1)]
     return [
@@ -121,14 +121,14 @@ def _parts(pieces: Sequence[Array]) -> list[list[Array]]:
     ]
 
 
-def _shown(parts: Sequence[Sequence[Array]], largest: int) -> int:
-    """The largest n for which every part has n rows of n samples; more of more than three channels."""
+def _largest_order(parts: Sequence[Sequence[Array]], largest: int) -> int:
+    """The largest n for which every part has n rows of n samples; above three channels, n·nu/3 rows."""
     width = max((piece.shape[1] for part in parts for piece in part), default=0)
 
     def suffices(n: int) -> bool:
         return all(sum(max(0, len(piece) - n + 1) for piece in part) >= n * max(1.0, width / 3) for part in parts)
 
-    order, beyond = 0, largest + 1  # where n rows of n samples fit, so do fewer of fewer
+    order, beyond = 0, largest + 1  # the condition is monotonic in n, so bisection works
     while beyond - order > 1:
         middle = (order + beyond) // 2
         order, beyond = (middle, beyond) if suffices(middle) else (order, middle)
@@ -151,8 +151,8 @@ def _factor(pieces: Sequence[Array], n: int, tolerance: float) -> Array:
 def _covariance(piece: Array, n: int) -> Array:
     """The sum of rowᵀ·row over the rows of n samples each of a piece (N, nu).
 
-    Its blocks are C(i, j) = Σₜ u(t+i)ᵀ u(t+j) over all rows t, so that C(i+1, j+1) is C(i, j) with its first term
-    exchanged for one after the last.
+    Its blocks are C(i, j) = Σₜ u(t+i)ᵀ u(t+j) over all rows t, so that C(i+1, j+1) is C(i, j) without its
+    first term and with one more at the end.
     """
     rows, width = len(piece) - n + 1, piece.shape[1]
     c = np.empty((n, width, n, width))
@@ -166,7 +166,7 @@ def _covariance(piece: Array, n: int) -> Array:
 
 
 def _triangular_factor(pieces: Sequence[Array], n: int, block: int = 4096) -> Array:
-    """R of the rows of n samples each of all pieces (N, nu), taken a block of rows at a time."""
+    """R of the rows of n samples each of all pieces (N, nu), computed block by block."""
     width = n * pieces[0].shape[1]
     r: Array = np.zeros((0, width))
     for piece in pieces:

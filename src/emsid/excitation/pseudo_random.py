@@ -2,8 +2,8 @@ r"""Binary and multilevel noise from a shift register.
 
 The bits s(t+n) = ⊕ₑ s(t+e), e the lower exponents of a primitive polynomial of degree n over GF(2), pass through all
 2ⁿ − 1 states but zero [Golomb]. Squaring over GF(2) only doubles exponents, p(x)² = p(x²), so that the recursion also
-holds with every lag times 2, 4, 8, …; a few array operations, each on a block as long as what is known already, thus
-replace the bit-by-bit loop.
+holds with every lag times 2, 4, 8, … A few array operations, each on a block as long as the bits known so far,
+therefore replace the bit-by-bit loop.
 
 References:
     Golomb, S. W. (1967). Shift Register Sequences.
@@ -36,15 +36,15 @@ def prbs(samples: int, order: int, amplitude: float = 1.0, *, hold: int = 1, sta
     """Pseudo-random binary sequence: ±a by a maximal-length shift register, period (2ⁿ − 1)·hold samples.
 
     Over a period of M = 2ⁿ − 1 clock ticks the mean is a/M and the circular autocorrelation a² at lag 0, −a²/M at every
-    other. Held for h samples, its power falls to one half at 0.44/(h·dt) Hz and to nothing at 1/(h·dt).
+    other. Held for h samples, its power falls to one half at 0.44/(h·dt) Hz and to zero at 1/(h·dt).
 
     Args:
-        samples: N, the number of samples; the period is repeated, and cut, to fill them.
+        samples: N, the number of samples; the period is repeated, and the last one cut.
         order: n, the length of the register, 2 … 32.
         amplitude: a, the level, in the unit of the signal.
         hold: clock period in samples.
         start: first n bits as a whole number, 1 … 2ⁿ − 1, least significant first; all ones where None.
-            Another start is another shift of the same sequence.
+            Another start gives a shifted version of the same sequence.
 
     Raises:
         DataError: for an order, start or size out of range.
@@ -69,10 +69,10 @@ def amplitude_modulated_prbs(
     hold: int = 1,
     start: int | None = None,
 ) -> Array:
-    """APRBS: the switching times of `prbs`, but a level of its own for each stretch between two switches.
+    """APRBS: the switching times of `prbs`, with another level between any two of them.
 
-    With m stretches in the N samples the levels are the m equally spaced values from −amplitude to amplitude, each used
-    once, in random order. So the signal covers the range of a nonlinearity and not only its two ends. It has no period.
+    The m levels are equally spaced from −amplitude to amplitude, and each is used once, in random order. So the signal
+    covers the whole range of a nonlinearity, not only its two ends. It has no period.
 
     Args:
         samples, order, amplitude, hold, start: as for `prbs`; choose ``hold`` near the dominant time constant.
@@ -103,7 +103,7 @@ def _shift_register(order: int, length: int, start: int | None) -> NDArray[np.ui
     bits[:order] = [state >> k & 1 for k in range(order)]
     known = order
     while known < length:
-        stride = 1 << ((known // order).bit_length() - 1)  # the largest power of two the known bits allow
+        stride = 1 << ((known // order).bit_length() - 1)  # the largest power of two that the known bits allow
         origin = known - stride * order
         block = min(stride * (order - exponents[0]), length - known)
         fresh = bits[origin : origin + block].copy()

@@ -1,13 +1,13 @@
 r"""Sums of sines: by amplitudes and frequencies, and multisines, which have power on chosen harmonics only.
 
-How much of it fits under a limit depends on the phases: random ones give a crest factor of 3 or more. Two things bring
-it down without touching the amplitude spectrum:
+The crest factor of a multisine depends on its phases: random phases give 3 or more. Two methods lower it and keep the
+amplitude spectrum:
 
 - *Schroeder's phases.* A signal whose frequency sweeps has a flat envelope. At a phase φ(ω) the group delay is −dφ/dω;
   a sweep that stays in each band in proportion to its power p, Σp = 1, needs φₙ = φₙ₋₁ − 2π·(p₁ + … + pₙ₋₁)
   [Schroeder].
 - *Swapping between time and frequency.* Clip the signal, transform it, keep only the phases of its harmonics, put the
-  wanted amplitudes back, and repeat [Van der Ouderaa]. Clipping low at first and higher later gets past poor optima.
+  wanted amplitudes back, and repeat [Van der Ouderaa]. Clipping low at first and higher later avoids poor local optima.
 
 References:
     Schroeder, M. R. (1970). Synthesis of low-peak-factor signals and binary sequences with low autocorrelation. IEEE
@@ -37,7 +37,7 @@ PhaseDesign = Callable[[Harmonics, Array, int, np.random.Generator], Array]
 def sines(
     samples: int, dt: float, amplitudes: ArrayLike, frequencies: ArrayLike, phases: ArrayLike | None = None
 ) -> Array:
-    """The sum of sines u(t) = Σᵢ aᵢ sin(2π fᵢ t + φᵢ), as two signal generators added up give it.
+    """The sum of sines u(t) = Σᵢ aᵢ sin(2π fᵢ t + φᵢ), as the sum of m signal generators.
 
     Args:
         samples: N, the number of samples.
@@ -56,7 +56,7 @@ def sines(
     a, f = vector(amplitudes, "amplitudes"), vector(frequencies, "frequencies")
     phi = np.zeros_like(f) if phases is None else vector(phases, "phases")
     if not len(a) == len(f) == len(phi):
-        raise DataError(f"{len(a)} amplitudes, {len(f)} frequencies and {len(phi)} phases; give one of each a sine")
+        raise DataError(f"{len(a)} amplitudes, {len(f)} frequencies and {len(phi)} phases; give one of each per sine")
     for frequency in f:
         check_frequency(float(frequency), dt)
     u = np.zeros_like(time)
@@ -94,7 +94,7 @@ def full_harmonics(period: int, dt: float, lowest: float, highest: float) -> Har
 
 
 def odd_harmonics(period: int, dt: float, lowest: float, highest: float) -> Harmonics:
-    """The odd ones of `full_harmonics`.
+    """The odd harmonics among `full_harmonics`.
 
     Args:
         period: samples in a period.
@@ -119,7 +119,7 @@ def odd_harmonics(period: int, dt: float, lowest: float, highest: float) -> Harm
 def random_phases(harmonics: Harmonics, weights: Array, period: int, rng: np.random.Generator) -> Array:
     """(H,) independent phases, uniform over the circle: nearly Gaussian samples, crest factor 3 and more.
 
-    What averaging a nonlinear distortion over realisations asks for [Pintelon & Schoukens, chapter 3].
+    Averaging a nonlinear distortion over realisations needs such phases [Pintelon & Schoukens, chapter 3].
 
     Args:
         harmonics: (H,) of the fundamental, ascending.
@@ -154,9 +154,9 @@ def low_crest_phases(
 ) -> Array:
     """(H,) phases of low crest factor, 1.4 to 1.5 for a flat band, by swapping between time and frequency.
 
-    Starts from Schroeder's phases, each moved at random by up to π/4, so that every seed gives a signal of
-    its own, and clips at 1.0·rms first and 1.5·rms last. The best phases met on the way are returned. The
-    work is done on a grid of 16 to 32 samples a cycle of the highest harmonic where the period has more.
+    The iteration starts from Schroeder's phases, each shifted at random by up to π/4, so that every seed gives
+    another signal. It clips at 1.0·rms first and 1.5·rms last, and returns the best phases it has found. Where the
+    period is longer, it works on a grid of 16 to 32 samples per cycle of the highest harmonic.
 
     Args:
         harmonics, weights, period, rng: as for every `PhaseDesign`.
@@ -191,12 +191,12 @@ def multisine(
 ) -> Array:
     """The periodic sum u(k) = c Σₕ wₕ cos(2π h k / M + φₕ) over chosen harmonics h, with max|u| = amplitude.
 
-    Over whole periods it has no power off the chosen harmonics, so that whatever a measured output has there
-    is noise or a nonlinearity: with odd harmonics only, an even nonlinearity shows on the even ones.
+    Over whole periods it has power on the chosen harmonics only. Power of a measured output at other harmonics
+    is noise or comes from a nonlinearity: with odd harmonics only, an even nonlinearity shows on the even ones.
 
     Args:
-        samples: N, the number of samples; the period is repeated, and cut, to fill them.
-        harmonics: (H,) whole numbers h 1 ≤ h < M/2, such as `full_harmonics` and `odd_harmonics` give.
+        samples: N, the number of samples; the period is repeated, and the last one cut.
+        harmonics: (H,) whole numbers 1 ≤ h < M/2, for example from `full_harmonics` or `odd_harmonics`.
         rng: source of the phases.
         amplitude: largest absolute value within a period, in the unit of the signal.
         period: M in samples; all N where None.
@@ -204,7 +204,7 @@ def multisine(
         phases: how φₕ are chosen: `low_crest_phases`, `schroeder_phases`, `random_phases` or your own.
 
     Raises:
-        DataError: for harmonics that are none, repeated, or outside 1 … M/2; for bad sizes or weights.
+        DataError: for no harmonics, repeated ones, or ones outside 1 … M/2; for bad sizes or weights.
 
     Source: Pintelon & Schoukens, chapter 5.
     """

@@ -1,4 +1,4 @@
-"""Sweeps, steps and ramps: signals whose course over time can be seen.
+"""Sweeps, staircases and ramps: deterministic test signals.
 
 References:
     Pintelon, R., Schoukens, J. (2012). System Identification: A Frequency Domain Approach, 2nd ed.
@@ -25,7 +25,7 @@ def linear_sweep(x: Array, first: float, last: float) -> Array:
     """∫₀ˣ f with f(ξ) = f₀ + (f₁ − f₀) ξ: equal time for every hertz.
 
     Args:
-        x: (N,) how much of the sweep is over, 0 to 1.
+        x: (N,) the elapsed fraction of the sweep, 0 to 1.
         first, last: frequencies f₀ and f₁ in Hz.
     """
     return first * x + (last - first) * x**2 / 2
@@ -35,7 +35,7 @@ def logarithmic_sweep(x: Array, first: float, last: float) -> Array:
     """∫₀ˣ f with f(ξ) = f₀ (f₁/f₀)^ξ: equal time for every octave.
 
     Args:
-        x: (N,) how much of the sweep is over, 0 to 1.
+        x: (N,) the elapsed fraction of the sweep, 0 to 1.
         first, last: frequencies f₀ and f₁ in Hz.
 
     Raises:
@@ -57,7 +57,7 @@ def chirp(
         dt: sample time in seconds.
         first, last: frequencies f₀ and f₁ at both ends in Hz, below Nyquist; either may be the higher.
         amplitude: a, in the unit of the signal.
-        sweep: how the frequency gets from one to the other: `linear_sweep`, `logarithmic_sweep` or your own.
+        sweep: the course of the frequency from one to the other: `linear_sweep`, `logarithmic_sweep` or your own.
 
     Raises:
         DataError: for a frequency that is negative or not below Nyquist, or a bad size.
@@ -72,13 +72,13 @@ def chirp(
 
 
 def staircase(samples: int, steps: int, amplitude: float = 1.0) -> Array:
-    """Levels 0, a/n, …, a, …, 0, −a/n, …, −a, …, 0: up, down, negative, back, each held equally long.
+    """Levels 0, a/n, …, a, …, 0, −a/n, …, −a, …, 0: up, down, negative, back, each of equal length.
 
-    Every level but ±a is met on the way up and on the way down, for both directions of motion: the steady
-    speeds draw the static curve, with its dead zone, its Coulomb steps and its hysteresis.
+    Every level but ±a is reached both rising and falling. The steady speeds therefore show the static curve with
+    its dead zone, its Coulomb friction and its hysteresis.
 
     Args:
-        samples: N, at least one for each of the 4n + 1 levels, which differ in length by at most one sample.
+        samples: N, at least one for each of the 4n + 1 levels; their lengths differ by at most one sample.
         steps: n, the number of steps from 0 to a.
         amplitude: a, in the unit of the signal.
 
@@ -104,13 +104,13 @@ def _triangle(k: NDArray[np.int64], n: int) -> NDArray[np.int64]:
 def ramp(samples: int, corners: ArrayLike) -> Array:
     """Straight lines through the corner values at one slope |du/dt|, from the first value to the last.
 
-    ``ramp(n, (0, 12, -12, 0))`` goes slowly up, down through zero and back: where the motor breaks away, and
-    where it stops again, is read off it for both directions.
+    ``ramp(n, (0, 12, -12, 0))`` rises slowly, falls through zero and returns. The response shows the voltages
+    at which the motor breaks away and stops, for both directions.
 
     Args:
         samples: N, at least 2.
-        corners: (m ≥ 2,) values to pass, in the unit of the signal; a corner that falls between two
-            samples is cut off by less than a sample's rise.
+        corners: (m ≥ 2,) values to reach, in the unit of the signal; a corner between two samples
+            is missed by less than the change of one sample.
 
     Raises:
         DataError: for fewer than two corners, or two equal ones in a row.

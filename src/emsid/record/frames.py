@@ -1,7 +1,6 @@
-"""Columns of a data frame as arrays, whatever library the frame is from.
+"""Columns of a data frame as arrays: a pandas frame, a Polars frame or a dictionary of arrays.
 
-Nothing is imported here: a pandas frame, a Polars frame and a dictionary of arrays are all read by what they share,
-``frame[name]``.
+All of them are read by ``frame[name]``, so neither library is imported.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 def numbers(frame: Any, names: Sequence[str]) -> Array:
-    """(N, columns) the named columns as numbers; what is missing becomes NaN.
+    """(N, columns) the named columns as numbers; missing values become NaN.
 
     Raises:
         DataError: for a column that is not there or that holds no numbers.
@@ -31,11 +30,11 @@ def numbers(frame: Any, names: Sequence[str]) -> Array:
 
 
 def seconds(frame: Any, time: str | None) -> Array | None:
-    """(N,) the time of every row in seconds; None where the frame has none.
+    """(N,) the time of every row in seconds; None if the frame has no time.
 
     Args:
         frame: where to look.
-        time: the column, or the name of the index of a pandas frame; None takes that index, unless it only counts.
+        time: the column, or the name of the index of a pandas frame; None takes that index, unless it is a row number.
 
     Raises:
         DataError: for a column that is not there, or that holds no times.

@@ -1,8 +1,8 @@
-"""Which data are held back from a fit, so that it can be judged on data that it has not seen: one policy for all.
+"""Which data are held back from a fit, so that the model can be tested on unseen data. All models use this module.
 
-Held back is the end of a record. Of a series of experiments, such as steps of ascending height, no end stands for the
-rest; there every k-th is held back, so that both parts see all that was done. In a short record a part says little;
-where several fits can be afforded, each part is held back in turn.
+Normally the end of a record is held back. In a series of experiments, such as steps of ascending height, the last ones
+differ from the rest; there every k-th experiment is held back, so that both parts cover all conditions. In a short
+record one part holds too few samples; there cross-validation holds back each part once, at the cost of several fits.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import numpy as np
 
 from emsid.record.record import Record, concatenate
 
-# What identifies and what judges.
-Round = tuple[Sequence[Record], Sequence[Record]]
+# The records to fit and the unseen records to test on.
+Split = tuple[Sequence[Record], Sequence[Record]]
 
-# Records with fewer samples than `SHORT` together are short: each of `FOLDS` parts judges once.
+# Records with fewer samples than `SHORT` in total are cross-validated: each of `FOLDS` parts is unseen once.
 SHORT, FOLDS = 4_000, 4
 
 
 def hold_back(record: Record, fraction: float) -> tuple[Record, Record]:
-    """A part to fit to, and about this fraction of the samples with which to judge fits.
+    """Split a record into a part to fit and an unseen part of about this fraction of the samples.
 
     Args:
-        record: of a series of experiments every k-th segment is held back, ``k = 1/fraction``, otherwise the end.
+        record: in a series of experiments every k-th segment is held back, ``k = 1/fraction``; otherwise the end.
         fraction: between 0 and 1.
 
     Raises:
@@ -44,12 +44,12 @@ def hold_back(record: Record, fraction: float) -> tuple[Record, Record]:
 def hold_back_records(
     records: Sequence[Record], fraction: float, together: Callable[[Sequence[Record]], Record] = concatenate
 ) -> tuple[Record, Record]:
-    """What to identify from and what is kept unseen, of one or several records.
+    """Split one or several records into a record to fit and an unseen record.
 
     Args:
-        records: of 2k and more every k-th is kept unseen, ``k = 1/fraction``; otherwise the end of the whole.
+        records: of 2k or more every k-th is unseen, ``k = 1/fraction``; otherwise the end of all of them together.
         fraction: between 0 and 1.
-        together: makes one record of several, with a name for all.
+        together: joins several records into one and names it.
 
     Raises:
         DataError: for a fraction that leaves either part without a sample.
@@ -63,12 +63,12 @@ def hold_back_records(
     return train, replace(test, name=f"one in {k} of {len(records)} records")
 
 
-def rounds(records: Sequence[Record], fraction: float) -> tuple[list[Record], list[Round]]:
-    """What choices may be made from, and the rounds in which they are judged, each on data that it does not fit.
+def validation_splits(records: Sequence[Record], fraction: float) -> tuple[list[Record], list[Split]]:
+    """The records that a search may see, and the splits into fitted and unseen data that compare its models.
 
     Args:
-        records: where they are short, all of them are shown and each of `FOLDS` parts judges once.
-        fraction: of every record that judges, where they are long.
+        records: short ones are cross-validated with `FOLDS` parts, and the search sees all of them.
+        fraction: the unseen part of every record, where they are long.
     """
     if sum(len(record) for record in records) < SHORT:
         return list(records), [_without_fold(records, k) for k in range(FOLDS)]
@@ -78,18 +78,18 @@ def rounds(records: Sequence[Record], fraction: float) -> tuple[list[Record], li
 
 
 def is_series(record: Record, k: int) -> bool:
-    """Whether a record is of many experiments of about one length, so that every k-th of them may be held back."""
+    """Whether a record is a series of experiments of similar length, so that every k-th of them can be held back."""
     lengths = [len(segment) for segment in record.segments]
     return k >= 2 and len(lengths) >= 2 * k and max(lengths) * k <= len(record)
 
 
 def every(pieces: Sequence[Record], k: int) -> tuple[list[Record], list[Record]]:
-    """All but every k-th of these, and every k-th."""
+    """The pieces without every k-th, and every k-th."""
     return [piece for number, piece in enumerate(pieces, 1) if number % k], list(pieces[k - 1 :: k])
 
 
-def _without_fold(records: Sequence[Record], k: int) -> Round:
-    """Every record without its k-th part, and those parts."""
+def _without_fold(records: Sequence[Record], k: int) -> Split:
+    """Every record without its k-th part, and the k-th parts."""
     rest, parts = [], []
     for record in records:
         first, last = (int(len(record) * edge / FOLDS) for edge in (k, k + 1))

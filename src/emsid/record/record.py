@@ -1,9 +1,9 @@
-"""`Record`, the one data type of the program, and what can be done to one.
+"""`Record`, the one data type of the program, and its operations.
 
 A record is a sampled experiment: inputs ``(N, nu)`` and outputs ``(N, ny)`` at a constant sample time. It may
-hold several *segments*, pieces without a gap, as left by masking bad samples out of a log or by putting
-several experiments together; no lagged value, filter or simulation ever reaches across a break. Everything
-that identifies, validates, plots or exports takes a record, or several, and goes through their segments.
+hold several *segments*, pieces without a gap. Masking bad samples and joining experiments both make segments. No
+lagged value, filter or simulation crosses a break between segments. Every function that identifies, validates, plots
+or exports takes one or several records and works segment by segment.
 """
 
 from __future__ import annotations
@@ -33,20 +33,19 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Record(Presented):
-    """A sampled experiment. Its samples cannot be written to, nor do they change with the arrays it was made from.
+    """A sampled experiment. Its samples are read-only and independent of the arrays it was made from.
 
     Args:
         input: (N, nu) inputs; a 1-D array is one channel.
-        output: (N, ny) outputs; a 1-D array is one channel. Left out where only an input is known.
-        dt: sample time in seconds; it has to be given.
-        input_names, output_names: a name for every channel, ``u1, u2, …`` and ``y1, y2, …`` by default; a text is the
+        output: (N, ny) outputs; a 1-D array is one channel. Omit it if only an input is known.
+        dt: sample time in seconds; required.
+        input_names, output_names: a name for every channel, ``u1, u2, …`` and ``y1, y2, …`` by default; a string is the
             name of one channel.
-        input_units, output_units: a unit for every channel, likewise, empty where unknown.
+        input_units, output_units: a unit for every channel, in the same form; empty if unknown.
         breaks: the first sample of every further segment, ascending; empty for a record without gaps.
         times: the time in seconds of the first sample of every segment; by default the segments follow each other.
-        name: where the record comes from, for messages and figures.
-        time_axis: what the time column that it was read with says about the sampling of the whole file; None where
-            the sample time was given instead.
+        name: the source of the record, for messages and figures.
+        time_axis: the regularity of the time column in the file; None if the sample time was given instead.
 
     Raises:
         DataError: for arrays of other shapes, unequal lengths, no sample, values that are not finite, a bad sample
@@ -128,17 +127,17 @@ class Record(Presented):
 
         Args:
             frame: where the columns are.
-            input, output: the columns that drive the system and those that answer; one name or several.
+            input, output: the input and the output columns; one name or several.
             time: the column with the time, in seconds or as dates and times, or the name of the index of a pandas
-                frame. Left out with ``dt`` left out too, that index is the time.
-            dt: sample time in seconds, where there is no time.
-            units: by column, the unit it is in; the channel is then converted to SI, as by `emsid.read`.
-            resample: bring an irregular time to an equidistant one: inputs held, outputs interpolated.
+                frame. Without it and without ``dt``, the index is the time.
+            dt: sample time in seconds, if there is no time column.
+            units: the unit of each column; these channels are converted to SI, as by `emsid.read`.
+            resample: resample an irregular time axis to an equidistant one; inputs are held, outputs interpolated.
             name: of the record.
 
         Raises:
-            DataError: for a column that is not there, is named twice or holds no numbers, a time that is not regular,
-                units of other columns, or without a sample time.
+            DataError: for a column that does not exist, is named twice or holds no numbers; for an irregular time,
+                units of other columns, or a missing sample time.
         """
         from emsid.record.time_axis import resample as resampled
         from emsid.record.time_axis import time_axis
@@ -195,7 +194,7 @@ class Record(Presented):
 
     @property
     def segments(self) -> tuple[Record, ...]:
-        """The pieces without a gap, each a record of its own (views, no copies)."""
+        """The pieces without a gap, each as a record (views, no copies)."""
         edges = (0, *self.breaks, len(self))
         return tuple(self[a:b] for a, b in pairwise(edges)) if self.breaks else (self,)
 
@@ -218,7 +217,7 @@ class Record(Presented):
         )
 
     def split(self, fraction: float) -> tuple[Record, Record]:
-        """The first ``fraction`` of the samples, to identify, and the rest, to verify.
+        """The first ``fraction`` of the samples, to fit, and the rest, as unseen data.
 
         Raises:
             DataError: for a fraction that leaves either part without a sample.
@@ -231,7 +230,7 @@ class Record(Presented):
         return self[:at], self[at:]
 
     def mask(self, leave_out: ArrayLike) -> Record:
-        """The record without the samples where ``leave_out`` (N,) is true; what remains falls into segments.
+        """The record without the samples where ``leave_out`` (N,) is true. Every gap starts a new segment.
 
         Raises:
             DataError: for a mask of another length, or one that leaves nothing.
@@ -270,9 +269,9 @@ class Record(Presented):
         )
 
     def detrend(self, order: int = 0) -> Record:
-        """The record less a polynomial in time of this order, fitted to every channel over the whole record.
+        """The record minus a polynomial in time of this order, fitted to every channel over the whole record.
 
-        Order 0 takes off the mean. The polynomial is common to all segments, so that they keep one operating point.
+        Order 0 subtracts the mean. All segments share one polynomial, so they keep one operating point.
         """
         order = _whole(order, 0, f"{self.name}: detrending of order {order}; give 0 (mean), 1 (line) or more")
         powers = np.polynomial.legendre.legvander(_to_unit_interval(self.time), order)
@@ -300,8 +299,8 @@ class Record(Presented):
                     f"{self.name}: a segment of {len(segment)} samples is too short to decimate by {factor}; "
                     f"it needs more than {20 * factor}"
                 )
-            # `decimate` filters as if the signal were zero outside; taking off the first value keeps a start from a
-            # standing level free of a false transient.
+            # `decimate` assumes that the signal is zero before its start. Subtracting the first value avoids a false
+            # transient where the signal starts at a constant level.
             slow = [
                 decimate(values - values[:1], factor, ftype="fir", axis=0) + values[:1]
                 for values in (segment.input, segment.output)
@@ -324,11 +323,11 @@ class Record(Presented):
         return replace(self, **changes)
 
     def convert(self, units: Mapping[str, str] | None = None, **scales: float) -> Record:
-        """Every channel with a unit brought to SI, or the named ones to the units asked for.
+        """Convert every channel with a unit to SI, or the named channels to the given units.
 
         Args:
-            units: for each channel to convert, the unit it is to have; all to SI where None.
-            scales: what counts and PWM stand for, see `emsid.units.conversion`: ``counts_per_revolution``,
+            units: the new unit of each channel to convert; None converts all to SI.
+            scales: the scales of counts and PWM, see `emsid.units.conversion`: ``counts_per_revolution``,
                 ``supply_voltage``, ``pwm_full_scale``.
         """
         from emsid.units import conversion
@@ -344,11 +343,11 @@ class Record(Presented):
 
 
 def concatenate(records: Iterable[Record], name: str | None = None) -> Record:
-    """Several experiments as one record, each a segment (or several) of it.
+    """Join several experiments into one record; each becomes one or more segments.
 
     Args:
-        records: of the same channels and sample time.
-        name: of the whole, by default that of the first.
+        records: with the same channels and sample time.
+        name: of the joined record; by default the name of the first.
 
     Raises:
         DataError: where sample times, channel names or units differ.
@@ -375,7 +374,7 @@ def concatenate(records: Iterable[Record], name: str | None = None) -> Record:
 
 
 def check_same_channels(first: Record, other: Record) -> None:
-    """Refuse two records that a single model cannot describe: other sample time, channels or units."""
+    """Refuse two records with different sample times, channels or units, which one model cannot describe."""
     if not np.isclose(first.dt, other.dt, rtol=1e-6, atol=0.0):
         raise DataError(
             f"{other.name} is sampled every {other.dt:g} s and {first.name} every {first.dt:g} s; resample one of them"
@@ -389,14 +388,13 @@ def check_same_channels(first: Record, other: Record) -> None:
 
 
 def segments(records: Record | Iterable[Record]) -> Iterator[Record]:
-    """Every segment of one record or of several, in order; they need not be in memory together."""
+    """Every segment of one or several records, in order; the records are read one at a time."""
     for record in (records,) if isinstance(records, Record) else records:
         yield from record.segments
 
 
 def _channels(values: ArrayLike, side: str, named: int) -> Array:
-    """The samples (N, channels), which nobody can write to; an orientation that looks wrong is taken where ``named``
-    channels confirm it."""
+    """The samples (N, channels), read-only. More channels than samples are accepted only if ``named`` confirms them."""
     array = _real_numbers(values, side)
     if array.ndim == 1:
         array = array[:, None]
@@ -408,13 +406,12 @@ def _channels(values: ArrayLike, side: str, named: int) -> Array:
 
 
 def _real_numbers(values: ArrayLike, side: str) -> Array:
-    """The values as an array that nobody can write to: themselves where that is so already, as of a part of a record,
-    else a copy."""
+    """The values as a read-only array; copied unless they are read-only already, as in a part of a record."""
     given: NDArray[Any] | None
     try:
         given = np.asarray(values)
         array = given.astype(np.float64, copy=False) if given.dtype.kind in "biufO" else None
-    except (TypeError, ValueError):  # texts among numbers, rows of unequal length
+    except (TypeError, ValueError):  # strings among numbers, rows of unequal length
         given = array = None
     if array is None:
         found = {"c": "complex numbers", "U": "text", "S": "text"}.get(given.dtype.kind if given is not None else "")
@@ -426,12 +423,12 @@ def _real_numbers(values: ArrayLike, side: str) -> Array:
         owner = owner.base
     if owner.flags.writeable:
         array = array.copy("K")
-        array.flags.writeable = False  # of the array itself, so that its parts know that they need no copy
+        array.flags.writeable = False  # set on the array itself, so that views of it need no copy
     return array
 
 
 def _whole(value: object, least: int, problem: str) -> int:
-    """The value as a whole number of at least ``least``; otherwise a `DataError` with this text."""
+    """The value as a whole number of at least ``least``; otherwise a `DataError` with the message ``problem``."""
     try:
         number = operator.index(value)  # type: ignore[arg-type]
     except TypeError:

@@ -1,4 +1,4 @@
-"""The time column of a record: whether its samples are equidistant, and how to make them so."""
+"""The time column of a record: whether its samples are equidistant, and resampling if they are not."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Array = NDArray[np.float64]
 
 
 class TimeAxis(NamedTuple):
-    """What a time column says about the sampling; as text, a report of it in one line.
+    """The regularity of a time column; as a string, a report in one line.
 
     Attributes:
-        samples: how many it has.
-        dt: sample time in seconds: where the samples are regular the simplest decimal that fits all of them, so that
-            a column written with few digits gives the sample time that was meant; else the median interval.
-        deviation: largest difference of an interval from ``dt``, in seconds, gaps and duplicates left aside; zero where
-            it is no more than the rounding of the times.
-        gaps: index of every sample that comes more than 1.5·dt after the one before.
+        samples: the number of samples.
+        dt: sample time in seconds. For regular samples it is the shortest decimal number that fits all of them, so that
+            times written with few digits give the intended sample time; otherwise it is the median interval.
+        deviation: largest difference of an interval from ``dt``, in seconds, without gaps and duplicates; zero if it
+            is below the rounding of the times.
+        gaps: index of every sample that is more than 1.5·dt later than the previous one.
         lengths: of these gaps, in seconds.
-        duplicates: index of every sample that does not come after the one before.
-        place: how to say where an index is, ``sample {}``.
+        duplicates: index of every sample that is not later than the previous one.
+        place: format of an index in messages, ``sample {}``.
     """
 
     samples: int
@@ -44,18 +44,18 @@ class TimeAxis(NamedTuple):
 
     @property
     def regular(self) -> bool:
-        """Whether the samples may be taken as equidistant: no gap, no duplicate, jitter under 5 %."""
+        """Whether the samples count as equidistant: no gap, no duplicate, jitter below 5 %."""
         return not self.gaps and not self.duplicates and self.jitter < 0.05
 
     def __str__(self) -> str:
         step = f" (largest deviation of a step {_duration(self.deviation, 2)})" if self.deviation else ""
         return (
             f"{self.samples:,} samples, dt {_duration(self.dt)}, jitter {100 * self.jitter:.2g} %{step}, "
-            f"{self._told('gap', self.gaps)}, {self._told('duplicate', self.duplicates)}"
+            f"{self._counted('gap', self.gaps)}, {self._counted('duplicate', self.duplicates)}"
         )
 
-    def _told(self, what: str, where: tuple[int, ...]) -> str:
-        """How many gaps or duplicates there are, and where to look."""
+    def _counted(self, what: str, where: tuple[int, ...]) -> str:
+        """The number of gaps or duplicates, and where they are."""
         if not where:
             return f"no {what}s"
         many = len(where) > 1
@@ -71,7 +71,7 @@ def time_axis(time: ArrayLike) -> TimeAxis:
     """The regularity of a time column (N,) in seconds.
 
     Raises:
-        DataError: for times that are fewer than two, not finite, or never advance.
+        DataError: for fewer than two times, times that are not finite, or a constant time.
     """
     t = np.asarray(time, dtype=float)
     if t.ndim != 1 or len(t) < 2:
@@ -117,15 +117,15 @@ def time_axis(time: ArrayLike) -> TimeAxis:
 
 
 def _duration(seconds: float, digits: int = 6) -> str:
-    """A duration for people: ``5 ms``."""
+    """A duration as text: ``5 ms``."""
     size, unit = next((pair for pair in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")) if seconds >= pair[0]), (1e-9, "ns"))
     return f"{seconds / size:.{digits}g} {unit}"
 
 
 def _simplest_step(t: Array) -> float:
-    """The sample time of regular times ``t`` (N,): the decimal of fewest digits that fits them as well as their mean.
+    """The sample time of regular times ``t`` (N,): the decimal number of fewest digits near their mean interval.
 
-    It may put the last sample off by no more than the times themselves scatter, and never by half a sample.
+    It shifts the last sample by no more than the scatter of the times, and by less than half a sample.
     """
     k = np.arange(len(t))
     first = float(t[1] - t[0])
@@ -139,18 +139,18 @@ def _simplest_step(t: Array) -> float:
 
 
 def resample(time: ArrayLike, record: Record, dt: float | None = None) -> Record:
-    """The record brought from the time axis it was really sampled on to an equidistant one.
+    """Resample a record from its measured times to equidistant ones.
 
     Inputs are held from sample to sample (they come from a digital output), outputs are interpolated linearly. Where
     the new sample time is longer than the old one, decimate first: this function does not filter.
 
     Args:
-        time: (N,) the time of every sample in seconds, ascending; of equal times the last sample counts.
+        time: (N,) the time of every sample in seconds, ascending; of samples with equal times the last is used.
         record: the samples; its own ``dt`` is ignored. Must be a single segment.
-        dt: the new sample time in seconds, by default that of `time_axis`.
+        dt: the new sample time in seconds; by default that of `time_axis`.
 
     Raises:
-        DataError: where the times do not ascend or do not match the record, or the new sample time is unreasonable.
+        DataError: if the times do not ascend or do not match the record, or if the new sample time is unreasonable.
     """
     t = np.asarray(time, dtype=float)
     if t.shape != (len(record),) or record.breaks:
@@ -165,7 +165,7 @@ def resample(time: ArrayLike, record: Record, dt: float | None = None) -> Record
     if np.any(np.diff(t) <= 0):
         raise DataError(f"{record.name}: the time column goes back; sort the file by time first")
     grid = t[0] + step * np.arange(int(np.floor((t[-1] - t[0]) / step * (1 + 1e-12))) + 1)
-    held = np.searchsorted(t, grid + 1e-9 * step, side="right") - 1  # a time that is equal but for rounding counts
+    held = np.searchsorted(t, grid + 1e-9 * step, side="right") - 1  # tolerates rounding of the times
     columns = [np.interp(grid, t, y[:, k]) for k in range(y.shape[1])]
     return replace(
         record,

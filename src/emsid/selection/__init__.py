@@ -1,1 +1,1 @@
-"""How choices between models are made."""
+"""How the program chooses between models."""

@@ -1,7 +1,8 @@
-"""Choosing orders, delays and terms by an error on data held back from the fit.
+"""Coordinate search: choosing orders, delays and terms by the error on unseen data.
 
-A full grid over five choices is thousands of fits; one choice at a time, in a few rounds, is dozens and rarely ends
-elsewhere. Choices are listed from simple to complex; of those that are as good as the best, the simplest is chosen.
+A full grid over five choices takes thousands of fits. Optimising one choice at a time, in a few rounds, takes dozens
+and rarely gives another result. Values are listed from simple to complex; the simplest one that is as good as the best
+is chosen.
 """
 
 from __future__ import annotations
@@ -18,16 +19,16 @@ def coordinate_search(
     rounds: int = 2,
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, int]:
-    """The choices with a small error, found one at a time.
+    """Choose a value for every name, one name at a time, so that the error is small.
 
     Args:
-        error: of a model with these choices on data that it was not fitted to; may be infinite.
-        choices: for every name what may be chosen, from simple to complex; the search starts in the middle.
-        rounds: how often all names are gone through.
-        progress: called with the fraction done.
+        error: of a model with these choices on unseen data; may be infinite.
+        choices: the allowed values of every name, from simple to complex; the search starts in the middle.
+        rounds: the number of passes over all names.
+        progress: called with the fraction that is done.
 
     Returns:
-        A choice for every name.
+        The chosen value of every name.
     """
     known: dict[tuple[int, ...], float] = {}
 

@@ -1,9 +1,9 @@
-"""Whether a model is better by more than noise: the one rule by which every choice between models is made.
+"""Whether a model is better by more than noise. Every choice between models uses this rule.
 
-Models are compared by the mean square error of their free run on data held back from the fit, from simple to complex. A
-more complex one is chosen only where it lowers that error by a part that chance does not explain. How large that part
-is depends on how many independent errors the held-back data hold, so on how long an error lasts in the free run of this
-kind of model; the three sizes stand here, and nowhere else.
+Models are compared, from simple to complex, by the mean square error of their free run on unseen data. A more complex
+model is chosen only if it lowers that error by more than chance explains. The threshold depends on the number of
+independent errors in the unseen data, and so on the correlation time of the free-run errors of this kind of model. The
+three thresholds are defined here only.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from enum import Enum
 
 
 class Gain(Enum):
-    """By which part a more complex model has to lower the mean square error, for each kind of model."""
+    """The relative reduction of the mean square error that a more complex model must reach, by kind of model."""
 
-    REGRESSION = 1 / 101  # errors of a difference equation last a few samples: e ≤ 1.01 of the smallest is as good
-    CASCADE = 1 - 0.98**2  # errors last as long as the filters: 2 % of the root mean square
+    REGRESSION = 1 / 101  # errors of a difference equation last a few samples: up to 1.01 times the smallest is as good
+    CASCADE = 1 - 0.98**2  # errors last as long as the impulse responses: 2 % of the root mean square
     PLANT = 0.1  # a free run drifts, and its errors last for seconds: a gain of a few percent is chance
 
 
 def limit(error: float, gain: Gain) -> float:
-    """The mean square error that a more complex model must be below, to replace one with this error."""
+    """The mean square error below which a more complex model replaces one with this error."""
     return (1.0 - gain.value) * error
 
 
@@ -30,11 +30,11 @@ def better(error: float, than: float, gain: Gain) -> bool:
     Args:
         error: of the more complex model.
         than: of the simpler one.
-        gain: how much it has to be, for this kind of model.
+        gain: the threshold for this kind of model.
     """
     return error < limit(than, gain)
 
 
 def as_good(error: float, smallest: float, gain: Gain) -> bool:
-    """Whether a simpler model is as good as the best one: the best is not better by more than noise."""
+    """Whether a simpler model is as good as the best: the best is not better by more than noise."""
     return error <= smallest or not better(smallest, error, gain)

@@ -38,7 +38,7 @@ from emsid.models.blocks.search.starts import (
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
 from emsid.models.free_run import free_run_error
 from emsid.record import Record
-from emsid.record.holding_back import Round
+from emsid.record.holding_back import Split
 from emsid.selection.improvement import Gain, better
 
 T = TypeVar("T")
@@ -85,7 +85,7 @@ class Plan:
 def improving(
     topology: Topology,
     shown: Sequence[Record],
-    rounds: Sequence[Round],
+    rounds: Sequence[Split],
     orders: Orders,
     settings: CascadeSearch,
     template: Cascade,
@@ -209,7 +209,7 @@ def _order(cascade: Cascade) -> int:
 def _refined(
     plans: Sequence[Plan],
     part: Sequence[Record],
-    rounds: Sequence[Round],
+    rounds: Sequence[Split],
     threads: int,
     control: Control,
     rival: Choice | None = None,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from emsid.models.blocks.search.topologies import CascadeSearch
 from emsid.record import Record, concatenate
-from emsid.record.holding_back import Round, is_series, rounds
+from emsid.record.holding_back import Split, is_series, validation_splits
 
 Array = NDArray[np.float64]
 # How much of each record judges while choices are made.
@@ -20,12 +20,12 @@ CHOICE_SAMPLES = 8_000
 SERIES = 4
 
 
-def held_back(records: Sequence[Record], settings: CascadeSearch) -> tuple[list[Record], list[Round]]:
+def held_back(records: Sequence[Record], settings: CascadeSearch) -> tuple[list[Record], list[Split]]:
     """What choices may be made from, and the rounds in which they are judged, each on data that it does not fit."""
     if settings.unseen is not None:
         judge = [settings.unseen] if isinstance(settings.unseen, Record) else list(settings.unseen)
         return list(records), [(records, [record[:CHOICE_SAMPLES] for record in judge])]
-    identify, judged = rounds(records, JUDGES)
+    identify, judged = validation_splits(records, JUDGES)
     return identify, [(known, [record[:CHOICE_SAMPLES] for record in unseen]) for known, unseen in judged]
 
 

@@ -45,7 +45,7 @@ from emsid.models.blocks.search.topologies import (
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.terms import check_whole
 from emsid.record import Record
-from emsid.record.holding_back import Round
+from emsid.record.holding_back import Split
 
 # An input of two levels has to change at least this often to identify a map behind a filter.
 CHANGES = 5
@@ -283,7 +283,7 @@ def _check_size(topology: Topology, records: Sequence[Record], orders: Orders, s
         )
 
 
-def _check_judges(topology: Topology, rounds: Sequence[Round], orders: Orders) -> None:
+def _check_judges(topology: Topology, rounds: Sequence[Split], orders: Orders) -> None:
     """Refuse orders whose free run takes longer to start than the data that judge it last."""
     needed = SAMPLES_PER_STATE * sum(order or 0 for order in orders)
     longest = min(max((len(u) for u, _ in as_arrays(unseen)), default=0) for _, unseen in rounds)

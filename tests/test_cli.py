@@ -737,7 +737,7 @@ def test_codes_for_the_bridge_are_options(run, tmp_path):
     words = ("identify", path, *IDENTIFY, "--models", "rigid-motor,arx", "--unit", "y=rad/s", "--out", tmp_path / "out")
     status, out, err = run(*words, "--brake", "1000", "--coast", "999", "--fix", "resistance=2")
     assert (status, err) == (0, "")
-    assert "rigid-motor: u has no unit and is taken for volts" in out
+    assert "rigid-motor: u has no unit and is read as volts" in out
     assert "arx: this model treats 1000 and 999 as ordinary commands" in out
     rows = {line.split()[0]: line.split() for line in out.splitlines() if line}
     assert (rows["resistance"][2], rows["resistance"][-1]) == ("2", "fixed")

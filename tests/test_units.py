@@ -77,9 +77,9 @@ def test_a_meaning_that_the_unit_does_not_use_is_not_looked_at() -> None:
 @pytest.mark.parametrize(
     ("unit", "target", "meanings", "message"),
     [
-        ("count", None, {}, "what 'count' stands for is not known; give counts_per_revolution"),
+        ("count", None, {}, "the size of a 'count' is not known; give counts_per_revolution"),
         ("count", None, {"counts_per_revolution": 0}, "give counts_per_revolution"),
-        ("counts/sample", None, {"counts_per_revolution": 9}, "what 'sample' stands for is not known; give dt"),
+        ("counts/sample", None, {"counts_per_revolution": 9}, "the size of a 'sample' is not known; give dt"),
         ("pwm", None, {}, "give supply_voltage"),
         ("pwm", None, {"supply_voltage": float("inf")}, "give supply_voltage"),
         ("pwm", None, {"supply_voltage": 12, "pwm_full_scale": 0}, "pwm_full_scale is"),

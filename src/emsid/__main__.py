@@ -1,6 +1,6 @@
-"""The program's way in: it can be interrupted from its first moment on, also amid the imports that follow.
+"""Start of the program. Ctrl-C works from the first moment on, also during the imports that follow.
 
-So nothing is imported here that takes time.
+Nothing that takes time is imported here.
 """
 
 import os
@@ -9,9 +9,9 @@ import sys
 
 
 def main() -> None:
-    """Run the command line; `emsid.cli` takes over from here when it has been imported."""
+    """Run the command line. Once imported, `emsid.cli` handles Ctrl-C."""
     sys.unraisablehook = _unraisable
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as a shell does for what runs in the background
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # a shell ignores it for background jobs
         signal.signal(signal.SIGINT, _leave)
     from emsid.cli import main
 
@@ -19,13 +19,13 @@ def main() -> None:
 
 
 def _leave(*_: object) -> None:
-    """End at once: nothing has been begun yet, and an exception may be lost in a half-imported library."""
+    """End at once: nothing has started yet, and a half-imported library may lose an exception."""
     os.write(2, b"emsid: interrupted before anything was found\n")
     os._exit(130)
 
 
 def _unraisable(problem: "sys.UnraisableHookArgs") -> None:
-    """Say what was lost in a callback, unless it is Ctrl-C, which is remembered."""
+    """Report an exception that was lost in a callback, except Ctrl-C, which sets a flag."""
     if not isinstance(problem.exc_value, KeyboardInterrupt):
         sys.__unraisablehook__(problem)
 

@@ -1,4 +1,4 @@
-"""What a user gives in place of what a function asks for: one name for a list of one, close misspellings."""
+"""Arguments as users give them: one name in place of a list, and misspelt names."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def as_names(names: str | Iterable[str]) -> tuple[str, ...]:
 
 
 def as_names_with_commas(names: str | Iterable[str]) -> tuple[str, ...]:
-    """The same, of names that contain no comma: a text may list several.
+    """One name or several, as a tuple; a text may list several names with commas.
 
     >>> as_names_with_commas("arx, friction-narx")
     ('arx', 'friction-narx')
@@ -27,7 +27,7 @@ def as_names_with_commas(names: str | Iterable[str]) -> tuple[str, ...]:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """A question with the nearest of the known names, to stand after a message; empty where none is near.
+    """The end of a message that suggests the nearest known name; empty where none is near.
 
     >>> did_you_mean("rigde", ["ridge", "forgetting"])
     '; did you mean ridge?'

@@ -1,4 +1,4 @@
-"""What a cascade is built of: linear filters and static maps.
+"""The blocks of a cascade: linear filters and static maps.
 
 >>> import emsid
 >>> cascade = emsid.Cascade((emsid.blocks.Rational([1.0, 0.5]), emsid.blocks.DeadZone(-0.2, 0.2)))

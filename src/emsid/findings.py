@@ -1,7 +1,7 @@
-"""`Finding`: one thing that the program noticed about data, a model or a search, as data and not as a sentence.
+"""`Finding`: one fact about data, a model or a search, as data and not as a sentence.
 
-The code that notices something returns a `Finding`. `emsid.wording` is the only place that makes a sentence of it; the
-terminal, the page and ``result.json`` are views of the same list.
+`emsid.wording` is the only place that makes sentences of findings. The terminal, the page and ``result.json`` show the
+same list of findings.
 """
 
 from __future__ import annotations
@@ -17,14 +17,13 @@ __all__ = ["Finding"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was noticed.
+    """One fact about data, a model or a search.
 
     Args:
-        code: what kind of thing, in small letters with hyphens: ``input-constant``. The codes are listed in
-            `emsid.wording`.
-        subject: what it concerns: a model, a parameter, a channel or a record, by its name; may be empty.
-        data: what its sentence needs, by name: finite numbers, texts, booleans, None, and lists and tables of these, so
-            that it can be written as JSON. ``model`` is the name of the model that it is about, where there is one.
+        code: the kind of finding, in small letters with hyphens: ``input-constant``. `emsid.wording` lists the codes.
+        subject: the name of the model, parameter, channel or record that it concerns; may be empty.
+        data: the values in its sentence, by name: finite numbers, texts, booleans, None, and lists and tables of these,
+            so that it can be written as JSON. ``model`` is the name of the model that it is about, if there is one.
 
     Raises:
         ValueError: for a code of another form.
@@ -53,7 +52,7 @@ class Finding:
 
 
 def plain(value: Any) -> Any:
-    """Data as JSON holds them: numbers that are infinite or not a number become None, whatever they are nested in."""
+    """Data for JSON: numbers that are infinite or not a number become None, at any depth."""
     if isinstance(value, Mapping):
         return {str(key): plain(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
@@ -64,5 +63,5 @@ def plain(value: Any) -> Any:
 
 
 def finite(value: float) -> float | None:
-    """A number for the data of a finding; None where it is infinite or not a number, which JSON has no words for."""
+    """A number for the data of a finding; None where it is infinite or not a number, which JSON cannot hold."""
     return float(value) if isfinite(value) else None

@@ -1,4 +1,4 @@
-"""Physical plants: what `emsid.fit` estimates resistances, inertias and frictions of.
+"""Physical plants, whose resistance, inertia and friction `emsid.fit` estimates.
 
 >>> import emsid
 >>> emsid.plants.rigid_motor().usual[:3]

@@ -1,7 +1,7 @@
-"""`Presented`: what lets a result print as a table, draw itself in a notebook, and be plotted.
+"""`Presented`: base class of results that print as a table, draw themselves in a notebook, and can be plotted.
 
-How each kind of result looks is in `emsid.report.notebook`. Its import inside these three methods is the only one in
-the package that points from left to right: the report is loaded when somebody looks at a result, not before.
+`emsid.report.notebook` makes the table and the plot of each kind of result. It is imported inside these three methods,
+so that the report is loaded only when a result is shown. No other import in the package points from left to right.
 """
 
 from __future__ import annotations

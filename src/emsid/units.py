@@ -1,7 +1,7 @@
-"""Units at the door: what a log was written in, and how it becomes SI.
+"""Conversion of the units of a log to SI.
 
-Counts, samples and PWM are units too, once it is said what they stand for: one count is a turn divided by the
-counts per revolution, one sample is the sample time, full PWM is the supply voltage.
+Counts, samples and PWM are units too, when their size is given: one count is a turn divided by the counts per
+revolution, one sample is the sample time, full PWM is the supply voltage.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from emsid.errors import DataError
 if TYPE_CHECKING:
     import pint
 
-# The SI unit shown for each quantity; the first with the right dimension is taken.
+# The SI unit of each quantity: the first unit of the right dimension.
 SI = ("rad", "rad/s", "rad/s^2", "rad/s^3", "V", "A", "ohm", "H", "s", "m", "m/s", "m/s^2", "N", "N*m", "kg",
        "kg*m^2", "N*s/m", "N*m*s", "V*s", "N/V", "W", "1")  # fmt: skip
 
 
-# Powers are worked out to the last digit where a unit is read: those of one digit are enough for any, and end.
-_ENDLESS = re.compile(r"(?:\^|\*\*)(?!\s*[-+]?\d(?![\d.eE]))|\)\s*(?:\^|\*\*)|(?:\^|\*\*)[^*^/]*(?:\^|\*\*)")
+# Exponents of more than one digit are refused: pint would compute such a power exactly, which may never end.
+_LONG_POWER = re.compile(r"(?:\^|\*\*)(?!\s*[-+]?\d(?![\d.eE]))|\)\s*(?:\^|\*\*)|(?:\^|\*\*)[^*^/]*(?:\^|\*\*)")
 MOST_LETTERS = 80
 
 
 def readable_unit(unit: str) -> str:
-    """A unit as it is printed: a dot for ``*``, raised powers, a dash for a number, a question where unknown.
+    """A unit for print: a dot for ``*``, raised powers, a dash for no unit, ``unit?`` where it is unknown.
 
     >>> readable_unit("kg*m^2"), readable_unit("1"), readable_unit("")
     ('kg·m²', '–', 'unit?')
@@ -39,12 +39,12 @@ def readable_unit(unit: str) -> str:
 
 
 def plain_unit(unit: str) -> str:
-    """A unit as it is printed, nothing where there is none."""
+    """A unit for print, empty where there is none."""
     return "" if unit in ("", "1") else readable_unit(unit)
 
 
 def with_unit(number: str, unit: str) -> str:
-    """A number with its unit as it is printed.
+    """A number with its unit for print.
 
     >>> with_unit("2", "ohm"), with_unit("2", "1")
     ('2 Ω', '2')
@@ -72,7 +72,7 @@ def conversion(
     supply_voltage: float | None = None,
     pwm_full_scale: float = 255.0,
 ) -> Conversion:
-    """How a value in ``unit`` becomes one in ``target``, by default the SI unit of the same quantity.
+    """Gain and offset that convert a value in ``unit`` to ``target``, by default the SI unit of the same quantity.
 
     >>> conversion("rpm", "deg/s")
     Conversion(gain=6.0, offset=0.0, unit='deg/s')
@@ -80,7 +80,7 @@ def conversion(
     'rad/s'
 
     Args:
-        unit: the unit at hand: ``rpm``, ``deg/s``, ``mV``, ``count/sample``, ``pwm``, …
+        unit: the unit of the value: ``rpm``, ``deg/s``, ``mV``, ``count/sample``, ``pwm``, …
         target: the unit wanted.
         sample_time: seconds in one ``sample``.
         counts_per_revolution: encoder ``count`` per turn.
@@ -88,7 +88,7 @@ def conversion(
         pwm_full_scale: the ``pwm`` value that is the full supply voltage.
 
     Raises:
-        DataError: for an unknown unit, one of another quantity, or one whose meaning has not been given.
+        DataError: for an unknown unit, one of another quantity, or a count, sample or PWM whose size is not given.
     """
     given = {
         "count": (counts_per_revolution, "counts_per_revolution"),
@@ -102,7 +102,7 @@ def conversion(
             value, argument = given[key]
             if value is None or not 0 < value < inf:
                 raise DataError(
-                    f"unit {unit!r}: what {word!r} stands for is not known; give {argument}, a positive number",
+                    f"unit {unit!r}: the size of a {word!r} is not known; give {argument}, a positive number",
                     arguments=(argument,),
                 )
             meanings[key] = value
@@ -110,7 +110,7 @@ def conversion(
         raise DataError(f"pwm_full_scale is {pwm_full_scale:g}; give a positive number", arguments=("pwm_full_scale",))
 
     for text in (unit, target or ""):
-        if len(text) > MOST_LETTERS or _ENDLESS.search(text):
+        if len(text) > MOST_LETTERS or _LONG_POWER.search(text):
             raise DataError(f"unit {text[:MOST_LETTERS]!r} is not understood; write it as V, rpm, deg/s, N*m/s^2, …")
     import pint
 
@@ -138,7 +138,7 @@ def conversion(
 
 
 def _spelling(unit: str) -> str:
-    """Signs and words that people put into units, as pint reads them."""
+    """The unit with the signs and words that pint reads."""
     for sign, word in {"·": "*", "²": "^2", "Ω": "ohm", "%": "percent", "°": "deg", "PWM": "pwm", "RPM": "rpm"}.items():
         unit = unit.replace(sign, word)
     unit = re.sub(r"\bcounts?\b", "encoder_count", unit)  # pint's own count is a number without unit

@@ -1,13 +1,13 @@
 """Findings as sentences: the only place where sentences about results are made.
 
-A file of this package holds the words for one subject, a function for every code, registered under it::
+Each file holds the sentences of one subject. Each code has a function, registered under it::
 
     @words("input-constant", Severity.WARNING)
     def input_constant(f: Finding, argument: Spelling) -> str:
         return f"{f.subject} is constant, so these data test only the steady state"
 
-``argument`` spells the name of an argument: by default as Python has it (``mask``); the command line passes a spelling
-of its own (``--mask``). `sentence` puts the model that a finding is about in front of its words.
+``argument`` spells the name of an argument: as in Python by default (``mask``), as an option on the command line
+(``--mask``). `sentence` puts the name of the model in front of a finding about a model.
 """
 
 from emsid.wording import agreement as agreement

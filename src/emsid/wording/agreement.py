@@ -14,7 +14,7 @@ CAUSES = {
 
 
 def _differs(kind: str, value: float, unit: str) -> str:
-    """How much one record differs from the model."""
+    """Words for the difference between one record and the model."""
     if kind == "delay":
         return f"is {1e3 * abs(value):.3g} ms {'later' if value > 0 else 'earlier'}"
     if kind == "gain":
@@ -30,6 +30,6 @@ def records_differ(f: Finding, argument: Spelling) -> str:
     extremes = sorted((values.index(min(values)), values.index(max(values))))  # the two records furthest apart
     first, second = (f"{records[k]['name']} {_differs(kind, values[k], f.data['unit'])}" for k in extremes)
     return (
-        f"the records differ in the {kind} of {f.subject}: compared with the model, {first} and {second}, which makes "
+        f"the records differ in the {kind} of {f.subject}: compared with the model, {first} and {second}. This makes "
         f"{100 * f.data['share']:.0f} % of the squared error; {CAUSES[kind]}"
     )

@@ -1,4 +1,4 @@
-"""Cascades of filters and static maps: what the data leave open in them."""
+"""Words for cascades of filters and static maps."""
 
 from emsid.errors import listed
 from emsid.findings import Finding
@@ -15,7 +15,7 @@ def choices_cut_short(f: Finding, argument: Spelling) -> str:
 def zero_cancels_pole(f: Finding, argument: Spelling) -> str:
     real, imaginary = f.data["pole"]
     where = f"{real:.4g}" + (f" ± {imaginary:.4g}i" if imaginary else "")
-    return f"{_block(f)}: a zero nearly cancels the pole at {where}; try an order lower"
+    return f"{_block(f)}: a zero nearly cancels the pole at {where}; try a lower order"
 
 
 @words("dead-zone-side-unseen", Severity.WARNING)
@@ -53,7 +53,7 @@ def knots_without_data(f: Finding, argument: Spelling) -> str:
 
 @words("map-is-straight", Severity.INFO)
 def map_is_straight(f: Finding, argument: Spelling) -> str:
-    return f"{_block(f)}: the static map is a straight line where the data are; try a linear model"
+    return f"{_block(f)}: the static map is a straight line in the range of the data; try a linear model"
 
 
 @words("parameters-without-interval", Severity.WARNING)

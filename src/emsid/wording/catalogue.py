@@ -1,4 +1,4 @@
-"""Which codes there are, how serious each is, and the function that words it."""
+"""The codes of findings: the severity of each, and the function that makes its sentence."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ Spelling = Callable[[str], str]
 class Severity(Enum):
     """How much a finding matters to somebody who wants to use the model."""
 
-    INFO = "info"  # good to know
+    INFO = "info"  # information
     WARNING = "warning"  # limits what the result can be used for
-    PROBLEM = "problem"  # the result should not be used before this is mended
+    PROBLEM = "problem"  # the result should not be used until this is corrected
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Entry:
 
 
 CATALOGUE: dict[str, Entry] = {}
-"""Every code that the program knows."""
+"""All codes."""
 
 
 def words(
@@ -57,7 +57,7 @@ def words(
 
 
 def as_python(name: str) -> str:
-    """An argument as Python has it."""
+    """The name of an argument in Python."""
     return name
 
 
@@ -74,5 +74,5 @@ def sentence(finding: Finding, argument: Spelling = as_python) -> str:
 
 
 def severity(finding: Finding) -> Severity:
-    """How much a finding matters."""
+    """The severity of a finding."""
     return CATALOGUE[finding.code].severity

@@ -1,4 +1,4 @@
-"""Words for what follows from an identification: the verdict on the residual, and what to do next."""
+"""Words for the conclusions of an identification: the verdict on the residual, and what to do next."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from emsid.wording.catalogue import Severity, Spelling, words
 def residual_depends(f: Finding, argument: Spelling) -> str:
     """Data: output, share (of the variance of the residual)."""
     return (
-        f"the input still predicts {100 * f.data['share']:.0f} % of what the model leaves of {f.data['output']} (the "
-        "variance of the residual), so the model misses part of the dynamics or a nonlinearity"
+        f"the input predicts {100 * f.data['share']:.0f} % of the variance of the residual of {f.data['output']}, so "
+        "the model lacks part of the dynamics or a nonlinearity"
     )
 
 
@@ -19,7 +19,7 @@ def residual_depends(f: Finding, argument: Spelling) -> str:
 def residual_independent(f: Finding, argument: Spelling) -> str:
     """Data: output, share (of the variance of the residual)."""
     return (
-        f"the input predicts no more than {max(1.0, 100 * f.data['share']):.0f} % of the variance of the residual of "
+        f"the input predicts at most {max(1.0, 100 * f.data['share']):.0f} % of the variance of the residual of "
         f"{f.data['output']}: the rest is noise, a disturbance or a change of the drive"
     )
 
@@ -36,7 +36,7 @@ def residual_not_tested(f: Finding, argument: Spelling) -> str:
 @words("residual-white")
 def residual_white(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: lags, largest, lag, p_value."""
-    return f"the one-step errors of {f.subject} are white: no correlation is left over {f.data['lags']} samples"
+    return f"the one-step errors of {f.subject} are white: the first {f.data['lags']} lags show no correlation"
 
 
 @words("residual-coloured", Severity.WARNING)
@@ -52,8 +52,8 @@ def residual_coloured(f: Finding, argument: Spelling) -> str:
 def next_check_data(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: fit_percent."""
     return (
-        "No model describes these data well. Check units, sample time and what each column is, leave out what is not "
-        f"ordinary operation with {argument('mask')}, and look where in the plot the model goes wrong"
+        "No model describes these data well. Check units, sample time and the choice of columns, leave out samples "
+        f"that are not normal operation ({argument('mask')}), and see in the plot where the model is wrong"
     )
 
 
@@ -61,7 +61,7 @@ def next_check_data(f: Finding, argument: Spelling) -> str:
 def next_physical_model(f: Finding, argument: Spelling) -> str:
     """Subject: the best model."""
     return (
-        "Fit a physical model too, which has friction, a dead zone and delays by their names: "
+        "Fit a physical model too, to estimate friction, dead zone and delay as parameters: "
         f"{argument('models')} rigid-motor, or motor for a flexible shaft"
     )
 
@@ -70,8 +70,8 @@ def next_physical_model(f: Finding, argument: Spelling) -> str:
 def next_other_experiment(f: Finding, argument: Spelling) -> str:
     """Subject: the unseen data."""
     return (
-        "The models were ranked on a part of the same experiment. Record a second one with another input, of the kind "
-        f"the model will meet, and rank on it with {argument('unseen')}"
+        "The models were ranked on a part of the same experiment. Record a second one, with an input like those in "
+        f"later use, and rank on it ({argument('unseen')})"
     )
 
 

@@ -1,4 +1,4 @@
-"""Words for an identification: what was asked for, how good the models are on unseen data, what that is based on."""
+"""Words for an identification: requests, errors of the models, and the data on which these were computed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from emsid.wording.lists import listed
 
 
 def data_name(f: Finding) -> str:
-    """What the models were ranked on."""
+    """Name of the data that the models were ranked on."""
     return "the data they were fitted to" if f.data.get("seen") else "unseen data"
 
 
@@ -88,7 +88,7 @@ def _ends(data: Any) -> str:
         return f"begins at {with_unit(f'{low:.6g}', unit)}; no upper end was found"
     if high is not None:
         return f"ends at {with_unit(f'{high:.6g}', unit)}; no lower end was found"
-    return "has no end that could be found"
+    return "was not found: the profile stays below its threshold on both sides"
 
 
 @words("model-failed", Severity.PROBLEM)
@@ -106,7 +106,7 @@ def interrupted(f: Finding, argument: Spelling) -> str:
     return f"the identification was stopped before its end{rest}"
 
 
-# --- how good the models are, and on what ----------------------------------------------------------------------------
+# --- errors, and the data they were computed on ----------------------------------------------------------------------
 
 
 @words("data-not-unseen", Severity.WARNING)
@@ -154,7 +154,7 @@ def one_step_error_smaller(f: Finding, argument: Spelling) -> str:
     times = f"{ratio:,.0f}" if ratio >= 100 else f"{ratio:.3g}"
     return (
         f"one step ahead, the MSE is {times} times smaller than in the free run; one-step errors are small for almost "
-        "any model, so judge by the free run"
+        "any model, so compare models by the free run"
     )
 
 
@@ -163,8 +163,8 @@ def input_constant(f: Finding, argument: Spelling) -> str:
     """Data: inputs (name, level), seen."""
     levels = listed([f"{each['name']} is constant at {each['level']:g}" for each in f.data["inputs"]])
     return (
-        f"on {data_name(f)}, {levels}, so these data test only the steady state; choose data in which the input "
-        f"changes ({argument('unseen')})"
+        f"on {data_name(f)}, {levels}, so these data test only the steady state; give unseen data in which the "
+        f"input changes ({argument('unseen')})"
     )
 
 

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from emsid.errors import listed
 
 MOST = 4
-"""More names than this are counted and not listed, unless there is only one more."""
+"""List at most this many names, and one more where only one is left."""
 
 
 def shortened(texts: Sequence[str], between: str = ", ", last: str = " and ") -> str:
-    """The texts one after the other; of many the first few and how many more there are.
+    """Join texts; of a long list, give the first few and the number of the others.
 
     >>> shortened(["a", "b"]), shortened(list("abcdefg"))
     ('a, b', 'a, b, c, d and 3 more')

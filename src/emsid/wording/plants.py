@@ -1,4 +1,4 @@
-"""What is said of physical plants and their parameters."""
+"""Words for physical plants and their parameters."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from emsid.wording.catalogue import Severity, Spelling, words
 def unit_assumed(f: Finding, argument: Spelling) -> str:
     d = f.data
     return (
-        f"{d['channel']} has no unit and is taken for a {d['signal']} in {d['unit']}; if it is something "
-        f"else, give its unit ({argument('units')})"
+        f"{d['channel']} has no unit and is read as a {d['signal']} in {d['unit']}; if this is wrong, give its unit "
+        f"({argument('units')})"
     )
 
 
@@ -23,15 +23,15 @@ def unit_assumed(f: Finding, argument: Spelling) -> str:
 def command_unit_assumed(f: Finding, argument: Spelling) -> str:
     d = f.data
     return (
-        f"{d['channel']} has no unit and is taken for {d['unit']}; if it is something else, give its unit "
-        f"({argument('units')}), or how many {d['unit']} one of it is (drive.gain)"
+        f"{d['channel']} has no unit and is read as {d['unit']}; if this is wrong, give its unit "
+        f"({argument('units')}), or the number of {d['unit']} in one unit of it (drive.gain)"
     )
 
 
 @words("codes-without-bridge", Severity.INFO)
 def codes_without_bridge(f: Finding, argument: Spelling) -> str:
     codes = listed([f"{code:g}" for code in f.data["codes"]])
-    return f"no bridge drives {f.subject} here, so {codes} is taken to mean no {f.data['nothing']}"
+    return f"{f.subject} has no bridge here, so the code {codes} means zero {f.data['nothing']}"
 
 
 @words("no-shaft-seen", Severity.WARNING)
@@ -56,10 +56,10 @@ def not_identifiable(f: Finding, argument: Spelling) -> str:
     at = ", ".join(f"{name} = {with_unit(f'{value:.4g}', unit)}" for name, value, unit in kept)
     alone = f"from {listed(f.data['channels'])} alone, "
     if len(names) == 1:
-        return f"{alone}{names[0]} is not identifiable; it was kept at its start: {at}; {_advice(f, argument)}"
-    only = f"only {listed(f.data['combinations'])}" if f.data["combinations"] else "only combinations of them"
+        return f"{alone}{names[0]} is not identifiable and was kept at its start value: {at}; {_advice(f, argument)}"
+    only = listed(f.data["combinations"]) if f.data["combinations"] else "combinations of them"
     return (
-        f"{alone}{listed(names)} are not identifiable separately, {only}; kept at their start: {at}; "
+        f"{alone}{listed(names)} are not identifiable separately, only {only}; kept at the start value: {at}; "
         f"{_advice(f, argument)}"
     )
 
@@ -70,7 +70,8 @@ def weakly_identified(f: Finding, argument: Spelling) -> str:
     alone = f"from {listed(f.data['channels'])} alone, "
     if len(names) == 1:
         return f"{alone}{names[0]} is not known to better than 100 %; {_advice(f, argument)}"
-    better = f", {listed(f.data['combinations'])} are known better" if f.data["combinations"] else ""
+    are = "is" if len(f.data["combinations"]) == 1 else "are"
+    better = f"; {listed(f.data['combinations'])} {are} known better" if f.data["combinations"] else ""
     return f"{alone}{listed(names)} are hardly identifiable separately{better}; {_advice(f, argument)}"
 
 
@@ -87,7 +88,7 @@ def intervals_include_zero(f: Finding, argument: Spelling) -> str:
 
 @words("choice-interrupted", Severity.WARNING)
 def choice_interrupted(f: Finding, argument: Spelling) -> str:
-    return "interrupted while choosing refinements; the best model so far was fitted to only a part of the record"
+    return "the choice of refinements was interrupted; the best model so far was fitted to only a part of the record"
 
 
 def interval(ends: tuple[float, float], unit: str) -> str:

@@ -1,4 +1,4 @@
-"""How a search for parameters ended."""
+"""Words for the end of a search for parameters."""
 
 from emsid.errors import listed
 from emsid.findings import Finding

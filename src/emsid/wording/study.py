@@ -1,4 +1,4 @@
-"""The words of the study of Kara and Abokoos."""
+"""Words for the study of Kara and Abokoos."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def even_terms(f: Finding, argument: Spelling) -> str:
     d = f.data
     return (
         f"{f.subject} ({d['study']}): its free-run MSE is {1 / d['better']:.2f} times the linear model's, and "
-        f"{1 / d['paper']:.2g} times in the paper; quadratic terms are even, and cannot describe a dead zone and "
-        "friction that are the same in both directions, as those of this motor are"
+        f"{1 / d['paper']:.2g} times in the paper; quadratic terms are even functions and cannot describe the "
+        "dead zone and friction of this motor, which are the same in both directions"
     )
 
 
@@ -46,7 +46,7 @@ def noise_free(f: Finding, argument: Spelling) -> str:
 @words("study-virtual-bench")
 def virtual_bench(f: Finding, argument: Spelling) -> str:
     return (
-        "The experiment study ran on a virtual bench, whose noise, quantisation, delay and ripple no model contains; "
+        "The experiment study used a virtual bench with noise, quantisation, delay and ripple that no model contains; "
         f"give {argument('record')} and {argument('verify')} for records of a real drive"
     )
 
@@ -55,8 +55,8 @@ def virtual_bench(f: Finding, argument: Spelling) -> str:
 def one_step(f: Finding, argument: Spelling) -> str:
     d = f.data
     return (
-        f"One-step errors are small for almost any model: in the {d['study']} study the MSE of {f.subject} "
-        f"({d['method']}) is {d['ratio']:,.0f} times larger in free run"
+        f"One-step errors are small for almost any model: in the {d['study']} study, the free-run MSE of "
+        f"{f.subject} ({d['method']}) is {d['ratio']:,.0f} times its one-step MSE"
     )
 
 

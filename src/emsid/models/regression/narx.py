@@ -26,7 +26,7 @@ from emsid.errors import ModelError
 from emsid.models.free_run import as_record, free_run, predict
 from emsid.models.linear_parts import python_control
 from emsid.models.model import Run, levels
-from emsid.models.regression.kernels import fill, fill_rounding, fold_regression
+from emsid.models.regression.kernels import fill, fill_rounding, fold_regression, read_only
 from emsid.models.regression.recursion import Recursion, predict_ahead, recursion, run_freely, weigh
 from emsid.models.regression.regressors import Factor, Regressor, Tables, parse_regressor, tables
 from emsid.record import Record
@@ -200,7 +200,7 @@ class Structure:
     def _window(self, segment: Record, start: int, stop: int) -> tuple[Array, Array]:
         """y (m,) and u (nu, m) of these samples and of those that they look back to, as the kernels read them."""
         seen = slice(start - self.memory, stop)
-        return segment.output[seen, 0], np.ascontiguousarray(segment.input[seen].T)
+        return read_only(segment.output[seen, 0]), read_only(segment.input[seen].T)
 
     def model(self, parameters: Array, record: Record) -> Narx:
         """The model with these parameters, at the sample time of this record."""
@@ -273,7 +273,7 @@ class Narx:
         """The output at rest, or zero."""
         table = self._recursion
         coefficients = np.empty((2 + len(table.lags) + len(table.outputs.signs), 1))
-        weigh(coefficients, np.repeat(u[:, None], self.memory + 1, axis=1), table, self.memory, 1)
+        weigh(coefficients, read_only(np.repeat(u[:, None], self.memory + 1, axis=1)), table, self.memory, 1)
         free, linear = float(coefficients[0, 0]), coefficients[1 : 1 + len(table.lags), 0]
         if not len(table.outputs.signs):
             left = 1.0 - float(linear.sum())
@@ -293,7 +293,7 @@ class Narx:
         memory, stop = self.memory, self.memory + len(inputs)
         y, u = np.empty(stop), np.empty((inputs.shape[1], stop))
         y[:memory], u[:, :memory], u[:, memory:] = state[:, 0], state[:, 1:].T, inputs.T
-        reached = run_freely(y, u, self._recursion, memory)
+        reached = run_freely(y, read_only(u), self._recursion, memory)
         y[reached:] = np.nan
         after = np.concatenate([y[len(inputs) :, None], u[:, len(inputs) :].T], axis=1)
         return y[memory:, None], after
@@ -312,8 +312,8 @@ class Narx:
                 np.dot(self.parameters, block[:-1], out=values[start : start + block.shape[1]])
                 start += block.shape[1]
         else:
-            u = np.ascontiguousarray(segment.input.T)
-            predict_ahead(values, measured, u, self._recursion, self.memory, samples, horizon)
+            u = read_only(segment.input.T)
+            predict_ahead(values, read_only(measured), u, self._recursion, self.memory, samples, horizon)
         return values[samples:, None]
 
     def simulate(self, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None) -> Run:
@@ -407,6 +407,6 @@ def free_run_reference(model: Narx, record: Record, start: int) -> Array:
     y = record.output[:, 0].copy()
     for t in range(start, len(record)):
         row = np.empty((len(model.structure) + 1, 1))
-        fill(row, model.structure.tables, y, record.input.T, t, 1)
+        fill(row, model.structure.tables, read_only(y), read_only(record.input.T), t, 1)
         y[t] = row[:-1, 0] @ model.parameters
     return y

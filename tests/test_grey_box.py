@@ -25,9 +25,10 @@ from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.one_mass import Sliding, move
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Signal, parts, without_overlap
-from emsid.models.plants.search.choice import STARTS, by_direction, choose, coasting_bridge, late_command, stribeck
+from emsid.models.plants.search.choice import STARTS, choose
 from emsid.models.plants.search.diagnostics import dead_zone_curve, friction_curve, likelihood_profile, stops
 from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.refinements import by_direction, coasting_bridge, late_command, stribeck
 from emsid.models.plants.search.result import Status
 from emsid.models.plants.sensor import Sensor
 from emsid.plant import DeadZoneLaw, Friction, Motor, State, simulate
@@ -449,15 +450,15 @@ def test_refinements_keep_to_a_datasheet():
     sheet = datasheet(
         "linear-axis",
         {
-            "viscous_friction": {"value": 210.0, "tolerance": "10 %"},
+            "viscous_friction": {"value": 210.0, "tolerance": "25 %"},
             "mass": {"value": 80.0, "tolerance": 0.0},
             "drive.delay": "unknown",
         },
     )
     fit = choose(LinearAxis(), record, datasheet=sheet, refinements=(by_direction,))
     plant = fit.model.plant
-    assert fit.limits["viscous_friction.forward"] == pytest.approx((189.0, 231.0))
-    assert plant.value("viscous_friction.forward") == pytest.approx(189.0)  # as far as the datasheet lets it
+    assert fit.limits["viscous_friction.forward"] == pytest.approx((157.5, 262.5))
+    assert plant.value("viscous_friction.forward") == pytest.approx(157.5)  # as far as the datasheet lets it
     assert plant.value("viscous_friction.backward") > 200.0
     assert plant.value("drive.delay") > 0.01
     assert plant.value("mass") == 80.0
@@ -897,7 +898,7 @@ def test_emps_resists_more_in_one_direction_than_in_the_other(emps):
     plant = fit.model.plant
     assert rms(errors(fit)) < 0.7e-3
     assert plant.value("viscous_friction.backward") == pytest.approx(232, rel=0.05)
-    assert plant.value("viscous_friction.forward") == pytest.approx(162, rel=0.05)
+    assert plant.value("viscous_friction.forward") == pytest.approx(151, rel=0.05)  # its start taken from the samples
     assert plant.value("offset") == 0
 
 

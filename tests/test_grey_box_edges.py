@@ -20,9 +20,10 @@ from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search import continuation
-from emsid.models.plants.search.choice import STARTS, choose, late_command, slow_sensor
+from emsid.models.plants.search.choice import STARTS, choose
 from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.refinements import late_command, slow_sensor
 from emsid.models.plants.search.result import Status
 from emsid.models.plants.sensor import Sensor
 from emsid.plant import Motor
@@ -471,9 +472,8 @@ def test_a_noisy_first_sample_chooses_no_lag():
     assert {"sensor.lag", "drive.delay"} & {row.name for row in fit.table} == set()
 
 
-def test_without_refinements_to_choose_nothing_is_held_back(monkeypatch):
+def test_without_refinements_a_choice_is_a_plain_fit():
     plain = simulation_error(STARTS["rigid-motor"], driven(noise=0.01))
-    monkeypatch.setattr(f"{choose.__module__}.hold_back", lambda *arguments: pytest.fail("held back"))
     chosen = choose(STARTS["rigid-motor"], driven(noise=0.01), refinements=())
     assert np.array_equal(chosen.estimate, plain.estimate)
     assert chosen.table == plain.table

@@ -85,6 +85,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("intervals-include-zero", "rigid-motor", {"model": "rigid-motor", "parameters": ["sensor.lag"]}),
     Finding("intervals-include-zero", "rigid-motor", {"model": "rigid-motor", "parameters": ["a", "b"]}),
     Finding("choice-interrupted", "rigid-motor", {"model": "rigid-motor"}),
+    Finding("free-run-drifts", "axis.csv", {"time": 1.2}),
     # what was asked for of an identification
     Finding("option-not-used", "fixed", {"models": ["arx", "wiener"]}),
     Finding("knots-not-used", "hammerstein", {"model": "hammerstein", "family": "dead-zone"}),

@@ -16,6 +16,7 @@ from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Handle, Signal, by_direction, scalar
 from emsid.models.plants.plant import BasePlant, Channels, DrivenPlant, Plant, Quantity, Sizes, StaticCharacteristic
 from emsid.models.plants.registry import register
+from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.nouns import linear_axis, motor, rigid_motor
@@ -57,6 +58,7 @@ __all__ = [
     "StaticCharacteristic",
     "Status",
     "by_direction",
+    "choose",
     "datasheet",
     "friction_law",
     "likelihood_profile",

@@ -35,8 +35,9 @@ from emsid.models.plants.grey_box import signals_of
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.registry import PLANTS
-from emsid.models.plants.search.choice import REFINEMENTS, Refinement, choose
+from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.refinements import REFINEMENTS, Refinement
 from emsid.models.regression.narx import Structure
 from emsid.models.regression.structures import arx, friction_narx, input_knots, wiener_hammerstein_regression
 from emsid.record import Record, hold_back
@@ -250,7 +251,7 @@ class Blocks:
 
 @dataclass(frozen=True)
 class Physical:
-    """A plant with physical parameters as a candidate, with those refinements that held-back data ask for.
+    """A plant with physical parameters as a candidate, with those refinements that the record asks for.
 
     Args:
         summary: what it is, in a few words.
@@ -261,10 +262,10 @@ class Physical:
     summary: str
     plant: DrivenPlant
     refinements: tuple[Refinement, ...] = REFINEMENTS
-    uses: ClassVar[tuple[str, ...]] = ("fixed", "datasheet", "codes", "free", "recent", "profile", "held_back")
+    uses: ClassVar[tuple[str, ...]] = ("fixed", "datasheet", "codes", "free", "recent", "profile")
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
-        """Choose the refinements on held-back data, unless it is said what is free, and fit to the whole record."""
+        """Choose the refinements, unless it is said what is free, and fit to the whole record."""
         plant = self.coded(options)
         weighting: Weighting = all_alike
         if options.recent is not None:
@@ -285,8 +286,7 @@ class Physical:
             record,
             fixed=options.fixed,
             datasheet=options.datasheet,
-            weighting=weighting,
-            held_back=options.held_back,
+            weighting=None if options.recent is None else weighting,
             refinements=self.refinements,
             control=control,
         )

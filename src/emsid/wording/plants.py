@@ -86,9 +86,17 @@ def intervals_include_zero(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("free-run-drifts")
+def free_run_drifts(f: Finding, argument: Spelling) -> str:
+    return (
+        f"the free run over {f.subject} drifts away from the measured position, so the fit disregards errors that are "
+        f"older than {f.data['time']:.3g} s"
+    )
+
+
 @words("choice-interrupted", Severity.WARNING)
 def choice_interrupted(f: Finding, argument: Spelling) -> str:
-    return "the choice of refinements was interrupted; the best model so far was fitted to only a part of the record"
+    return "the choice of refinements was interrupted; the best model so far is kept"
 
 
 def interval(ends: tuple[float, float], unit: str) -> str:

@@ -69,3 +69,22 @@ def coloured_covariance(pieces: Sequence[tuple[Array, Array]]) -> Array:
     freedom = samples / max(samples - len(triangle), 1)
     covariance: Array = freedom * inverse @ spread @ inverse.T
     return covariance
+
+
+def effective_samples(pieces: Sequence[Array]) -> float:
+    """How many independent samples stretches (Nᵢ,) of a residual are worth to its mean: N·var e/(σ²/A(1)²).
+
+    Never more than there are, and at least `FEWEST`.
+    """
+    samples = sum(len(piece) for piece in pieces)
+    centre = sum(float(np.sum(piece)) for piece in pieces) / samples
+    centred = [piece - centre for piece in pieces]
+    polynomial, driving = autoregression(centred)
+    variance = sum(float(piece @ piece) for piece in centred) / samples
+    if not (variance > 0 and driving > 0):
+        return float(samples)
+    return float(np.clip(samples * variance * polynomial.sum() ** 2 / driving, min(FEWEST, samples), samples))
+
+
+FEWEST = 10.0
+"""However much a residual hangs together, it is taken for this many independent samples."""

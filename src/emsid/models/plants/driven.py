@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.models.plants.beginning import beginning
 from emsid.models.plants.drive import Bridge, Drive
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Signal
@@ -57,13 +58,17 @@ class Driven(BasePlant):
     def load_name(self) -> str:
         """The name of its constant load."""
 
-    @abstractmethod
-    def stribeck_rate(self, largest: float) -> float:
-        """A start for the Stribeck rate, given the largest output."""
+    def largest_force(self, inputs: Array) -> float:
+        """What the drive makes."""
+        return self.drive.largest(inputs)
 
     @abstractmethod
     def put_motion(self, motion: Motion) -> Self:
         """The plant that moves like this."""
+
+    def force_scale(self, command: float, output: float) -> float:
+        """By what the command is: what turns it into a force stays as it is."""
+        return command
 
     @property
     def can_coast(self) -> bool:
@@ -79,9 +84,12 @@ class Driven(BasePlant):
         return self.with_drive(gain=-self.drive.gain)
 
     def start_samples(self, signals: Sequence[Signal]) -> int:
-        """One sample shows the start of a speed; of a position, or where drive or sensor are late, twenty."""
-        late = self.drive.delay > 0 or self.sensor.lag > 0
-        return BEGINNING if Signal.POSITION in signals or late else 1
+        """One sample shows the start of a speed; of a position, or of a speed that the sensor shows late, twenty.
+
+        A command that is late is taken to have stood before: waiting for more would leave the answer to a step at the
+        start of a record out of the free run.
+        """
+        return BEGINNING if Signal.POSITION in signals or self.sensor.lag > 0 else 1
 
     def first_state(self, signals: Sequence[Signal], segment: Record) -> Array:
         """(speed, position, speed shown) by the first samples."""
@@ -91,11 +99,10 @@ class Driven(BasePlant):
             if signal in (Signal.SPEED, Signal.ROTOR_SPEED):
                 state[0] = (y[0] - sensor.offset) * sensor.ratio
             elif signal is Signal.POSITION:
-                state[1] = (y[0] - sensor.offset) * sensor.ratio
-                if not any(s in (Signal.SPEED, Signal.ROTOR_SPEED) for s in signals) and np.ptp(y[:20]) > 0:
-                    head = y[:20]
-                    slope = np.polyfit(np.arange(len(head)) * segment.dt, head, 1)[0]
-                    state[0] = 0.0 if starts_at_rest(y) else slope * sensor.ratio
+                seen = beginning(y, segment.dt)
+                state[1] = (seen.position[0] - sensor.offset) * sensor.ratio
+                if not any(s in (Signal.SPEED, Signal.ROTOR_SPEED) for s in signals):
+                    state[0] = 0.0 if starts_at_rest(y) else seen.speed[0] * sensor.ratio
         state[1] += sensor.lag * state[0]
         state[2] = state[0]
         return state

@@ -133,10 +133,6 @@ class LinearAxis(Driven):
         """``offset``."""
         return "offset"
 
-    def stribeck_rate(self, largest: float) -> float:
-        """The excess fades within 20 mm/s: where a position is measured, its largest value says nothing of speed."""
-        return 50.0
-
     def start(
         self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
     ) -> PlantState:

@@ -178,9 +178,17 @@ class DrivenMotor(Driven):
         """A motor of one mass that is fed with a voltage."""
         return self.motor.is_rigid and self.feed is Feed.VOLTAGE
 
-    def stribeck_rate(self, largest: float) -> float:
-        """The excess fades within a tenth of the largest speed."""
-        return 10 / largest
+    def force_scale(self, command: float, output: float) -> float:
+        """Driven by a voltage, such that the resistance stays as it is."""
+        return command**2 / output if self.feed is Feed.VOLTAGE else command
+
+    def largest_force(self, inputs: Array) -> float:
+        """The torque at rest."""
+        motor = self.motor
+        per_unit = {
+            Feed.VOLTAGE: motor.motor_constant / motor.resistance, Feed.CURRENT: motor.motor_constant, Feed.TORQUE: 1.0
+        }[self.feed]  # fmt: skip
+        return per_unit * self.drive.largest(inputs)
 
     @property
     def lacks(self) -> tuple[str, ...]:

@@ -273,8 +273,12 @@ class DrivenPlant(Plant, Protocol):
         """Whether its bridge may leave it open in the off-time."""
         ...
 
-    def stribeck_rate(self, largest: float) -> float:
-        """A start for the Stribeck rate, given the largest output."""
+    def largest_force(self, inputs: Array) -> float:
+        """The largest force (torque) that inputs (N, nu) make."""
+        ...
+
+    def force_scale(self, command: float, output: float) -> float:
+        """By what forces are divided where commands and outputs are divided by these; see `scaling`."""
         ...
 
     def put_motion(self, motion: Motion) -> Self:

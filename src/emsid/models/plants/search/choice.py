@@ -1,231 +1,300 @@
-"""Which refinements a plant needs: those with which it simulates held-back data better.
+"""Which plant, when nobody says: refinements are added while a criterion prefers them, and removed where it does not.
 
-A motor begins with what every motor has. Real drives add to that: a bridge that coasts, a delay, a lag of the sensor, a
-Stribeck excess, friction that differs by direction, a constant torque. Every refinement is first tried alone, fitted to
-a part of the record and judged by its free run over the rest. In the order of what they gain there they are then put
-together, and each is kept if the free run improves by more than a little: taken in any fixed order, a refinement could
-stand in for another one that would have explained more. The plant that is left is fitted to the whole record.
+A motor begins with what every motor has. Real drives add to that what `refinements` lists. The search is greedy. In
+every round each refinement is fitted, from several starts, to the whole record, and the one that Schwarz's criterion
+prefers most is added (`trials.gain`), until it prefers none to the plant as it is. Then what has become superfluous is
+removed in the same way; a delay and a lag, which look alike, are exchanged where that is better.
+
+All of this is done in units of the record's own size (`scaling`), so the outcome does not depend on the units of its
+channels. Only the last fit, with its intervals, is done in SI units.
+
+**Drift.** The free run of a position keeps for ever what a slow disturbance did to it. So each half of the record is
+fitted and judged on the other, once with all errors alike and once with errors that are forgotten (`Recent`). The
+second is used where it is clearly better.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from math import isfinite
-from typing import Any, NamedTuple
+from typing import TypeGuard
 
 import numpy as np
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
-from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
+from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
-from emsid.models.free_run import free_run_error
 from emsid.models.plants.datasheet import Given, applicable
-from emsid.models.plants.free_run_error import Weighting, all_alike
-from emsid.models.plants.parameters import full_name, parts, without_overlap
-from emsid.models.plants.plant import BEGINNING, DrivenPlant, Plant
+from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
+from emsid.models.plants.grey_box import check_channels, signals_of
+from emsid.models.plants.parameters import Signal, parts, without_overlap
+from emsid.models.plants.plant import DrivenPlant, Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.refinements import (
+    LEAST_GAIN,
+    LOOK_ALIKE,
+    REFINEMENTS,
+    Refined,
+    Refinement,
+    by_direction,
+    simplified,
+)
 from emsid.models.plants.search.result import GreyBoxFit
-from emsid.record import Record, hold_back
-from emsid.selection.improvement import Gain, better
+from emsid.models.plants.search.scaling import Scaling
+from emsid.models.plants.search.starts import motions, plausible_motions
+from emsid.models.plants.search.task import fixed_values
+from emsid.models.plants.search.trials import Trial, Workshop, gain
+from emsid.record import Record
 
 STARTS: Mapping[str, Plant] = {name: kind.start for name, kind in PLANTS.items()}
 """A plant of every kind to begin with where nothing is known."""
 
-TRIAL_ITERATIONS = 15
-"""Of the search for a trial: one that needs more follows a parameter that the record hardly tells."""
-
-Refinement = Callable[[DrivenPlant, tuple[str, ...], Record], tuple[DrivenPlant, tuple[str, ...]]]
-
-
-def coasting_bridge(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> tuple[DrivenPlant, tuple[str, ...]]:
-    """The bridge leaves the armature open in its off-time; without a supply given, the largest command is full duty."""
-    if not plant.can_coast:
-        return plant, free
-    supply = plant.drive.supply
-    if not isfinite(supply):
-        supply = plant.drive.largest(record.input)
-    return plant.with_drive(supply=supply, freewheel=0.5), (*free, "drive.freewheel")
+MOST = 8
+"""How many refinements may be added, and how many removed."""
+OTHERS = 2
+"""From how many of the first starts a refinement is tried too, besides the best plant so far."""
+RESTARTS = 2
+"""How often the winner of a round is fitted again from around its minimum."""
+FORGOTTEN = 20
+"""Errors that are forgotten are so after this part of the longest segment."""
+HALF_AT_LEAST = 400
+"""Samples of a half that can say whether errors should be forgotten."""
+CLEARLY = 0.9
+"""By what factor forgetting errors has to lower the mean square error on the other half."""
 
 
-def late_command(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> tuple[DrivenPlant, tuple[str, ...]]:
-    """The command takes its time."""
-    return plant.put({"drive.delay": 0.5 * record.dt}), (*free, "drive.delay")
-
-
-def slow_sensor(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> tuple[DrivenPlant, tuple[str, ...]]:
-    """The sensor filters."""
-    return plant.put({"sensor.lag": record.dt}), (*free, "sensor.lag")
-
-
-def stribeck(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> tuple[DrivenPlant, tuple[str, ...]]:
-    """Friction is larger near rest."""
-    name = plant.friction_name
-    if f"{name}.stribeck" not in plant.handles:  # another friction law
-        return plant, free
-    level = plant.value(f"{name}.coulomb")
-    rate = plant.stribeck_rate(float(np.max(np.abs(record.output))) or 1.0)
-    plant = plant.put({f"{name}.stribeck": 0.3 * level, f"{name}.stribeck_rate": rate})
-    return plant, (*free, f"{name}.stribeck", f"{name}.stribeck_rate")
-
-
-def by_direction(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> tuple[DrivenPlant, tuple[str, ...]]:
-    """Coulomb levels, viscous friction of an axis and break points differ by direction.
-
-    A constant load is the same thing as a difference of Coulomb levels, at rest as in motion: the levels take it over
-    where both are free.
-    """
-    split: list[str] = []
-    for name in free:
-        apart = name == _level(plant) or name.endswith(("viscous_friction", ".half_width"))
-        split += (parts(plant, name) if apart else ()) or (name,)
-    load, levels = plant.load_name, parts(plant, _level(plant))
-    if load in free and set(levels) <= set(split):  # a level that is known leaves the load what it is
-        pull, (forward, backward) = plant.value(load), levels
-        plant = plant.put(
-            {
-                forward: max(plant.value(forward) + pull, 0.0),
-                backward: max(plant.value(backward) - pull, 0.0),
-                load: 0.0,
-            }
-        )
-        split.remove(load)
-    return plant, tuple(split)
-
-
-def constant_load(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> tuple[DrivenPlant, tuple[str, ...]]:
-    """Something pulls all the time."""
-    if set(parts(plant, _level(plant))) <= set(free):
-        return plant, free  # a difference of levels already says it
-    return plant, tuple(dict.fromkeys((*free, plant.load_name)))
-
-
-REFINEMENTS: tuple[Refinement, ...] = (
-    coasting_bridge, late_command, slow_sensor, stribeck, by_direction, constant_load,
-)  # fmt: skip
-
-
+@one_blas_thread()
 def choose(
     plant: DrivenPlant,
     record: Record,
     *,
-    fixed: Mapping[str, float] | None = None,
+    fixed: Mapping[str, float | str] | None = None,
     datasheet: Mapping[str, Given] | None = None,
-    weighting: Weighting = all_alike,
-    held_back: float = 0.25,
-    refinements: tuple[Refinement, ...] = REFINEMENTS,
+    weighting: Weighting | None = None,
+    refinements: Sequence[Refinement] = REFINEMENTS,
     control: Control = FREE,
 ) -> GreyBoxFit:
-    """The plant with those refinements that the held-back part of the record asks for, fitted to all of it.
+    """The plant with those refinements that the record asks for, fitted to all of it.
 
     Args:
         plant: to begin with.
         record: what to identify from.
-        fixed, weighting: as in `simulation_error`; they hold for every trial.
+        fixed: as in `simulation_error`; they hold for every trial.
         datasheet: likewise, as far as it is `applicable` to the plant.
-        held_back: fraction of the record that decides; see `emsid.record.hold_back`.
+        weighting: how errors count by their age; chosen where it is None.
         refinements: what is tried.
-        control: when to stop, and whom to tell what is tried; where it stops during the choice, the best plant so far
-            is kept.
-
-    Raises:
-        Stopped: where it stops before the first trial has ended.
+        control: when to stop; the best plant so far is then the answer.
     """
     plant = plant.fed(record)
     sheet = applicable(datasheet or {}, plant)
-    fixed = {full_name(plant, name): value for name, value in (fixed or {}).items()}
+    values = fixed_values(plant, fixed)
     unknown = (name for name, given in sheet.items() if given.value is None)
-    usual = without_overlap(plant, (*plant.usual, *unknown), fixed)
-    known: dict[str, Any] = {"fixed": fixed, "datasheet": sheet, "weighting": weighting, "control": control}
+    usual = without_overlap(plant, (*plant.usual, *unknown), values)
     if not refinements:
-        return simulation_error(plant, record, free=usual, **known)
-    trials = _Trials(*hold_back(record, held_back), known)
-    control.doing(f"{plant.name}: fitting without refinements")
-    best = trials.fitted(plant, usual)
-    try:
-        best = _refined(trials, best, refinements, control)
-    except Stopped as stopped:
-        findings = (Finding("choice-interrupted", plant.name), *best.fit.findings)
-        return replace(best.fit, ending=stopped.ending, findings=findings)
-    control.report(Activity(f"{plant.name}: fitting to the whole record"))
-    return simulation_error(best.plant, record, free=best.free, look_around=False, **known)
+        how = weighting or all_alike
+        return simulation_error(
+            plant, record, free=usual, fixed=values, datasheet=sheet, weighting=how, control=control
+        )
+    search = _Choice(plant, record, usual, values, sheet, control)
+    stopped = search.run(weighting, refinements)
+    fit = simulation_error(
+        search.found,
+        record,
+        free=search.asked,
+        fixed=values,
+        datasheet=sheet,
+        weighting=search.weighting,
+        look_around=False,
+        control=control,
+    )
+    findings = [Finding("choice-interrupted", plant.name)] if stopped else []
+    if search.drifts:
+        findings.append(Finding("free-run-drifts", record.name, {"time": search.drifts}))
+    return replace(fit, ending=Ending.INTERRUPTED if stopped else fit.ending, findings=(*findings, *fit.findings))
 
 
-def _refined(trials: _Trials, plain: _Trial, refinements: Sequence[Refinement], control: Control) -> _Trial:
-    """The best of the trials where refinements are added one after the other, those first that gain most alone."""
-    best, name = plain, plain.plant.name
-    control.doing(f"{name}: trying {len(refinements)} refinements")
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        alone = pool.map(lambda refine: (trials.refined(refine, plain, threads=1), refine), refinements)
-        ranked = sorted(((trial, refine) for trial, refine in alone if trial), key=lambda one: one[0].error)
-    for k, (trial, refine) in enumerate(ranked):
-        control.doing(f"{name}: adding refinements", k, len(ranked))
-        candidate = trial if best is plain else trials.refined(refine, best)
-        if candidate is not None and better(candidate.error, best.error, Gain.PLANT):
-            best = candidate
-    return best
-
-
-class _Trials(NamedTuple):
-    """How a plant is tried: fitted to the first part of a record, and its free run compared with the rest.
+class _Choice:
+    """A search for refinements in units of the record's own size.
 
     Attributes:
-        train, rest: the two parts.
-        known: arguments of `simulation_error` that hold for every trial.
+        trial: the best plant so far.
+        asked: what is free of it, whether the record can tell it or not.
+        weighting: how errors count by their age.
+        drifts: after how long errors are forgotten where that was chosen, else 0.
     """
 
-    train: Record
-    rest: Record
-    known: Mapping[str, Any]
-
-    def fitted(self, start: DrivenPlant, free: tuple[str, ...], **how: Any) -> _Trial:
-        """One trial.
-
-        Raises:
-            Stopped: where it was interrupted: a trial cut short decides nothing.
-        """
-        fit = simulation_error(start, self.train, free=free, max_iterations=TRIAL_ITERATIONS, **how, **self.known)
-        if fit.ending is Ending.INTERRUPTED:
-            raise Stopped(fit.ending)
-        return _Trial(fit, free, _held_back_error(fit, self.rest))
-
-    def refined(self, by: Refinement, base: _Trial, threads: int | None = None) -> _Trial | None:
-        """A trial with one more refinement; None where that changes nothing or cannot be fitted."""
-        plant, free = by(base.plant, base.free, self.train)
-        free = without_overlap(plant, free, self.known["fixed"])
-        try:
-            return None if free == base.free else self.fitted(plant, free, look_around=False, threads=threads)
-        except EmsidError:
-            return None
-
-
-class _Trial(NamedTuple):
-    """A plant fitted to the first part of the record, and the mean square error of its free run over the rest."""
-
-    fit: GreyBoxFit
-    free: tuple[str, ...]
-    error: float
+    def __init__(
+        self,
+        plant: DrivenPlant,
+        record: Record,
+        usual: tuple[str, ...],
+        fixed: Mapping[str, float],
+        sheet: Mapping[str, Given],
+        control: Control,
+    ) -> None:
+        signals = signals_of(plant, record)
+        check_channels(plant, signals, record)
+        self._original, self._scaling = plant, Scaling.of(plant, record)
+        scaled, factors = self._scaling.record(record, signals), self._scaling.factors(plant)
+        physical = {
+            name: (max(each.lower, each.lower / factors[name]), each.upper / factors[name])
+            for name, each in plant.handles.items()
+        }
+        plain = simulation_error(
+            self._scaling.to(plant, record.input.shape[1]),
+            replace(scaled, input_units=(), output_units=()),
+            free=usual,
+            fixed={name: value / factors[name] for name, value in fixed.items()},
+            datasheet={
+                name: given if given.value is None else replace(given, value=given.value / factors[name])
+                for name, given in sheet.items()
+            },
+            bounds={name: physical[name] for name in usual},
+            signals=signals,
+            control=control,
+        )
+        start = plain.model.plant.driven
+        assert start is not None
+        self.asked, self._fixed = usual, tuple(fixed)
+        self.weighting: Weighting = all_alike
+        self.drifts = 0.0
+        self._record = scaled
+        sides = {side: both for name, both in plain.limits.items() for side in parts(plant, name)}
+        limits = {**physical, **sides, **plain.limits}
+        self._workshop = Workshop(plain.segments, signals, limits, self.weighting, control)
+        self._rng = np.random.default_rng(0)
+        self._starts = [start, *_moving(start, plain.segments, signals)]
+        self.trial = Trial(start, plain.names, list(plain.states), plain.cost, [])
 
     @property
-    def plant(self) -> DrivenPlant:
-        """The plant as it was fitted."""
-        plant = self.fit.model.plant.driven
-        assert plant is not None
-        return plant
+    def found(self) -> DrivenPlant:
+        """The best plant so far, in SI units."""
+        return self._scaling.back(self.trial.plant, self._original)
+
+    def run(self, weighting: Weighting | None, refinements: Sequence[Refinement]) -> bool:
+        """Choose the weighting where it is None, add and remove refinements; whether somebody ended it early."""
+        try:
+            self._begin(self._chosen_weighting() if weighting is None else weighting)
+            if self.trial.residuals:
+                self._add(refinements)
+                self._exchange(refinements)
+                self._remove()
+        except Stopped:
+            return True
+        return False
+
+    def _begin(self, weighting: Weighting) -> None:
+        self.weighting = weighting
+        self._workshop = replace(self._workshop, weighting=weighting)
+        self._starts = self._workshop.by_cost(self._starts, self.trial.names)
+        found = self._workshop.fitted(self._starts, self.trial.names)
+        if found is not None:
+            self.trial = self._workshop.around(found, self._rng, RESTARTS)
+
+    def _chosen_weighting(self) -> Weighting:
+        """All errors alike, or forgotten after a while, whichever predicts the other half of the record better."""
+        shop = self._workshop
+        longest = max(len(segment) for segment in shop.segments)
+        if shop.signals != (Signal.POSITION,) or longest < 2 * HALF_AT_LEAST:
+            return all_alike
+        recent = Recent(longest * self._record.dt / FORGOTTEN, 2)
+        plant, names = self.trial.plant, self.trial.names
+        if not any(name in self._fixed for name in plant.usual):  # the directions may differ, as drift makes them
+            plant, names = next(iter(by_direction(plant, names, self._record)), (plant, names))
+        errors = []
+        for how in (all_alike, recent):
+            error = 0.0
+            halves = self._record.split(0.5)
+            for known, unseen in (halves, halves[::-1]):
+                half = replace(shop, segments=known.segments, weighting=how)
+                fitted = half.fitted([plant], names)
+                error += np.inf if fitted is None else half.unseen_error(fitted, unseen.segments)
+            errors.append(error)
+        if errors[1] < CLEARLY * errors[0]:
+            self.drifts = recent.time
+            return recent
+        return all_alike
+
+    def _add(self, refinements: Sequence[Refinement]) -> None:
+        for done in range(MOST):
+            self._doing(f"trying {len(refinements)} refinements", done)
+            begun = [self.trial.plant, *self._starts[:OTHERS]]
+            tried = self._tried(
+                [
+                    [each for plant in begun for each in refine(plant, self.trial.names, self._record)]
+                    for refine in refinements
+                ]
+            )
+            self._doing("adding refinements", done)
+            best = max(
+                (trial for trial, refine in zip(tried, refinements, strict=True) if self._is_better(trial, refine)),
+                key=lambda trial: gain(self.trial, trial),
+                default=None,
+            )
+            if best is None:
+                break
+            self._take(self._workshop.around(best, self._rng, RESTARTS))
+
+    def _is_better(self, trial: Trial | None, refine: Refinement) -> TypeGuard[Trial]:
+        if trial is None or gain(self.trial, trial) <= 0:
+            return False
+        return trial.mean_square <= (1 - LEAST_GAIN.get(refine, 0.0)) * self.trial.mean_square
+
+    def _exchange(self, refinements: Sequence[Refinement]) -> None:
+        for mine, name in LOOK_ALIKE.items():
+            for other in (each for each in LOOK_ALIKE if each is not mine and each in refinements):
+                if name in self.trial.names and LOOK_ALIKE[other] not in self.trial.names:
+                    without = tuple(each for each in self.trial.names if each != name)
+                    exchanged = self._tried([other(self.trial.plant.put({name: 0.0}), without, self._record)])[0]
+                    if exchanged is not None and exchanged.cost < self.trial.cost:
+                        self._take(exchanged)
+
+    def _remove(self) -> None:
+        for done in range(MOST):
+            self._doing("removing refinements", done)
+            tried = self._tried([[each] for each in simplified(self.trial.plant, self.trial.names)])
+            enough = [trial for trial in tried if trial is not None and gain(trial, self.trial) < 0]
+            if not enough:
+                break
+            self._take(min(enough, key=lambda trial: gain(trial, self.trial)))
+
+    def _doing(self, what: str, done: int) -> None:
+        self._workshop.control.doing(f"{self._original.name}: {what}", done)
+
+    def _tried(self, groups: Sequence[Sequence[Refined]]) -> list[Trial | None]:
+        """A trial for each group of starts with the same free names; None where there is nothing to fit or simulate."""
+
+        def tried(starts: Sequence[Refined]) -> Trial | None:
+            names = without_overlap(starts[0][0], starts[0][1], self._fixed) if starts else ()
+            if not names:
+                return None
+            return self._workshop.fitted([plant for plant, _ in starts], names, self.trial.states)
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            return list(pool.map(tried, groups))
+
+    def _take(self, trial: Trial) -> None:
+        before, after = self.trial.names, trial.names
+        kept = [name for name in self.asked if name not in before or name in after]
+        self.asked = (*kept, *(name for name in after if name not in kept))
+        self.trial = trial
 
 
-def _held_back_error(fit: GreyBoxFit, rest: Record) -> float:
-    """All trials begin alike, whatever they need for it: a better beginning is no better plant."""
-    longest = max(len(segment) for segment in rest.segments)
-    if longest <= fit.model.memory:
-        return np.inf
-    return free_run_error(fit.model, [rest], BEGINNING if longest > 2 * BEGINNING else None)
-
-
-def _level(plant: DrivenPlant) -> str:
-    """The name of the level of its friction, the first parameter of the law."""
-    return f"{plant.friction_name}.{plant.frictions[plant.friction_name].parameters[0].name}"
+def _moving(plant: DrivenPlant, segments: Sequence[Record], signals: Sequence[Signal]) -> list[DrivenPlant]:
+    """The plant as regressions on the records, and plausible motions, suggest that it moves."""
+    found = []
+    is_position = signals[0] is Signal.POSITION
+    likely = list(motions(segments, 0, is_position, True, plant.drive.offset))
+    if not is_position:
+        likely += plausible_motions(segments, 0)
+    for motion in likely:
+        try:
+            found.append(plant.put_motion(motion))
+        except EmsidError:  # a motion that this plant cannot have
+            continue
+    return found

@@ -50,6 +50,11 @@ class Reached(NamedTuple):
     minimum: Minimum
     steps: int
 
+    @property
+    def unended(self) -> bool:
+        """Whether nobody has ended it early."""
+        return self.minimum.ending is not Ending.INTERRUPTED
+
 
 def search(task: Task, start: Plant, max_iterations: int) -> Reached:
     """The parameters that minimise the error of the free run, from a plant to begin with.
@@ -115,6 +120,9 @@ class _Rounds:
         self.problem = self.problem.begun_at(ended.estimate)
         inside = [name for name, free in zip(self.names, ended.free, strict=False) if free]
         kept = keep_identifiable(identified_by(self.problem, inside, ended), inside, self.task.preference)
+        if not (interrupted or inside) and 0 < len(self.names) < len(self.task.asked):  # only bounds are left
+            self._keep(self.names, [], ended)
+            return None
         if interrupted or (len(kept) == len(inside) and not under_way):
             return replace(ended, findings=tuple(_after(self.steps, finding) for finding in ended.findings))
         if len(kept) < len(inside):

@@ -11,23 +11,28 @@ is likeliest to have them right, and the fit says which, at what, and which comb
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending, Fit
-from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
+from emsid.models.plants.beginning import agrees, starts_from_samples
 from emsid.models.plants.datasheet import Given
-from emsid.models.plants.free_run_error import Weighting, all_alike
+from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
-from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, identified_by
+from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, identified_by, keep_identifiable
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
-from emsid.models.plants.search.starts import start_of
+from emsid.models.plants.search.starts import starts_of
 from emsid.models.plants.search.task import Task, prepare
+from emsid.models.plants.search.trials import Trial, Workshop
 from emsid.plant import Motor
 from emsid.record import Record
 
@@ -83,9 +88,62 @@ def simulation_error(
         threads=threads,
         control=control,
     )
-    start = start_of(task) if look_around else task.plant
-    reached = continuation.search(task, start, max_iterations)
+    if starts_from_samples(task.plant, task.signals):
+        task = replace(task, free_starts=False)
+    start = _promising(task, starts_of(task)) if look_around else task.plant
+    reached = _begun_again(task, continuation.search(task, start, max_iterations), max_iterations)
+    if not task.free_starts and reached.unended:
+        freed = replace(task, free_starts=True)
+        again = continuation.search(freed, reached.problem.plant, max_iterations)
+        if _starts_agree(freed, again.problem):
+            task, reached = freed, again
     return _concluded(task, start, reached)
+
+
+def _starts_agree(task: Task, problem: FreeRunError) -> bool:
+    """Whether the estimated starts are such as the first samples of every segment show."""
+    states = problem.states(problem.start)
+    starts = [(segment, float(state[0]), float(state[1])) for segment, state in zip(task.segments, states, strict=True)]
+    return all(agrees(segment, speed, position) for segment, speed, position in starts)
+
+
+def _workshop(task: Task) -> Workshop:
+    return Workshop(task.segments, task.signals, task.limits, task.weighting, task.control)
+
+
+def _promising(task: Task, starts: Sequence[Plant]) -> Plant:
+    """The start that leads furthest down in a few steps; the first where steps are slow, as with an elastic shaft."""
+    first = starts[0]
+    if len(starts) == 1 or first.fine or first.driven is None:
+        return first
+    identified = identified_by(task.problem(first, task.asked), task.asked, None)
+    names = keep_identifiable(identified, task.asked, task.preference)
+    try:
+        return _workshop(task).promising([plant for each in starts if (plant := each.driven) is not None], names)
+    except Stopped:
+        return first
+
+
+def _begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
+    """The best of a search that stalled and of some that begin around its end: free runs have narrow, bent valleys."""
+    driven = reached.problem.plant.driven
+    if reached.minimum.ending is not Ending.STALLED or driven is None or driven.fine:
+        return reached
+    states = reached.problem.states(reached.problem.start)
+    residuals = reached.problem.residuals(reached.problem.start)
+    here = Trial(driven, tuple(reached.names), states, reached.minimum.cost, residuals)
+    try:
+        there = _workshop(task).around(here, np.random.default_rng(0), RESTARTS)
+    except Stopped:
+        return reached
+    if there is here:
+        return reached
+    again = continuation.search(task, there.plant, max_iterations)
+    return again if again.minimum.cost < reached.minimum.cost else reached
+
+
+RESTARTS = 6
+"""How often a search that stalled begins again."""
 
 
 def _concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:

@@ -13,7 +13,8 @@ A mass that settles within a few samples has no derivative to be seen. What it s
 
     v = (gain·D(u) − c·sgn(v) − offset)/damping,
 
-which is regressed too, and tried with several dampings.
+which is regressed too, and tried with several dampings. Where neither says anything, plausible motions may do: time
+constants from a few samples to a thousand, with little friction and with much.
 """
 
 from __future__ import annotations
@@ -43,6 +44,10 @@ DEAD_ZONES = (0.0, 0.05, 0.1, 0.2, 0.35)
 """Half widths of the dead zone, as a part of the largest command."""
 SETTLING = (0.5, 1.5, 5.0, 15.0)
 """Time constants of a mass that settles quickly, in samples."""
+PLAUSIBLE = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+"""Time constants in samples that are tried whatever the regressions say."""
+LEVELS = (0.02, 0.1)
+"""Coulomb levels tried with them, as a part of the largest command."""
 
 
 def motions(
@@ -82,27 +87,46 @@ def motions(
                         yield Motion(rate * gain, rate, rate * coulomb, rate * drop, width)
 
 
-def start_of(task: Task) -> Plant:
-    """The plant to begin with: as it is given, or as a regression on the records suggests; a knee at several places."""
+def plausible_motions(segments: Sequence[Record], channel: int) -> Iterator[Motion]:
+    """Motions of a speed that are tried whatever the regressions say: `PLAUSIBLE` time constants, `LEVELS` of friction.
+
+    Args:
+        segments, channel: see `motions`.
+    """
+    largest = max(float(np.max(np.abs(s.input[:, 0]))) for s in segments)
+    top = max(float(np.max(np.abs(s.output[:, channel]))) for s in segments)
+    for time in PLAUSIBLE if largest > 0 else ():
+        for level in LEVELS:
+            rate = 1 / (time * segments[0].dt)
+            yield Motion(rate * (1 + level) * top / largest, rate, rate * level * top, 0.0, 0.0)
+
+
+def starts_of(task: Task) -> list[Plant]:
+    """The plants to begin with, those first that simulate the records best: as it is given, and as regressions suggest.
+
+    A knee of which nothing is known is tried at several places.
+    """
     if task.given.driven is None:
-        return task.plant
-    starts = [_best_start(each, task) for each in task.given.driven.bent(task.plant, task.asked, task.limits)]
-    return min(starts, key=lambda each: cost_of(task.problem(each, task.asked))) if len(starts) > 1 else starts[0]
+        return [task.plant]
+    starts: list[tuple[float, Plant]] = []
+    for each in task.given.driven.bent(task.plant, task.asked, task.limits):
+        starts += _suggested(each, task)
+    return [plant for _, plant in sorted(starts, key=lambda start: start[0])]
 
 
-def _best_start(plant: Plant, task: Task) -> Plant:
-    """The plant as given, or moved to what a regression on the records says, whichever simulates better."""
+def _suggested(plant: Plant, task: Task) -> list[tuple[float, Plant]]:
+    """The plant as given, and moved to what regressions on the records say, each with its cost."""
     asked, limits = task.asked, task.limits
     first = task.problem(plant, asked)
     driven = plant.driven
     if driven is None:
-        return plant
+        return [(cost_of(first), plant)]
     drive = driven.drive
     against = _currents_against(drive, first)
     channel, is_position = _motion_channel(first.signals)
     if channel is None:
         _refuse_signs(first, against)
-        return plant
+        return [(cost_of(first), plant)]
     zone = any("dead_zone" in name for name in asked)
     commanded = [
         replace(
@@ -133,7 +157,10 @@ def _best_start(plant: Plant, task: Task) -> Plant:
     if turned_round < WRONG_WAY * min(cost for _, cost, _ in straight):
         against.append(channel)
     _refuse_signs(first, against)
-    return min(straight, key=lambda one: one[0])[-1]
+    if not is_position:
+        plausible = plausible_motions(commanded, channel)
+        straight += [tried(motion, driven) for motion in plausible if motion.gain / drive.gain > 0]
+    return [(cost, moved) for cost, _, moved in straight]
 
 
 def _currents_against(drive: Drive, problem: FreeRunError) -> list[int]:

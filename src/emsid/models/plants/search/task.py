@@ -45,6 +45,7 @@ class Task:
         weighting: how errors count by their age.
         threads: how many.
         control: when to stop.
+        free_starts: whether initial states are estimated, and not taken from the first samples; see `beginning`.
     """
 
     given: Plant
@@ -59,6 +60,7 @@ class Task:
     weighting: Weighting
     threads: int
     control: Control
+    free_starts: bool = True
 
     @property
     def known(self) -> dict[str, float]:
@@ -73,7 +75,9 @@ class Task:
     def problem(self, plant: Plant, names: Sequence[str], states: Sequence[Array] | None = None) -> FreeRunError:
         """The least-squares problem of some parameters, from a plant and initial states."""
         first = [plant.first_state(self.signals, s) for s in self.segments] if states is None else states
-        free = [plant.free_states(self.signals, s) for s in self.segments]
+        free: list[tuple[int, ...]] = [() for _ in self.segments]
+        if self.free_starts:
+            free = [plant.free_states(self.signals, s) for s in self.segments]
         return FreeRunError(plant, self.signals, self.segments, names, first, free, self.weighting, self.threads)
 
 
@@ -105,7 +109,7 @@ def prepare(
         check_channels(plant, shown, segment)
     check_motion(segments)
     bounds = as_bounds(plant, bounds)
-    values = _values(plant, by_full_name(plant, "fixed", fixed))
+    values = fixed_values(plant, fixed)
     sheet = dict(by_full_name(plant, "datasheet", datasheet))
     asked = _asked(plant, full_names(plant, free), values, sheet)
     sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
@@ -143,11 +147,11 @@ def _segments(records: Record | Iterable[Record]) -> tuple[Record, ...]:
     return tuple(segment for record in whole for segment in record.segments)
 
 
-def _values(plant: Plant, fixed: Mapping[str, float | str]) -> dict[str, float]:
-    """What is fixed, in SI units, whether it was given so or as a text with a unit."""
+def fixed_values(plant: Plant, fixed: Mapping[str, float | str] | None) -> dict[str, float]:
+    """What is fixed, by full name and in SI units, whether it was given so or as a text with a unit."""
     return {
         name: read_number(f"{plant.name} {name}", value, find_handle(plant, name).parameter.unit)
-        for name, value in fixed.items()
+        for name, value in by_full_name(plant, "fixed", fixed).items()
     }
 
 

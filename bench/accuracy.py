@@ -1,0 +1,165 @@
+"""Accuracy of physical models in free run on records that they were not fitted to: ``python bench/accuracy.py``.
+
+Simulated plants come from a simulator that is not the program's own (``tests/independent``). Real recordings are looked
+for in the folder that the environment variable EMSID_RECORDINGS names, by default ``../shared/data``; what is missing
+is left out.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import emsid
+from emsid.plants import choose, linear_axis, rigid_motor
+
+HOME = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(HOME / "tests"))
+from independent.cases import CASES  # noqa: E402
+
+RECORDINGS = Path(os.environ.get("EMSID_RECORDINGS", HOME.parent / "shared" / "data"))
+console = Console(width=150)
+
+
+def table(title: str, *heads: str) -> Table:
+    board = Table(title=title, title_justify="left")
+    for k, head in enumerate(heads):
+        board.add_column(head, justify="right" if k else "left")
+    return board
+
+
+def run_error(fit: emsid.Fit, record: emsid.Record) -> float:
+    """RMSE of the free run, in the unit of the output."""
+    run = fit.model.simulate(record)
+    return float(np.sqrt(np.mean((record.output - run.output)[run.counted] ** 2)))
+
+
+def fit_percent(fit: emsid.Fit, record: emsid.Record) -> float:
+    """100·(1 − ‖y − ŷ‖/‖y − ȳ‖) of the free run."""
+    y = record.output[fit.model.simulate(record).counted]
+    return 100 * (1 - run_error(fit, record) / float(np.std(y)))
+
+
+def simulated(names: Iterable[str]) -> None:
+    """RMSE on an unseen record over that of the true parameters."""
+    board = table(
+        "Simulated plants: RMSE of the free run over that of the truth", "", "fitted", "unseen", "s", "refinements"
+    )
+    ratios = []
+    for name in names:
+        case = CASES[name]()
+        unit = "m" if case.shows_position else "rad/s"
+        known = emsid.Record(case.fitted.input, case.fitted.output, case.fitted.dt, output_units=unit)
+        start = time.perf_counter()
+        fit = choose(linear_axis() if case.shows_position else rigid_motor(), known)
+        seconds = time.perf_counter() - start
+        rows = []
+        for record in (case.fitted, case.unseen):
+            output = fit.model.plant.simulate(record.input, record.dt, np.zeros(3), fit.model.signals)
+            rows.append(float(np.sqrt(np.mean((record.output - output) ** 2))) / case.error_of_truth(record))
+        ratios.append(rows[1])
+        board.add_row(name, *(f"{ratio:.3f}" for ratio in rows), f"{seconds:.1f}", ", ".join(fit.names))
+    console.print(board)
+    found = np.array(ratios)
+    console.print(
+        f"geometric mean {np.exp(np.mean(np.log(found))):.3f}; at most 1.3 in {np.sum(found <= 1.3)} of {len(found)}, "
+        f"at most 2 in {np.sum(found <= 2)}; worst {found.max():.2f}\n"
+    )
+
+
+def positioning_axis() -> None:
+    """EMPS, the whole record fitted."""
+    record = emsid.read(
+        RECORDINGS / "emps" / "DATA_EMPS.mat", input="vir", output="qm", time="t", scale={"vir": 35.15065}
+    )
+    four = ("mass", "viscous_friction", "friction.coulomb", "offset")
+    directional = ("mass", *(f"{name}.{side}" for name in ("viscous_friction", "friction.coulomb") for side in SIDES))
+    ways: dict[str, Callable[[], emsid.Fit]] = {
+        "four parameters": lambda: emsid.fit(linear_axis(), record, free=four),
+        "by direction": lambda: emsid.fit(linear_axis(), record, free=directional),
+        "chosen": lambda: choose(linear_axis(), record),
+    }
+    board = table("EMPS, fitted to the whole record", "", "RMSE, mm", "s", "estimates ± half a 95 % interval")
+    for name, way in ways.items():
+        start = time.perf_counter()
+        fit = way()
+        seconds = time.perf_counter() - start
+        values = zip(fit.names, fit.estimate, fit.standard_error, strict=True)
+        shown = ", ".join(f"{each} {value:.4g} ± {1.96 * error:.2g}" for each, value, error in values)
+        board.add_row(name, f"{1e3 * run_error(fit, record):.2f}", f"{seconds:.1f}", shown)
+    console.print(board)
+
+
+SIDES = ("forward", "backward")
+BRIDGE = {
+    "testAll": ("testBench_testAll_10ms", 0.010048),
+    "8 bolts": ("testBench_test_8Bul_10ms", 0.010048),
+    "free": ("testBench_test_0BulFree_10ms", 0.010048),
+    "old, 10 ms": ("OldMot_19_12_29_speedDatasStepping_testStepping_dt10", 0.010048),
+    "old, 2 ms": ("OldMot_19_12_29_speedDatasStepping_testStepping_dt2", 0.002),
+}
+
+
+def bidirectional() -> None:
+    """Every record of the motors on an H-bridge fitted, and judged on every other one."""
+    records = {
+        name: emsid.read(
+            RECORDINGS / "dc_motor_bidirectional" / f"{file}.dat",
+            input="PWM",
+            output="mVel",
+            dt=dt,
+            mask="abs(PWM) > 255",
+        )
+        for name, (file, dt) in BRIDGE.items()
+    }
+    matrix("Bidirectional motors: fit of the free run in %, fitted in rows, judged in columns", records)
+
+
+def matrix(title: str, records: dict[str, emsid.Record]) -> None:
+    board = table(title, "", *records, "s")
+    for name, record in records.items():
+        start = time.perf_counter()
+        fit = choose(rigid_motor(), record)
+        seconds = time.perf_counter() - start
+        board.add_row(name, *(f"{fit_percent(fit, other):.1f}" for other in records.values()), f"{seconds:.1f}")
+    console.print(board)
+
+
+def geared(every: int = 1) -> None:
+    """JGA25: each step record left out in turn."""
+    files = sorted((RECORDINGS / "dc_motor_jga25_steps").glob("*.csv"))
+    columns = {"input": "Commanded_PWM", "output": "Motor_Speed(RPM)", "time": "Timestamp(ms)"}
+    records = [emsid.read(file, **columns, units={"Motor_Speed(RPM)": "rpm"}) for file in files]
+    fits = []
+    for k in range(0, len(records), every):
+        fit = choose(rigid_motor(), emsid.concatenate([*records[:k], *records[k + 1 :]]))
+        fits.append(fit_percent(fit, records[k]))
+    console.print(f"JGA25, one of {len(records)} left out: median fit {np.median(fits):.1f} %, worst {min(fits):.1f} %")
+
+
+PARTS: dict[str, Callable[[], None]] = {
+    "simulated": lambda: simulated(CASES),
+    "emps": positioning_axis,
+    "bidirectional": bidirectional,
+    "geared": geared,
+}
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Print the parts that are asked for, by default all."""
+    for name in arguments or PARTS:
+        try:
+            PARTS[name]()
+        except emsid.FormatError as problem:  # a recording that is not there
+            console.print(f"{name}: {problem}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,138 @@
+"""What real drives add to a plant, each as starts of a refined plant and the parameters that are free in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import isfinite
+
+import numpy as np
+
+from emsid.models.plants.grey_box import signals_of
+from emsid.models.plants.parameters import Signal, parts
+from emsid.models.plants.plant import DrivenPlant
+from emsid.record import Record
+
+Refined = tuple[DrivenPlant, tuple[str, ...]]
+Refinement = Callable[[DrivenPlant, tuple[str, ...], Record], Sequence[Refined]]
+"""From a plant, what is free of it and a record to starts of a refined plant; all of them have the same free names.
+
+None where the plant cannot be refined like this, or is already.
+"""
+
+
+def coasting_bridge(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
+    """The bridge leaves the armature open in its off-time.
+
+    Without a supply given, the largest command is taken for full duty.
+    """
+    if not plant.can_coast or "drive.freewheel" in free:
+        return []
+    supply = plant.drive.supply if isfinite(plant.drive.supply) else plant.drive.largest(record.input)
+    return [(plant.with_drive(supply=supply, freewheel=part), (*free, "drive.freewheel")) for part in (0.3, 0.9)]
+
+
+def late_command(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
+    """The command acts after a delay."""
+    if "drive.delay" in free:
+        return []
+    return [(plant.put({"drive.delay": late * record.dt}), (*free, "drive.delay")) for late in (0.3, 1.0, 2.5)]
+
+
+def slow_sensor(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
+    """The sensor filters."""
+    if "sensor.lag" in free:
+        return []
+    return [(plant.put({"sensor.lag": lag * record.dt}), (*free, "sensor.lag")) for lag in (0.5, 2.0, 6.0)]
+
+
+def stribeck(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
+    """Friction is larger near rest."""
+    excess, rate = f"{plant.friction_name}.stribeck", f"{plant.friction_name}.stribeck_rate"
+    if excess not in plant.handles or excess in free:
+        return []
+    largest = 0.3 * max(plant.value(level_name(plant)), 0.03 * plant.largest_force(record.input))
+    fast = _top_speed(plant, record)
+    return [
+        (plant.put({excess: largest, rate: times / fast}), (*free, excess, rate)) for times in (5.0, 20.0, 60.0, 200.0)
+    ]
+
+
+def by_direction(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
+    """Coulomb levels, viscous friction of an axis and break points differ by direction.
+
+    A constant load is the same thing as a difference of Coulomb levels, at rest as in motion: the levels take it over
+    where both are free.
+    """
+    split: list[str] = []
+    for name in free:
+        apart = name == level_name(plant) or name.endswith(("viscous_friction", ".half_width"))
+        split += (parts(plant, name) if apart else ()) or (name,)
+    load, levels = plant.load_name, parts(plant, level_name(plant))
+    if load in free and set(levels) <= set(split):  # a level that is known leaves the load what it is
+        pull, (forward, backward) = plant.value(load), levels
+        plant = plant.put(
+            {
+                forward: max(plant.value(forward) + pull, 0.0),
+                backward: max(plant.value(backward) - pull, 0.0),
+                load: 0.0,
+            }
+        )
+        split.remove(load)
+    return [(plant, tuple(split))] if tuple(split) != free else []
+
+
+def viscous_by_direction(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
+    """Only the viscous friction of an axis differs by direction."""
+    split: list[str] = []
+    for name in free:
+        split += (parts(plant, name) if name.endswith("viscous_friction") else ()) or (name,)
+    return [(plant, tuple(split))] if tuple(split) != free else []
+
+
+def constant_load(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
+    """Something pulls all the time."""
+    if plant.load_name in free or set(parts(plant, level_name(plant))) <= set(free):
+        return []  # a difference of levels already says it
+    pull = 0.1 * plant.value(level_name(plant))
+    return [(plant.put({plant.load_name: load}), (*free, plant.load_name)) for load in (0.0, pull, -pull)]
+
+
+REFINEMENTS: tuple[Refinement, ...] = (
+    coasting_bridge, late_command, slow_sensor, stribeck, by_direction, viscous_by_direction, constant_load,
+)  # fmt: skip
+LEAST_GAIN: dict[Refinement, float] = {coasting_bridge: 0.1}
+"""By what part a refinement has to lower the mean square error besides: one that is wrong does great harm elsewhere."""
+LOOK_ALIKE: dict[Refinement, str] = {late_command: "drive.delay", slow_sensor: "sensor.lag"}
+"""Refinements that look alike in many records, each with its parameter, which is zero without it."""
+
+
+def simplified(plant: DrivenPlant, free: tuple[str, ...]) -> list[Refined]:
+    """The plant without each of its refinements in turn."""
+    excess = f"{plant.friction_name}.stribeck"
+    single = [(name,) for name in ("drive.delay", "sensor.lag", "drive.freewheel", plant.load_name)]
+    found: list[Refined] = [
+        (plant.put({names[0]: 0.0}), tuple(name for name in free if name not in names))
+        for names in (*single, (excess, f"{excess}_rate"))
+        if set(names) <= set(free)
+    ]
+    for whole in plant.handles:
+        sides = parts(plant, whole)
+        if len(sides) == 2 and set(sides) <= set(free):
+            mean = float(np.mean([abs(plant.value(side)) for side in sides]))
+            merged = tuple(whole if name == sides[0] else name for name in free if name != sides[1])
+            found.append((plant.put({whole: mean}), merged))
+    return found
+
+
+def _top_speed(plant: DrivenPlant, record: Record) -> float:
+    """How fast it moves at most, but for a few samples."""
+    y = record.output[:, 0]
+    if signals_of(plant, record)[0] is Signal.POSITION:
+        long = [segment for segment in record.segments if len(segment) > 1]
+        y = np.concatenate([np.gradient(segment.output[:, 0], segment.dt) for segment in long])
+    return float(np.percentile(np.abs(y), 99)) or 1.0
+
+
+def level_name(plant: DrivenPlant) -> str:
+    """The name of the level of its friction, the first parameter of the law."""
+    return f"{plant.friction_name}.{plant.frictions[plant.friction_name].parameters[0].name}"

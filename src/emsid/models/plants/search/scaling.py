@@ -1,0 +1,90 @@
+"""Records and plants in units of their own size, so that a search does not depend on the units of channels.
+
+Divide the command by its largest value a and the output by its largest value b. A plant that moved before moves still
+if every parameter is divided by what its unit becomes: a force (torque) by f, a speed or a position by b, a voltage by
+a, an inertia or a damping by f/b, and so on, times staying as they are. Of a motor driven by a voltage f = a²/b leaves
+the resistance as it is; of any other plant f = a leaves what turns the command into a force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite, prod
+
+import numpy as np
+
+from emsid.models.plants.parameters import Handle, Signal
+from emsid.models.plants.plant import DrivenPlant, Plant
+from emsid.record import Record
+
+# Exponents of (command, output, force) by unit.
+_EXPONENTS = {
+    "V": (1, 0, 0), "A": (1, 0, 0), "N*m": (0, 0, 1), "N": (0, 0, 1),
+    "rad": (0, 1, 0), "m": (0, 1, 0), "rad/s": (0, 1, 0), "m/s": (0, 1, 0), "s/rad": (0, -1, 0), "s/m": (0, -1, 0),
+    "kg*m^2": (0, -1, 1), "kg": (0, -1, 1), "N*m*s/rad": (0, -1, 1), "N*s/m": (0, -1, 1), "N*m/rad": (0, -1, 1),
+    "V*s/rad": (-1, 0, 1), "N*m/A": (-1, 0, 1), "s": (0, 0, 0), "ohm": (0, 0, 0), "H": (0, 0, 0), "1": (0, 0, 0),
+}  # fmt: skip
+# Of the drive, what is counted in units of the command, and what belongs to one unit of it.
+_BY_NAME = {"drive.offset": (1, 0, 0), "drive.gain": (0, 0, 0)}
+
+
+def _exponents(name: str, handle: Handle) -> tuple[int, int, int] | None:
+    return _BY_NAME.get(name) or _EXPONENTS.get(handle.parameter.unit)
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """By what commands, outputs and forces are divided.
+
+    Args:
+        command, output, force: these three; 1 leaves them as they are.
+    """
+
+    command: float = 1.0
+    output: float = 1.0
+    force: float = 1.0
+
+    @classmethod
+    def of(cls, plant: DrivenPlant, record: Record) -> Scaling:
+        """That of a record and a plant; none where a parameter has a unit that is not known here."""
+        known = all(_exponents(name, handle) for name, handle in plant.handles.items())
+        command = float(np.max(np.abs(plant.drive.commands(record.input))))
+        output = float(np.max(np.abs(record.output[:, 0])))
+        if not (known and command > 0 and output > 0):
+            return cls()
+        return cls(command, output, plant.force_scale(command, output))
+
+    def factors(self, plant: Plant) -> Mapping[str, float]:
+        """By what every parameter of a plant is divided."""
+        sizes = (self.command, self.output, self.force)
+        return {
+            name: prod(size**power for size, power in zip(sizes, _exponents(name, handle) or (0, 0, 0), strict=True))
+            for name, handle in plant.handles.items()
+        }
+
+    def record(self, record: Record, signals: Sequence[Signal]) -> Record:
+        """A record in these units; a second input holds codes and stays as it is."""
+        outputs = [self.command if signal is Signal.CURRENT else self.output for signal in signals]
+        inputs = [self.command, *[1.0] * (record.input.shape[1] - 1)]
+        return replace(record, input=record.input / inputs, output=record.output / outputs)
+
+    def to(self, plant: DrivenPlant, inputs: int) -> DrivenPlant:
+        """A plant in these units.
+
+        Args:
+            plant: in SI units.
+            inputs: how many the record has; codes among the commands of a single one become other numbers too.
+        """
+        codes = tuple((code / self.command if inputs == 1 else code, bridge) for code, bridge in plant.drive.codes)
+        return self._converted(plant.with_drive(codes=codes), -1)
+
+    def back(self, plant: DrivenPlant, like: DrivenPlant) -> DrivenPlant:
+        """A plant in these units brought back to SI units, with the codes of the one that it was ``like``."""
+        return self._converted(plant.with_drive(codes=like.drive.codes), 1)
+
+    def _converted(self, plant: DrivenPlant, power: int) -> DrivenPlant:
+        values = {name: plant.value(name) for name, handle in plant.handles.items() if len(handle.paths) == 1}
+        factors = self.factors(plant)
+        changed = {n: v * factors[n] ** power for n, v in values.items() if v and isfinite(v) and factors[n] != 1.0}
+        return plant.put(changed)

@@ -1,0 +1,208 @@
+"""Fits of one structure among many, quick and without intervals: from several starts, thinned as they go on.
+
+A trial begins with the free run of every start. The best few take a few steps, the best of these go on to the end of
+their budget (successive halving). A trial that has ended may be begun again from points around it, drawn along its
+covariance, for the valleys of a free run are narrow and bent.
+
+Two trials are compared by Schwarz's criterion, n·log V + k·log n, where n is not the number of samples but how many
+independent ones the residual of the richer trial is worth: what a poor model leaves is a slow signal, and its samples
+say nearly the same thing many times over.
+
+References:
+    Schwarz, *Estimating the dimension of a model*, Annals of Statistics 6 (1978). Jamieson, Talwalkar, *Non-stochastic
+    best arm identification and hyperparameter optimization*, AISTATS (2016), on successive halving.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf, isfinite, log
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.nonlinear.gauss_newton import Infeasible, gauss_newton
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
+from emsid.models.plants.beginning import starts_from_samples
+from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.plant import DrivenPlant
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+Limits = Mapping[str, tuple[float, float]]
+
+KEPT, FIRST_STEPS = 5, 5
+"""How many starts take steps, and how many steps before all but the best stop."""
+STEPS = 25
+"""Steps of the best."""
+SLOW = 1e-3
+"""A trial ends where several steps together lower its cost by less than this part."""
+FAR = 2.0
+"""How many standard deviations away a trial is begun again."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A plant fitted by its free run.
+
+    Attributes:
+        plant: with its parameters.
+        names: those that were estimated.
+        states: the initial state of every segment.
+        cost: half the sum of squares of the weighted free-run error.
+        residuals: that error, segment by segment.
+    """
+
+    plant: DrivenPlant
+    names: tuple[str, ...]
+    states: list[Array]
+    cost: float
+    residuals: list[Array]
+
+    @property
+    def mean_square(self) -> float:
+        """Of the weighted free-run error."""
+        return 2 * self.cost / sum(len(residual) for residual in self.residuals)
+
+
+def gain(simple: Trial, rich: Trial) -> float:
+    """By how much Schwarz's criterion prefers the richer of two trials; negative for the simpler."""
+    samples = effective_samples(rich.residuals)
+    if not simple.cost > 0:
+        return -inf
+    better = samples * log(simple.mean_square / rich.mean_square) if rich.cost > 0 else inf
+    return better - (len(rich.names) - len(simple.names)) * log(samples)
+
+
+@dataclass(frozen=True, eq=False)
+class Workshop:
+    """What all trials share.
+
+    Args:
+        segments: the records, in units of their own size.
+        signals: what their outputs are.
+        limits: bounds of parameters; others have the bounds of the plant.
+        weighting: how errors count by their age.
+        control: when to stop.
+    """
+
+    segments: tuple[Record, ...]
+    signals: tuple[Signal, ...]
+    limits: Limits
+    weighting: Weighting = all_alike
+    control: Control = FREE
+
+    def fitted(
+        self, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None = None
+    ) -> Trial | None:
+        """The best that can be had from several starts; None where none of them can be simulated.
+
+        Args:
+            starts: plants to begin with.
+            names: the parameters to estimate.
+            states: initial states to begin with, by default what the first samples show.
+        """
+        under_way = self._under_way(starts, names, states)
+        ended = self._searched(min(under_way)[-1], STEPS) if under_way else None
+        return None if ended is None else self._trial(ended)
+
+    def promising(self, starts: Sequence[DrivenPlant], names: Sequence[str]) -> DrivenPlant:
+        """The start that leads furthest down in a few steps; the first where none can be simulated."""
+        under_way = self._under_way(starts, names, None)
+        return starts[min(under_way)[1]] if under_way else starts[0]
+
+    def by_cost(self, starts: Sequence[DrivenPlant], names: Sequence[str]) -> list[DrivenPlant]:
+        """The starts that can be simulated, those with the smallest error first."""
+        problems = [(k, problem) for k, start in enumerate(starts) if (problem := self._problem(start, names, None))]
+        return [starts[k] for cost, k in sorted((_cost(problem), k) for k, problem in problems) if isfinite(cost)]
+
+    def _under_way(
+        self, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None
+    ) -> list[tuple[float, int, FreeRunError]]:
+        """The best starts after a few steps, as (cost, which start, where it got to)."""
+        problems = [(k, problem) for k, start in enumerate(starts) if (problem := self._problem(start, names, states))]
+        ranked = sorted((cost, k, problem) for k, problem in problems if isfinite(cost := _cost(problem)))[:KEPT]
+        if len(ranked) == 1:
+            return ranked
+        moved = ((k, self._searched(problem, FIRST_STEPS)) for _, k, problem in ranked)
+        return [(_cost(problem), k, problem) for k, problem in moved if problem is not None]
+
+    def around(self, trial: Trial, rng: np.random.Generator, tries: int) -> Trial:
+        """The best of a trial and of some more that begin around it."""
+        for _ in range(tries):
+            problem = self._problem(trial.plant, trial.names, trial.states)
+            if problem is None:
+                break
+            lower, upper = problem.within(self._bounds(trial.plant, trial.names))
+            try:
+                theta = np.clip(problem.start + _perturbation(problem, trial, rng), lower, upper)
+                again = self._searched(problem.begun_at(theta), STEPS)
+            except EmsidError:
+                continue
+            if again is not None and _cost(again) < 2 * trial.cost * (1 - SLOW):
+                trial = self._trial(again)
+        return trial
+
+    def unseen_error(self, trial: Trial, segments: Sequence[Record]) -> float:
+        """Mean square error of the free run over other records, from what their first samples show."""
+        other = replace(self, segments=tuple(segments), weighting=all_alike)
+        problem = other._problem(trial.plant, (), None)
+        return inf if problem is None else _cost(problem) / sum(segment.output.size for segment in segments)
+
+    def _problem(self, plant: DrivenPlant, names: Sequence[str], states: Sequence[Array] | None) -> FreeRunError | None:
+        bounds = self._bounds(plant, names)
+        try:
+            inside = plant.put({name: float(np.clip(plant.value(name), *bounds[name])) for name in names})
+            first = [inside.first_state(self.signals, s) for s in self.segments] if states is None else states
+            free: list[tuple[int, ...]] = [() for _ in self.segments]
+            if not starts_from_samples(inside, self.signals):
+                free = [inside.free_states(self.signals, s) for s in self.segments]
+            return FreeRunError(inside, self.signals, self.segments, names, first, free, self.weighting, 1)
+        except EmsidError:
+            return None
+
+    def _bounds(self, plant: DrivenPlant, names: Sequence[str]) -> Limits:
+        handles = plant.handles
+        return {name: self.limits.get(name, (handles[name].lower, handles[name].upper)) for name in names}
+
+    def _searched(self, problem: FreeRunError, steps: int) -> FreeRunError | None:
+        self.control.check()
+        lower, upper = problem.within(self._bounds(problem.plant, problem.free))  # type: ignore[arg-type]
+        try:
+            found = gauss_newton(
+                problem, problem.start, lower=lower, upper=upper, max_iterations=steps, tolerance=0.02,
+                least_saving=SLOW, names=problem.names, covariances=False, control=self.control,
+            )  # fmt: skip
+        except EmsidError:
+            return None
+        return problem.begun_at(found.estimate)
+
+    def _trial(self, problem: FreeRunError) -> Trial:
+        residuals = problem.residuals(problem.start)
+        cost = 0.5 * sum(float(residual @ residual) for residual in residuals)
+        plant = problem.plant.driven
+        assert plant is not None
+        return Trial(plant, tuple(problem.free), problem.states(problem.start), cost, residuals)
+
+
+def _cost(problem: FreeRunError) -> float:
+    """The sum of squares at the start of a problem, infinite where it has no free run."""
+    try:
+        return float(sum(residual @ residual for residual in problem.residuals(problem.start)))
+    except Infeasible:
+        return inf
+
+
+def _perturbation(problem: FreeRunError, trial: Trial, rng: np.random.Generator) -> Array:
+    """A draw from `FAR` times the covariance of an estimate in coloured noise."""
+    slopes = np.vstack([jacobian for _, jacobian in problem.exactly(problem.start)])
+    sizes = np.linalg.norm(slopes, axis=0)
+    sizes[sizes == 0] = 1.0
+    _, lengths, axes = np.linalg.svd(slopes / sizes, full_matrices=False)
+    deviation = FAR * np.sqrt(trial.mean_square * sum(map(len, trial.residuals)) / effective_samples(trial.residuals))
+    draw = rng.standard_normal(len(lengths)) / np.maximum(lengths, 1e-8 * lengths[0])
+    return np.asarray(deviation * (axes.T @ draw) / sizes)

@@ -1,0 +1,102 @@
+"""A mass with friction behind a drive, simulated by Runge–Kutta steps with friction that is smooth around standstill.
+
+It shares no code and no method with `emsid.plant`, which locates where friction sticks and solves the pieces exactly:
+
+    dv/dt = gain·D(u(t − delay)) − damping·c(u)·v − T(v) − offset(t)
+    T(v)  = tanh(v/ε)·(coulomb + stribeck·exp(−|v|/v_s)) + viscous·v,      by direction of v
+
+All forces are divided by the mass. D is a dead zone, c(u) the part of the time that a bridge conducts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Pair = tuple[float, float]
+
+FINE = 20
+"""Parts of a sample, in which a delay is counted."""
+
+
+@dataclass(frozen=True)
+class OneMass:
+    """The parameters; a pair is (forward, backward).
+
+    Args:
+        gain: acceleration per unit of command.
+        damping: in 1/s, while the bridge conducts.
+        coulomb, stribeck: levels of friction; the second fades over ``stribeck_speed``.
+        viscous: in 1/s.
+        dead_zone: half its width, in units of the command.
+        offset: constant deceleration.
+        coasting: the part of the damping that is missing in the off-time of the bridge.
+        full: the command at which the bridge conducts all the time.
+        delay: in s.
+        smooth: ε, a speed.
+    """
+
+    gain: float = 1.0
+    damping: float = 0.0
+    coulomb: Pair = (0.0, 0.0)
+    stribeck: Pair = (0.0, 0.0)
+    stribeck_speed: float = 1.0
+    viscous: Pair = (0.0, 0.0)
+    dead_zone: float = 0.0
+    offset: float = 0.0
+    coasting: float = 0.0
+    full: float = 1.0
+    delay: float = 0.0
+    smooth: float = 1e-3
+
+    def run(self, u: Array, dt: float, drift: Array | float = 0.0, state: Pair = (0.0, 0.0)) -> tuple[Array, Array]:
+        """Speed and position (N + 1,) from a state, for a command (N,) held over every sample.
+
+        Args:
+            u: (N,) command.
+            dt: sample time in s.
+            drift: (N,) deceleration besides the offset.
+            state: speed and position at the start.
+        """
+        late = round(self.delay / dt * FINE)
+        command = np.concatenate([np.full(late, u[0]), np.repeat(u, FINE)])[: len(u) * FINE]
+        through = np.sign(command) * np.maximum(np.abs(command) - self.dead_zone, 0.0)
+        conducting = 1.0 - self.coasting * (1.0 - np.minimum(np.abs(command) / self.full, 1.0))
+        offset = np.repeat(self.offset + np.broadcast_to(drift, len(u)), FINE)
+        friction = np.array([self.coulomb, self.stribeck, self.viscous])
+        steepest = friction[:2].sum(axis=0).max() / self.smooth + self.damping + max(self.viscous)
+        steps = max(1, int(np.ceil(steepest * dt / FINE / 1.5)))  # well within what the method is stable for
+        speed, position = np.empty(len(command) + 1), np.empty(len(command) + 1)
+        speed[0], position[0] = state
+        _integrate(
+            self.gain * through, self.damping * conducting, offset, friction, self.stribeck_speed, self.smooth,
+            dt / FINE / steps, steps, speed, position,
+        )  # fmt: skip
+        return speed[::FINE], position[::FINE]
+
+
+@numba.njit(cache=True)
+def _acceleration(v, force, damping, offset, friction, fading, smooth):  # type: ignore[no-untyped-def]
+    side = 0 if v >= 0 else 1
+    level = friction[0, side] + friction[1, side] * np.exp(-abs(v) / fading)
+    return force - (damping + friction[2, side]) * v - np.tanh(v / smooth) * level - offset
+
+
+@numba.njit(cache=True)
+def _integrate(force, damping, offset, friction, fading, smooth, h, steps, speed, position):  # type: ignore[no-untyped-def]
+    v, x = speed[0], position[0]
+    for t in range(len(force)):
+        f, d, o = force[t], damping[t], offset[t]
+        for _ in range(steps):
+            k1 = _acceleration(v, f, d, o, friction, fading, smooth)
+            k2 = _acceleration(v + 0.5 * h * k1, f, d, o, friction, fading, smooth)
+            k3 = _acceleration(v + 0.5 * h * k2, f, d, o, friction, fading, smooth)
+            k4 = _acceleration(v + h * k3, f, d, o, friction, fading, smooth)
+            after = v + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+            x += 0.5 * h * (v + after)
+            v = after
+        speed[t + 1], position[t + 1] = v, x

@@ -1,0 +1,133 @@
+"""The search for a plant: units do not matter, starts come from the samples, and the choice holds on unseen records.
+
+The records come from simulators of the tests' own, which share nothing with `emsid.plant`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from emsid import Record
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
+from emsid.models.plants.beginning import agrees, beginning
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.registry import PLANTS
+from emsid.models.plants.search.choice import choose
+from emsid.models.plants.search.scaling import Scaling
+from independent.cases import CASES
+
+Array = NDArray[np.float64]
+RIGID, AXIS = PLANTS["rigid-motor"].start, PLANTS["linear-axis"].start
+
+
+def known(name: str) -> Record:
+    case = CASES[name]()
+    return replace(case.fitted, output_units=("m" if case.shows_position else "rad/s",))
+
+
+# --- units ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "signal", "values"),
+    [
+        (
+            "rigid-motor",
+            Signal.SPEED,
+            {
+                "drive.supply": 250.0,
+                "drive.freewheel": 0.7,
+                "drive.delay": 0.003,
+                "voltage_dead_zone.half_width": 9.0,
+                "rotor_friction.stribeck": 0.01,
+                "load_torque": 0.02,
+            },
+        ),
+        ("motor", Signal.SPEED, {}),
+        ("linear-axis", Signal.POSITION, {"friction.stribeck": 0.05, "friction.stribeck_rate": 3.0, "offset": 2.0}),
+    ],
+)
+def test_a_plant_in_units_of_its_record_moves_in_them(name, signal, values):
+    plant = PLANTS[name].start.put(values)
+    u = np.repeat(np.random.default_rng(0).uniform(-200, 200, 40), 50)
+    y = plant.simulate(u[:, None], 1e-3, np.zeros(3), (signal,))
+    scaling = Scaling.of(plant, Record(u, y, 1e-3))
+    record, scaled = scaling.record(Record(u, y, 1e-3), (signal,)), scaling.to(plant, 1)
+    assert np.max(np.abs(record.input)) == np.max(np.abs(record.output)) == 1.0
+    assert np.allclose(scaled.simulate(record.input, 1e-3, np.zeros(3), (signal,)), record.output, atol=1e-12)
+    back = scaling.back(scaled, plant)
+    assert all(back.value(each) == pytest.approx(plant.value(each), rel=1e-14) for each in plant.handles)
+
+
+@pytest.mark.parametrize(("command", "output"), [(12 / 255, 1.0), (1.0, 10.0), (20.0, 0.03)])
+def test_a_choice_does_not_depend_on_the_units_of_channels(command, output):
+    record = known("motor 4")[:1200]
+    other = replace(record, input=command * record.input, output=output * record.output)
+    here, there = choose(RIGID, record), choose(RIGID, other)
+    assert there.names == here.names
+    runs = [fit.model.simulate(each) for fit, each in ((here, record), (there, other))]
+    counted = runs[0].counted
+    assert runs[1].output[counted] / output == pytest.approx(runs[0].output[counted], abs=1e-3 * np.ptp(record.output))
+
+
+# --- the start ------------------------------------------------------------------------------------------------------
+
+
+def test_the_first_samples_of_a_position_show_where_it_starts():
+    t = 1e-3 * np.arange(300)
+    exact = 0.2 + 0.3 * t - 0.5 * t**2
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(300)
+    seen = beginning(exact + noise, 1e-3)
+    assert abs(seen.speed[0] - 0.3) < 4 * seen.speed[1] < 0.02
+    assert abs(seen.position[0] - 0.2) < 4 * seen.position[1] < 4e-4
+    record = Record(t, exact + noise, 1e-3)
+    assert agrees(record, 0.3, 0.2)
+    assert not agrees(record, 0.3, 0.201)
+    assert not agrees(record, 0.9, 0.2)
+
+
+def test_a_start_that_bends_is_taken_from_fewer_samples():
+    t = 1e-3 * np.arange(300)
+    seen = beginning(np.cos(20 * t) + 1e-6 * np.random.default_rng(0).standard_normal(300), 1e-3)
+    assert abs(seen.position[0] - 1.0) < 1e-4
+    assert abs(seen.speed[0]) < 0.05  # of 20 at most
+
+
+# --- the choice -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.5, 0.9])
+def test_samples_that_hang_together_count_for_fewer(pole):
+    white = np.random.default_rng(1).standard_normal(40_000)
+    error = lfilter([1.0], [1.0, -pole], white)
+    assert effective_samples([error]) == pytest.approx(len(error) * (1 - pole) / (1 + pole), rel=0.15)
+
+
+@pytest.mark.parametrize(
+    "name", ["motor 0", "motor 1", "motor 4", "motor 9", "axis 1", "axis 6", "axis with drift 4", "axis with drift 8"]
+)
+def test_a_chosen_plant_is_as_good_as_the_truth_on_another_kind_of_input(name):
+    case = CASES[name]()
+    fit = choose(AXIS if case.shows_position else RIGID, known(name))
+    run = fit.model.plant.simulate(case.unseen.input, case.unseen.dt, np.zeros(3), fit.model.signals)
+    error = float(np.sqrt(np.mean((case.unseen.output - run) ** 2)))
+    assert error < 1.3 * case.error_of_truth(case.unseen)
+
+
+@pytest.mark.parametrize(("name", "drifts"), [("axis with drift 8", True), ("axis 6", False)])
+def test_errors_are_forgotten_where_the_free_run_drifts(name, drifts):
+    fit = choose(AXIS, known(name))
+    assert ("free-run-drifts" in [finding.code for finding in fit.findings]) is drifts
+
+
+def test_a_plant_without_a_refinement_does_not_get_it():
+    fit = choose(RIGID, known("motor 1"))
+    assert not {"drive.freewheel", "drive.delay", "sensor.lag", "load_torque"} & set(fit.names)
+    assert fit.model.plant.value("voltage_dead_zone.half_width") == pytest.approx(
+        CASES["motor 1"]().truth.dead_zone, rel=0.2
+    )

@@ -76,6 +76,9 @@ def test_whatever_has_a_fit_method_is_fitted(linear_record):
         (lambda r: emsid.fit(emsid.arx(na=1, nb=1), []), "no record"),
         (lambda r: emsid.fit(emsid.arx(na=1, nb=1), r, rigde=1.0), "did you mean ridge"),
         (lambda r: emsid.fit(emsid.plants.rigid_motor(), r, fix={"resistance": 2}), "did you mean fixed"),
+        (lambda r: emsid.fit(emsid.hammerstein(1), r, contrl=None), "no option 'contrl'.*did you mean control"),
+        (lambda r: emsid.fit(emsid.Cascade(emsid.blocks.Rational([1.0], [-0.5])), r, fixd=()), "did you mean fixed"),
+        (lambda r: emsid.fit(emsid.Cascade(emsid.blocks.Rational([1.0], [-0.5])), r, orders=(1,)), "no option"),
         (lambda r: emsid.fit(emsid.fit(emsid.arx(na=1, nb=1), r), r), "has been fitted"),
     ],
 )
@@ -93,6 +96,11 @@ def test_compare_takes_one_fit_several_or_models(linear_record, linear_fit):
     assert one.best.fit is linear_fit
     several = emsid.compare([linear_fit, other], linear_record)
     assert {row.parameters for row in several.rows} == {2, 3}
+    for same in (
+        emsid.compare(linear_fit, other, linear_record),
+        emsid.compare(other, linear_fit.model, record=linear_record),
+    ):
+        assert [row.simulation_mse for row in same.rows] == [row.simulation_mse for row in several.rows]
     model = emsid.compare(linear_fit.model, linear_record)
     assert model.best.row.simulation_mse == one.best.row.simulation_mse
     both = emsid.compare((fit for fit in (linear_fit, other)), [linear_record, linear_record])
@@ -109,6 +117,10 @@ def test_compare_takes_one_fit_several_or_models(linear_record, linear_fit):
         lambda fit, r: emsid.compare("arx", r),
         lambda fit, r: emsid.compare([fit], [fit]),
         lambda fit, r: emsid.compare([], r),
+        lambda fit, r: emsid.compare(fit),
+        lambda fit, r: emsid.compare(fit, r, fit),
+        lambda fit, r: emsid.compare(fit, r, r),
+        lambda fit, r: emsid.compare(fit, "speed", r),
     ],
 )
 def test_what_cannot_be_compared_is_answered(linear_record, linear_fit, wrong):

@@ -149,8 +149,8 @@ def test_every_model_is_judged_on_the_samples_of_the_most_demanding_one() -> Non
     record = bench()
     fits = [least_squares(structure, record) for structure in (arx(1, 1), arx(2, 1, nk=7), Structure.parse("u(t)"))]
     assert {row.samples for row in compare(fits, record).rows} == {393}
-    assert {row.samples for row in compare(fits, record, 3).rows} == {393}
-    assert {row.samples for row in compare(fits, record, 50).rows} == {350}
+    assert {row.samples for row in compare(fits, record, transient=3).rows} == {393}
+    assert {row.samples for row in compare(fits, record, transient=50).rows} == {350}
     first = next(each for each in compare(fits, record).assessments if each.fit is fits[0])
     assert first.row == assess(fits[0], record, 7).row
 

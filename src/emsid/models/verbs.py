@@ -10,7 +10,7 @@ import inspect
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -65,6 +65,7 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
     Raises:
         ModelError: for something that cannot be fitted, or an option that this kind of model does not have.
         DataError: for something that is no record, or records that do not fit the model.
+        Stopped: where the option ``control`` stops it before there is a model (`emsid.estimation.Stopped`).
     """
     estimator, subject = _estimator(what)
     return estimator(subject, as_records(records), **_checked(what, estimator, options))
@@ -144,9 +145,16 @@ def _checked(what: Any, estimator: Estimator, options: Mapping[str, Any]) -> Map
         ModelError: that names the one it does not take, and those it does.
     """
     parameters = inspect.signature(estimator).parameters.values()
+    try:
+        hints = get_type_hints(estimator)
+    except NameError:  # of a user's own, who imports them for a type checker only
+        hints = {}
     known = [each.name for each in parameters if each.kind is inspect.Parameter.KEYWORD_ONLY]
-    if any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters):
-        return options
+    for each in parameters:
+        if each.kind is inspect.Parameter.VAR_KEYWORD:
+            if (table := get_args(hints.get(each.name))) == ():
+                return options
+            known += table[0].__annotations__  # of Unpack[table]
     for name in options:
         if name not in known:
             called = getattr(what, "name", type(what).__name__)

@@ -233,17 +233,21 @@ def assess_model(model: Model, record: Record, transient: int | None = None) -> 
 
 def compare(
     models: Fit[Any] | Model | Iterable[Fit[Any] | Model],
-    record: Record | Sequence[Record],
+    *more: Any,
+    record: Record | Sequence[Record] | None = None,
     transient: int | None = None,
-    *,
     experiment: str = "record",
     data: str = "verification",
 ) -> Comparison:
     """Several fitted models on the same samples of a record, ranked by the free run.
 
+    ``compare([linear, motor], record)`` and ``compare(linear, motor, record)`` are the same.
+
     Args:
         models: what to compare: a fit or a model, or a list of them.
-        record: data that none of them has seen; several records are put together by `emsid.concatenate`.
+        more: further models, and last the record.
+        record: data that none of them has seen, where it is given by name; several records are put together by
+            `emsid.concatenate`.
         transient: samples at the start of every segment that start the models and are left out of every error; by
             default as many as the most demanding model needs.
         experiment, data: what the rows are called.
@@ -253,12 +257,15 @@ def compare(
             time than theirs.
         DataError: for something that is no record, or where no segment is longer than what starts the models.
     """
-    judge = _one_record(record)
-    candidates = [as_fit(each) for each in (models if isinstance(models, Iterable) else (models,))]
+    if record is None and not more:
+        raise DataError("no record to compare on; it comes last: compare([linear, motor], record)")
+    *others, last = more if record is None else (*more, record)
+    unseen = _one_record(last)
+    candidates = [as_fit(each) for some in (models, *others) for each in _several(some)]
     if not candidates:
         raise ModelError("no model to compare; give at least one fit")
     start = max((transient or 0, *(fit.model.memory for fit in candidates)))
-    assessments = [assess(fit, judge, start, experiment=experiment, data=data) for fit in candidates]
+    assessments = [assess(fit, unseen, start, experiment=experiment, data=data) for fit in candidates]
     return Comparison(tuple(sorted(assessments, key=lambda each: each.row.ranked_by)))
 
 
@@ -272,7 +279,8 @@ def as_fit(thing: Fit[Any] | Model) -> Fit[Any]:
         return thing
     if isinstance(thing, Record):
         raise ModelError(
-            "a Record among the models; the models come first, in a list: compare([linear, motor], record)"
+            "a Record among the models; the models come first, then one record or a list of them: "
+            "compare([linear, motor], record)"
         )
     if isinstance(thing, type) or not isinstance(thing, Model):
         given = (
@@ -287,11 +295,16 @@ def as_fit(thing: Fit[Any] | Model) -> Fit[Any]:
     return Fit(thing, (), nothing, np.empty((0, 0)), np.nan, 0.0, np.nan, 0, method="file")
 
 
+def _several(models: Any) -> Iterable[Any]:
+    """The models in a list, or the one that is no list."""
+    return models if isinstance(models, Iterable) and not isinstance(models, str) else (models,)
+
+
 def _one_record(record: Record | Sequence[Record]) -> Record:
     if isinstance(record, Record):
         return record
     if isinstance(record, Sequence) and record and all(isinstance(each, Record) for each in record):
         return record[0] if len(record) == 1 else concatenate(record)
     if isinstance(record, Fit | Model):
-        raise DataError("the record comes last, and the models first, in a list: compare([linear, motor], record)")
+        raise DataError("the record comes last, after the models: compare([linear, motor], record)")
     raise DataError(f"a {type(record).__name__} is no record to compare on; give emsid.Record(input, output, dt=…)")

@@ -104,6 +104,27 @@ def test_a_part_of_a_record_comes_back_at_its_time(tmp_path: Path, suffix: str) 
     assert (back.dt, back.times) == (1e-3, record.times)
 
 
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_the_units_of_a_record_come_back(tmp_path: Path, suffix: str) -> None:
+    samples = np.arange(8.0)
+    units = {"input_units": ("V",), "output_units": ("rad/s",)}
+    path = tmp_path / f"log{suffix}"
+    time = write_record(Record(samples, samples, 0.01, ("u",), ("speed",), **units), path)
+    back = read(path, input="u", output="speed", time=time)
+    assert (back.input_units, back.output_units, back.dt) == (("V",), ("rad/s",), 0.01)
+    assert read(path, input="u", output="speed", time=time, units={"speed": "rpm"}).output[1, 0] == pytest.approx(
+        0.105, 1e-2
+    )
+    write_record(Record(samples, samples, 0.01, ("u",), ("speed",)), path)
+    assert read(path, input="u", output="speed", time=time).output_units == ("",)
+
+
+@pytest.mark.parametrize("text", ["", "no JSON", "[1]", '{"u": 3}', "[" * 10_000, '{"u": "no unit"}'])
+def test_units_that_nobody_wrote_are_left_out(tmp_path: Path, text: str) -> None:
+    np.savez(tmp_path / "log.npz", **{"u": np.arange(8.0), "y": np.arange(8.0), "emsid.units": np.array(text)})
+    assert read(tmp_path / "log.npz", input="u", output="y", dt=0.1).input_units == ("",)
+
+
 def test_a_record_that_no_table_can_hold(tmp_path: Path) -> None:
     record = Record(np.arange(4.0), np.arange(4.0), 1.0, breaks=(2,), name="two runs")
     with pytest.raises(DataError, match=r"two runs: a table holds one segment and this record has 2"):

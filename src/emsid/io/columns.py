@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -14,6 +15,26 @@ if TYPE_CHECKING:
     import polars as pl
 
 
+UNITS = "emsid.units"
+"""Under this name, formats without a header line hold the units of their columns, a JSON table by name."""
+
+
+def units_as_json(units: Mapping[str, str]) -> str:
+    """The units that are known, for a file to hold them."""
+    return json.dumps({name: unit for name, unit in units.items() if unit}, ensure_ascii=False)
+
+
+def units_from_json(text: str) -> dict[str, str]:
+    """The units in a file; nothing where that is no table of texts."""
+    try:
+        units = json.loads(text)
+    except (ValueError, RecursionError):
+        return {}
+    if not isinstance(units, dict):
+        return {}
+    return {name: unit for name, unit in units.items() if isinstance(unit, str)}
+
+
 @dataclass(frozen=True)
 class Columns:
     """The content of one file.
@@ -22,7 +43,7 @@ class Columns:
         series: every column by name, one value per sample; they need not be equally long (a MAT file may hold
             two experiments). Numbers are numeric series; a column holding any text stays text.
         others: what else the file holds under a name, and why it is no column (``"a single number"``).
-        units: the unit of a column, where the file has a row of units under its header.
+        units: the unit of a column, where the file says it: in a row under its header, or as `UNITS`.
         preamble: the lines above the header, for hints.
         lines: the line of the file that each row was read from, 1-based; None for formats without lines.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from io import BytesIO
 
 from emsid.errors import FormatError
-from emsid.io.columns import Columns
+from emsid.io.columns import UNITS, Columns, units_as_json, units_from_json
 from emsid.io.files import looks_like
 from emsid.io.sandbox import in_sandbox
 
@@ -25,7 +25,8 @@ def read_parquet(content: bytes) -> Columns:
         raise FormatError(f"this is not a Parquet file; it looks like {looks_like(content)}: give it its right suffix")
     if not content.endswith(_MAGIC):
         raise FormatError(_DAMAGED)
-    frame = pl.read_ipc(BytesIO(in_sandbox(parsed, content, _DAMAGED)))
+    units, _, frame_as_ipc = in_sandbox(parsed, content, _DAMAGED).partition(b"\n")
+    frame = pl.read_ipc(BytesIO(frame_as_ipc))
     others = {name: "nested values" for name, kind in frame.schema.items() if kind.is_nested()}
     others |= {name: "binary values" for name, kind in frame.schema.items() if kind in (pl.Binary, pl.Object)}
     texts = {name for name, kind in frame.schema.items() if kind in (pl.Categorical, pl.Enum)}
@@ -36,13 +37,15 @@ def read_parquet(content: bytes) -> Columns:
             if column.name not in others
         },
         others=others,
+        units=units_from_json(units.decode()),
     )
 
 
 def parsed(content: bytes) -> bytes:
-    """A Parquet file as Arrow IPC, for the process that parses it."""
+    """A Parquet file as a line with its units and Arrow IPC, for the process that parses it."""
     import polars as pl
 
+    units = units_from_json(pl.read_parquet_metadata(BytesIO(content)).get(UNITS, ""))
     result = BytesIO()
     pl.read_parquet(BytesIO(content)).write_ipc(result)
-    return result.getvalue()
+    return units_as_json(units).encode(errors="replace") + b"\n" + result.getvalue()

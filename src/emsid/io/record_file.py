@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +12,7 @@ from zipfile import ZipFile
 import numpy as np
 
 from emsid.errors import DataError, FormatError
+from emsid.io.columns import UNITS, units_as_json
 from emsid.io.files import atomic_write
 from emsid.io.table import read_table
 from emsid.record import Record
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
 def write_record(record: Record, path: str | os.PathLike[str]) -> str:
     """Write a record of one segment as a table of time, inputs and outputs.
 
-    Every number comes back exactly when the file is read. A CSV file has a row of units under its names, from which the
-    channels get their SI units back; the other formats have no place for units.
+    Every number comes back exactly when the file is read, and the SI units of the channels too: a CSV file has a row of
+    units under its names where all are known, Parquet has them in its metadata and NPZ in an array of its own.
 
     Args:
         record: what to write.
@@ -51,36 +52,42 @@ def write_record(record: Record, path: str | os.PathLike[str]) -> str:
     names = (*record.input_names, *record.output_names)
     time = next(name for name in ("t", "time", "time_s", *(f"time{k}" for k in range(len(names)))) if name not in names)
     values = np.column_stack([record.time, record.input, record.output])
-    content = writer(pl.DataFrame(dict(zip((time, *names), values.T, strict=True))))
-    units = (*record.input_units, *record.output_units)
-    if path.suffix.lower() == ".csv" and all(units):
-        header, line, rest = content.partition(b"\n")
-        content = header + line + ",".join(f"[{unit}]" for unit in ("s", *units)).encode() + line + rest
-    atomic_write(path, content)
+    columns = (time, *names)
+    units = dict(zip(columns, ("s", *record.input_units, *record.output_units), strict=True))
+    atomic_write(path, writer(pl.DataFrame(dict(zip(columns, values.T, strict=True))), units))
     return time
 
 
-def _csv(frame: pl.DataFrame) -> bytes:
+def _csv(frame: pl.DataFrame, units: Mapping[str, str]) -> bytes:
     start = frame.head(2).write_csv().encode()
     if list(read_table(start).series) != frame.columns:
         raise DataError(f"the names {', '.join(frame.columns[1:])} cannot head a CSV file; write Parquet, or rename")
-    return frame.write_csv().encode()
+    content = frame.write_csv()
+    if not all(units.values()):
+        return content.encode()
+    header, line, rest = content.partition("\n")
+    return f"{header}{line}{','.join(f'[{unit}]' for unit in units.values())}{line}{rest}".encode()
 
 
-def _parquet(frame: pl.DataFrame) -> bytes:
+def _parquet(frame: pl.DataFrame, units: Mapping[str, str]) -> bytes:
     content = BytesIO()
-    frame.write_parquet(content)
+    frame.write_parquet(content, metadata={UNITS: units_as_json(units)})
     return content.getvalue()
 
 
-def _npz(frame: pl.DataFrame) -> bytes:
+def _npz(frame: pl.DataFrame, units: Mapping[str, str]) -> bytes:
+    arrays = {column.name: column.to_numpy() for column in frame}
     content = BytesIO()
     with ZipFile(content, "w") as archive:  # as numpy.savez does, but for channels of any name
-        for column in frame:
-            with archive.open(f"{column.name}.npy", "w") as member:
-                np.save(member, column.to_numpy())
+        for name, values in {UNITS: np.array(units_as_json(units)), **arrays}.items():
+            with archive.open(f"{name}.npy", "w") as member:
+                np.save(member, values)
     return content.getvalue()
 
 
-WRITERS: dict[str, Callable[[pl.DataFrame], bytes]] = {".csv": _csv, ".parquet": _parquet, ".npz": _npz}
-"""The writer for each suffix: from a table to the content of a file."""
+WRITERS: dict[str, Callable[[pl.DataFrame, Mapping[str, str]], bytes]] = {
+    ".csv": _csv,
+    ".parquet": _parquet,
+    ".npz": _npz,
+}
+"""The writer for each suffix: from a table and the units of its columns to the content of a file."""

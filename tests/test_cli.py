@@ -856,7 +856,7 @@ def test_validate_remembers_how_the_record_was_read(run, tmp_path):
     status, out, err = run("validate", tmp_path / "out" / "arx.json", path, "--json")
     assert (status, err) == (0, "")
     (row,) = json.loads(out)["records"]
-    assert (row["model"], row["differences"]) == ("arx", [])
+    assert (row["model"], row["findings"]) == ("arx", [])
     status, out, _ = run("validate", tmp_path / "out" / "arx.json", path, "--mask", "", "--json")
     (whole,) = json.loads(out)["records"]
     assert whole["samples"] > row["samples"]

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 import emsid.models
 from emsid.errors import FormatError, ModelError
 from emsid.estimation.linear.least_squares import least_squares
+from emsid.findings import Finding
 from emsid.io import datasheet_template, load, motor_template, origin, read_datasheet, read_motor, save
 from emsid.models import Narx
 from emsid.models.regression.narx import Structure
@@ -274,10 +275,15 @@ def test_a_model_file_tells_what_the_model_was_identified_from(tmp_path):
         record.output, record.input, 0.02, input_names=("speed",), output_names=("voltage",), output_units=("V",),
         name="b.csv",
     )  # fmt: skip
+    voltage, speed = [{"name": "voltage", "unit": "V"}], [{"name": "speed", "unit": ""}]
     assert origin(path).differences(other) == [
-        "identified with the inputs voltage [V]; b.csv has speed",
-        "identified with the outputs speed; b.csv has voltage [V]",
-        "identified at 0.01 s a sample; b.csv has 0.02 s",
+        Finding("channels-differ", "b.csv", {"what": "inputs", "identified_with": voltage, "channels": speed}),
+        Finding(
+            "channels-differ",
+            "b.csv",
+            {"what": "outputs", "identified_with": speed, "channels": [{"name": "voltage", "unit": "V"}]},
+        ),
+        Finding("sample-time-differs", "b.csv", {"identified_with": 0.01, "dt": 0.02}),
     ]
     path.write_text(path.read_text().replace('"voltage"', '"current"'))
     with pytest.raises(FormatError, match="altered since it was saved"):

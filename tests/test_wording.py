@@ -151,6 +151,16 @@ EXAMPLES: tuple[Finding, ...] = (
         )
         for kind, first, second in (("delay", -0.002, 0.003), ("gain", 0.05, -0.04), ("level", -0.2, 0.1))
     ),
+    Finding(
+        "channels-differ",
+        "b.csv",
+        {
+            "what": "inputs",
+            "identified_with": [{"name": "voltage", "unit": "V"}],
+            "channels": [{"name": "speed", "unit": ""}],
+        },
+    ),
+    Finding("sample-time-differs", "b.csv", {"identified_with": 0.01, "dt": 0.02}),
     Finding("residual-white", "speed", RESIDUAL | {"largest": 0.03, "lag": 3, "p_value": 0.4}),
     Finding("residual-coloured", "speed", RESIDUAL | {"largest": 0.61, "lag": 1, "p_value": 0.0}),
     Finding("residual-independent-of-input", "arx", {"model": "arx", "output": "speed", "share": 0.004}),

@@ -31,6 +31,7 @@ import msgspec
 from msgspec.structs import asdict
 
 from emsid.errors import EmsidError, FormatError, ModelError, listed
+from emsid.findings import Finding
 from emsid.io.files import atomic_write, read_bytes
 from emsid.io.limits import check_limits
 
@@ -44,7 +45,7 @@ READABLE = (1, 2)
 """The schemas that this version reads."""
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tab and line feed
 SAME_DT = 1e-3
-"""Sample times that differ by a smaller part are taken for the same, told with other precision."""
+"""Sample times that differ by a smaller part are the same, written with other precision."""
 
 
 class _Head(msgspec.Struct):
@@ -75,16 +76,18 @@ class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             tuple(zip(record.output_names, record.output_units, strict=True)),
         )
 
-    def differences(self, record: Record) -> list[str]:
-        """In what a record differs from what the model was identified from, in a few words each."""
-        other, sentences = Origin.of(record), []
+    def differences(self, record: Record) -> list[Finding]:
+        """In what a record differs from what the model was identified from."""
+        other, found = Origin.of(record), []
         for what in ("inputs", "outputs"):
-            mine, theirs = getattr(self, what), getattr(other, what)
+            mine, theirs = _channels(getattr(self, what)), _channels(getattr(other, what))
             if mine != theirs:
-                sentences.append(f"identified with the {what} {_spelled(mine)}; {record.name} has {_spelled(theirs)}")
+                data = {"what": what, "identified_with": mine, "channels": theirs}
+                found.append(Finding("channels-differ", record.name, data))
         if abs(other.dt - self.dt) > SAME_DT * self.dt:
-            sentences.append(f"identified at {self.dt:g} s a sample; {record.name} has {other.dt:g} s")
-        return sentences
+            times = {"identified_with": self.dt, "dt": other.dt}
+            found.append(Finding("sample-time-differs", record.name, times))
+        return found
 
 
 class _Document(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
@@ -208,9 +211,9 @@ def _read(path: str | os.PathLike[str]) -> _Document:
     return document
 
 
-def _spelled(channels: tuple[tuple[str, str], ...]) -> str:
-    """The channels in words."""
-    return _visible(", ".join(f"{name} [{unit}]" if unit else name for name, unit in channels))
+def _channels(channels: tuple[tuple[str, str], ...]) -> list[dict[str, str]]:
+    """The channels as the data of a finding."""
+    return [{"name": name, "unit": unit} for name, unit in channels]
 
 
 def _visible(text: str) -> str:

@@ -33,3 +33,22 @@ def records_differ(f: Finding, argument: Spelling) -> str:
         f"the records differ in the {kind} of {f.subject}: compared with the model, {first} and {second}. This makes "
         f"{100 * f.data['share']:.0f} % of the squared error; {CAUSES[kind]}"
     )
+
+
+@words("channels-differ", Severity.WARNING)
+def channels_differ(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: what (inputs or outputs), identified_with, channels (name, unit)."""
+    mine, theirs = (
+        ", ".join(with_unit(each["name"], f"[{each['unit']}]" if each["unit"] else "") for each in f.data[side])
+        for side in ("identified_with", "channels")
+    )
+    return f"the model was identified with the {f.data['what']} {mine}; {f.subject} has {theirs}"
+
+
+@words("sample-time-differs", Severity.WARNING)
+def sample_time_differs(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: identified_with, dt, in s."""
+    return (
+        f"the model was identified at a sample time of {f.data['identified_with']:g} s; {f.subject} has "
+        f"{f.data['dt']:g} s"
+    )

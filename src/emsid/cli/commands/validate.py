@@ -7,7 +7,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Json, Transient
+from emsid.cli.options import Json, Transient, option
 from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, error_table, say, say_json, show
 from emsid.cli.writing import as_json, check_folder, draw, say_where, write
@@ -46,6 +46,7 @@ def validate(
     from emsid.io import load, origin, read_options
     from emsid.models.free_run import mean_squared_error
     from emsid.validation.comparison import assess_model
+    from emsid.wording import sentence
 
     loaded, source = load(model), origin(model)
     reader = reader.after(read_options(model))
@@ -60,7 +61,11 @@ def validate(
     documents = []
     for each in assessed:
         differences = [] if source is None else source.differences(each.record)
-        document = {"record": each.record.name, **each.row.to_data(), "differences": differences}
+        document = {
+            "record": each.record.name,
+            **each.row.to_data(),
+            "findings": [finding.to_data() for finding in differences],
+        }
         if horizon > 1:
             ahead = loaded.predict(each.record, horizon, transient)
             error = mean_squared_error(each.record.output[ahead.counted], ahead.output[ahead.counted])
@@ -68,7 +73,7 @@ def validate(
         documents.append(document)
         if not json:
             show(error_table([each.row], each.record.name, each.record.output_units[0]))
-            say(*(f"{model}: {difference}" for difference in differences))
+            say(*(sentence(finding, option) for finding in differences))
             if horizon > 1:
                 say(f"{horizon} samples ahead: MSE {document['horizon_mse']:.5g}")
     result = {"schema": 1, "model": loaded.name, "records": documents}

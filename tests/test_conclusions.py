@@ -75,6 +75,34 @@ def test_the_break_points_of_a_dead_zone_are_in_the_unit_of_the_input():
     assert found["time constant"].value == pytest.approx(TIME_CONSTANT)
 
 
+@pytest.mark.parametrize("gain", [2.0, -2.0])
+def test_the_break_points_of_a_dead_zone_behind_a_filter_are_levels_of_the_input(gain):
+    record, offset = drive(edge=EDGE), 0.3
+    before = Rational([gain * 0.3], [-0.7], delay=1)
+    model = Cascade(
+        (before, DeadZone(-0.4, 0.8, 1.0, 1.0), Rational([0.1], [-0.9])), input_offset=offset, name="blocks"
+    )
+    free = ("f.b_l", "f.b_r", "u0")
+    estimate = np.array([-0.4, 0.8, offset])
+    fit = Fit(model, free, estimate, np.diag([1e-4, 4e-4, 9e-4]), 1.0, 100, 1.0, 3)
+    found = {each.name: each for each in of_fit(fit, record)}
+    ends = sorted((edge / gain + offset, variance) for edge, variance in ((-0.4, 1e-4), (0.8, 4e-4)))
+    for name, (edge, variance) in zip(("dead zone backward", "dead zone forward"), ends, strict=True):
+        assert found[name].value == pytest.approx(edge)
+        assert found[name].half_width == pytest.approx(1.96 * np.sqrt(variance / gain**2 + 9e-4), rel=1e-6)
+
+
+@pytest.mark.parametrize("before", [Rational([1.0, -1.0]), DeadZone(-1.0, 1.0, 1.0, 1.0)])
+def test_a_dead_zone_without_a_level_of_the_input_of_its_own_is_left_out(before):
+    record = drive(edge=EDGE)
+    zone = DeadZone(-0.4, 0.8, 1.0, 1.0)
+    model = Cascade((before, Rational([0.1], [-0.9]), zone), name="blocks")
+    fit = Fit(model, ("u0",), np.zeros(1), np.eye(1), 1.0, 100, 1.0, 1)
+    found = {each.name: each.value for each in of_fit(fit, record) if "dead zone" in each.name}
+    ends = {} if isinstance(before, Rational) else {"dead zone backward": -1.0, "dead zone forward": 1.0}
+    assert found == ends
+
+
 @pytest.mark.parametrize(("edge", "code"), [(0.0, "residual-independent-of-input"), (1.0, "residual-depends-on-input")])
 def test_a_residual_depends_on_the_input_where_the_model_misses_something(edge, code):
     record = drive(edge=edge, noise=0.05)

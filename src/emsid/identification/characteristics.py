@@ -114,11 +114,7 @@ def _of_cascade(fit: Fit[Cascade], record: Record) -> tuple[Characteristic, ...]
         found.append(
             _quantity(fit, "time constant", lambda m: _time_constant(m.blocks[slowest].poles, inside) or np.nan, "s")  # type: ignore[attr-defined]
         )
-    for k, block in enumerate(model.blocks):
-        for name, side in (("b_l", "backward"), ("b_r", "forward")):
-            if isinstance(block, StaticMap) and name in block.names:
-                edge = partial(_parameter, k, block.names.index(name))
-                found.append(_quantity(fit, f"dead zone {side}", edge, record.input_units[0]))
+    found += _edges(fit, record)
     return tuple(each for each in found if isfinite(each.value))
 
 
@@ -131,8 +127,36 @@ def _of_regression(fit: Fit[Narx], record: Record) -> tuple[Characteristic, ...]
     )
 
 
-def _parameter(block: int, number: int, model: Cascade) -> float:
-    return float(model.blocks[block].parameters[number])
+def _edges(fit: Fit[Cascade], record: Record) -> list[Characteristic]:
+    """The break points of the first static map, where that is a dead zone, as levels of the input."""
+    blocks = fit.model.blocks
+    k = next((k for k, block in enumerate(blocks) if isinstance(block, StaticMap)), None)
+    if k is None or not {"b_l", "b_r"} <= set(blocks[k].names) or not _gain_before(fit.model, k):
+        return []
+    sides = ("b_l", "b_r") if _gain_before(fit.model, k) > 0 else ("b_r", "b_l")
+    names = zip(("backward", "forward"), sides, strict=True)
+    return [
+        _quantity(fit, f"dead zone {way}", partial(_edge, k, blocks[k].names.index(side)), record.input_units[0])
+        for way, side in names
+    ]
+
+
+def _edge(block: int, number: int, model: Cascade) -> float:
+    """The constant input at which a static map meets one of its break points."""
+    edge = float(model.blocks[block].parameters[number])
+    return edge / (_gain_before(model, block) or np.nan) + model.input_offset
+
+
+def _gain_before(model: Cascade, block: int) -> float:
+    """The gain at DC from the input to a static map; zero where a filter between them blocks DC or is unknown."""
+    gain = 1.0
+    for each in model.blocks[:block]:
+        if not isinstance(each, Rational):
+            return 0.0
+        numerator = float(np.sum(each.numerator))
+        rounding = 1e-9 * float(np.sum(np.abs(each.numerator)))
+        gain *= numerator / (1 + float(np.sum(each.denominator))) if abs(numerator) > rounding else 0.0
+    return gain
 
 
 def _gain(model: Cascade) -> float:

@@ -244,7 +244,7 @@ def swinging(plant: Pendulum) -> Record:
 
 
 def test_a_plant_of_the_users_is_fitted_saved_and_shown(tmp_path):
-    register(Pendulum(), summary="a pendulum in a plane")
+    register(Pendulum(), start=Pendulum(0.018, 1.3, 0.03), summary="a pendulum in a plane")
     truth = Pendulum(0.02, 1.5, 0.05)
     fit = emsid.fit(Pendulum(0.018, 1.3, 0.03), swinging(truth))
     assert fit.ending is Ending.CONVERGED
@@ -265,6 +265,13 @@ def test_a_plant_of_the_users_is_fitted_saved_and_shown(tmp_path):
         ("damping", "Viscous friction", "D", "N·m·s/rad", "estimated"),
     ]
     assert datasheet("pendulum", {"weight": "1.5 N*m"})["weight"].value == 1.5
+
+    options = emsid.Options(fixed={"J": "0.02 kg*m^2"}, datasheet={"G": {"value": "1.4 N*m", "tolerance": "40 %"}})
+    found = emsid.identify(swinging(truth), models="pendulum", options=options)
+    assert found.chosen.names == ("weight", "damping")
+    assert found.chosen.model.plant.inertia == 0.02
+    assert found.chosen.estimate == pytest.approx([1.5, 0.05], rel=0.02)
+    assert found.on_unseen.best.row.fit_percent > 95
 
 
 def test_a_plant_that_is_not_registered_is_refused_where_it_would_be_lost(tmp_path):

@@ -248,7 +248,9 @@ def test_steps_logged_from_the_edge_on_each_at_its_own_level_are_motion():
         ({"signals": "sped"}, "no signal 'sped'; .* did you mean speed?"),
         ({"fixed": {"resistance": "2 V"}}, "rigid-motor resistance is '2 V', which is not in ohm"),
         ({"fixed": {"resistance": "two"}}, "rigid-motor resistance is 'two'; give a number in ohm, or a text such as"),
-        ({"datasheet": {"resistance": "2 ohm"}}, "the datasheet has '2 ohm' for resistance; give a Given, or make it"),
+        ({"datasheet": {"resistance": "2 volts"}}, "resistance is '2 volts', which is not in ohm"),
+        ({"datasheet": {"resistance": {"tolerance": 0.1}}}, "has tolerance; write { value"),
+        ({"datasheet": {"resistanc": "2 ohm"}}, "no parameter 'resistanc'"),
     ],
 )
 def test_values_of_another_kind_are_refused_in_words(arguments, message):

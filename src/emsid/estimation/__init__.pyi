@@ -10,6 +10,7 @@ from .linear.recursive import RecursiveState as RecursiveState
 from .linear.recursive import recursive_least_squares as recursive_least_squares
 from .nonlinear.control import Activity as Activity
 from .nonlinear.control import Control as Control
+from .nonlinear.control import Stopped as Stopped
 from .nonlinear.gauss_newton import Minimum as Minimum
 from .nonlinear.gauss_newton import Problem as Problem
 from .nonlinear.gauss_newton import gauss_newton as gauss_newton

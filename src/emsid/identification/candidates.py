@@ -6,7 +6,7 @@ the record that it holds back for that; then it is fitted to the whole record.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Protocol
 
@@ -28,12 +28,12 @@ from emsid.models.blocks.search.topologies import (
     CascadeSearch,
     Topology,
 )
-from emsid.models.plants.datasheet import Given, applicable
+from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.drive import Bridge
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
 from emsid.models.plants.grey_box import signals_of
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
@@ -61,8 +61,9 @@ class Options:
             everything else.
         ridge: weight of the squared parameters.
         forgetting: forgetting factor; recursive least squares is used where it is given.
-        fixed: physical parameters that are known, by name, in SI units.
-        datasheet: what is said of others: where to start, and how far off they may be.
+        fixed: physical parameters that are known, by name or symbol, in SI units or as texts with a unit.
+        datasheet: what is said of others: where to start, and how far off they may be. By name or symbol a number in SI
+            units, a text with a unit, ``{"value": "2 ohm", "tolerance": "10 %"}``, or a `Given`.
         codes: values of the input, or of a second one, that are no command, and what the bridge of a motor then does.
         free: physical parameters to estimate, these and no others; by default what the plant usually has unknown, with
             the refinements that held-back data ask for.
@@ -81,8 +82,8 @@ class Options:
     static: Family | None = None
     ridge: float = 0.0
     forgetting: float | None = None
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    datasheet: Mapping[str, Given] = field(default_factory=dict)
+    fixed: Mapping[str, Any] = field(default_factory=dict)
+    datasheet: Mapping[str, Any] = field(default_factory=dict)
     codes: tuple[tuple[float, Bridge], ...] = ()
     free: tuple[str, ...] = ()
     recent: float | None = None
@@ -256,11 +257,11 @@ class Physical:
     Args:
         summary: what it is, in a few words.
         plant: to begin with.
-        refinements: what may be added to it.
+        refinements: what may be added to it, if it has a drive.
     """
 
     summary: str
-    plant: DrivenPlant
+    plant: Plant
     refinements: tuple[Refinement, ...] = REFINEMENTS
     uses: ClassVar[tuple[str, ...]] = ("fixed", "datasheet", "codes", "free", "recent", "profile")
 
@@ -271,18 +272,19 @@ class Physical:
         if options.recent is not None:
             integrals = 2 if Signal.POSITION in signals_of(plant, record) else 1
             weighting = Recent(options.recent, integrals)
-        if options.free:
+        driven = plant.driven
+        if options.free or driven is None:
             return simulation_error(
                 plant,
                 record,
-                free=options.free,
+                free=options.free or None,
                 fixed=options.fixed,
                 datasheet=applicable(options.datasheet, plant),
                 weighting=weighting,
                 control=control,
             )
         return choose(
-            plant,
+            driven,
             record,
             fixed=options.fixed,
             datasheet=options.datasheet,
@@ -291,36 +293,63 @@ class Physical:
             control=control,
         )
 
-    def coded(self, options: Options) -> DrivenPlant:
-        """The plant to begin with, which knows what is no command."""
-        return self.plant.with_drive(codes=options.codes)
+    def coded(self, options: Options) -> Plant:
+        """The plant to begin with, which knows what is no command if it has a drive."""
+        driven = self.plant.driven
+        return self.plant if driven is None else driven.with_drive(codes=options.codes)
+
+
+class _Candidates(MutableMapping[str, ModelKind]):
+    """Every kind of model by name: those given here, and every registered plant.
+
+    Plants are looked up in the registry when they are asked for, so one registered later has a name here too.
+    """
+
+    def __init__(self, given: dict[str, ModelKind]) -> None:
+        self.given = given
+
+    def __getitem__(self, name: str) -> ModelKind:
+        if name in self.given:
+            return self.given[name]
+        kind = PLANTS[name]
+        return Physical(kind.summary, kind.start, REFINEMENTS if kind.refined else ())
+
+    def __setitem__(self, name: str, kind: ModelKind) -> None:
+        self.given[name] = kind
+
+    def __delitem__(self, name: str) -> None:
+        del self.given[name]
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self.given
+        yield from (name for name in PLANTS if name not in self.given)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
 
 
 # Every model that `emsid identify` knows by name.
-CANDIDATES: dict[str, ModelKind] = {
-    "arx": Regression(
-        "linear: past outputs and inputs", _arx, {"nk": (0, 1, 2, 3), "na": (1, 2, 3, 4), "nb": (1, 2, 3, 4)}
-    ),
-    "wiener-hammerstein-regression": Regression(
-        "the paper's: ARX with powers and products of inputs",
-        _wiener_hammerstein_regression,
-        {"nk": (0, 1, 2, 3), "na": (1, 2, 3, 4), "nb": (1, 2, 3), "degree": (2, 3, 5), "taps": (1, 2)},
-    ),
-    "friction-narx": Regression(
-        "ARX with dead-zone hinges, Coulomb and Stribeck friction",
-        _friction_narx,
-        {"nk": (0, 1, 2, 3), "na": (1, 2, 3), "nb": (1, 2, 3), "knots": (0, 4, 8, 12)},
-    ),
-    "wiener-hammerstein": Blocks("linear filter, static map, linear filter", WIENER_HAMMERSTEIN),
-    "hammerstein": Blocks("static map, linear filter", HAMMERSTEIN),
-    "wiener": Blocks("linear filter, static map", WIENER),
-    "hammerstein-wiener": Blocks("static map, linear filter, static map", HAMMERSTEIN_WIENER),
-    **{
-        name: Physical(kind.summary, kind.start.driven, REFINEMENTS if kind.refined else ())
-        for name, kind in PLANTS.items()
-        if kind.start.driven is not None
-    },
-}
+CANDIDATES: MutableMapping[str, ModelKind] = _Candidates(
+    {
+        "arx": Regression(
+            "linear: past outputs and inputs", _arx, {"nk": (0, 1, 2, 3), "na": (1, 2, 3, 4), "nb": (1, 2, 3, 4)}
+        ),
+        "wiener-hammerstein-regression": Regression(
+            "the paper's: ARX with powers and products of inputs",
+            _wiener_hammerstein_regression,
+            {"nk": (0, 1, 2, 3), "na": (1, 2, 3, 4), "nb": (1, 2, 3), "degree": (2, 3, 5), "taps": (1, 2)},
+        ),
+        "friction-narx": Regression(
+            "ARX with dead-zone hinges, Coulomb and Stribeck friction",
+            _friction_narx,
+            {"nk": (0, 1, 2, 3), "na": (1, 2, 3), "nb": (1, 2, 3), "knots": (0, 4, 8, 12)},
+        ),
+        "wiener-hammerstein": Blocks("linear filter, static map, linear filter", WIENER_HAMMERSTEIN),
+        "hammerstein": Blocks("static map, linear filter", HAMMERSTEIN),
+        "wiener": Blocks("linear filter, static map", WIENER),
+        "hammerstein-wiener": Blocks("static map, linear filter, static map", HAMMERSTEIN_WIENER),
+    }
+)
 
 # What is tried when nobody names a model: what any record of one input and one output can be described by.
 USUAL = ("arx", "wiener-hammerstein-regression", "friction-narx", "wiener-hammerstein")

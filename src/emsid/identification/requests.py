@@ -5,16 +5,23 @@ What no model can do is an error; what some of the models cannot do is a finding
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
 
 from emsid.arguments import as_names_with_commas, did_you_mean
 from emsid.errors import ModelError
 from emsid.findings import Finding
 from emsid.identification.candidates import CANDIDATES, Blocks, Options, Physical
-from emsid.models.plants.datasheet import applicable
-from emsid.models.plants.parameters import find_handle, parts, without_overlap
-from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.datasheet import Given, applicable, as_datasheet
+from emsid.models.plants.parameters import find_handle, full_name, parts, without_overlap
+from emsid.models.plants.plant import Plant
+from emsid.plant.motor import read_number
 from emsid.record import Record
+
+T = TypeVar("T")
 
 
 def model_names(models: str | Iterable[str]) -> tuple[str, ...]:
@@ -32,12 +39,59 @@ def model_names(models: str | Iterable[str]) -> tuple[str, ...]:
     return names
 
 
-def plants_of(models: Sequence[str], options: Options) -> dict[str, DrivenPlant]:
+def plants_of(models: Sequence[str], options: Options) -> dict[str, Plant]:
     """The physical ones among the models, as they are before the search."""
     return {name: each.coded(options) for name in models if isinstance(each := CANDIDATES[name], Physical)}
 
 
-def check_physics(plants: Mapping[str, DrivenPlant], models: Sequence[str], options: Options) -> None:
+def understood(options: Options, models: Sequence[str]) -> Options:
+    """The options with physical parameters by their full names, and their values in SI units; unknown names stay.
+
+    ``free``, ``fixed`` and ``profile`` may have symbols, ``fixed`` texts with a unit, and ``datasheet`` what
+    `emsid.models.plants.datasheet.datasheet` takes.
+
+    Raises:
+        ModelError: where all the physical models refuse a value or an entry of the datasheet, as the first one does.
+    """
+    plants = {name: each.plant for name in models if isinstance(each := CANDIDATES[name], Physical)}
+    if not plants:
+        return options
+
+    def of_some(reading: Callable[[Plant], T]) -> T:
+        problems: list[ModelError] = []
+        for plant in plants.values():
+            try:
+                return reading(plant)
+            except ModelError as problem:
+                problems.append(problem)
+        raise problems[0]
+
+    def full(name: str) -> str:
+        try:
+            return of_some(lambda plant: full_name(plant, name))
+        except ModelError:  # `check_physics` refuses it
+            return name
+
+    def value(name: str, typed: float | str) -> float:
+        if not any(full(name) in plant.handles for plant in plants.values()):
+            return np.nan  # likewise
+        return of_some(
+            lambda plant: read_number(f"{plant.name} {name}", typed, find_handle(plant, name).parameter.unit)
+        )
+
+    sheet: Mapping[str, Any] = options.datasheet
+    if not all(isinstance(each, Given) for each in sheet.values()):
+        sheet = of_some(lambda plant: as_datasheet(plant, sheet))
+    return replace(
+        options,
+        free=tuple(map(full, options.free)),
+        profile=tuple(map(full, options.profile)),
+        fixed={full(name): value(name, typed) for name, typed in options.fixed.items()},
+        datasheet=sheet,
+    )
+
+
+def check_physics(plants: Mapping[str, Plant], models: Sequence[str], options: Options) -> None:
     """Refuse what is asked of physical parameters that none of the models has.
 
     Raises:
@@ -51,7 +105,7 @@ def check_physics(plants: Mapping[str, DrivenPlant], models: Sequence[str], opti
         _owners(plants, name)
 
 
-def _check_datasheet(plants: Mapping[str, DrivenPlant], models: Sequence[str], options: Options) -> None:
+def _check_datasheet(plants: Mapping[str, Plant], models: Sequence[str], options: Options) -> None:
     sheet = options.datasheet
     if sheet and not any(applicable(sheet, plant) for plant in plants.values()):
         usable = [n for n, each in CANDIDATES.items() if isinstance(each, Physical) and applicable(sheet, each.plant)]
@@ -62,7 +116,7 @@ def _check_datasheet(plants: Mapping[str, DrivenPlant], models: Sequence[str], o
         )
 
 
-def _check_there_are_plants(plants: Mapping[str, DrivenPlant], models: Sequence[str], options: Options) -> None:
+def _check_there_are_plants(plants: Mapping[str, Plant], models: Sequence[str], options: Options) -> None:
     asked = {"fixed": options.fixed, "free": options.free, "profiled": options.profile}
     if any(asked.values()) and not plants:
         what, names = next((what, names) for what, names in asked.items() if names)
@@ -74,8 +128,8 @@ def _check_there_are_plants(plants: Mapping[str, DrivenPlant], models: Sequence[
         )
 
 
-def _check_profile(plants: Mapping[str, DrivenPlant], name: str, options: Options) -> None:
-    def not_fixed(plant: DrivenPlant, names: Iterable[str]) -> tuple[str, ...]:
+def _check_profile(plants: Mapping[str, Plant], name: str, options: Options) -> None:
+    def not_fixed(plant: Plant, names: Iterable[str]) -> tuple[str, ...]:
         return without_overlap(plant, names, [known for known in options.fixed if known in plant.handles])
 
     owners = _owners(plants, name)
@@ -93,7 +147,7 @@ def _check_profile(plants: Mapping[str, DrivenPlant], name: str, options: Option
         )
 
 
-def _owners(plants: Mapping[str, DrivenPlant], name: str) -> list[DrivenPlant]:
+def _owners(plants: Mapping[str, Plant], name: str) -> list[Plant]:
     """The plants that have a parameter.
 
     Raises:
@@ -106,7 +160,7 @@ def _owners(plants: Mapping[str, DrivenPlant], name: str) -> list[DrivenPlant]:
 
 
 def unused_requests(
-    plants: Mapping[str, DrivenPlant], models: Sequence[str], options: Options, record: Record
+    plants: Mapping[str, Plant], models: Sequence[str], options: Options, record: Record
 ) -> list[Finding]:
     """What was asked for and some of the models cannot use."""
     findings = [
@@ -129,9 +183,7 @@ def unused_requests(
     return findings + _about_codes(plants, models, options, record)
 
 
-def _about_codes(
-    plants: Mapping[str, DrivenPlant], models: Sequence[str], options: Options, record: Record
-) -> list[Finding]:
+def _about_codes(plants: Mapping[str, Plant], models: Sequence[str], options: Options, record: Record) -> list[Finding]:
     """Values given as codes that never occur, and models that have no codes."""
     if not options.codes:
         return []

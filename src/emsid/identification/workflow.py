@@ -26,7 +26,7 @@ from emsid.identification.observations import (
     profile_failure,
 )
 from emsid.identification.records import Records, given_records
-from emsid.identification.requests import check_physics, model_names, plants_of, unused_requests
+from emsid.identification.requests import check_physics, model_names, plants_of, understood, unused_requests
 from emsid.identification.result import Identification
 from emsid.models.plants.grey_box import assumptions
 from emsid.models.plants.parameters import parts
@@ -71,13 +71,14 @@ def identify(
     Raises:
         ModelError: for an unknown name, for options that no model can meet, or where no model can be fitted.
         DataError: for records that do not belong together, or what is not a record.
-        Stopped: if it is stopped before any model was found.
+        Stopped: if ``control`` stops it before any model was found (`emsid.estimation.Stopped`).
     """
     options = options or Options()
     names = model_names(models)
     several = given_records(records, reading)
     others = () if isinstance(unseen, (int, float)) else given_records(unseen, reading)
     record = as_one(several)
+    options = understood(options, names)
     plants = plants_of(names, options)
     check_physics(plants, names, options)
     findings = unused_requests(plants, names, options, record)
@@ -91,8 +92,8 @@ def identify(
         findings.append(missing_models(names, found.fits, found.failed))
     findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
     taken = _profiles(found.fits, () if found.stopped else options.profile, control)
-    on_record = compare(found.fits, train, transient, data="identification")
-    on_unseen = compare(found.fits, test, transient, data="unseen")
+    on_record = compare(found.fits, train, transient=transient, data="identification")
+    on_unseen = compare(found.fits, test, transient=transient, data="unseen")
     stopped = found.stopped or taken.stopped or control.cancelled()
     findings = [
         *observations(on_unseen, train, test, taken.profiles),

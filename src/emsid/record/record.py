@@ -184,6 +184,9 @@ class Record(Presented):
         pieces = f" in {len(self.breaks) + 1} segments" if self.breaks else ""
         return f"Record({self.name}: {len(self)} samples{pieces}, dt {self.dt:g} s; {channels})"
 
+    def __str__(self) -> str:
+        return repr(self)  # a record has no table, so that to print one loads no report
+
     @property
     def time(self) -> Array:
         """(N,) time of every sample in seconds."""

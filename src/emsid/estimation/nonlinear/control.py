@@ -34,14 +34,18 @@ class Activity:
 
 
 class Stopped(Exception):
-    """Raised by `Control.check`: a search inside another one gives up, and the outer one keeps what it has.
+    """Raised where a `Control` ends the work before there is a result.
+
+    `Control.check` raises it. A search that has found something by then catches it and returns what it has, with how it
+    ended; it reaches the caller only where nothing was found.
 
     Args:
         ending: `Ending.INTERRUPTED` or `Ending.OUT_OF_BUDGET`.
     """
 
     def __init__(self, ending: Ending) -> None:
-        super().__init__(ending.value)
+        why = "interrupted" if ending is Ending.INTERRUPTED else "the time was up"
+        super().__init__(f"{why} before anything was found")
         self.ending = ending
 
 

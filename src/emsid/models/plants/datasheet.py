@@ -12,6 +12,7 @@ from emsid.errors import ModelError
 from emsid.models.plants.parameters import find_handle, refuse_overlap
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS, described
+from emsid.models.plants.wishes import by_full_name
 from emsid.plant.friction import FrictionLaw, find_law
 from emsid.plant.motor import read_number
 
@@ -69,10 +70,30 @@ def datasheet(kind: str, table: Mapping[str, Any]) -> dict[str, Given]:
     known = described()
     if kind not in known:
         raise ModelError(f"no datasheet of a {kind}; there are {', '.join(known)}")
+    return _sheet(known[kind], kind, table)
+
+
+def as_datasheet(plant: Plant, known: Mapping[str, Any] | None) -> dict[str, Given]:
+    """What is known of a plant by the full names of its parameters.
+
+    Args:
+        plant: whose parameters they are.
+        known: by name or symbol a `Given`, or what a table of `datasheet` may have.
+
+    Raises:
+        ModelError: as `datasheet` does.
+    """
+    if known is None or not isinstance(known, Mapping) or all(isinstance(each, Given) for each in known.values()):
+        return by_full_name(plant, "datasheet", known)
+    return by_full_name(plant, "datasheet", _sheet(plant, plant.name, known))
+
+
+def _sheet(plant: Plant, kind: str, table: Mapping[str, Any]) -> dict[str, Given]:
+    """The entries of a table, checked by the plant that they are of."""
     entries, laws = dict(_leaves(table)), dict[str, FrictionLaw]()
     for name in [name for name in entries if name.endswith(".law")]:
         laws[name.removesuffix(".law")] = find_law(entries.pop(name))()
-    plant, sheet = known[kind].with_frictions(laws), dict[str, Given]()
+    plant, sheet = plant.with_frictions(laws) if laws else plant, dict[str, Given]()
     for name, entry in entries.items():
         if isinstance(entry, (list, tuple)):
             if len(entry) != 2 or f"{name}.forward" not in plant.handles:
@@ -106,6 +127,8 @@ def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
 
 
 def _given(plant: Plant, kind: str, name: str, entry: Any) -> Given:
+    if isinstance(entry, Given):
+        return entry
     handle = find_handle(plant, name)
     what = f"{kind} {name}"
     value, tolerance = entry, None

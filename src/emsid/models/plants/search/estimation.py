@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.plants.beginning import agrees, starts_from_samples
-from emsid.models.plants.datasheet import Given
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.motor import DrivenMotor
@@ -45,7 +45,7 @@ def simulation_error(
     free: str | Sequence[str] | None = None,
     fixed: Mapping[str, float | str] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
-    datasheet: Mapping[str, Given] | None = None,
+    datasheet: Mapping[str, Any] | None = None,
     signals: str | Signal | Sequence[str | Signal] | None = None,
     weighting: Weighting = all_alike,
     look_around: bool = True,
@@ -61,7 +61,9 @@ def simulation_error(
         free: the parameters to estimate, by name or symbol; by default what plants of this kind usually have unknown.
         fixed: values that are known, by name or symbol, in SI units or as texts with a unit; they are not estimated.
         bounds: (lower, upper) by name, in addition to what is physical.
-        datasheet: what is known beforehand, see `Given`. A value is the start, and a tolerance bounds it.
+        datasheet: what is known beforehand, by name or symbol: a value is the start, and a tolerance bounds it. Each is
+            a number in SI units, a text with a unit (``"2 ohm"``), ``{"value": "2 ohm", "tolerance": "10 %"}``,
+            ``"unknown"``, or a `Given`.
         signals: what the outputs of the records are, `Signal` or its name, by default judged by their units.
         weighting: how errors count by their age: `all_alike`, `Recent`, or any other linear filter (error, dt) → error.
         look_around: whether to begin at the datasheet, or where a regression on the records says if that simulates

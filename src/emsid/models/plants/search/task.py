@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from emsid.errors import DataError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
-from emsid.models.plants.datasheet import Given
+from emsid.models.plants.datasheet import Given, as_datasheet
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Handle, Signal, find_handle, refuse_overlap, without_overlap
@@ -88,7 +89,7 @@ def prepare(
     free: str | Sequence[str] | None = None,
     fixed: Mapping[str, float | str] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
-    datasheet: Mapping[str, Given] | None = None,
+    datasheet: Mapping[str, Any] | None = None,
     signals: str | Signal | Sequence[str | Signal] | None = None,
     weighting: Weighting = all_alike,
     from_datasheet: bool = True,
@@ -110,7 +111,7 @@ def prepare(
     check_motion(segments)
     bounds = as_bounds(plant, bounds)
     values = fixed_values(plant, fixed)
-    sheet = dict(by_full_name(plant, "datasheet", datasheet))
+    sheet = as_datasheet(plant, datasheet)
     asked = _asked(plant, full_names(plant, free), values, sheet)
     sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
     known = {name: given.value for name, given in sheet.items() if given.value is not None}
@@ -160,9 +161,6 @@ def _asked(
 ) -> tuple[str, ...]:
     for name in (*(free or ()), *fixed, *sheet):
         find_handle(plant, name)
-    for name, entry in sheet.items():
-        if not isinstance(entry, Given):
-            raise ModelError(f"the datasheet has {entry!r} for {name}; give a Given, or make it with `datasheet`")
     both = [name for name in free or () if name in fixed]
     if both:
         raise ModelError(f"{both[0]} is both free and fixed at {fixed[both[0]]:g}; choose one")

@@ -11,7 +11,7 @@ study: $(VENV)/installed
 	$(BIN)/emsid study
 
 test: $(VENV)/compiled
-	$(BIN)/pytest -n 3
+	$(BIN)/pytest -n 3 --dist worksteal  # neighbours stay in one process, and share what their fixtures fit
 
 lint: $(VENV)/tested-with
 	$(BIN)/ruff check .

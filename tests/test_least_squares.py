@@ -27,7 +27,7 @@ from emsid import (
 from emsid.estimation.linear import least_squares as module
 from emsid.estimation.linear.least_squares import gather
 from emsid.findings import Finding
-from emsid.models.regression import structures
+from emsid.models.regression import narx
 from emsid.models.regression.regressors import Factor, Regressor
 from emsid.models.regression.transforms import Transform
 
@@ -147,7 +147,7 @@ def test_result_depends_on_sizes_of_chunks_and_blocks_by_rounding_only(
     record = response(structure, some_parameters(structure), samples=900, noise=0.1)
     expected = least_squares(structure, record)
     monkeypatch.setattr(module, "CHUNK", chunk)
-    monkeypatch.setattr(structures, "BLOCK", block)
+    monkeypatch.setattr(narx, "BLOCK", block)
     fit = least_squares(structure, record)
     np.testing.assert_allclose(fit.estimate, expected.estimate, rtol=1e-11)
     assert fit.noise_variance == pytest.approx(expected.noise_variance, rel=1e-11)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
 from dataclasses import fields, replace
+from functools import cache
 from itertools import chain, pairwise
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -67,6 +70,7 @@ from emsid.report.views import grey_box as grey_box_views
 from emsid.report.views.timeline import timeline
 from emsid.validation.comparison import Row, assess, assess_model, compare
 from emsid.validation.correlation import autocorrelation, cross_correlation
+from emsid.wording import sentence
 
 NASTY = '<script>alert("$x_1$")</script>'
 
@@ -97,15 +101,30 @@ STRUCTURES = (
     emsid.friction_narx(na=1, nb=2, knots=(-1.5, 1.5)),
 )
 RUNAWAY = Fit(emsid.arx(1, 1).model(np.array([-1.2, 1.0]), drive(10)), ("a1", "b1"), np.array([-1.2, 1.0]),
-              np.diag([0.1, np.inf]), 1.0, 100, 1.0, 1, Ending.RANK_DEFICIENT, "b1 cannot be told")  # fmt: skip
+              np.diag([0.1, np.inf]), 1.0, 100, 1.0, 1, Ending.RANK_DEFICIENT,
+              findings=(Finding("rank-deficient", data={"rank": 1, "parameters": 2, "zero": ["u(t-1)"], "alike": []}),),
+              )  # fmt: skip
 
 
 def comparison(record):
     return compare([*(emsid.least_squares(structure, drive(seed=1)) for structure in STRUCTURES), RUNAWAY], record)
 
 
-COMPARISONS = {"whole": comparison(drive()), "with gaps": comparison(with_gaps())}
-RECURSIVE = [emsid.recursive_least_squares(structure, drive(), history=True) for structure in STRUCTURES]
+class Later:
+    """A table or a list that is made when a test first looks into it, and not when the tests are collected."""
+
+    def __init__(self, make):
+        self._make = cache(make)
+
+    def __getitem__(self, key):
+        return self._make()[key]
+
+    def __getattr__(self, name):
+        return getattr(self._make(), name)
+
+
+COMPARISONS = Later(lambda: {"whole": comparison(drive()), "with gaps": comparison(with_gaps())})
+RECURSIVE = Later(lambda: [emsid.recursive_least_squares(each, drive(), history=True) for each in STRUCTURES])
 MOTORS = {
     "default": Motor(),
     "two dead zones": Motor(torque_dead_zone=DeadZoneLaw(-1e-3, 2e-3, 0.5, 2.0)),
@@ -197,6 +216,7 @@ def of_plants():
     yield "own plant", simulation_error(DECAY, Record(u, decay + 0.01 * rng.standard_normal((300, 1)), 0.1))
 
 
+@cache
 def two_outputs(samples=1200):
     """A motor log of speed and current, with a gap, and two motors run over it: one a little off, one far off."""
     rng = np.random.default_rng(4)
@@ -210,18 +230,17 @@ def two_outputs(samples=1200):
     return log, [assess_model(GreyBox(motor, signals), log) for motor in motors]
 
 
-TWO, TWO_RUNS = two_outputs()
+def of_profiles():
+    taken = likelihood_profile(PLANT_FITS["rigid motor"], "rotor_inertia")
+    yield "taken", taken
+    values, deviance = np.array([0.0, 1.0, 13.0]), np.array([3.0, 0.0, 0.9])
+    unlimited = {"interval": (0.0, np.inf), "estimate": 1.0, "standard_error": 0.5}
+    yield "open", replace(taken, name="rotor_friction.coulomb", values=values, deviance=deviance, **unlimited)
 
 
-CASCADE_FITS = {kind: of_cascade(cascade) for kind, cascade in CASCADES.items()}
-PLANT_FITS = dict(of_plants())
-PROFILES = {"taken": likelihood_profile(PLANT_FITS["rigid motor"], "rotor_inertia")}
-PROFILES |= {
-    "open": replace(
-        PROFILES["taken"], name="rotor_friction.coulomb", interval=(0.0, np.inf), estimate=1.0, standard_error=0.5,
-        values=np.array([0.0, 1.0, 13.0]), deviance=np.array([3.0, 0.0, 0.9]),
-    )
-}  # fmt: skip
+CASCADE_FITS = Later(lambda: {kind: of_cascade(cascade) for kind, cascade in CASCADES.items()})
+PLANT_FITS = Later(lambda: dict(of_plants()))
+PROFILES = Later(lambda: dict(of_profiles()))
 
 
 def every_figure():
@@ -237,7 +256,7 @@ def every_figure():
         yield f"ranking, {kind}", views.ranking(result)
         for assessment in each:
             yield f"{assessment.row.model} on a record {kind}", views.measured_and_simulated(assessment)
-    for fit in RECURSIVE:
+    for fit in RECURSIVE[:]:
         yield (
             f"convergence of {fit.model.name}",
             views.convergence(fit, emsid.least_squares(fit.model.structure, drive())),
@@ -255,10 +274,10 @@ def every_figure():
                 yield f"{view.name}, {kind}", view
     for kind, profile in PROFILES.items():
         yield f"likelihood profile, {kind}", grey_box_views.likelihood(PLANT_FITS["rigid motor"], profile)
-    runs = TWO_RUNS
-    yield "two outputs, responses", views.responses(runs, views.critical_intervals(TWO, 0.5, error_of(runs[1])))
+    two, runs = two_outputs()
+    yield "two outputs, responses", views.responses(runs, views.critical_intervals(two, 0.5, error_of(runs[1])))
     yield "two outputs, residuals", views.residuals(runs)
-    yield "two outputs, ranking", views.ranking(compare([each.fit for each in runs], TWO))
+    yield "two outputs, ranking", views.ranking(compare([each.fit for each in runs], two))
     yield "two outputs, free run", views.measured_and_simulated(runs[0])
     two_inputs = replace(drive(), input=np.column_stack([drive().input, drive(seed=5).input]),
                          input_names=("u1", "u2"), input_units=("V", "A"))  # fmt: skip
@@ -289,27 +308,48 @@ def every_mark():
     return Figure("marks", "All marks.", (Plot(marks, Axis("u", "V"), Axis("w", "V"), span=2), gain, bars), columns=2)
 
 
-FIGURES = dict(every_figure())
-TABLES = {
-    "results": views.results_table(COMPARISONS["whole"].rows, unit="rad/s"),
-    "results and the paper": views.results_table(
-        COMPARISONS["whole"].rows, views.Reference("Paper", "another motor", {("arx", "verification"): 0.0023})
-    ),
-    "parameters": views.parameter_table(RECURSIVE[2], columns=views.regressor_column(RECURSIVE[2])),
-    "parameters not told apart": views.parameter_table(RUNAWAY),
-    "motor": views.motor_table(MOTORS["uneven"]),
-    "rigid motor": views.motor_table(Motor().rigid()),
-    "blocks": views.parameter_table(
-        CASCADE_FITS["spline"][0], columns=cascade_views.block_column(CASCADE_FITS["spline"][0])
-    ),
-} | {
-    f"physical, {kind}, {k}": table
-    for kind, fit in PLANT_FITS.items()
-    for k, table in enumerate(grey_box_views.physical_table(fit))
-}
+def every_table():
+    return {
+        "results": views.results_table(COMPARISONS["whole"].rows, unit="rad/s"),
+        "results and the paper": views.results_table(
+            COMPARISONS["whole"].rows, views.Reference("Paper", "another motor", {("arx", "verification"): 0.0023})
+        ),
+        "parameters": views.parameter_table(RECURSIVE[2], columns=views.regressor_column(RECURSIVE[2])),
+        "parameters not told apart": views.parameter_table(RUNAWAY),
+        "motor": views.motor_table(MOTORS["uneven"]),
+        "rigid motor": views.motor_table(Motor().rigid()),
+        "blocks": views.parameter_table(
+            CASCADE_FITS["spline"][0], columns=cascade_views.block_column(CASCADE_FITS["spline"][0])
+        ),
+    } | {
+        f"physical, {kind}, {k}": table
+        for kind, fit in PLANT_FITS.items()
+        for k, table in enumerate(grey_box_views.physical_table(fit))
+    }
 
-each_figure = pytest.mark.parametrize("figure", FIGURES.values(), ids=FIGURES.keys())
-each_table = pytest.mark.parametrize("table", TABLES.values(), ids=TABLES.keys())
+
+FIGURES = Later(lambda: dict(every_figure()))
+TABLES = Later(every_table)
+VIEWS = json.loads((Path(__file__).parent / "golden" / "report_views.json").read_text())
+
+each_figure = pytest.mark.parametrize("figure", VIEWS["figures"], indirect=True)
+each_table = pytest.mark.parametrize("table", VIEWS["tables"], indirect=True)
+
+
+@pytest.fixture
+def figure(request):
+    return FIGURES[request.param]
+
+
+@pytest.fixture
+def table(request):
+    return TABLES[request.param]
+
+
+def test_every_result_has_its_figures_and_tables():
+    """The names by which the tests below go are written down, so that a view that is lost is noticed."""
+    assert sorted(FIGURES.keys()) == sorted(VIEWS["figures"])
+    assert sorted(TABLES.keys()) == sorted(VIEWS["tables"])
 
 
 # --- what every figure owes -----------------------------------------------------------------------------------------
@@ -647,7 +687,8 @@ def by_hand(assessment, channel):
 
 
 def test_every_output_has_its_own_errors_in_its_own_unit():
-    for assessment in TWO_RUNS:
+    _, runs = two_outputs()
+    for assessment in runs:
         table = views.results_table([assessment.row])
         assert [row[3:5] for row in table.rows] == [("speed", "rad/s"), ("current", "A")]
         for k, cells in enumerate(table.rows):
@@ -655,13 +696,14 @@ def test_every_output_has_its_own_errors_in_its_own_unit():
             assert float(cells[6]) == pytest.approx(rmse**2, rel=1e-3)
             assert float(cells[7]) == pytest.approx(rmse, rel=1e-3)
             assert float(cells[8]) == pytest.approx(fit, abs=0.005)
-    table = views.results_table([each.row for each in TWO_RUNS])
+    table = views.results_table([each.row for each in runs])
     assert table.emphasised == {0, 1}
     assert "rad/s" not in table.caption
 
 
 def test_every_output_has_its_own_panels():
-    near = TWO_RUNS[0]
+    two, runs = two_outputs()
+    near = runs[0]
     figure = views.measured_and_simulated(near)
     assert [plot.y.title for plot in figure.plots] == [
         "Speed [rad/s]", "Residual [rad/s]", "Current [A]", "Residual [A]",
@@ -669,15 +711,16 @@ def test_every_output_has_its_own_panels():
     for k in (0, 1):
         run, left = figure.plots[2 * k : 2 * k + 2]
         known = np.isfinite(left.marks[0].y)
-        assert run.marks[0].y[known] == pytest.approx(TWO.output[:, k])
+        assert run.marks[0].y[known] == pytest.approx(two.output[:, k])
         assert run.marks[1].y[known] == pytest.approx(near.simulation.output[:, k])
         assert left.marks[0].y[known] == pytest.approx(error_of(near)[:, k])
         rmse, fit = by_hand(near, k)
-        assert f"fit {fit:.1f} %, RMSE {rmse:.4g} {TWO.output_units[k]}" in figure.caption
+        assert f"fit {fit:.1f} %, RMSE {rmse:.4g} {two.output_units[k]}" in figure.caption
 
 
 def test_critical_intervals_count_every_output_by_how_much_it_varies():
-    record = replace(TWO, output=np.column_stack([drive().output, 1e-3 * drive(seed=9).output])[: len(TWO)])
+    two, _ = two_outputs()
+    record = replace(two, output=np.column_stack([drive().output, 1e-3 * drive(seed=9).output])[: len(two)])
     error = np.zeros_like(record.output)
     turn = 1 + np.flatnonzero(np.diff(np.sign(record.output[:500, 1])))[3]
     error[turn - 3 : turn + 3, 1] = 1e-3  # small, as that output is
@@ -686,35 +729,38 @@ def test_critical_intervals_count_every_output_by_how_much_it_varies():
 
 
 def test_responses_show_every_output_on_every_interval():
-    rows = views.critical_intervals(TWO, 0.5, error_of(TWO_RUNS[1]))
-    figure = views.responses(TWO_RUNS, rows)
+    two, runs = two_outputs()
+    rows = views.critical_intervals(two, 0.5, error_of(runs[1]))
+    figure = views.responses(runs, rows)
     shown = [(part, k) for part in rows for k in (0, 1)]
     for plot, (part, k) in zip(figure.plots, shown, strict=True):
-        assert plot.title.endswith(TWO.output_names[k])
-        for line, each in zip(plot.marks[1:], TWO_RUNS, strict=True):
+        assert plot.title.endswith(two.output_names[k])
+        for line, each in zip(plot.marks[1:], runs, strict=True):
             assert np.array_equal(line.y, each.simulation.output[part, k], equal_nan=True)
-    assert f"{by_hand(TWO_RUNS[0], 1)[1]:.1f} % of current" in figure.caption
+    assert f"{by_hand(runs[0], 1)[1]:.1f} % of current" in figure.caption
 
 
 def test_residuals_of_every_output_are_tested():
-    plots = views.residuals(TWO_RUNS).plots
+    two, runs = two_outputs()
+    plots = views.residuals(runs).plots
     assert [plot.title for plot in plots[:4]] == [
         "Residual: speed",
         "Distribution: speed", "Autocorrelation: speed", "Cross-correlation with voltage: speed",
     ]  # fmt: skip
     assert len(plots) == 8
     for k in (0, 1):
-        error = np.where(TWO_RUNS[0].simulation.counted, error_of(TWO_RUNS[0])[:, k], np.nan)
+        error = np.where(runs[0].simulation.counted, error_of(runs[0])[:, k], np.nan)
         over_time, _, own, crossed = plots[4 * k : 4 * k + 4]
-        assert over_time.y.unit == TWO.output_units[k]
-        assert own.marks[0].y == pytest.approx(autocorrelation(error, TWO.breaks, len(own.marks[0].y) - 1))
+        assert over_time.y.unit == two.output_units[k]
+        assert own.marks[0].y == pytest.approx(autocorrelation(error, two.breaks, len(own.marks[0].y) - 1))
         lags = len(crossed.marks[0].y) // 2
-        assert crossed.marks[0].y == pytest.approx(cross_correlation(error, TWO.input[:, 0], TWO.breaks, lags))
-        assert crossed.marks[0].x[[0, -1]] == pytest.approx([-lags * TWO.dt, lags * TWO.dt])
+        assert crossed.marks[0].y == pytest.approx(cross_correlation(error, two.input[:, 0], two.breaks, lags))
+        assert crossed.marks[0].x[[0, -1]] == pytest.approx([-lags * two.dt, lags * two.dt])
 
 
 def test_every_output_is_ranked_in_its_own_unit():
-    result = compare([each.fit for each in TWO_RUNS], TWO)
+    two, runs = two_outputs()
+    result = compare([each.fit for each in runs], two)
     figure = views.ranking(result)
     assert [plot.x.title for plot in figure.plots] == ["RMSE of speed [rad/s]", "RMSE of current [A]"]
     for k, plot in enumerate(figure.plots):
@@ -817,7 +863,9 @@ def test_intervals_are_those_of_the_fit():
 def test_what_cannot_be_told_apart_is_said():
     table = TABLES["parameters not told apart"]
     assert "not told apart" in table.rows[1][2]
-    assert table.note == "b1 cannot be told."
+    (finding,) = RUNAWAY.findings
+    (remark,) = views.model_section(RUNAWAY, drive()).remarks
+    assert remark.lower() == sentence(finding).lower()
 
 
 # --- models of blocks -----------------------------------------------------------------------------------------------

@@ -542,7 +542,7 @@ def test_bad_input(record: Record, orders: tuple[int, int], options: dict[str, o
         ({"oversampling": 0}, "oversampling 0"),
         ({"size": 2.5}, r"size 2\.5"),
         ({"threads": 0}, "threads 0"),
-        ({"skip": -3}, "skip -3"),
+        ({"transient": -3}, "transient -3"),
     ],
 )
 def test_options_that_are_no_counts(options: dict[str, object], message: str) -> None:

@@ -89,9 +89,10 @@ def slug(text: str) -> str:
 
 
 def tick(value: float) -> str:
-    """The label of a tick, without digits that only rounding brought about.
+    """The label of a tick in at most eight digits, as a power of ten from a million on.
 
-    >>> tick(-0.5), tick(2e-6), tick(3e7), tick(0.1 + 0.2), tick(20000.0)
-    ('−0.5', '2e−6', '3e7', '0.3', '20000')
+    >>> tick(-0.5), tick(2e-6), tick(3e7), tick(0.1 + 0.2), tick(20000.0), tick(12345678.0)
+    ('−0.5', '2e−6', '3e7', '0.3', '20000', '1.2345678e7')
     """
-    return _short(f"{value:.8g}").replace("-", "−")
+    digits = f"{value:.8g}" if abs(value) < 1e6 else re.sub(r"\.?0+e", "e", f"{value:.7e}")
+    return _short(digits).replace("-", "−")

@@ -52,11 +52,10 @@ def model_section(fit: Fit[Any], record: Record, *, name: str = "", profiles: Se
 
     model, prefix = fit.model, slug(name or fit.model.name)
     paragraphs: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
+    remarks = tuple(sentence(worded(finding)) for finding in fit.findings)
     if isinstance(fit, GreyBoxFit):
         equations, tables = plant_equations(fit), physical_table(fit)
         paragraphs = tuple(filter(None, (units_taken(fit),)))
-        remarks = tuple(sentence(worded(finding)) for finding in fit.findings)
         drawings: list[Callable[[], Figure | None]] = [
             lambda: sticking(fit, name=f"{prefix}-sticking"),
             lambda: friction(fit, name=f"{prefix}-friction"),

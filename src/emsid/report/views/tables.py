@@ -119,7 +119,7 @@ def parameter_table(
         level: of the interval.
         columns: further columns to stand between name and estimate, a text for every parameter: its regressor, its
             unit, what the datasheet says.
-        caption, note: of the table; the note is followed by what the fit itself has to say.
+        caption, note: of the table.
     """
     extra = dict(columns or {})
     rows = []

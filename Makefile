@@ -10,8 +10,9 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c c
 study: $(VENV)/installed
 	$(BIN)/emsid study
 
+# Tests of one file mostly stay in one process, where they share what their fixtures have fitted.
 test: $(VENV)/compiled
-	$(BIN)/pytest -n 3 --dist worksteal  # neighbours stay in one process, and share what their fixtures fit
+	$(BIN)/pytest -n 3 --dist worksteal
 
 lint: $(VENV)/tested-with
 	$(BIN)/ruff check .

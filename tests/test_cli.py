@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -147,11 +147,13 @@ def test_quantisation_is_no_excitation_unless_it_is_asked_for(run, tmp_path):
 
 def test_list_names_every_model_and_signal(run):
     from emsid.excitation import SIGNALS
-    from emsid.identification.candidates import CANDIDATES
 
     status, out, _ = run("list")
     assert status == 0
-    assert all(name in out for name in (*CANDIDATES, *SIGNALS))
+    rows = [line.split(maxsplit=1) for line in out.splitlines() if line.startswith("  ")]
+    names = json.loads(run("list", "--json")[1])
+    assert dict(rows) == names["models"] | names["excitation"]
+    assert (list(names["models"]), list(names["excitation"])) == (list(CANDIDATES), list(SIGNALS))
 
 
 BAD = {
@@ -677,9 +679,7 @@ def test_without_a_word_the_commands_are_shown(run):
     assert all(command in out for command in ("study", "identify", "validate", "simulate", "parameters"))
 
 
-def test_the_version_is_told(run):
-    import emsid
-
+def test_the_version_is_printed(run):
     assert run("--version") == (0, f"emsid {emsid.__version__}\n", "")
 
 
@@ -716,13 +716,21 @@ def test_units_are_shown_as_they_are_printed_and_without_the_signs_for_it_as_the
         assert len({row.rindex(row.split()[-1]) for row in rows.values()}) == 1  # the columns stand
 
 
-def test_parameters_are_printed_as_files_to_edit(run, tmp_path):
-    from emsid.io import datasheet_template, motor_template
+def test_parameters_are_printed_as_files_that_can_be_edited_and_read_back(run, tmp_path):
+    from emsid.io import read_datasheet, read_motor
 
-    assert run("parameters") == (0, motor_template() + "\n", "")
-    assert run("parameters", "linear-axis") == (0, datasheet_template("linear-axis") + "\n", "")
+    path = tmp_path / "printed.toml"
+    status, motor, err = run("parameters")
+    assert (status, err) == (0, "")
+    path.write_text(motor)
+    assert asdict(read_motor(path)) == asdict(emsid.Motor())
+    status, axis, err = run("parameters", "linear-axis")
+    assert (status, err) == (0, "")
+    path.write_text(axis.replace('# mass = "unknown"', 'mass = "2 t"'))
+    assert {name: given.value for name, given in read_datasheet(path).items()} == {"mass": pytest.approx(2000.0)}
     status, out, err = run("parameters", "car")
-    assert (status, out, err) == (2, "", "emsid: no datasheet of 'car'; there are motor, linear-axis\n")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert all(name in err for name in ("car", "motor", "linear-axis"))
 
 
 def test_codes_for_the_bridge_are_options(run, tmp_path):

@@ -383,11 +383,17 @@ def test_arrays_of_a_mark_belong_together(figure):
                 assert len(values) == len(remarks)
 
 
-@each_figure
-def test_drawing_is_deterministic_and_whole(figure):
-    first, second = (draw(figure, ("svg", "pdf")) for _ in range(2))
+@pytest.mark.parametrize("name", ["every mark", "ranking, whole", "two inputs, residuals", "likelihood profile, open"])
+def test_a_figure_drawn_again_is_the_same_to_the_byte(name):
+    """What could differ, the time and the numbering of elements, belongs to the writers, so some figures tell."""
+    first, second = (draw(FIGURES[name], ("svg", "pdf")) for _ in range(2))
     assert first == second
-    svg, pdf = first["svg"], first["pdf"]
+
+
+@each_figure
+def test_drawing_is_whole(figure):
+    drawn = draw(figure, ("svg", "pdf"))
+    svg, pdf = drawn["svg"], drawn["pdf"]
     root = ElementTree.fromstring(svg)
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     assert pdf.startswith(b"%PDF")

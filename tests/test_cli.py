@@ -906,3 +906,24 @@ def test_json_is_alone_on_standard_output(run, log):
     assert set(names["models"]) == set(CANDIDATES)
     (record,) = json.loads(run("describe", log, *IDENTIFY, "--json")[1])["records"]
     assert (record["samples"], record["dt"], [each["name"] for each in record["channels"]]) == (600, 0.01, ["u", "y"])
+    table = json.loads(run("parameters", "linear-axis", "--json")[1])
+    assert table["plant"] == "linear-axis"
+    assert [each["unit"] for each in table["parameters"] if each["name"] == "mass"] == ["kg"]
+    assert json.loads(run("parameters", "--json")[1])["parameters"][0]["name"] == "resistance"
+
+
+def test_a_saved_model_is_simulated_on_the_inputs_of_a_file(result, run, tmp_path):
+    inputs, out = table(tmp_path / "inputs.csv", seed=3), tmp_path / "simulated.csv"
+    words = ("simulate", result / "arx.json", inputs, "--out", out, "--json")
+    status, printed, _ = run(*words)
+    assert status == 0
+    assert json.loads(printed)["columns"] == ["t", "u", "y"]
+    simulated = emsid.read(out, input="u", output="y", time="t")
+    voltage = emsid.read(inputs, input="u", output=(), dt=0.01).input
+    expected = emsid.simulate(emsid.load(result / "arx.json"), voltage)
+    np.testing.assert_array_equal(simulated.input, voltage)
+    np.testing.assert_array_equal(simulated.output, expected.output)
+    assert "name the file with the inputs" in run("simulate", result / "arx.json", "--out", out)[2]
+    assert "identified at 0.01 s" in run(*words[:3], "--out", out, "--dt", "20ms")[2]
+    emsid.save(emsid.load(result / "arx.json"), tmp_path / "bare.json")
+    assert "does not say how its record was read" in run("simulate", tmp_path / "bare.json", inputs, "--out", out)[2]

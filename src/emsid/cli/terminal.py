@@ -152,7 +152,7 @@ def characteristics_table(characteristics: Iterable[Characteristic]) -> Table:
             f"{each.value:.4g}",
             "" if each.half_width is None or not isfinite(each.half_width) else f"{each.half_width:.2g}",
             plain_unit(each.unit),
-            each.model,
+            each.model if each.significant else f"{each.model}: not significant",
         )
         for each in characteristics
     ]

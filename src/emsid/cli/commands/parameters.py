@@ -5,7 +5,9 @@ from typing import Annotated
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.terminal import say
+from emsid.cli.options import Json
+from emsid.cli.terminal import say, say_json
+from emsid.cli.writing import as_json
 from emsid.errors import DataError
 
 
@@ -14,6 +16,7 @@ def parameters(
     plant: Annotated[
         str | None, typer.Argument(metavar="[PLANT]", help="A datasheet of this kind: motor or linear-axis.")
     ] = None,
+    json: Json = False,
 ) -> None:
     """Print a parameter file to edit.
 
@@ -25,12 +28,25 @@ def parameters(
       emsid parameters motor > datasheet.toml  # for identify --datasheet
     """
     from emsid.io import datasheet_template, motor_template
-
-    if plant is None:
-        say(motor_template())
-        return
     from emsid.models.plants.registry import described
 
-    if plant not in described():
+    if plant is not None and plant not in described():
         raise DataError(f"no datasheet of {plant!r}; there are {', '.join(described())}")
-    say(datasheet_template(plant))
+    if not json:
+        say(motor_template() if plant is None else datasheet_template(plant))
+        return
+    from emsid.plant import Motor
+
+    known = Motor.parameters() if plant is None else _parameters(plant)
+    rows = [dict(zip(("name", "symbol", "unit", "meaning"), each, strict=True)) for each in known]
+    say_json(as_json({"schema": 1, "plant": plant or "motor", "parameters": rows}))
+
+
+def _parameters(plant: str) -> list[tuple[str, str, str, str]]:
+    """Name, symbol, unit and meaning of everything that a datasheet may say of a plant."""
+    from emsid.models.plants.registry import described
+
+    return [
+        (name, handle.parameter.symbol, handle.parameter.unit, handle.parameter.description)
+        for name, handle in described()[plant].handles.items()
+    ]

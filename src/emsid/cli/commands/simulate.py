@@ -1,40 +1,118 @@
 """``emsid simulate``."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.options import quantity
-from emsid.cli.terminal import say
+from emsid.cli.options import Json, quantity
+from emsid.cli.terminal import say, say_json
+from emsid.cli.writing import as_json
 from emsid.errors import DataError
+
+if TYPE_CHECKING:
+    from emsid.record import Record
+
+STEP = 0.005
+"""Sample time in s of a record of the built-in motor."""
 
 
 @app.command()
 def simulate(
+    model: Annotated[Path | None, typer.Argument(metavar="[MODEL]", help="A model file that emsid wrote.")] = None,
+    file: Annotated[
+        Path | None, typer.Argument(metavar="[INPUT]", help="A file with the inputs to run the model on.")
+    ] = None,
+    *,
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write: .csv, .parquet or .npz.")],
     excitation: Annotated[str, typer.Option(metavar="NAME", help="Test signal; `emsid list` names them.")] = "sines",
     amplitude: Annotated[
         float, typer.Option(metavar="V", parser=quantity("V"), help="Largest voltage either way.")
     ] = 6.0,
     duration: Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Length of the record.")] = 10.0,
-    dt: Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Sample time.")] = 0.005,
+    dt: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            parser=quantity("s"),
+            help="Sample time.  [default: 0.005, or of the INPUT]",
+            show_default=False,
+        ),
+    ] = None,
     motor: Annotated[Path | None, typer.Option(metavar="TOML", help="Parameters of the motor.")] = None,
     ideal: Annotated[bool, typer.Option("--ideal", help="No noise, quantisation or delay of the bench.")] = False,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of signal and noise.", min=0)] = 1,
+    json: Json = False,
 ) -> None:
-    """Simulate a motor and write a record.
+    """Simulate a motor, or a saved model, and write a record.
+
+    Without MODEL, the built-in motor or that of --motor answers a test signal on a virtual bench. With MODEL, the
+    model runs freely from rest on the inputs in a file, whose columns, units and sample time are those that the model
+    file remembers; outputs in that file are not used.
 
     \b
     Examples:
       emsid simulate --out record.csv
+      emsid simulate emsid-result/arx.json voltage.csv --out simulated.csv
       emsid simulate --excitation multisine --amplitude 8 --duration 30 --motor motor.toml --out record.parquet
     """
+    from emsid.excitation import crest_factor
+    from emsid.io import write_record
+    from emsid.units import with_unit
+
+    if model is None:
+        record = _of_motor(excitation, amplitude, duration, STEP if dt is None else dt, motor, ideal, seed)
+    elif file is None:
+        raise DataError(f"{model}: name the file with the inputs to run the model on: simulate MODEL INPUT")
+    else:
+        record = _of_model(model, file, dt)
+    time = write_record(record, out)
+    crest, outputs = float(crest_factor(record)), zip(record.output_names, record.output_units, strict=True)
+    largest = [(name, float(abs(record.channel(name)).max()), unit) for name, unit in outputs]
+    if json:
+        channels = [time, *record.input_names, *record.output_names]
+        tops = [{"name": name, "largest": top, "unit": unit} for name, top, unit in largest]
+        document = {"file": str(out), "samples": len(record), "dt": record.dt, "columns": channels}
+        say_json(as_json({"schema": 1, **document, "crest_factor": crest, "outputs": tops}))
+        return
+    shown = ", ".join(f"{name} up to {with_unit(f'{top:.4g}', unit)}" for name, top, unit in largest)
+    say(f"{len(record)} samples, crest factor {crest:.2f}, {shown}")
+    say(f"written to {out}: columns {time}, {', '.join(record.input_names + record.output_names)}")
+
+
+def _of_model(path: Path, file: Path, dt: float | None) -> "Record":
+    """The free run of a saved model over the inputs in a file, read as the model file remembers."""
+    from emsid.io import load, origin, read, read_options
+    from emsid.models.verbs import simulate as run
+
+    model, source = load(path), origin(path)
+    reading = read_options(path)
+    if source is None or "input" not in reading:
+        raise DataError(f"{path}: the file does not say how its record was read; identify the model again")
+    columns = reading["input"]
+    known = {name.removeprefix("d(").removesuffix(")") for name in columns} | set(columns)
+    options: dict[str, Any] = {
+        name: {column: each for column, each in value.items() if column in known} if isinstance(value, dict) else value
+        for name, value in reading.items()
+    }
+    if dt is not None:
+        options = {name: value for name, value in options.items() if name not in ("time", "time_unit", "resample")}
+        options["dt"] = dt
+    driven = run(model, read(file, **(options | {"output": ()})))
+    names, units = zip(*source.outputs, strict=True)
+    return replace(driven, output_names=names, output_units=units)
+
+
+def _of_motor(
+    excitation: str, amplitude: float, duration: float, dt: float, motor: Path | None, ideal: bool, seed: int
+) -> "Record":
+    """The record of a motor on the virtual bench."""
     import numpy as np
 
-    from emsid.excitation import SIGNALS, crest_factor
-    from emsid.io import read_motor, write_record
+    from emsid.excitation import SIGNALS
+    from emsid.io import read_motor
     from emsid.plant import Bench, Motor
 
     if excitation not in SIGNALS:
@@ -44,8 +122,4 @@ def simulate(
     rng = np.random.default_rng(seed)
     voltage = SIGNALS[excitation](round(duration / dt), dt, amplitude, rng)
     bench = Bench() if ideal else Bench.typical()
-    record = bench.run(Motor() if motor is None else read_motor(motor), voltage, dt, rng)
-    time = write_record(record, out)
-    top = float(abs(record.output).max())
-    say(f"{len(record)} samples, crest factor {crest_factor(voltage):.2f}, speed up to {top:.4g} rad/s")
-    say(f"written to {out}: columns {time}, {', '.join(record.input_names + record.output_names)}")
+    return bench.run(Motor() if motor is None else read_motor(motor), voltage, dt, rng)

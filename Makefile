@@ -21,6 +21,7 @@ lint: $(VENV)/tested-with
 
 bench: $(VENV)/measured-with
 	$(BIN)/python bench/run.py
+	$(BIN)/python bench/accuracy.py
 
 # Whether 95 % intervals cover the truth, on 300 simulated records each; the tests do the same on a few.
 coverage: $(VENV)/tested-with

@@ -138,10 +138,14 @@ def geared(every: int = 1) -> None:
     columns = {"input": "Commanded_PWM", "output": "Motor_Speed(RPM)", "time": "Timestamp(ms)"}
     records = [emsid.read(file, **columns, units={"Motor_Speed(RPM)": "rpm"}) for file in files]
     fits = []
-    for k in range(0, len(records), every):
+    moving = [k for k, record in enumerate(records) if np.ptp(record.output) > 0]
+    for k in moving[::every]:
         fit = choose(rigid_motor(), emsid.concatenate([*records[:k], *records[k + 1 :]]))
         fits.append(fit_percent(fit, records[k]))
-    console.print(f"JGA25, one of {len(records)} left out: median fit {np.median(fits):.1f} %, worst {min(fits):.1f} %")
+    console.print(
+        f"JGA25, one of {len(records)} left out in turn ({len(fits)} judged): median fit {np.median(fits):.1f} %, "
+        f"worst {min(fits):.1f} %"
+    )
 
 
 PARTS: dict[str, Callable[[], None]] = {

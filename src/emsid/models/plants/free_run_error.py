@@ -20,8 +20,9 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
 from math import inf, isfinite
@@ -31,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Sizes
@@ -111,6 +113,7 @@ class FreeRunError:
     ) -> None:
         self.plant, self.signals, self.segments, self.free = plant, tuple(signals), tuple(segments), tuple(free)
         self.weighting, self.threads = weighting, threads
+        self.control = FREE  # looked at before every free run; those of a plant with a stiff shaft take seconds
         self._initial = [state.copy() for state in states]
         self._places = [
             (segment, index) for segment, indices in enumerate(free_states) for index in indices
@@ -190,7 +193,17 @@ class FreeRunError:
             known = self._linearised_at = self._differentiated(theta, True)
         return known.blocks
 
+    @contextmanager
+    def under(self, control: Control) -> Iterator[None]:
+        """While it lasts, a free run raises `Stopped` where the control ends the search."""
+        self.control = control
+        try:
+            yield
+        finally:
+            self.control = FREE
+
     def _simulated(self, theta: Array) -> list[Array]:
+        self.control.check()
         try:
             plant = self.plant_at(theta)
             with np.errstate(all="ignore"):

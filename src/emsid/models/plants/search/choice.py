@@ -110,7 +110,7 @@ def choose(
         datasheet=sheet,
         weighting=search.weighting,
         look_around=False,
-        control=control,
+        **({"max_iterations": 0} if stopped else {"control": control}),
     )
     findings = [Finding("choice-interrupted", plant.name)] if stopped else []
     if search.drifts:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from emsid.estimation.fit import Ending
 from emsid.estimation.linear.information import inverse_triangle
-from emsid.estimation.nonlinear.control import Control
+from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
 from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance
 from emsid.estimation.uncertainty.identifiability import Identifiability, identifiability
@@ -55,6 +55,12 @@ class Reached(NamedTuple):
         """Whether nobody has ended it early."""
         return self.minimum.ending is not Ending.INTERRUPTED
 
+    def ended_by(self, ending: Ending) -> Reached:
+        """The same, of a search that was to go on and was stopped."""
+        code = "search-cancelled" if ending is Ending.INTERRUPTED else "time-used-up"
+        finding = Finding(code, "", {"steps": self.steps, "offset": None})
+        return self._replace(minimum=replace(self.minimum, ending=ending, findings=(finding,)))
+
 
 def search(task: Task, start: Plant, max_iterations: int) -> Reached:
     """The parameters that minimise the error of the free run, from a plant to begin with.
@@ -68,6 +74,7 @@ def search(task: Task, start: Plant, max_iterations: int) -> Reached:
     names = keep_identifiable(identified_by(problem, task.asked, None), task.asked, task.preference)
     if len(names) < len(task.asked):
         problem = task.problem(_put_back(start, task.asked, names, task.known), names)
+    so_far: Reached | None = None
     coarse = [name for name in names if name not in start.fine]
     if 0 < len(coarse) < len(names):
         rough = task.problem(problem.plant, coarse)
@@ -76,9 +83,15 @@ def search(task: Task, start: Plant, max_iterations: int) -> Reached:
         if minimum.ending is Ending.INTERRUPTED:
             return Reached(rough, coarse, minimum, 0)
         problem = task.problem(_scan(rough, names, task), names, rough.states(rough.start))
-    rounds = _Rounds(task, start, problem, names, max_iterations)
-    while (found := rounds.next()) is None:
-        pass
+        so_far = Reached(rough, coarse, minimum, 0)
+    rounds = _Rounds(task, start, problem, names, max_iterations, so_far)
+    try:
+        while (found := rounds.next()) is None:
+            pass
+    except Stopped as stopped:  # at the start of a round
+        if rounds.so_far is None:
+            raise
+        return rounds.so_far.ended_by(stopped.ending)
     return Reached(rounds.problem, rounds.names, found, rounds.steps)
 
 
@@ -90,12 +103,22 @@ class _Rounds:
         steps: taken so far.
         bar: the cost above which what was kept at its start in the last round must not be kept there.
         stayed: the problem with it kept where the search had it.
+        so_far: where the last round ended, None before the first.
     """
 
-    def __init__(self, task: Task, start: Plant, problem: FreeRunError, names: list[str], max_iterations: int) -> None:
+    def __init__(
+        self,
+        task: Task,
+        start: Plant,
+        problem: FreeRunError,
+        names: list[str],
+        max_iterations: int,
+        so_far: Reached | None,
+    ) -> None:
         self.task, self.start, self.max_iterations = task, start, max_iterations
         self.problem, self.names = problem, names
         self.steps, self.bar, self.stayed = 0, inf, problem
+        self.so_far = so_far
 
     def next(self) -> Minimum | None:
         """One round; the minimum where it was the last."""
@@ -103,6 +126,7 @@ class _Rounds:
         share = min(LOOK, max(left, min(LOOK, self.max_iterations)))
         ended = _search(self.problem, self.task.limits, share, self.task.control)
         self.steps += ended.iterations
+        self.so_far = Reached(self.problem.begun_at(ended.estimate), list(self.names), ended, self.steps)
         interrupted = ended.ending is Ending.INTERRUPTED
         under_way = (
             ended.ending is Ending.OUT_OF_BUDGET and ended.iterations == share and self.steps < self.max_iterations
@@ -114,16 +138,19 @@ class _Rounds:
             self.problem, self.bar = self.stayed, inf
             if not interrupted:
                 return None
-            back = _search(self.problem, self.task.limits, 0, self.task.control)
+            back = _search(self.problem, self.task.limits, 0, FREE)
             ended = replace(back, ending=ended.ending, findings=ended.findings, iterations=ended.iterations)
+        if interrupted:
+            self.problem = self.problem.begun_at(ended.estimate)
+            return replace(ended, findings=tuple(_after(self.steps, finding) for finding in ended.findings))
         ended = _with_colour(self.problem, ended)
         self.problem = self.problem.begun_at(ended.estimate)
         inside = [name for name, free in zip(self.names, ended.free, strict=False) if free]
         kept = keep_identifiable(identified_by(self.problem, inside, ended), inside, self.task.preference)
-        if not (interrupted or inside) and 0 < len(self.names) < len(self.task.asked):  # only bounds are left
+        if not inside and 0 < len(self.names) < len(self.task.asked):  # only bounds are left
             self._keep(self.names, [], ended)
             return None
-        if interrupted or (len(kept) == len(inside) and not under_way):
+        if len(kept) == len(inside) and not under_way:
             return replace(ended, findings=tuple(_after(self.steps, finding) for finding in ended.findings))
         if len(kept) < len(inside):
             self._keep(inside, kept, ended)
@@ -185,7 +212,9 @@ def identified_by(problem: FreeRunError, names: Sequence[str], minimum: Minimum 
     noise = 0.0 if minimum is None else float(np.sqrt(minimum.noise_variance))
     states = range(len(problem.free), len(problem.sizes))
     places = [problem.free.index(name) for name in names]
-    jacobians = [jacobian[:, [*places, *states]] for _, jacobian in problem.exactly(problem.start)]
+    in_a_hurry = minimum is not None and minimum.ending is Ending.INTERRUPTED
+    blocks = (problem.linearised if in_a_hurry else problem.exactly)(problem.start)
+    jacobians = [jacobian[:, [*places, *states]] for _, jacobian in blocks]
     return identifiability(jacobians, problem.sizes[places], names, noise)
 
 
@@ -204,17 +233,18 @@ def search_once(problem: FreeRunError, task: Task, max_iterations: int) -> Minim
 
 def _search(problem: FreeRunError, limits: Limits, max_iterations: int, control: Control) -> Minimum:
     lower, upper = problem.within(limits)
-    return gauss_newton(
-        problem,
-        problem.start,
-        lower=lower,
-        upper=upper,
-        max_iterations=max_iterations,
-        tolerance=1e-2,
-        noise=problem.precision,
-        names=problem.names,
-        control=control,
-    )
+    with problem.under(control):
+        return gauss_newton(
+            problem,
+            problem.start,
+            lower=lower,
+            upper=upper,
+            max_iterations=max_iterations,
+            tolerance=1e-2,
+            noise=problem.precision,
+            names=problem.names,
+            control=control,
+        )
 
 
 def _after(steps: int, finding: Finding) -> Finding:

@@ -11,6 +11,7 @@ is likeliest to have them right, and the fit says which, at what, and which comb
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -96,9 +97,10 @@ def simulation_error(
     reached = _begun_again(task, continuation.search(task, start, max_iterations), max_iterations)
     if not task.free_starts and reached.unended:
         freed = replace(task, free_starts=True)
-        again = continuation.search(freed, reached.problem.plant, max_iterations)
-        if _starts_agree(freed, again.problem):
-            task, reached = freed, again
+        with suppress(Stopped):
+            again = continuation.search(freed, reached.problem.plant, max_iterations)
+            if _starts_agree(freed, again.problem):
+                task, reached = freed, again
     return _concluded(task, start, reached)
 
 
@@ -134,14 +136,12 @@ def _begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
     states = reached.problem.states(reached.problem.start)
     residuals = reached.problem.residuals(reached.problem.start)
     here = Trial(driven, tuple(reached.names), states, reached.minimum.cost, residuals)
-    try:
+    with suppress(Stopped):
         there = _workshop(task).around(here, np.random.default_rng(0), RESTARTS)
-    except Stopped:
-        return reached
-    if there is here:
-        return reached
-    again = continuation.search(task, there.plant, max_iterations)
-    return again if again.minimum.cost < reached.minimum.cost else reached
+        if there is not here:
+            again = continuation.search(task, there.plant, max_iterations)
+            return again if again.minimum.cost < reached.minimum.cost else reached
+    return reached
 
 
 RESTARTS = 6
@@ -188,7 +188,7 @@ def _shaft_unseen(task: Task, reached: Reached) -> bool:
     states = problem.states(problem.start)
     try:
         rigid = continuation.search_once(task.problem(plant, left, states), task, LOOK)
-    except EmsidError:  # one mass is not even simulated
+    except (EmsidError, Stopped):  # one mass is not even simulated, or there is no time for it
         return False
     noise = minimum.noise_variance * float(max(colour_of(minimum, len(names))))
     return rigid.cost - minimum.cost <= 0.5 * noise * float(chdtri(len(names) - len(left), 0.05))

@@ -173,10 +173,11 @@ class Workshop:
         self.control.check()
         lower, upper = problem.within(self._bounds(problem.plant, problem.free))  # type: ignore[arg-type]
         try:
-            found = gauss_newton(
-                problem, problem.start, lower=lower, upper=upper, max_iterations=steps, tolerance=0.02,
-                least_saving=SLOW, names=problem.names, covariances=False, control=self.control,
-            )  # fmt: skip
+            with problem.under(self.control):
+                found = gauss_newton(
+                    problem, problem.start, lower=lower, upper=upper, max_iterations=steps, tolerance=0.02,
+                    least_saving=SLOW, names=problem.names, covariances=False, control=self.control,
+                )  # fmt: skip
         except EmsidError:
             return None
         return problem.begun_at(found.estimate)

@@ -1,4 +1,4 @@
-# Everything a newcomer needs; `make study` on a fresh machine does the rest.
+# `make study` on a new machine builds an environment and runs the study.
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
@@ -23,7 +23,7 @@ bench: $(VENV)/measured-with
 	$(BIN)/python bench/run.py
 	$(BIN)/python bench/accuracy.py
 
-# Whether 95 % intervals cover the truth, on 300 simulated records each; the tests do the same on a few.
+# Whether 95 % intervals contain the true values, on 300 simulated records each; the tests use fewer records.
 coverage: $(VENV)/tested-with
 	cd tests && ../$(BIN)/python coverage_cascade.py 300
 	cd tests && ../$(BIN)/python coverage_grey_box.py 300
@@ -31,7 +31,7 @@ coverage: $(VENV)/tested-with
 clean:
 	rm -rf $(VENV)
 
-# One environment, three depths; each is made once and again when a version changes.
+# One environment in three stages; each is built once, and again when a version changes.
 $(VENV)/installed: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "emsid needs Python 3.11 or newer: make PYTHON=python3.12")'
 	$(PYTHON) -m venv $(VENV)
@@ -42,7 +42,7 @@ $(VENV)/tested-with: $(VENV)/installed
 	$(INSTALL) -e '.[dev]'
 	@touch $@
 
-# Machine code of the kernels, once, so that three test processes do not each compile the same ones.
+# Compile the kernels once, so that the three test processes do not all compile them.
 $(VENV)/compiled: $(VENV)/tested-with $(shell grep -rlE --include='*.py' 'njit|_kernel|_compiled' src)
 	$(BIN)/python -c 'from emsid.study.workflow import Settings, study; study(Settings(duration=2.0))'
 	@touch $@

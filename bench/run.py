@@ -1,4 +1,4 @@
-"""Speed beside the peers, in one run on one machine: ``make bench``.
+"""Speed compared with other packages, in one run on one machine: ``make bench``.
 
 Every figure is the best of several repetitions with the libraries' default thread settings, after a warm-up that
 compiles what is compiled. Slow peers are measured on fewer samples and reported per sample. Nothing here decides a
@@ -213,7 +213,7 @@ def wiener_hammerstein() -> None:
         fit = emsid.fit(emsid.wiener_hammerstein(orders, size=knots), record[:at])
         seconds = time.perf_counter() - began
         row = emsid.assess(fit, record[at:], 50).row
-        console.print(f"{what}: {seconds:.1f} s, held-back free-run RMSE {scale * row.simulation_rmse:.4g}")
+        console.print(f"{what}: {seconds:.1f} s, free-run RMSE on unseen data {scale * row.simulation_rmse:.4g}")
 
     rng = np.random.default_rng(0)
     u = np.cumsum(rng.standard_normal(20_000)) * 0.1
@@ -231,7 +231,7 @@ def wiener_hammerstein() -> None:
 
 
 def start() -> None:
-    """How long the command line takes to say what it can do."""
+    """The time of ``emsid --help``."""
     command = [sys.executable, "-c", "import sys; sys.argv = ['emsid', '--help']; from emsid.cli import main; main()"]
     seconds = best(lambda: subprocess.run(command, capture_output=True, check=True))
     console.print(f"emsid --help: {seconds:.2f} s (expected under 0.3 s)")

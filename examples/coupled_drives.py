@@ -15,7 +15,7 @@ initial states, which parameters the records determine, and the intervals. The f
 
 On the two uniform recordings of Wigren and Schoukens (*Coupled Electric Drives Data Set and Reference Models*, Uppsala
 University, 2017), fitted to the first 70 % and run on freely over the rest, the errors are 0.054 and 0.070 ticks/s on
-the fitted part and 0.112 and 0.103 ticks/s on the part held back (low and high input; the output goes up to 2.2 and
+the fitted part and 0.112 and 0.103 ticks/s on the unseen part (low and high input; the output goes up to 2.2 and
 3.8). That the sensor shows more than in proportion was found on the fitted part alone: it halved the error there.
 """
 
@@ -69,7 +69,7 @@ PLANT = OwnPlant(
         Parameter("bend", "q", "s/ticks", "how much more than in proportion the sensor shows"),
         Parameter("lag", "τ", "s", "time constant of the sensor"),
     ),
-    values=(3.0, 15.0, 1.6, (2 * np.pi * 4) ** 2, 7.0, 1.5, 0.03),  # the record rings at about 4 Hz
+    values=(3.0, 15.0, 1.6, (2 * np.pi * 4) ** 2, 7.0, 1.5, 0.03),  # the record oscillates at about 4 Hz
     states=4,
     bounds=(
         ("gain", 0.1, 100.0), ("friction", 0.1, 100.0), ("knee", 0.01, 20.0), ("stiffness", 1.0, 3000.0),
@@ -116,7 +116,7 @@ def main(arguments: Sequence[str]) -> tuple[GreyBoxFit, list[float]]:
     inside = [np.sqrt(np.mean((y - r.output) ** 2)) for y, r in zip(fit.simulated(), fit.segments, strict=True)]
     outside = held_back_errors(fit, records)
     print("RMSE on the fitted part:   ", ", ".join(f"{error:.3f}" for error in inside))
-    print("RMSE on the part held back:", ", ".join(f"{error:.3f}" for error in outside))
+    print("RMSE on the unseen part:   ", ", ".join(f"{error:.3f}" for error in outside))
     fit.plot().savefig("coupled-drives.svg")
     return fit, outside
 

@@ -126,23 +126,27 @@ def test_simulate_then_describe(run, tmp_path):
     status, out, _ = run("describe", path, "--input", "voltage", "--output", "speed", "--time", "t")
     assert status == 0
     assert "  time column t: 400 samples, dt 5 ms, jitter 0 %, no gaps, no duplicates\n" in out
-    words = "by singular values of the lagged input above 0.001 of the largest"
-    assert f"  persistently exciting of order at least 25, {words}\n" in out
+    verdict = "the input is rich enough for linear models with up to 25 parameters"
+    assert f"  order of persistent excitation at least 25: {verdict}\n" in out
 
 
 def test_quantisation_is_no_excitation_unless_it_is_asked_for(run, tmp_path):
     path = tmp_path / "made.csv"
     assert run("simulate", "--duration", "20", "--out", path)[0] == 0  # five sines, in steps of a converter
     words = ("describe", path, "--input", "voltage", "--output", "speed", "--time", "t")
-    assert "persistently exciting of order 10, " in run(*words)[1]
-    assert (
-        "order at least 50, by singular values of the lagged input above 1e-06 of the largest"
-        in (run(*words, "--tolerance", "1e-6")[1])
-    )
+    assert "order of persistent excitation 10: " in run(*words)[1]
+    assert "order of persistent excitation at least 50: " in run(*words, "--tolerance", "1e-6")[1]
     for wrong in ("0", "2", "nan"):
         status, out, err = run(*words, "--tolerance", wrong)
         assert (status, out, err.count("\n")) == (2, "", 1)
         assert "give a number between 0 and 1" in err
+
+
+def test_a_low_order_of_excitation_is_called_too_low(run, tmp_path):
+    path = tmp_path / "step.csv"
+    path.write_text("u,y\n" + "".join(f"{int(t > 100)},{t}\n" for t in range(400)))
+    out = run("describe", path, "--input", "u", "--output", "y", "--dt", "1ms")[1]
+    assert "order of persistent excitation 1: too low for most models" in out
 
 
 def test_list_names_every_model_and_signal(run):
@@ -188,7 +192,7 @@ BAD = {
     "unknown signal": (("simulate", "--excitation", "noise", "--out", "x.csv"), ("noise", "prbs")),
     "unknown suffix to write": (("simulate", "--out", "x.doc"), (".doc", ".csv")),
     "negative duration": (("simulate", "--duration", "-1", "--out", "x.csv"), ("-1",)),
-    "study of one record": (("study", "--record", "LOG"), ("--verify",)),
+    "study of one record": (("study", "--record", "LOG"), ("--validate",)),
     "study without duration": (("study", "--duration", "0"), ("duration",)),
     "more coefficients than anybody means": (
         ("identify", "LOG", *IDENTIFY, "--models", "arx", "--na", "99999999999999"),
@@ -519,7 +523,7 @@ def signalled(folder, moment, *words):
     return done.returncode, done.stdout, done.stderr
 
 
-FOUND = "emsid: identification was interrupted; what had been found by then is above and written\n"
+FOUND = "emsid: identification was interrupted; the results so far are printed above and written\n"
 MOMENTS = {
     "reading": ("at", "emsid.io", "read"),
     "importing": ("importing", "emsid.models.blocks.search", "estimation"),
@@ -800,7 +804,7 @@ def test_options_that_no_model_uses_are_named(run, log, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("study", "-u", "zzz", "--unit", "y=rpm"), "--input, --unit: that is for reading --record and --verify"),
+        (("study", "-u", "zzz", "--unit", "y=rpm"), "--input, --unit: only for --record and --validate"),
         (("identify", "LOG", *IDENTIFY, "--ridge", "1", "--forgetting", "0.9"), "choose one of them"),
         (("identify", "LOG", *IDENTIFY, "--fix", "resistance"), "write it as NAME=VALUE"),
     ],

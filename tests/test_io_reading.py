@@ -428,7 +428,7 @@ class TestMask:
             ("u BETWEEN 1 OR u = 2 AND 3", "is not understood"),
             ("(" * 31 + "u = 1" + ")" * 31, "30 brackets in brackets; mark these samples in a column of their own"),
             ("u = 1" + "+ 1" * 200, "has more than 100 operators between two ANDs or ORs; divide it"),
-            (" OR ".join(["u = 1"] * 10_000), "is too long: more than 20,000 names, numbers and signs"),
+            (" OR ".join(["u = 1"] * 10_000), "is too long: more than 20,000 names, numbers and operators"),
         ],
     )
     def test_what_is_none(self, log: Path, mask: str, message: str) -> None:

@@ -30,7 +30,7 @@ def test_rows_are_complete(result):
         for experiment in ("simulation", "experiment")
         for model in (LINEAR, PAPER, FULL, FRICTION)
         for method in ("ls", "rls")
-        for data in ("identification", "verification")
+        for data in ("identification", "unseen")
     } | {
         (experiment, model, "gn", data)
         for model, experiment in (
@@ -40,7 +40,7 @@ def test_rows_are_complete(result):
             (ONE_MASS, "experiment"),
             (TWO_MASSES, "simulation"),
         )
-        for data in ("identification", "verification")
+        for data in ("identification", "unseen")
     }
     keys = {"experiment", "model", "method", "data", "one_step_mse", "simulation_mse", "fit_percent"}
     assert all(keys <= row.keys() for row in study_data(result)["rows"])
@@ -48,19 +48,19 @@ def test_rows_are_complete(result):
 
 def test_friction_regression_is_far_better_in_free_run(result):
     simulation = result.part(SIMULATION)
-    linear, friction = (simulation.verified(model).row.simulation_mse for model in (LINEAR, FRICTION))
+    linear, friction = (simulation.on_unseen(model).row.simulation_mse for model in (LINEAR, FRICTION))
     assert linear / friction > 1000
 
 
 @pytest.mark.parametrize(("model", "ratio"), [(ONE_MASS, 557), (TWO_MASSES, 1e20)])
 def test_physical_motor_beats_the_largest_ratio_of_the_paper(result, model, ratio):
     simulation = result.part(SIMULATION)
-    linear, physical = (simulation.verified(each).row.simulation_mse for each in (LINEAR, model))
+    linear, physical = (simulation.on_unseen(each).row.simulation_mse for each in (LINEAR, model))
     assert linear / physical >= ratio
 
 
 def test_the_whole_motor_is_found_from_half_as_much_again(result):
-    fit = result.part(SIMULATION).verified(TWO_MASSES).fit
+    fit = result.part(SIMULATION).on_unseen(TWO_MASSES).fit
     assert result.part(SIMULATION).models[-1] == TWO_MASSES
     assert TWO_MASSES not in result.part(EXPERIMENT).models
     truth = np.array([DrivenMotor(Motor()).value(name) for name in fit.names])
@@ -76,7 +76,7 @@ def test_physical_motor_tells_the_constants_that_the_plant_has_from_half_as_much
     motor, electrical = Motor(), 2e-3 / 2.0
     mechanical = (motor.rotor_inertia + motor.load_inertia) * motor.resistance / motor.motor_constant**2
     for part, bench in zip(result.parts, (result.settings.bench, Bench()), strict=True):
-        fit = part.verified(ONE_MASS).fit
+        fit = part.on_unseen(ONE_MASS).fit
         found = dict(zip(fit.names, zip(fit.estimate, fit.standard_error, strict=True), strict=True))
         for name, value in truth.items():
             estimate, error = found[name]
@@ -89,18 +89,18 @@ def test_physical_motor_tells_the_constants_that_the_plant_has_from_half_as_much
 
 def test_three_blocks_are_far_better_than_their_expansion(result):
     for part in result.parts:
-        paper, blocks = (part.verified(model).row.simulation_mse for model in (PAPER, BLOCKS))
+        paper, blocks = (part.on_unseen(model).row.simulation_mse for model in (PAPER, BLOCKS))
         assert paper / blocks > 150
 
 
 def test_even_polynomial_hardly_helps_a_symmetric_dead_zone(result):
     for part in result.parts:
-        linear, paper = (part.verified(model).row.simulation_mse for model in (LINEAR, PAPER))
+        linear, paper = (part.on_unseen(model).row.simulation_mse for model in (LINEAR, PAPER))
         assert linear / paper == pytest.approx(1, abs=0.05)
 
 
 def test_one_step_errors_hide_what_free_runs_show(result):
-    linear = result.part(SIMULATION).verified(LINEAR).row
+    linear = result.part(SIMULATION).on_unseen(LINEAR).row
     assert linear.simulation_mse > 1000 * linear.one_step_mse
 
 
@@ -108,7 +108,7 @@ def test_recursive_ends_where_batch_does(result):
     compared = []
     for part in result.parts:
         for model in (LINEAR, PAPER, FULL, FRICTION):
-            batch, recursive = (part.verified(model, method).fit for method in ("ls", "rls"))
+            batch, recursive = (part.on_unseen(model, method).fit for method in ("ls", "rls"))
             assert np.all(np.abs(recursive.estimate - batch.estimate) < 2 * batch.standard_error)
             if batch.condition < 1e5:  # beyond, the initial covariance is not large against what the data say
                 np.testing.assert_allclose(recursive.estimate, batch.estimate, rtol=1e-4, atol=1e-6)
@@ -119,7 +119,7 @@ def test_recursive_ends_where_batch_does(result):
 def test_a_linear_motor_needs_no_nonlinear_model():
     motor = replace(Motor(), rotor_friction=Friction(), load_friction=Friction(), voltage_dead_zone=None)
     settings, rng = Settings(motor=motor, duration=5.0), np.random.default_rng(0)
-    first, second = (measure(settings, Bench(), kind, rng) for kind in ("identification", "verification"))
+    first, second = (measure(settings, Bench(), kind, rng) for kind in ("identification", "unseen"))
     linear = structures(first, settings.knots)[0]
     assert linear.name == LINEAR
     assert assess(least_squares(linear, first), second).row.fit_percent > 99.99
@@ -157,7 +157,7 @@ def test_even_terms_are_named_where_the_motor_is_the_same_in_both_directions(res
     named = found(result, "study-even-terms")
     assert [finding.data["study"] for finding in named] == [EXPERIMENT, SIMULATION]
     for finding in named:
-        linear, paper = (result.part(finding.data["study"]).verified(model).row for model in (LINEAR, PAPER))
+        linear, paper = (result.part(finding.data["study"]).on_unseen(model).row for model in (LINEAR, PAPER))
         assert finding.data["better"] == linear.simulation_mse / paper.simulation_mse
     assert not found(heavy, "study-even-terms")
 
@@ -180,9 +180,9 @@ def test_one_step_and_recursive_findings_hold_the_largest_of_their_study(result)
     for part, one, two in zip(
         result.parts, found(result, "study-one-step"), found(result, "study-recursive-and-batch"), strict=True
     ):
-        rows = [row for row in part.rows if row.data == "verification"]
+        rows = [row for row in part.rows if row.data == "unseen"]
         assert one.data["ratio"] == max(row.simulation_mse / row.one_step_mse for row in rows)
-        batch, recursive = (part.verified(two.subject, method).row.simulation_mse for method in ("ls", "rls"))
+        batch, recursive = (part.on_unseen(two.subject, method).row.simulation_mse for method in ("ls", "rls"))
         assert two.data["difference"] == abs(recursive / batch - 1)
 
 
@@ -190,12 +190,12 @@ def test_the_summary_holds_ratios_to_the_linear_model_and_the_papers(result):
     for part, paper in zip(result.parts, ((24.2, 2.83), (22.0, 557.0)), strict=True):
         rows = {row.model: row for row in summary(part)}
         assert tuple(rows) == part.models
-        assert rows[LINEAR].better_identification == rows[LINEAR].better_verification == 1
-        linear, friction = (part.verified(model).row.simulation_mse for model in (LINEAR, FRICTION))
-        assert rows[FRICTION].better_verification == linear / friction
-        published = (rows[PAPER].paper_identification, rows[PAPER].paper_verification)
+        assert rows[LINEAR].better_identification == rows[LINEAR].better_unseen == 1
+        linear, friction = (part.on_unseen(model).row.simulation_mse for model in (LINEAR, FRICTION))
+        assert rows[FRICTION].better_unseen == linear / friction
+        published = (rows[PAPER].paper_identification, rows[PAPER].paper_unseen)
         assert published == pytest.approx(paper, rel=0.01)
-        assert rows[FRICTION].paper_verification is None
+        assert rows[FRICTION].paper_unseen is None
 
 
 def test_the_page_opens_with_a_table_for_each_study_the_experiment_first(result):
@@ -228,12 +228,12 @@ def regressions_only(monkeypatch):
 def test_records_of_the_user_take_the_place_of_the_bench(regressions_only):
     settings = Settings(duration=5.0)
     rng = np.random.default_rng(5)
-    records = tuple(measure(settings, Bench.typical(), kind, rng) for kind in ("identification", "verification"))
+    records = tuple(measure(settings, Bench.typical(), kind, rng) for kind in ("identification", "unseen"))
     done = study(settings, records)
     experiment = done.part(EXPERIMENT)
     assert not found(done, "study-virtual-bench")
     assert experiment.identification is records[0]
-    assert experiment.verification is records[1]
+    assert experiment.unseen is records[1]
 
 
 def cancelled_at(doing):
@@ -270,7 +270,7 @@ def test_too_short_a_study_is_refused():
         Settings(duration=0.1)
 
 
-def test_verifying_on_the_same_input_is_refused(result):
+def test_two_records_with_the_same_input_are_refused(result):
     record = result.part(SIMULATION).identification
     with pytest.raises(DataError, match="have the same input"):
         study(records=(record, record))

@@ -1,6 +1,6 @@
-"""The command line: parse, call one function, print.
+"""The command line: parse options, call one function, print.
 
-Nothing heavy is imported before a command runs, so that ``emsid --help`` answers at once. Only this package knows the
+No large library is imported before a command runs, so that ``emsid --help`` is fast. Only this package uses the
 terminal, signals and the names of options.
 """
 

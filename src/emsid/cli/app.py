@@ -1,4 +1,4 @@
-"""The program that commands register with, and what ``emsid --help`` says."""
+"""The Typer application that commands register with, and the text of ``emsid --help``."""
 
 import sys
 from typing import Annotated
@@ -10,7 +10,7 @@ app = typer.Typer(
     epilog="""
     \b
     Examples:
-      emsid study                                                    a complete study, without data of your own
+      emsid study                                                    a complete study; needs no data
       emsid describe log.csv --input voltage --output speed --time t
       emsid identify log.csv --input voltage --output speed --dt 1ms
       emsid validate emsid-result/friction-narx.json other.csv

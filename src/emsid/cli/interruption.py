@@ -1,9 +1,9 @@
-"""What Ctrl-C does: the only place, with `emsid.__main__`, that knows of it.
+"""Handling of Ctrl-C. Only this module and `emsid.__main__` handle it.
 
-While models are searched for, Ctrl-C sets a flag, and nothing else: the search looks at it between its steps (see
-`emsid.estimation.nonlinear.control`) and ends with what it has. Pressed once more it ends the program. Where nothing
-has been found yet (files are read, modules imported) it ends the program at once; where results are being written it
-waits. An exception within an import may come out as another one or be lost in a callback, so the flag is kept.
+During a search, Ctrl-C only sets a flag. The search reads the flag between its steps (see
+`emsid.estimation.nonlinear.control`) and ends with the best result so far. A second Ctrl-C ends the program. While
+files are read and modules imported, Ctrl-C ends the program at once. While results are written, it waits. An exception
+during an import may be replaced by another one or lost in a callback, so the flag is kept.
 """
 
 import os
@@ -15,18 +15,18 @@ from math import inf
 from time import monotonic
 
 INTERRUPTED = 130
-"""The exit status of what was interrupted."""
+"""The exit status of an interrupted command."""
 
 MOMENT = 1.0
-"""Seconds in which Ctrl-C pressed again counts as the same press."""
+"""A second Ctrl-C within this many seconds counts as the same one."""
 
 
 class Interruption:
-    """Whether Ctrl-C was pressed since the work at hand began; the handler of the signal.
+    """Handler of Ctrl-C.
 
     Attributes:
-        pressed: whether it was.
-        words: what to say if the work ends by it.
+        pressed: whether it was pressed since the present work began.
+        words: the message if it ends the work.
     """
 
     def __init__(self) -> None:
@@ -49,23 +49,23 @@ class Interruption:
             raise KeyboardInterrupt
 
     def begin(self) -> None:
-        """Nothing has been pressed yet, and nothing found."""
+        """Begin: not pressed yet, no result yet."""
         self.pressed = self._deferred = self._asked = False
         self._when = -inf
         self.words = "interrupted before anything was found"
 
     def raise_again(self) -> None:
-        """End the work at hand where Ctrl-C was pressed and the exception got lost."""
+        """End the present work if Ctrl-C was pressed and its exception was lost."""
         if self.pressed:
             raise KeyboardInterrupt
 
     def end(self, interrupted: bool) -> None:
-        """The command is done; `emsid.cli.program` says whether it was interrupted."""
+        """End the command; `emsid.cli.program` reports an interruption."""
         self.pressed = self.pressed or interrupted
 
     @contextmanager
     def asked(self) -> Iterator[None]:
-        """The work at hand looks at `pressed` and ends by itself; pressed once more, Ctrl-C ends it."""
+        """The present work reads `pressed` and ends by itself; a second Ctrl-C ends it at once."""
         self._asked = True
         try:
             yield
@@ -74,7 +74,7 @@ class Interruption:
 
     @contextmanager
     def put_off(self) -> Iterator[None]:
-        """Writing is short and is finished before Ctrl-C counts."""
+        """Delay Ctrl-C until writing, which is short, is finished."""
         self._deferred = True
         try:
             yield
@@ -83,7 +83,7 @@ class Interruption:
 
 
 def leave_quietly() -> None:
-    """From now on Ctrl-C ends the program without a word: everything is written and printed."""
+    """From now on Ctrl-C ends the program without a message: everything is written and printed."""
     if signal.getsignal(signal.SIGINT) is INTERRUPTION:
         signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED))
 

@@ -1,4 +1,4 @@
-"""Options that several commands have, how their text is read, and how the arguments of the library are spelled."""
+"""Options of several commands, parsers of their values, and option names of the library's arguments."""
 
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -14,8 +14,8 @@ SPELLINGS = {
     "units": "unit",
     "fixed": "fix",
     "profiles": "profile",
-    "validation": "validate",
     "plant.codes": "brake",
+    "unseen": "validate",
 }
 """Arguments of the library whose option has another name."""
 
@@ -30,16 +30,16 @@ def option(argument: str) -> str:
 
 
 def with_options(problem: EmsidError) -> str:
-    """The message of an error, and the options that mend it in brackets: ``… (--dt, --time)``."""
+    """The message of an error, followed by the options to change: ``… (--dt, --time)``."""
     options = [spelled for spelled in map(option, problem.arguments) if spelled not in str(problem)]
     return f"{problem} ({', '.join(options)})" if options else str(problem)
 
 
-# --- values that a person types --------------------------------------------------------------------------------------
+# --- values on the command line --------------------------------------------------------------------------------------
 
 
 def quantity(unit: str) -> Callable[[str | float], float]:
-    """What reads a number in this unit, or one with a unit of its own: ``0.01``, ``10ms``, ``10 ms``."""
+    """A parser of numbers in this unit or with their own unit: ``0.01``, ``10ms``, ``10 ms``."""
 
     def read(text: str | float) -> float:
         if isinstance(text, float):  # a default
@@ -62,7 +62,7 @@ def quantity(unit: str) -> Callable[[str | float], float]:
 
 
 def pairs(texts: Iterable[str], name: str, form: str = "COLUMN=VALUE") -> dict[str, str]:
-    """``NAME=VALUE`` of every text."""
+    """Parse ``NAME=VALUE`` texts."""
     found: dict[str, str] = {}
     for text in texts:
         key, equals, value = text.rpartition("=")
@@ -74,7 +74,7 @@ def pairs(texts: Iterable[str], name: str, form: str = "COLUMN=VALUE") -> dict[s
 
 
 def numbers(texts: Iterable[str], name: str) -> dict[str, float]:
-    """``COLUMN=NUMBER`` of every text."""
+    """Parse ``COLUMN=NUMBER`` texts."""
     found = {}
     for key, value in pairs(texts, name).items():
         try:
@@ -85,7 +85,7 @@ def numbers(texts: Iterable[str], name: str) -> dict[str, float]:
 
 
 def names(text: str | None, name: str) -> tuple[str, ...]:
-    """``NAME,NAME,…``, each once."""
+    """Parse ``NAME,NAME,…``; each name is kept once."""
     if text is None:
         return ()
     found = tuple(dict.fromkeys(each.strip() for each in text.split(",")))
@@ -103,12 +103,12 @@ def counts(text: str | None, name: str) -> tuple[int, ...]:
 
 
 def physical_values(texts: Iterable[str], name: str, plants: Sequence[Any]) -> dict[str, float]:
-    """``PARAMETER=VALUE`` of every text in SI units, where the value may have a unit: ``resistance=2 ohm``.
+    """Parse ``PARAMETER=VALUE`` texts into SI units; the value may have a unit: ``resistance=2 ohm``.
 
     Args:
-        texts: what was typed.
+        texts: the texts of the option.
         name: of the option, for messages.
-        plants: those that may have the parameter; the first that has it says its unit.
+        plants: those that may have the parameter; the first one that has it defines its unit.
     """
     from emsid.plant.motor import read_number
 
@@ -125,7 +125,7 @@ def physical_values(texts: Iterable[str], name: str, plants: Sequence[Any]) -> d
 
 
 def physical_names(text: str | None, name: str, plants: Sequence[Any]) -> tuple[str, ...]:
-    """``PARAMETER,PARAMETER,…``, where a symbol stands for the name."""
+    """Parse ``PARAMETER,PARAMETER,…``; a symbol may replace the name."""
     return tuple(_known(each, plants)[0] for each in names(text, name))
 
 
@@ -133,7 +133,7 @@ def _known(key: str, plants: Sequence[Any]) -> tuple[str, Any]:
     """The name and the handle of a parameter in the first plant that has it.
 
     Raises:
-        ModelError: where no plant has it, with the names that the first one has.
+        ModelError: where no plant has it; the message lists the parameters of the first plant.
     """
     from emsid.models.plants.parameters import find_handle
 
@@ -150,7 +150,7 @@ def _known(key: str, plants: Sequence[Any]) -> tuple[str, Any]:
 
 Transient = Annotated[
     int | None,
-    typer.Option(metavar="N", help="Samples that start a free run and are left out of every error.", min=0),
+    typer.Option(metavar="N", help="Samples at the start of a free run that are left out of every error.", min=0),
 ]
 Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report, the figures and the results.")]
 Pdf = Annotated[bool, typer.Option("--pdf", help="Write every figure as PDF too.")]

@@ -1,4 +1,4 @@
-"""The program from its first signal handler to its exit status."""
+"""The program, from installing the signal handlers to the exit status."""
 
 import signal
 import sys
@@ -21,16 +21,18 @@ __all__ = ["commands", "main"]
 
 
 def main() -> None:
-    """Run the command line; what a user can mend is one line on standard error and exit status 2."""
+    """Run the command line. An error of the user is printed as one line on standard error; its exit status is 2."""
     INTERRUPTION.begin()
     if not sys.warnoptions:
-        warnings.simplefilter("ignore")  # they speak to programmers
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as a shell does for what runs in the background
+        warnings.simplefilter("ignore")  # warnings are for programmers
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # a shell ignores it for background jobs
         signal.signal(signal.SIGINT, INTERRUPTION)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # with all that is cleaned up on leaving
+    signal.signal(
+        signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM)
+    )  # as an exception, so that cleaning up takes place
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors=SPELT_OUT)  # a terminal that has no ² or Ω gets ^2 and ohm
+            stream.reconfigure(errors=SPELT_OUT)  # ^2 and ohm for a terminal without ² or Ω
     try:
         try:
             status = app(sys.argv[1:] or ["--help"], prog_name="emsid", standalone_mode=False)
@@ -39,15 +41,15 @@ def main() -> None:
         if INTERRUPTION.pressed:
             _end_interrupted()
         sys.exit(status)
-    except typer.TyperException as problem:  # an option or argument that there is not, or of another type
+    except typer.TyperException as problem:  # an unknown option or argument, or one of another type
         message = getattr(problem, "format_message", problem.__str__)()
         command = getattr(getattr(problem, "ctx", None), "command_path", "emsid")
         _end(f"{message[:1].lower()}{message[1:].rstrip('.')}; see {command} --help", USER_ERROR)
     except EmsidError as problem:
         _end(with_options(problem), USER_ERROR)
-    except OSError as problem:  # files are no matter for this place: it is where one prints to
-        sys.stdout = StringIO()  # what is left of the output must not fail once more on leaving
-        if isinstance(problem, BrokenPipeError):  # the reader has seen enough
+    except OSError as problem:  # `emsid.io` handles files; this error is of standard output
+        sys.stdout = StringIO()  # the rest of the output must not fail again at exit
+        if isinstance(problem, BrokenPipeError):  # the reader of the pipe has closed it
             sys.exit(1)
         _end(f"the output cannot be written ({(problem.strerror or str(problem)).lower()})", USER_ERROR)
     except BaseException:
@@ -59,7 +61,7 @@ def main() -> None:
 
 
 def _end_interrupted() -> NoReturn:
-    """Say what became of what was interrupted."""
+    """Print what happened to the interrupted work."""
     INTERRUPTION.pressed = False
     _end(INTERRUPTION.words, INTERRUPTED)
 

@@ -1,4 +1,4 @@
-"""The options that say how files are read, shared by every command that reads records."""
+"""The options for reading files, shared by all commands that read records."""
 
 import inspect
 from collections.abc import Callable, Mapping
@@ -19,11 +19,11 @@ Command = TypeVar("Command", bound=Callable[..., None])
 
 @dataclass(frozen=True)
 class Reader:
-    """How files are read: the arguments of `emsid.io.read` that were given.
+    """Reads files with the given arguments of `emsid.io.read`.
 
     Args:
-        given: by name.
-        usual: what the command gives where the user says nothing.
+        given: arguments by name.
+        usual: defaults of the command.
     """
 
     given: Mapping[str, Any]
@@ -37,19 +37,19 @@ class Reader:
 
     @property
     def typed(self) -> list[str]:
-        """The options that the user gave."""
+        """The names of the options that the user gave."""
         return [option(name) for name, value in self.given.items() if value != self.usual.get(name)]
 
     @property
     def remembered(self) -> dict[str, Any]:
-        """What holds for other files of the same kind too, as a model file keeps it: all but the rows."""
+        """The arguments that also suit other files of the same kind: all but the rows. A model file keeps them."""
         return {name: value for name, value in self.given.items() if name != "rows"}
 
     def after(self, remembered: Mapping[str, Any] | None) -> "Reader":
-        """The same, and where nothing is given, as a model file remembers it.
+        """A reader that takes arguments that are not given from a model file.
 
-        Gains, offsets and units are given column by column. A sample time takes the place of a time column, and the
-        other way round. An empty text leaves out what the file remembers.
+        Gains, offsets and units are merged column by column. A sample time replaces a time column, and vice versa. An
+        empty text removes an argument of the file.
         """
         before = dict(remembered or {})
         if "dt" in self.given and "time" not in self.given:
@@ -74,7 +74,7 @@ def _rows(text: str) -> slice:
 
 
 Input = Annotated[
-    list[str], typer.Option("--input", "-u", metavar="COL", help="Input column, such as the voltage; may repeat.")
+    list[str], typer.Option("--input", "-u", metavar="COL", help="Input column, such as the voltage; may be repeated.")
 ]
 Output = Annotated[
     list[str],
@@ -83,9 +83,9 @@ Output = Annotated[
 Dt = Annotated[
     float | None, typer.Option(metavar="S", parser=quantity("s"), help="Sample time: 0.001 (seconds) or 1ms.")
 ]
-Time = Annotated[str | None, typer.Option(metavar="COL", help="Time column, checked for regularity.")]
+Time = Annotated[str | None, typer.Option(metavar="COL", help="Time column; it must be regular (see --resample).")]
 TimeUnit = Annotated[
-    str | None, typer.Option(metavar="UNIT", help="Unit of the time column, if its header does not say: s, ms, us.")
+    str | None, typer.Option(metavar="UNIT", help="Unit of the time column if its header has none: s, ms, us.")
 ]
 Resample = Annotated[bool, typer.Option("--resample", help="Interpolate an irregular time axis to a regular one.")]
 Rows = Annotated[str | None, typer.Option(metavar="A:B", help="Data rows to take, from A up to but not B.")]
@@ -129,7 +129,7 @@ def _reader(
     pwm_full_scale: PwmFullScale = None,
     derivative_window: DerivativeWindow = None,
 ) -> dict[str, Any]:
-    """The arguments of `emsid.io.read` that these options give."""
+    """Convert the options to arguments of `emsid.io.read`."""
     given = {
         "input": input,
         "output": output,
@@ -151,10 +151,10 @@ def _reader(
 
 
 def reads_records(**defaults: Any) -> Callable[[Command], Command]:
-    """Give a command the options of `_reader`; the `Reader` that they make is its argument ``reader``.
+    """Add the options of `_reader` to a command; its argument ``reader`` is the `Reader` made from them.
 
     Args:
-        defaults: of options that may be left out in this command.
+        defaults: values of options that are not given.
     """
 
     def decorate(command: Command) -> Command:

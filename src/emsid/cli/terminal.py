@@ -1,8 +1,8 @@
-"""The only place that prints: lines, tables and a progress bar.
+"""Printing of lines, tables and a progress bar. Nothing else prints.
 
-Whatever is printed may hold text from a file (names of columns, models and units). Such text is data: control
-characters and those that change the direction of writing are shown as escapes, and nothing in it is markup. Signs that
-the terminal's encoding does not have are spelled out.
+Printed text may come from a file (names of columns, models and units). Such text is data: control characters and
+characters that change the direction of writing are shown as escapes, and nothing in it is markup. Characters that the
+encoding of the terminal lacks are spelled out.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 
 SPELT_OUT = "emsid-spelt-out"
-"""What to do about signs that an encoding has not, by its name among the `codecs`: see `_spell_out`."""
+"""Name of the error handler in `codecs` for characters that an encoding lacks: see `_spell_out`."""
 _SPELT = {"Ω": "ohm", "·": "*", "µ": "u", "–": "-", "−": "-", "±": "+/-", "…": "...", "√": "sqrt", "∞": "inf"}
 _RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
 def _spell_out(problem: UnicodeError) -> tuple[str, int]:
-    """The same as one types it, ``kg·m²`` as ``kg*m^2``; a question mark for what has no such spelling."""
+    """Spell a character in ASCII, ``kg·m²`` as ``kg*m^2``; a question mark where there is no spelling."""
     assert isinstance(problem, UnicodeEncodeError)
     text = problem.object[problem.start : problem.end]
     text = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda power: f"^{power[0].translate(_RAISED)}", text)
@@ -45,25 +45,25 @@ def _spell_out(problem: UnicodeError) -> tuple[str, int]:
 codecs.register_error(SPELT_OUT, _spell_out)
 
 
-# Control characters but the tab, separators of lines, what changes the direction of writing or cannot be seen at all,
-# and halves of characters.
+# Control characters except the tab, line separators, characters that change the direction of writing or are invisible,
+# and surrogates.
 _UNPRINTABLE = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff]"
 )
 
 
 def harmless(text: str) -> str:
-    r"""A text with everything that a terminal would obey shown as an escape, such as ``\x1b``; lines stay."""
+    r"""A text with control characters shown as escapes, such as ``\x1b``; line breaks stay."""
     return _UNPRINTABLE.sub(lambda found: found[0].encode("unicode_escape", "surrogatepass").decode(), text)
 
 
 def one_line(text: str) -> str:
-    """A text as one harmless line."""
+    """A text as one line without control characters."""
     return harmless(" ".join(text.splitlines()))
 
 
 def shown(text: str) -> str:
-    """A text as it will stand on this terminal, for columns to be as wide."""
+    """A text as this terminal shows it, to compute the width of columns."""
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
     return one_line(text).encode(encoding, SPELT_OUT).decode(encoding)
 
@@ -75,7 +75,7 @@ def say(*lines: str) -> None:
 
 
 def say_json(content: bytes) -> None:
-    """Print a JSON document on standard output; its texts escape what a terminal would obey."""
+    """Print a JSON document on standard output; control characters in its texts are escaped."""
     text = content.decode()
     print(_UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text), end="", flush=True)
 
@@ -86,7 +86,7 @@ Align = Literal["left", "right"]
 def plain_table(
     title: str, headings: Mapping[str, Align], rows: Iterable[Sequence[str]], folded: Collection[str] = ()
 ) -> Table:
-    """A table of texts, none of which is taken for markup; the columns ``folded`` may take several lines."""
+    """A table of texts without markup; cells of the columns ``folded`` may have several lines."""
     from rich.table import Table
     from rich.text import Text
 
@@ -99,10 +99,11 @@ def plain_table(
 
 
 EXPLAINED = (
-    "free run: the model sees only the inputs; one-step: it also sees the measured output up to the sample before. "
-    "fit %: 100 is exact, 0 is no better than the mean of the output."
+    "free run: simulation from the input alone. one-step: prediction from measured outputs up to the sample before. "
+    "fit %: 100 is exact, 0 is no better than the mean of the output. method: ls least squares, rls recursive least "
+    "squares, gn Gauss–Newton search on the free run. data: used in fit, or unseen (no model was fitted to it)."
 )
-"""What stands under a table of errors."""
+"""The note below a table of errors."""
 
 
 def text_table(content: document.Table) -> Table:
@@ -114,7 +115,7 @@ def text_table(content: document.Table) -> Table:
 
 
 def error_table(rows: Sequence[Row], title: str, unit: str = "") -> Table:
-    """A line for every row, or where it is of several outputs, for every output."""
+    """A table with a line for every row and output."""
     from emsid.validation.comparison import OutputErrors
 
     several = any(row.outputs for row in rows)
@@ -133,7 +134,7 @@ def error_table(rows: Sequence[Row], title: str, unit: str = "") -> Table:
                 (
                     row.model + note,
                     row.method,
-                    row.data,
+                    row.data_label,
                     *names,
                     f"{errors.simulation_rmse:.5g}",
                     f"{errors.simulation_mse:.4g}",
@@ -145,7 +146,7 @@ def error_table(rows: Sequence[Row], title: str, unit: str = "") -> Table:
 
 
 def characteristics_table(characteristics: Iterable[Characteristic]) -> Table:
-    """Gain, time constant, dead zone and friction, with intervals."""
+    """A table of gain, time constant, dead zone and friction, with intervals."""
     lines = [
         (
             each.name,
@@ -157,11 +158,11 @@ def characteristics_table(characteristics: Iterable[Characteristic]) -> Table:
         for each in characteristics
     ]
     headings: dict[str, Align] = {"quantity": "left", "value": "right", "±": "right", "unit": "left", "model": "left"}
-    return plain_table("the drive, with 95 % intervals", headings, lines)
+    return plain_table("characteristics of the drive, with 95 % intervals", headings, lines)
 
 
 def physical_table(fit: GreyBoxFit) -> Table:
-    """The parameters of a plant, and where some could not be estimated, the combinations of them that could."""
+    """A table of the parameters of a plant and, if some are not identifiable, of the identifiable combinations."""
     from emsid.models.plants.search.result import Status
 
     rows = [(row.name, row.symbol, row.value, row.standard_error, row.unit, str(row.status)) for row in fit.table]
@@ -173,7 +174,7 @@ def physical_table(fit: GreyBoxFit) -> Table:
         ]
     lines = []
     for name, symbol, value, error, unit, status in rows:
-        width = "" if not error or not isfinite(error) else f"{1.96 * error:.2g}"  # none where a bound holds it
+        width = "" if not error or not isfinite(error) else f"{1.96 * error:.2g}"  # no interval at a bound
         lines.append((name, symbol, f"{value:.5g}", width, plain_unit(unit), status))
     headings: dict[str, Align] = dict.fromkeys(("quantity", "symbol"), "left")
     headings |= dict.fromkeys(("value", "±"), "right")
@@ -182,7 +183,7 @@ def physical_table(fit: GreyBoxFit) -> Table:
 
 
 def show(table: Table) -> None:
-    """Print a table, as wide as the terminal where there is one."""
+    """Print a table in the width of the terminal, if there is one."""
     from rich.console import Console
 
     console = Console(highlight=False)
@@ -192,10 +193,10 @@ def show(table: Table) -> None:
 
 
 class Progress:
-    """What a piece of work reports to: a bar that shows how many steps of how many are done, where that is known.
+    """Receiver of progress reports.
 
     Args:
-        update: called with what is being done, how many steps are done, and of how many (None where nobody knows).
+        update: called with the present activity, the steps done, and their total number (None if unknown).
     """
 
     def __init__(self, update: Callable[[str, int, int | None], None]) -> None:
@@ -203,7 +204,7 @@ class Progress:
 
     @property
     def control(self) -> Control:
-        """For work that looks at a `Control`."""
+        """Report the activity of a `Control`."""
         from emsid.estimation.nonlinear.control import Control
 
         return Control(
@@ -214,10 +215,10 @@ class Progress:
 
 @contextmanager
 def working() -> Iterator[Control]:
-    """The control of a search: it shows what is being done, and is cancelled by Ctrl-C.
+    """The control of a search: it shows the present activity, and Ctrl-C cancels it.
 
     Raises:
-        KeyboardInterrupt: where the search was stopped before it found anything.
+        KeyboardInterrupt: if the search was stopped before it had a result.
     """
     from emsid.estimation.nonlinear.control import Stopped
 
@@ -231,7 +232,7 @@ def working() -> Iterator[Control]:
 
 @contextmanager
 def progress_bar() -> Iterator[Progress]:
-    """A bar on standard error, where that is a terminal, that names what is being done."""
+    """A progress bar on standard error, if that is a terminal, with the present activity."""
     from rich import progress
     from rich.console import Console
 
@@ -253,5 +254,5 @@ def progress_bar() -> Iterator[Progress]:
     try:
         yield Progress(update)
     finally:
-        with INTERRUPTION.put_off():  # the work is done or has been left, and nothing of it may be lost
+        with INTERRUPTION.put_off():  # the work has ended, and its result must not be lost
             bar.stop()

@@ -1,4 +1,4 @@
-"""What a command leaves in its folder: results, model files, the report; and what it prints about them."""
+"""Writing of results, model files and the report into a folder, and the messages about them."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -19,7 +19,7 @@ Result = TypeVar("Result", "Study", "Identification")
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse a folder that cannot be written to before hours are spent on what goes there."""
+    """Refuse a folder that cannot be written to, before a long search starts."""
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
         raise DataError(f"--out {folder}: {there} is not a folder that can be written to; choose another")
@@ -35,17 +35,17 @@ def write(
     """Write JSON documents and model files into a folder.
 
     Args:
-        folder: where to.
-        documents: what goes into the file of each name.
-        fits: whose models are saved.
+        folder: the folder.
+        documents: content by name of the file.
+        fits: fits whose models are saved.
         origin: the record that they were identified from.
-        reading: how that record was read.
+        reading: arguments with which that record was read.
     """
     from emsid.io import atomic_write, save
 
     for fit in fits:
         save(fit.model, folder / f"{fit.model.name}.json", origin, reading)
-    for name, content in documents.items():  # after the models, which it names
+    for name, content in documents.items():  # after the model files, which it names
         atomic_write(folder / name, as_json(content))
 
 
@@ -58,19 +58,19 @@ def as_json(content: Any) -> bytes:
 
 @contextmanager
 def kept(result: "Result", what: str) -> Iterator["Result"]:
-    """The result, with whether it was interrupted, to be written and printed even if that is interrupted.
+    """Let a result be written and printed even if Ctrl-C is pressed meanwhile.
 
-    Then Ctrl-C means what comes next: the drawing.
+    Afterwards Ctrl-C stops the next step, the drawing.
     """
     stopped = result.interrupted or INTERRUPTION.pressed
     INTERRUPTION.pressed = False
     with INTERRUPTION.put_off():
         yield replace(result, interrupted=stopped)
-    INTERRUPTION.words = f"{what} was interrupted; what had been found by then is above and written"
+    INTERRUPTION.words = f"{what} was interrupted; the results so far are printed above and written"
 
 
 def draw(folder: Path, report: Callable[[], Any], pdf: bool = False) -> bool:
-    """Write the report with its figures, as PDF too where asked for; false where Ctrl-C was pressed meanwhile."""
+    """Write the report with its figures, with PDF on request; false if Ctrl-C was pressed meanwhile."""
     try:
         INTERRUPTION.raise_again()
         from emsid.report.page import write_report
@@ -85,7 +85,7 @@ def draw(folder: Path, report: Callable[[], Any], pdf: bool = False) -> bool:
 
 
 def say_where(folder: Path, drawn: bool, *names: str, possible: Iterable[str] = ()) -> None:
-    """Where to look, and what in there is of another run."""
+    """Print where the files are, and which files there are from an earlier run."""
     report = ("report.html", "figures/") if drawn else ()
     say(f"written to {folder}/: {', '.join((*report[:1], *names, *report[1:]))}")
     old = [name for name in ("report.html", *possible) if name not in (*report, *names) and (folder / name).exists()]

@@ -1,4 +1,4 @@
-"""From records to a ranked list of models."""
+"""Identification: fit several models to records and rank them."""
 
 from emsid.identification.candidates import Options
 from emsid.identification.characteristics import Characteristic

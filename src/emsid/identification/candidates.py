@@ -1,7 +1,7 @@
 """The models that `emsid identify` knows by name.
 
-Every candidate is a function from a record to a fit. What is not given (orders, delay, knots) it chooses on a part of
-the record that it holds back for that; then it is fitted to the whole record.
+Every candidate is a function from a record to a fit. It chooses orders, delay and knots that are not given on selection
+data, a part of the record. Then it is fitted to the whole record.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from emsid.validation.comparison import assess
 
 @dataclass(frozen=True)
 class Options:
-    """What a user may fix; whatever is None is chosen on held-back data.
+    """Options of candidates; those that are None are chosen on selection data.
 
     Args:
         na: coefficients of past outputs.
@@ -55,21 +55,21 @@ class Options:
         nk: delay in samples.
         degree: of the polynomial of a Wiener–Hammerstein regression.
         taps: of its first filter.
-        knots: hinges on either side of zero in a friction regression; knots, or the degree, of a static map.
+        knots: hinges on each side of zero in a friction regression; knots or degree of a static map.
         orders: of the filters of a cascade of blocks, as many as it has.
         static: family of its static map, or the name of one; by default a spline where knots are given, or chosen with
             everything else.
         ridge: weight of the squared parameters.
         forgetting: forgetting factor; recursive least squares is used where it is given.
         fixed: physical parameters that are known, by name or symbol, in SI units or as texts with a unit.
-        datasheet: what is said of others: where to start, and how far off they may be. By name or symbol a number in SI
-            units, a text with a unit, ``{"value": "2 ohm", "tolerance": "10 %"}``, or a `Given`.
-        codes: values of the input, or of a second one, that are no command, and what the bridge of a motor then does.
-        free: physical parameters to estimate, these and no others; by default what the plant usually has unknown, with
-            the refinements that held-back data ask for.
-        recent: s after which errors of physical models are forgotten; see `Recent`. By default they never are.
-        profile: physical parameters to take a likelihood profile of.
-        held_back: fraction of the record on which choices are made; see `emsid.record.hold_back`.
+        datasheet: starting values and tolerances of other parameters. By name or symbol a number in SI units, a text
+            with a unit, ``{"value": "2 ohm", "tolerance": "10 %"}``, or a `Given`.
+        codes: values of an input that are not a command, and the state of the motor bridge that they mean.
+        free: exactly the physical parameters to estimate; by default those that the plant usually has unknown, with
+            refinements.
+        recent: time in s after which errors of physical models are forgotten; see `Recent`. By default, never.
+        profile: physical parameters whose likelihood profiles are computed.
+        held_back: fraction of the record that is selection data; see `emsid.record.hold_back`.
     """
 
     na: int | None = None
@@ -100,11 +100,11 @@ class Options:
 
     @property
     def given(self) -> list[str]:
-        """The names of those that differ from what they are by default."""
+        """The names of options that differ from their defaults."""
         return [each.name for each in fields(self) if getattr(self, each.name) != getattr(_DEFAULTS, each.name)]
 
     def estimate(self, structure: Structure, record: Record, history: bool = False) -> Fit[Any]:
-        """Fit a structure in the way that these options ask for."""
+        """Fit a structure with these options."""
         if self.forgetting is None:
             return least_squares(structure, record, ridge=self.ridge)
         return recursive_least_squares(structure, record, forgetting=self.forgetting, history=history)
@@ -113,7 +113,7 @@ class Options:
 _DEFAULTS = Options()
 
 ROUNDS = 2
-"""How often all orders and delays are gone through when they are chosen."""
+"""The number of passes over all orders and delays when they are chosen."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class Regression:
     Args:
         summary: what it is, in a few words.
         build: the structure for a record and choices.
-        choices: for every option that the family has, what is tried, from simple to complex.
+        choices: the values to try for every option of the family, from simple to complex.
     """
 
     summary: str
@@ -136,21 +136,21 @@ class Regression:
         return (*self.choices, "ridge", "forgetting", "held_back")
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
-        """Choose what is not fixed on held-back data and fit to the whole record."""
+        """Choose options that are not given on selection data, then fit to the whole record."""
         given = {name: getattr(options, name) for name in self.choices}
         choices = {name: values if given[name] is None else (given[name],) for name, values in self.choices.items()}
         chosen = {name: values[0] for name, values in choices.items()}
         if any(len(values) > 1 for values in choices.values()):
             train, rest = hold_back(record, options.held_back)
             start = self.build(record, {name: values[-1] for name, values in choices.items()}).memory
-            exact = 1e-20 * float(np.var(rest.output))  # below, differences are rounding
+            exact = 1e-20 * float(np.var(rest.output))  # smaller differences are rounding
             problems: list[Exception] = []
 
             def error(choice: Mapping[str, int]) -> float:
                 try:
                     fit = options.estimate(self.build(record, choice), train)
                     return max(assess(fit, rest, start).row.simulation_mse, exact)
-                except (EmsidError, ValueError, ArithmeticError) as problem:  # a choice that cannot be fitted is none
+                except (EmsidError, ValueError, ArithmeticError) as problem:  # leave out a choice that cannot be fitted
                     problems.append(problem)
                     return np.inf
 
@@ -196,7 +196,7 @@ def _friction_narx(record: Record, choice: Mapping[str, int]) -> Structure:
 def stribeck_speeds(record: Record) -> tuple[float, float]:
     """Two speeds over which a Stribeck excess may decay: 3 and 10 % of the largest output."""
     top = float(abs(record.output).max())
-    return float(f"{0.03 * top:.3g}"), float(f"{0.1 * top:.3g}")  # to be read by people
+    return float(f"{0.03 * top:.3g}"), float(f"{0.1 * top:.3g}")  # short numbers for the printed structure
 
 
 class ModelKind(Protocol):
@@ -213,7 +213,7 @@ class ModelKind(Protocol):
         ...
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
-        """Choose what the options leave open on data held back for that, and fit to the whole record."""
+        """Choose options that are not given on selection data, then fit to the whole record."""
         ...
 
 
@@ -223,7 +223,7 @@ class Blocks:
 
     Args:
         summary: what it is, in a few words.
-        topology: which filters stand beside the map.
+        topology: the filters before and after the map.
     """
 
     summary: str
@@ -231,7 +231,7 @@ class Blocks:
     uses: ClassVar[tuple[str, ...]] = ("nk", "knots", "orders", "static")
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
-        """Choose orders, knots and delay on held-back data and fit to the free run over the whole record."""
+        """Choose orders, knots and delay on selection data, then fit to the free run over the whole record."""
         settings = CascadeSearch(static=options.static, size=options.knots, delay=options.nk)
         return CascadeStructure(self.topology, self._orders(options), settings).fit(record, control=control)
 
@@ -252,12 +252,12 @@ class Blocks:
 
 @dataclass(frozen=True)
 class Physical:
-    """A plant with physical parameters as a candidate, with those refinements that the record asks for.
+    """A plant with physical parameters as a candidate, with refinements that improve it.
 
     Args:
         summary: what it is, in a few words.
-        plant: to begin with.
-        refinements: what may be added to it, if it has a drive.
+        plant: the plant without refinements.
+        refinements: possible additions, if it has a drive.
     """
 
     summary: str
@@ -266,7 +266,7 @@ class Physical:
     uses: ClassVar[tuple[str, ...]] = ("fixed", "datasheet", "codes", "free", "recent", "profile")
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
-        """Choose the refinements, unless it is said what is free, and fit to the whole record."""
+        """Choose the refinements unless ``free`` is given, then fit to the whole record."""
         plant = self.coded(options)
         weighting: Weighting = all_alike
         if options.recent is not None:
@@ -351,15 +351,15 @@ CANDIDATES: MutableMapping[str, ModelKind] = _Candidates(
     }
 )
 
-# What is tried when nobody names a model: what any record of one input and one output can be described by.
+# The models that are fitted by default: they suit any record of one input and one output.
 USUAL = ("arx", "wiener-hammerstein-regression", "friction-narx", "wiener-hammerstein")
 
 
 def fit_or_problem(search: Callable[[], Fit[Any]]) -> Fit[Any]:
-    """What a search finds.
+    """The result of a search.
 
     Raises:
-        ModelError: also where numbers beyond all reason defeat the linear algebra in it.
+        ModelError: also where the linear algebra fails because numbers are out of range.
     """
     try:
         return search()

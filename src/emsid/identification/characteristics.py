@@ -1,4 +1,4 @@
-"""What an engineer asks of a drive first: gain, time constant, dead zone, friction, each with its interval."""
+"""Characteristics of a drive with intervals: gain, time constant, dead zone, friction."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from emsid.validation.comparison import Comparison
 
 Array = NDArray[np.float64]
 
-# What a linear model has too.
+# Characteristics that a linear model has too.
 LINEAR = ("gain", "time constant")
-# How many times the smallest free-run RMSE another model may have to be asked as well.
+# Another model is also used if its free-run RMSE is at most this multiple of the smallest one.
 NEARLY = 1.5
-# Quantities of plants that say the same as others and are left out of a short list.
+# Quantities of plants that repeat others and are left out of a short list.
 LEFT_OUT = ("acceleration", "electromechanical", "electrical", "inertia ratio")
 
 
@@ -39,9 +39,9 @@ class Characteristic:
     Attributes:
         name: what it is.
         value: in the unit.
-        half_width: of its 95 % interval, to first order; None where it is not known.
+        half_width: half the width of its 95 % interval, to first order; None where it is not known.
         unit: of value and interval.
-        model: by which model.
+        model: the model that gives it.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Characteristic:
 
 
 def characteristics(comparison: Comparison, record: Record) -> tuple[Characteristic, ...]:
-    """Those of the best model, and dead zone and friction of the first other model that is nearly as good.
+    """The characteristics of the best model, and dead zone and friction of the next model that is nearly as good.
 
     Args:
         comparison: the models on unseen data.

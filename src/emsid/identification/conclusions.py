@@ -1,4 +1,4 @@
-"""What follows from an identification: a verdict on the residual, and what to do next, as findings."""
+"""Conclusions of an identification as findings: a verdict on the residual, and what to do next."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def next_steps(comparison: Comparison, record: Record, unseen: Record, *, seen: 
         comparison: the models on the unseen data.
         record: what they were fitted to.
         unseen: what they were ranked on.
-        seen: whether that is not unseen at all.
+        seen: whether the models were fitted to some of it.
     """
     best = comparison.best
     fit = best.row.fit_percent

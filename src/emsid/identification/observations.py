@@ -1,4 +1,4 @@
-"""What is to be known about the models that were found and about the data, as findings."""
+"""Findings about the fitted models and the data."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from emsid.validation.comparison import Assessment, Comparison
 from emsid.validation.residual_test import residual_tests
 
 BEYOND = 0.1
-"""An input that leaves the range fitted to by more than this part of it makes the models extrapolate."""
+"""Models extrapolate if an input leaves its range in the fit by more than this fraction of the range."""
 
 
 def observations(
     comparison: Comparison, record: Record, unseen: Record, profiles: Mapping[str, tuple[Profile, ...]]
 ) -> list[Finding]:
-    """All that follows from the models, their free runs on unseen data, and their profiles.
+    """All findings about the models, their free runs on unseen data, and their profiles.
 
     Args:
         comparison: the models on the unseen data, the best free run first.
@@ -54,7 +54,7 @@ def observations(
 
 
 def _about_the_best(comparison: Comparison, unseen: Record, seen: bool) -> list[Finding]:
-    """How good the best free run is."""
+    """The error of the best free run."""
     row = comparison.best.row
     if not np.isfinite(row.simulation_mse):
         return []
@@ -96,7 +96,7 @@ def about_the_residual(best: Assessment) -> list[Finding]:
 
 
 def about_the_unseen_input(record: Record, unseen: Record, seen: bool = False) -> list[Finding]:
-    """What unseen data cannot test because their input is constant, or where it leaves the range fitted to."""
+    """Inputs that are constant in the unseen data, or outside their range in the fit."""
     u = unseen.input
     if np.all(np.ptp(u, axis=0) == 0):
         levels = [{"name": name, "level": float(x)} for name, x in zip(unseen.input_names, u[0], strict=True)]
@@ -117,7 +117,7 @@ def about_the_unseen_input(record: Record, unseen: Record, seen: bool = False) -
 
 
 def about_a_fit(fit: Fit[Any], record: Record) -> list[Finding]:
-    """What an estimator noticed, and what a cascade shows on the data it was fitted to."""
+    """Findings of the estimator, and of a cascade on the data it was fitted to."""
     noticed = [*fit.findings, *(advice(fit, record) if isinstance(fit.model, Cascade) else ())]
     return [each.about(fit.model.name) for each in noticed]
 
@@ -130,7 +130,7 @@ def about_a_profile(model: str, profile: Profile) -> Finding:
 
 
 def built_in_values(fit: Fit[Any], options: Options) -> list[Finding]:
-    """What a plant usually has unknown and a choice of what is free left at its built-in value."""
+    """Parameters that are usually unknown but are neither free nor given, and so keep their built-in values."""
     if not (options.free and isinstance(fit, GreyBoxFit)):
         return []
     plant = fit.model.plant
@@ -152,7 +152,7 @@ def failure(name: str, problem: EmsidError) -> Finding:
 
 
 def profile_failure(model: str, parameter: str, problem: EmsidError) -> Finding:
-    """A profile that could not be taken."""
+    """A profile that could not be computed."""
     return Finding("profile-failed", parameter, {"model": model, "reason": str(problem)})
 
 

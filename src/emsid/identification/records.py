@@ -1,4 +1,4 @@
-"""The records that `identify` is given: as they are, or as paths of files to be read."""
+"""The records of `identify`, given as records or as paths of files."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ READING = tuple(name for name in read.__annotations__ if name not in ("path", "r
 
 
 def given_records(records: Records, reading: Mapping[str, Any]) -> tuple[Record, ...]:
-    """Every record that was given, those given as paths read.
+    """All given records; paths are read.
 
     Args:
         records: one record or path, or several.
         reading: arguments of `emsid.read`.
 
     Raises:
-        DataError: for something else, a file without a word on its columns, an argument that reading does not have.
+        DataError: for something else, a file without names of its columns, or an unknown argument of reading.
         FormatError: for a file that cannot be read.
     """
     strange = next((name for name in reading if name not in READING), None)

@@ -1,4 +1,4 @@
-"""Gain, time constants and friction of a regression that is not linear, with intervals.
+"""Gain, time constants and friction of a nonlinear regression, with intervals.
 
 Each is a function g(θ) of the estimate; its variance to first order is ∇gᵀ P ∇g, with the covariance P of the estimate
 (the delta method).
@@ -25,12 +25,12 @@ Array = NDArray[np.float64]
 
 
 STATIC_GAIN = "static gain over the range of the input"
-"""Output at rest under a large constant input minus that under a small one, by their difference."""
+"""Difference of the outputs at rest for two constant inputs, divided by the difference of the inputs."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A number that describes a model.
+    """A characteristic number of a model.
 
     Attributes:
         name: what it is.
@@ -88,7 +88,7 @@ def _of_a_regression(model: Narx, record: Record) -> list[Figure]:
 
 
 def _range(record: Record) -> tuple[float, float]:
-    """The range of the input but for its extremes."""
+    """The range of the input without its extremes."""
     low, high = np.quantile(record.input[:, 0], (0.01, 0.99))
     return float(low), float(high)
 
@@ -103,7 +103,7 @@ def _of_inputs(terms: list[tuple[float, Regressor]], level: float) -> float:
 
 
 def _time_constants(poles: NDArray[Any], dt: float, where: str) -> list[Figure]:
-    """−dt/ln|p| of the slowest stable poles that are not gone within a sample."""
+    """−dt/ln|p| of the slowest stable poles, if longer than a sample."""
     sizes = sorted({round(float(abs(pole)), 12) for pole in poles if 0.05 < abs(pole) < 1}, reverse=True)
     names = ("time constant", "second time constant")
     return [Figure(f"{name}{where}", -dt / float(np.log(size)), "s") for name, size in zip(names, sizes, strict=False)]
@@ -114,7 +114,7 @@ def _per(output: str, input: str) -> str:
 
 
 def _with_errors(fit: Fit[Any], figures_at: Callable[[Array], list[Figure]]) -> tuple[Figure, ...]:
-    """Figures with standard errors to first order; a figure that a small step makes disappear gets none."""
+    """Figures with standard errors to first order; none for a figure that vanishes after a small change."""
     estimate = np.asarray(fit.estimate, dtype=float)
     try:
         figures = figures_at(estimate)

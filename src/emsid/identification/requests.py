@@ -1,6 +1,6 @@
-"""What was asked for, checked before anything is fitted.
+"""Checks of the requested models and options before anything is fitted.
 
-What no model can do is an error; what some of the models cannot do is a finding.
+A request that no model can meet is an error; a request that some models cannot meet is a finding.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def model_names(models: str | Iterable[str]) -> tuple[str, ...]:
     """The names of the models, each once; a text is one name, or several with commas.
 
     Raises:
-        ModelError: for a name that there is not, or without any.
+        ModelError: for an unknown name, or without a name.
     """
     names = tuple(dict.fromkeys(as_names_with_commas(models)))
     unknown = [str(name) for name in names if name not in CANDIDATES]
@@ -40,18 +40,18 @@ def model_names(models: str | Iterable[str]) -> tuple[str, ...]:
 
 
 def plants_of(models: Sequence[str], options: Options) -> dict[str, Plant]:
-    """The physical ones among the models, as they are before the search."""
+    """The plants of the physical models, before the search."""
     return {name: each.coded(options) for name in models if isinstance(each := CANDIDATES[name], Physical)}
 
 
 def understood(options: Options, models: Sequence[str]) -> Options:
-    """The options with physical parameters by their full names, and their values in SI units; unknown names stay.
+    """The options with full names of physical parameters and values in SI units; unknown names are unchanged.
 
     ``free``, ``fixed`` and ``profile`` may have symbols, ``fixed`` texts with a unit, and ``datasheet`` what
     `emsid.models.plants.datasheet.datasheet` takes.
 
     Raises:
-        ModelError: where all the physical models refuse a value or an entry of the datasheet, as the first one does.
+        ModelError: where all the physical models refuse a value or a datasheet entry; it is the error of the first one.
     """
     plants = {name: each.plant for name in models if isinstance(each := CANDIDATES[name], Physical)}
     if not plants:
@@ -92,10 +92,10 @@ def understood(options: Options, models: Sequence[str]) -> Options:
 
 
 def check_physics(plants: Mapping[str, Plant], models: Sequence[str], options: Options) -> None:
-    """Refuse what is asked of physical parameters that none of the models has.
+    """Refuse options for physical parameters that none of the models has.
 
     Raises:
-        ModelError: naming the parameters, and what there is instead.
+        ModelError: with the names of the parameters and the possible ones.
     """
     _check_datasheet(plants, models, options)
     _check_there_are_plants(plants, models, options)
@@ -155,14 +155,14 @@ def _owners(plants: Mapping[str, Plant], name: str) -> list[Plant]:
     """
     owners = [plant for plant in plants.values() if name in plant.handles]
     if not owners:
-        find_handle(next(iter(plants.values())), name)  # raises an error that lists what there is
+        find_handle(next(iter(plants.values())), name)  # raises an error that lists the known names
     return owners
 
 
 def unused_requests(
     plants: Mapping[str, Plant], models: Sequence[str], options: Options, record: Record
 ) -> list[Finding]:
-    """What was asked for and some of the models cannot use."""
+    """Options that some of the models do not use."""
     findings = [
         Finding("datasheet-not-used", name, {"model": name})
         for name, plant in plants.items()

@@ -1,4 +1,4 @@
-"""`Identification`: what came out of an identification."""
+"""`Identification`: the result of an identification."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification(Presented):
-    """What came out of an identification.
+    """Result of an identification.
 
     Attributes:
         record: the data that the models were fitted to.
         unseen: the data that they were ranked on.
         on_record: the models on `record`.
         on_unseen: the models on `unseen`, the best free run first.
-        findings: everything that was noticed, those of the fits included; each one on a model names it in its data.
+        findings: all findings, including those of the fits; a finding about a model has its name in the data.
         profiles: likelihood profiles of physical parameters, by model.
         interrupted: whether it was stopped before all models were done.
     """
@@ -58,12 +58,12 @@ class Identification(Presented):
 
     @property
     def seen(self) -> bool:
-        """Whether `unseen` holds data that the models were fitted to, so that it is not unseen at all."""
+        """Whether `unseen` contains data that the models were fitted to."""
         return holds_some_of(self.unseen, self.record)
 
     @property
     def ranked_on(self) -> str:
-        """What the models were ranked on, for titles."""
+        """Name of the data that the models were ranked on, for titles."""
         return "the data they were fitted to" if self.seen else "unseen data"
 
     @property
@@ -82,16 +82,16 @@ class Identification(Presented):
         return tuple(next_steps(self.on_unseen, self.record, self.unseen, seen=self.seen))
 
     def findings_about(self, model: str) -> tuple[Finding, ...]:
-        """Those about this model."""
+        """The findings about this model."""
         return tuple(finding for finding in self.findings if finding.model == model)
 
     @property
     def general_findings(self) -> tuple[Finding, ...]:
-        """Those about the data and what was asked for, and not about one model."""
+        """The findings about the data and the options, and not about one model."""
         return tuple(finding for finding in self.findings if not finding.model)
 
     def to_data(self) -> dict[str, Any]:
-        """What ``result.json`` holds; see `emsid.identification.result_format`."""
+        """The content of ``result.json``; see `emsid.identification.result_format`."""
         rows = (*self.on_record.rows, *self.on_unseen.rows)
         from emsid.identification.result_format import FORMAT, VERSION
 

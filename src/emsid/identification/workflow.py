@@ -1,7 +1,7 @@
-"""From records to a ranked list of models: what `emsid identify` does.
+"""The steps of `emsid identify`, from records to a ranked list of models.
 
-Every one of the `candidates` asked for is fitted to a part of the data; they are ranked by their free run on data that
-none of them was fitted to in any step.
+Each requested model of `candidates` is fitted to a part of the data. The models are ranked by their free run on unseen
+data, which no step of a fit uses.
 """
 
 from __future__ import annotations
@@ -55,22 +55,21 @@ def identify(
 
     Args:
         records: what to identify from: a record, the path of a file, or several of either.
-        unseen: data that no model is fitted to, given in the same way; or the fraction of ``records`` to set apart for
-            that: the last part, or of many records every k-th.
+        unseen: data that no model is fitted to, given in the same way; or the fraction of ``records`` to keep unseen:
+            the last part, or every k-th of many records.
         models: names of the models to fit: one name, several with commas, or a list; ``emsid list`` prints all.
-        options: what is given by the user; by default everything is chosen.
+        options: given orders, delay, knots and others; by default all are chosen.
         transient: samples at the start of every segment that start a free run and are left out of every error.
-        control: when to stop, and where to report what is being done.
+        control: when to stop, and where to report progress.
         reading: where paths are given, how to read them: ``input``, ``output``, ``time`` and the other arguments of
             `emsid.read`.
 
     Returns:
-        The models with their errors, and everything that was noticed. If it is stopped before its end, those that were
-        found by then.
+        The models with their errors, and all findings. If it is stopped before its end, the models found by then.
 
     Raises:
         ModelError: for an unknown name, for options that no model can meet, or where no model can be fitted.
-        DataError: for records that do not belong together, or what is not a record.
+        DataError: for records that differ in channels or sample time, or something that is not a record.
         Stopped: if ``control`` stops it before any model was found (`emsid.estimation.Stopped`).
     """
     options = options or Options()
@@ -149,7 +148,7 @@ def _of_one_model(control: Control, name: str) -> Control:
 
 @dataclass(frozen=True)
 class _Profiles:
-    """The profiles by model, findings on those that could not be taken, and whether this was stopped."""
+    """The profiles by model, findings about failed profiles, and whether this was stopped."""
 
     profiles: dict[str, tuple[Profile, ...]]
     failed: tuple[Finding, ...]
@@ -157,7 +156,7 @@ class _Profiles:
 
 
 def _profiles(fits: Sequence[Fit[Any]], names: Sequence[str], control: Control) -> _Profiles:
-    """The profiles that were asked for; where a parameter was split by direction, of both of its parts."""
+    """The requested profiles; a parameter that was split by direction has one for each direction."""
     profiles: dict[str, tuple[Profile, ...]] = {}
     failed: list[Finding] = []
     for fit in fits:
@@ -179,7 +178,7 @@ def _profiles(fits: Sequence[Fit[Any]], names: Sequence[str], control: Control) 
 
 
 def _parts_asked_for(fit: GreyBoxFit, names: Sequence[str]) -> list[str]:
-    """The parameters of a model among the names, in place of one that was split by direction its parts."""
+    """The parameters of a model among the names; a name that was split by direction is replaced by its parts."""
     plant = fit.model.plant
     asked = [name for name in names if name in plant.handles]
     split = {name: [part for part in parts(plant, name) if part in fit.names] for name in asked}
@@ -187,7 +186,7 @@ def _parts_asked_for(fit: GreyBoxFit, names: Sequence[str]) -> list[str]:
 
 
 def _difference_of_records(comparison: Comparison, records: Sequence[Record]) -> list[Finding]:
-    """In what the records differ, as the best model that shows it has it."""
+    """The difference between the records, by the best model that shows one."""
     found = (disagreement(fit.model, records) for fit in comparison.fits)
     return [each.finding for each in found if each][:1]
 
@@ -206,7 +205,7 @@ def _check_sample_times(train: Record, test: Record, discrete: Sequence[str]) ->
 
 
 def _fraction(unseen: Any) -> float:
-    """The fraction to set apart.
+    """The fraction to keep unseen.
 
     Raises:
         DataError: where it is none.
@@ -217,7 +216,7 @@ def _fraction(unseen: Any) -> float:
 
 
 def as_one(records: Sequence[Record]) -> Record:
-    """The records as one, which is called by all of their names; a single record as it is."""
+    """The records joined to one, with all of their names; a single record unchanged."""
     if len(records) == 1:
         return records[0]
     names = dict.fromkeys(record.name for record in records)

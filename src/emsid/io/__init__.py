@@ -1,4 +1,7 @@
-"""Files: records as tables, MAT, Parquet, NPZ; motors and datasheets as TOML; models as JSON. Opened nowhere else."""
+"""Files: records as tables, MAT, Parquet, NPZ; motors and datasheets as TOML; models as JSON.
+
+Only this package opens files.
+"""
 
 from emsid.io.files import atomic_write
 from emsid.io.model_file import Origin, load, origin, read_options, save

@@ -1,4 +1,4 @@
-"""What every reader returns: the columns of a file, and enough about the rest of it to word a good message."""
+"""The result of every reader: the columns of a file, and information about the rest of it for messages."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ class Columns:
     Attributes:
         series: every column by name, one value per sample; they need not be equally long (a MAT file may hold
             two experiments). Numbers are numeric series; a column holding any text stays text.
-        others: what else the file holds under a name, and why it is no column (``"a single number"``).
-        units: the unit of a column, where the file says it: in a row under its header, or as `UNITS`.
+        others: the other entries of the file by name, and why each is not a column (``"a single number"``).
+        units: the unit of a column, from a row under the header or from `UNITS`, if the file has one.
         preamble: the lines above the header, for hints.
         lines: the line of the file that each row was read from, 1-based; None for formats without lines.
     """
@@ -82,7 +82,7 @@ def from_arrays(variables: Iterable[tuple[str, object]]) -> Columns:
     """The columns held by named arrays, as MAT and NPZ files store them.
 
     A vector (N,), (N, 1) or (1, N) is a column; a matrix (N, k) with k ≤ N becomes ``name_1`` … ``name_k``. Everything
-    else is listed among `Columns.others`; a variable that could not be read comes as the reason, in words.
+    else is listed among `Columns.others`; a variable that could not be read is a text with the reason.
     """
     import polars as pl
 
@@ -125,7 +125,7 @@ def reason_against(value: object) -> str:
 
 
 def _plain(values: NDArray[np.generic]) -> NDArray[np.generic]:
-    """The numbers in a type and byte order that polars takes as they are."""
+    """The numbers in a type and byte order that Polars accepts."""
     if values.dtype.kind == "f":
         return values.astype(np.float64)
     return values.astype(values.dtype.newbyteorder("="))

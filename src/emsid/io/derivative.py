@@ -1,4 +1,4 @@
-"""The derivative of a measured signal, for records that hold a position where a speed is wanted."""
+"""The derivative of a measured signal, for records that contain a position instead of a speed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ ORDER = 3
 
 
 def derivative(values: NDArray[np.float64], dt: float, window: int) -> NDArray[np.float64]:
-    """The time derivative of a signal by a Savitzky–Golay filter, which is symmetric and so delays nothing.
+    """The time derivative of a signal by a Savitzky–Golay filter, which is symmetric and has no delay.
 
     At every sample a cubic is fitted by least squares to the ``window`` samples around it, and its slope there is the
     derivative; over the first and last half window the slopes of the outermost cubic are taken. Slopes of polynomials
@@ -33,6 +33,6 @@ def derivative(values: NDArray[np.float64], dt: float, window: int) -> NDArray[n
 
 
 def check_window(window: int) -> None:
-    """Refuse a window that a cubic cannot be fitted to symmetrically."""
+    """Refuse a window that is even or too short for a cubic."""
     if window <= ORDER or window % 2 == 0:
         raise DataError(f"a derivative over {window} samples; give an odd number of at least {ORDER + 2}")

@@ -1,4 +1,4 @@
-"""The only two ways in which files are opened: read whole, or written whole or not at all."""
+"""Reading and writing of files: a file is read completely, and written completely or not at all."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SIGNATURES = (
     (b"SQLite", "a database"),
 )
 
-_OPEN_FILES = ("/proc/", "/dev/fd/")  # where the system keeps what this program has open
+_OPEN_FILES = ("/proc/", "/dev/fd/")  # the open files of this program
 
 
 def read_bytes(path: str | os.PathLike[str], if_empty: str = "record it again") -> bytes:
@@ -58,7 +58,7 @@ def read_bytes(path: str | os.PathLike[str], if_empty: str = "record it again") 
 
 
 def looks_like(content: bytes) -> str:
-    """What the first bytes of a file give it away as: ``a PNG image``, ``text``, ``binary data`` …"""
+    """The kind of a file by its first bytes: ``a PNG image``, ``text``, ``binary data`` …"""
     for signature, what in _SIGNATURES:
         if content.startswith(signature):
             return what
@@ -66,13 +66,13 @@ def looks_like(content: bytes) -> str:
 
 
 def atomic_write(path: str | os.PathLike[str], content: bytes | str) -> None:
-    """Write a file so that at every moment it is the old one or the new one, whole.
+    """Write a file atomically: at every moment it is complete, with the old or the new content.
 
-    The content goes to a temporary file beside it, is forced to disk, and takes the name in one step; whatever
-    interrupts this (an error, Ctrl-C) leaves the old file and no temporary one. Missing parent folders are made.
+    The content is written to a temporary file in the same folder, forced to disk and renamed. After an error or Ctrl-C
+    the old file remains and the temporary file is deleted. Missing parent folders are created.
 
     Args:
-        path: where to.
+        path: the file.
         content: text is written as UTF-8.
 
     Raises:

@@ -1,7 +1,7 @@
-"""What a file may ask for, checked before anything is computed from it.
+"""Limits on numbers and sizes in files, checked before anything is computed from them.
 
-Model files, motors and datasheets are small. One that asks for a filter of order 3,000, or that holds an integer of
-5,000 digits, was damaged or made to harm; it is refused here, at the door, whatever the classes behind it would do.
+Model files, motors and datasheets are small. A file with a filter of order 3,000 or an integer of 5,000 digits is
+damaged or malicious, and is refused here.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from math import isfinite
 from emsid.errors import ModelError
 
 LARGEST = 1e100
-"""No number is larger."""
+"""The largest absolute value of a number."""
 MOST_ENTRIES, DEEPEST, LONGEST = 50_000, 12, 2_000
-"""Entries in all, tables in tables, signs in a text."""
+"""Limits on the total number of entries, the depth of nested tables, and the characters of a text."""
 MOST_DIGITS = 310
-"""Digits in a row within a text: those of the largest floating-point number written out."""
+"""Limit on consecutive digits in a text: as many as the largest floating-point number has."""
 MOST: Mapping[str, int] = {
     "blocks": 16,
     "codes": 1_000,
@@ -30,9 +30,9 @@ MOST: Mapping[str, int] = {
     "signals": 16,
     "steps": 1_000,
 }
-"""By name: the most that a whole number may be, or the most entries that a list may have."""
+"""By name: the largest whole number, or the largest number of entries of a list."""
 MOST_CHANNEL, MOST_LAG = 100, 100_000
-"""In the text of a regressor: inputs, and samples back."""
+"""Inputs and lags in the text of a regressor."""
 
 _DIGITS = re.compile(rf"\d{{{MOST_DIGITS + 1},}}")
 _CHANNEL = re.compile(r"\bu(\d+)\(|\(t-(\d+)\)")
@@ -42,14 +42,14 @@ def check_limits(data: object, what: str = "the file", most: Mapping[str, int] =
     """Refuse built-in types that are deeper, longer or larger than any model is.
 
     Args:
-        data: what the file holds.
-        what: it is, for the message.
-        most: by name, what a whole number may be, or how many entries a list may have.
+        data: the content of the file.
+        what: its name in messages.
+        most: by name, the largest whole number, or the largest number of entries of a list.
 
     Raises:
         ModelError: that names the entry.
     """
-    waiting: list[tuple[object, str, str, int]] = [(data, "", "", 0)]  # with where it stands, its key and depth
+    waiting: list[tuple[object, str, str, int]] = [(data, "", "", 0)]  # with its path, key and depth
     entries = 0
     while waiting:
         value, where, name, depth = waiting.pop()
@@ -84,7 +84,7 @@ def _check_number(value: float, where: str, most: int | None) -> None:
 def _check_text(text: str, where: str) -> None:
     if len(text) > LONGEST or _DIGITS.search(text):
         raise ModelError(
-            f"{where} holds a text of {len(text)} signs; at most {LONGEST:,} are read, {MOST_DIGITS} digits"
+            f"{where} is a text of {len(text)} characters; at most {LONGEST:,} are read, {MOST_DIGITS} digits"
         )
     for found in _CHANNEL.finditer(text.replace(" ", "")):
         number, most = (found[1], MOST_CHANNEL) if found[1] else (found[2], MOST_LAG)

@@ -1,12 +1,11 @@
-"""Masks: the samples to leave out of a record, given as a condition on the columns of the file.
+"""Masks: conditions on the columns of a file that select the samples to leave out of a record.
 
-``abs(PWM) > 255``, ``state = 'IDLE' OR "Speed (rpm)" IS NULL``: the conditions of SQL. A condition is never evaluated
-as a program. Its words and signs are put into the syntax of Python (``=`` becomes ``==``, every name a placeholder),
-Python's own parser makes a tree of it, and the nodes of the tree that are listed here become a Polars expression.
-Anything else is refused.
+A mask has the syntax of SQL: ``abs(PWM) > 255``, ``state = 'IDLE' OR "Speed (rpm)" IS NULL``. It is never run as a
+program. Its tokens are translated to the syntax of Python (``=`` becomes ``==``, every name a placeholder). Python's
+parser makes a syntax tree of it. The node types that are listed here become a Polars expression; others are refused.
 
-Polars plans an expression in a time that grows with the square of its depth, so the parts of an OR or an AND are put
-together as a balanced tree.
+The time in which Polars plans an expression grows with the square of its depth. The operands of OR and AND are
+therefore joined as a balanced tree.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ _PYTHON = {
     "=": "==",
     "<>": "!=",
 }
-"""The words and signs that Python spells differently. ``x between a and b`` becomes ``x is a is b``."""
+"""The tokens that Python spells differently. ``x between a and b`` becomes ``x is a is b``."""
 
 _TOKEN = re.compile(
     r"""(?P<space>\s+)
@@ -76,18 +75,18 @@ _BINARY: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
 
 
 class _NotUnderstood(Exception):
-    """A part of the condition that is not in the language of masks."""
+    """A part of the condition that masks do not allow."""
 
 
 def left_out(mask: str, columns: Mapping[str, pl.Series]) -> NDArray[np.bool_]:
-    """(N,) true where the condition ``mask`` holds, or cannot be decided because a value is missing.
+    """(N,) true where the condition ``mask`` is true, or cannot be evaluated because a value is missing.
 
     Args:
-        mask: a condition; names with anything but letters, digits and ``_`` in them go into double quotes.
+        mask: a condition; a name with other characters than letters, digits and ``_`` needs double quotes.
         columns: every column of the file by name, equally long.
 
     Raises:
-        DataError: where the condition cannot be understood, names no column, or is not true or false.
+        DataError: where the condition has a wrong syntax, an unknown column, or a value that is not true or false.
     """
     import polars as pl
 
@@ -108,17 +107,17 @@ def left_out(mask: str, columns: Mapping[str, pl.Series]) -> NDArray[np.bool_]:
 
 
 def _in_python(mask: str, columns: Mapping[str, pl.Series]) -> tuple[str, list[str]]:
-    """The condition in Python's syntax, and what its placeholders ``v0``, ``v1``, … stand for.
+    """The condition in Python's syntax, and the values of its placeholders ``v0``, ``v1``, ….
 
-    A text stands there with its quotes, a column with a double quote before it.
+    The value of a text includes its quotes; that of a column begins with a double quote.
 
     Raises:
-        DataError: for a sign that no mask has, an unknown function or column, or more than anybody writes by hand.
+        DataError: for a wrong character, an unknown function or column, or a very long condition.
     """
     parts: list[str] = []
     values: dict[str, int] = {}
     depth = at = operators = 0
-    between: list[int] = []  # how deep in brackets every BETWEEN stands whose AND has not come
+    between: list[int] = []  # depth in brackets of every BETWEEN without its AND so far
     while at < len(mask):
         token = _TOKEN.match(mask, at)
         if token is None:
@@ -179,7 +178,7 @@ def _check_size(mask: str, depth: int, tokens: int, operators: int) -> None:
         raise DataError(f"the mask {_shown(mask)} is not understood: it closes a bracket that none has opened")
     if tokens > MOST_TOKENS or depth > DEEPEST:
         raise DataError(
-            f"the mask {_shown(mask)} is too long: more than {MOST_TOKENS:,} names, numbers and signs, or "
+            f"the mask {_shown(mask)} is too long: more than {MOST_TOKENS:,} names, numbers and operators, or "
             f"{DEEPEST} brackets in brackets; mark these samples in a column of their own and mask by that"
         )
     if operators > MOST_OPERATORS:
@@ -189,10 +188,10 @@ def _check_size(mask: str, depth: int, tokens: int, operators: int) -> None:
 
 
 class _Expression:
-    """Makes Polars expressions of the nodes of a tree.
+    """Translates nodes of a syntax tree to Polars expressions.
 
     Args:
-        values: what the placeholders stand for.
+        values: the values of the placeholders.
     """
 
     def __init__(self, values: Sequence[str]) -> None:
@@ -202,7 +201,7 @@ class _Expression:
         """The expression of a node.
 
         Raises:
-            _NotUnderstood: for a node that is not in the language of masks.
+            _NotUnderstood: for a node that masks do not allow.
         """
         import polars as pl
 
@@ -281,7 +280,7 @@ def _function(name: str, given: list[Any]) -> Any:
 
 
 def _balanced(parts: Sequence[Any], every: bool) -> Any:
-    """All parts joined by AND, or by OR, no deeper than the logarithm of their number."""
+    """All operands joined by AND or OR as a balanced tree."""
     joined = list(parts)
     while len(joined) > 1:
         pairs = [joined[k : k + 2] for k in range(0, len(joined), 2)]
@@ -294,7 +293,7 @@ def _shown(mask: str) -> str:
 
 
 def _comparable(column: pl.Series) -> pl.Series:
-    """The column as real numbers where it holds any kind of them, or mostly; text stays text."""
+    """The column as real numbers if it contains numbers of any type; text stays text."""
     import polars as pl
 
     if column.dtype == pl.String:

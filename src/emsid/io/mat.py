@@ -25,7 +25,7 @@ _ENDIAN_AT = slice(126, 128)
 def read_mat(content: bytes) -> Columns:
     """The vectors and matrices of a MAT file; those inside a struct are called ``struct.field``.
 
-    The version is told by the content.
+    The version is recognised from the content.
 
     Raises:
         FormatError: for content that is no MAT file of version 5 to 7.3, or a damaged one.
@@ -43,7 +43,7 @@ def read_mat(content: bytes) -> Columns:
         return from_arrays(variables(content))
     except FormatError:
         raise
-    except Exception as problem:  # the parsers meet damage with whatever they stumble over
+    except Exception as problem:  # a parser may raise any exception for a damaged file
         raise FormatError(
             f"this MAT file is damaged or cut off ({type(problem).__name__}); copy or save it again"
         ) from None
@@ -76,7 +76,7 @@ def _variables_73(content: bytes) -> Iterator[tuple[str, Any]]:
 
     with h5py.File(BytesIO(content), "r") as file:
         for name, item in file.items():
-            if name.startswith("#"):  # what cells and objects refer to
+            if name.startswith("#"):  # the targets of references in cells and objects
                 continue
             if isinstance(item, h5py.Group):
                 for field, inner in item.items():
@@ -86,7 +86,7 @@ def _variables_73(content: bytes) -> Iterator[tuple[str, Any]]:
 
 
 def _array(item: Any) -> Any:
-    """A dataset with MATLAB's order of dimensions, or what it is instead."""
+    """A dataset with MATLAB's order of dimensions, or a text that says why it is no array."""
     import h5py
 
     if not isinstance(item, h5py.Dataset):

@@ -39,7 +39,7 @@ class _Element(NamedTuple):
 
 
 def variables(content: bytes) -> Iterator[tuple[str, NDArray[np.generic] | str]]:
-    """Every variable of a file: its name and its array, or in words what it is instead.
+    """Every variable of a file: its name and its array, or a text that says why it is no array.
 
     The fields of a struct (1, 1) are called ``struct.field``.
 

@@ -1,4 +1,4 @@
-"""Model files: JSON that says what it is, in which version, and whether anybody has changed it.
+"""Model files: JSON with its format, the version of its schema, and a checksum.
 
 ::
 
@@ -15,7 +15,7 @@ reading   may be missing: how the file of that record was read, the arguments of
 ========  =============================================================================================================
 
 Schema 1 had no ``reading``; it is still read. What a kind of model has added to its data since then is optional there.
-Floats are written with as many digits as bring them back exactly.
+Floats are written with enough digits to be read back exactly.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ READABLE = (1, 2)
 """The schemas that this version reads."""
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tab and line feed
 SAME_DT = 1e-3
-"""Sample times that differ by a smaller part are the same, written with other precision."""
+"""Sample times with a smaller relative difference are treated as equal."""
 
 
 class _Head(msgspec.Struct):
@@ -56,7 +56,7 @@ class _Head(msgspec.Struct):
 
 
 class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a model was identified from.
+    """The channels and sample time of the record that a model was identified from.
 
     Attributes:
         dt: sample time in seconds.
@@ -77,7 +77,7 @@ class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         )
 
     def differences(self, record: Record) -> list[Finding]:
-        """In what a record differs from what the model was identified from."""
+        """The differences between a record and the record that the model was identified from."""
         other, found = Origin.of(record), []
         for what in ("inputs", "outputs"):
             mine, theirs = _channels(getattr(self, what)), _channels(getattr(other, what))
@@ -106,13 +106,13 @@ def save(
     origin: Record | None = None,
     reading: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a model to a file, from which `load` brings it back exactly.
+    """Write a model to a file, from which `load` reads it back exactly.
 
     Args:
-        model: what to write.
-        path: where to.
-        origin: the record that it was identified from, whose channels and sample time `origin` then gives.
-        reading: how that record was read, arguments of `emsid.io.read`, for other files to be read the same way.
+        model: the model.
+        path: the file.
+        origin: the record that it was identified from; its channels and sample time are written.
+        reading: arguments of `emsid.io.read` with which that record was read, to read other files in the same way.
 
     Raises:
         ModelError: for a model whose type has no name in `MODELS`, with a number that is not finite, or
@@ -153,14 +153,14 @@ def load(path: str | os.PathLike[str]) -> Model:
     except EmsidError as problem:
         raise FormatError(f"{path}: {problem}") from None
     except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError) as problem:
-        # The classes of models check what a person may get wrong; a tampered file can be wrong in any way.
+        # The classes of models check for common mistakes; a tampered file may raise any exception.
         raise FormatError(
-            f"{path}: the model in the file is not possible ({type(problem).__name__}); identify it again"
+            f"{path}: the file contains an impossible model ({type(problem).__name__}); identify it again"
         ) from None
 
 
 def origin(path: str | os.PathLike[str]) -> Origin | None:
-    """What the model in a file was identified from, None where the file does not say.
+    """Channels and sample time of the record that a model was identified from; None where the file has none.
 
     Raises:
         FormatError: as `load` does.
@@ -169,7 +169,7 @@ def origin(path: str | os.PathLike[str]) -> Origin | None:
 
 
 def read_options(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """How the record was read that the model in a file was identified from: arguments of `emsid.io.read`.
+    """Arguments of `emsid.io.read` with which the record was read that a model was identified from.
 
     Raises:
         FormatError: as `load` does.
@@ -178,7 +178,7 @@ def read_options(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _read(path: str | os.PathLike[str]) -> _Document:
-    """A model file that is complete, of this version and not altered."""
+    """Read a model file; it must be complete, of a readable version and not altered."""
     content = read_bytes(path, "save the model again")
     try:
         text = content.decode()
@@ -227,7 +227,7 @@ def _checksum(document: _Document) -> str:
 
 
 def _check_texts(value: object) -> None:
-    """Refuse texts that would do something to a terminal on which they are printed."""
+    """Refuse texts with control characters, which could affect a terminal."""
     if isinstance(value, str) and _CONTROL.search(value):
         raise ModelError(f"the text {value[:80]!a} in the model has control characters in it; give it another name")
     if isinstance(value, Mapping):
@@ -240,7 +240,7 @@ def _check_texts(value: object) -> None:
 
 
 def _check_finite(value: object, where: str) -> None:
-    """Refuse numbers that JSON has no spelling for; ``where`` names the value in the message."""
+    """Refuse numbers that JSON cannot hold; ``where`` names the value in the message."""
     if isinstance(value, float) and not isfinite(value):
         raise ModelError(f"{where} is {value}; only a model with finite numbers can be saved")
     if isinstance(value, Mapping):

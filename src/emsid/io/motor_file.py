@@ -1,4 +1,4 @@
-"""Motors and datasheets from TOML files, as somebody types them.
+"""Motors and datasheets in TOML files.
 
 A motor, for simulations::
 
@@ -9,7 +9,7 @@ A motor, for simulations::
     [motor.rotor_friction]
     coulomb = "4 mN*m"
 
-A datasheet, for an estimation, also says how far to trust it; of an axis, the table is ``[linear-axis]``::
+A datasheet, for an estimation, also has tolerances; for an axis, the table is ``[linear-axis]``::
 
     [motor]
     resistance = { value = "2.1 ohm", tolerance = "10 %" }    # within it
@@ -53,7 +53,7 @@ def read_motor(path: str | os.PathLike[str]) -> Motor:
 
 
 def read_datasheet(path: str | os.PathLike[str]) -> dict[str, Given]:
-    """What the table ``[motor]`` or ``[linear-axis]`` of a TOML file knows of a plant, by name of parameter.
+    """Read the table ``[motor]`` or ``[linear-axis]`` of a TOML file: known values of a plant, by name of parameter.
 
     Raises:
         FormatError: where the file cannot be read, is not TOML or has anything but one such table.
@@ -93,7 +93,7 @@ def motor_template() -> str:
 
 
 def datasheet_template(kind: str) -> str:
-    """A TOML file that `read_datasheet` reads with every parameter of a kind of plant, nothing yet known of it.
+    """A template for `read_datasheet` with every parameter of a kind of plant, all of them unknown.
 
     Args:
         kind: a name of `emsid.models.plants.registry.described`.
@@ -102,11 +102,11 @@ def datasheet_template(kind: str) -> str:
     from emsid.models.plants.registry import described
 
     lines = [
-        f"# What is known of a {kind}, for an identification: a datasheet.",
+        f"# Datasheet of a {kind}, for an identification.",
         "# A friction has two directions, NAME.forward and NAME.backward; NAME is both.",
-        "# Take away the # before what you have something to say of, and write",
+        "# Remove the # before a parameter that you know something about, and write",
         '#     "2.1 ohm"                                    where the search starts (a number is in SI units)',
-        '#     { value = "2.1 ohm", tolerance = "10 %" }    and how far off it may be',
+        '#     { value = "2.1 ohm", tolerance = "10 %" }    start and tolerance',
         f'#     "{UNKNOWN}"                                    that it is to be estimated',
         f"[{kind}]",
     ]
@@ -120,7 +120,7 @@ def datasheet_template(kind: str) -> str:
 
 
 def _one_table(path: str | os.PathLike[str], names: tuple[str, ...]) -> tuple[str, dict[str, Any]]:
-    """The one table that a TOML file may have, with its name."""
+    """The only table of a TOML file, with its name."""
     content = read_bytes(path, "write the parameters into it")
     wanted = " or ".join(f"[{name}]" for name in names)
     try:

@@ -31,7 +31,7 @@ def read_npz(content: bytes) -> Columns:
             return from_arrays(arrays.items())
         columns = from_arrays((name, values) for name, values in arrays.items() if name != UNITS)
         return replace(columns, units=units_from_json(str(units.item())))
-    except Exception as problem:  # the parsers meet damage with whatever they stumble over
+    except Exception as problem:  # a parser may raise any exception for a damaged file
         raise FormatError(
             f"this NPZ file is damaged, cut off or another kind of ZIP archive ({type(problem).__name__}); "
             "write it again with numpy.savez"

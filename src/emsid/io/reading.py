@@ -1,8 +1,8 @@
-"""From a file to a `Record`: which columns, which samples, which sample time, which units.
+"""Reading of a file to a `Record`: selection of columns and samples, sample time, units.
 
-The order of things is fixed, so that every option has one meaning: ``rows`` are taken; ``mask`` is evaluated on the
-columns as the file has them; a column becomes ``scale·x + offset``; samples that are masked out are never looked at
-again, and what remains is checked and falls into segments; derivatives are taken within each segment; units become SI.
+The steps have a fixed order. ``rows`` are selected. ``mask`` is evaluated on the columns of the file. A column becomes
+``scale·x + offset``. Masked samples are removed; the others are checked and divided into segments. Derivatives are
+computed within each segment. Units are converted to SI.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ READERS: dict[str, Callable[[bytes], Columns]] = {
 """The reader for each suffix: from the content of a file to its columns."""
 
 BRIDGED = 10
-"""Resampling interpolates across a gap of fewer sample times than this; a longer one ends a segment."""
+"""Resampling interpolates over gaps shorter than this many sample times; a longer gap ends a segment."""
 
 HALF_A_DAY = 12 * 3600 * 10**9
 """In nanoseconds, in which times of day are counted."""
 
-_AGREEMENT = 0.01  # by how much of itself a given sample time may differ from that of the time column
+_AGREEMENT = 0.01  # allowed relative difference between a given sample time and that of the time column
 
 _SECONDS = {
     "ns": 1e-9,
@@ -75,7 +75,7 @@ _DERIVATIVE = re.compile(r"d\((?P<column>.+)\)")
 
 @dataclass(frozen=True)
 class _Signal:
-    """What a channel of the record is made of: a column, or the derivative of one."""
+    """The source of a channel: a column, or the derivative of one."""
 
     name: str
     column: str
@@ -134,13 +134,13 @@ def read(
         time_unit: unit of the time column; by default the one in its header (``Timestamp(ms)``), else seconds.
         rows: the data rows to take, counted from 0, as in ``slice(5200, 105200)``.
         mask: an SQL condition on the columns of the file, true for the samples to leave out, as in ``abs(PWM) > 255``;
-            what remains falls into segments. A sample for which it cannot be told (a missing value) is left out.
-        scale, offset: by column, ``scale·x + offset`` takes the place of x.
+            the others form segments. A sample with a missing value, for which it cannot be evaluated, is left out.
+        scale, offset: by column; ``scale·x + offset`` replaces x.
         units: by column, the unit it is in after that; the channel is then converted to SI. A derivative has
             the unit of its column per second, if not given under its own name.
-        counts_per_revolution, supply_voltage, pwm_full_scale: what the units ``count`` and ``pwm`` stand for.
-        resample: bring an irregular time column to an equidistant one (inputs held, outputs interpolated). A
-            gap of 10 sample times or more is not bridged but ends a segment.
+        counts_per_revolution, supply_voltage, pwm_full_scale: define the units ``count`` and ``pwm``.
+        resample: resample an irregular time axis to a regular one (zero-order hold of inputs, linear interpolation of
+            outputs). A gap of 10 sample times or more ends a segment.
         derivative_window: number of samples (odd) of the derivative's filter; segments shorter than it are
             left out of a record with a derivative.
 
@@ -177,7 +177,7 @@ def read(
 
 @dataclass(frozen=True)
 class _Clock:
-    """Where the sample time comes from: the options of `read` by the same names."""
+    """The options of `read` that determine the sample time."""
 
     dt: float | None
     time: str | None
@@ -187,7 +187,7 @@ class _Clock:
 
 @dataclass(frozen=True)
 class _Selection:
-    """The rows of a file that a record is made of: all of ``start … start + N − 1`` but those left out.
+    """The selected rows of a file: ``start … start + N − 1`` without the rows left out.
 
     Attributes:
         columns: the file.
@@ -258,11 +258,11 @@ def _record(
     derivative_window: int,
     meanings: Mapping[str, float | None],
 ) -> Record:
-    """The record in ``columns``, with the options of `read`, in the order that the module says."""
+    """The record in ``columns`` with the options of `read`; the module docstring has the order of the steps."""
     signals = _signals(inputs, outputs, columns)
     _check_options({"scale": scale, "offset": offset, "units": units}, signals)
     selection = _select(columns, [*(s.column for s in signals), *([clock.time] if clock.time else [])], rows, mask)
-    with np.errstate(all="ignore"):  # what overflows is refused with its row, or by the record with its sample
+    with np.errstate(all="ignore"):  # a number that overflows is refused below, or by the record
         values = [selection.scaled(s.column, scale.get(s.column, 1.0), offset.get(s.column, 0.0)) for s in signals]
         record = _sampled(
             selection,
@@ -283,7 +283,7 @@ def _record(
 
 
 def _signals(inputs: Sequence[str], outputs: Sequence[str], columns: Columns) -> list[_Signal]:
-    """What every channel is made of, in the order inputs, outputs."""
+    """The source of every channel, inputs first."""
     names = [*inputs, *outputs]
     if not inputs:
         raise DataError("no input column; name at least one")
@@ -311,7 +311,7 @@ def _check_column(name: str, columns: Columns) -> None:
 
 
 def _check_options(options: Mapping[str, Mapping[str, object]], signals: Sequence[_Signal]) -> None:
-    """Refuse an option for a column that is no channel, which is a misspelling."""
+    """Refuse an option for a column that is not a channel: the name is misspelt."""
     known = dict.fromkeys(s.column for s in signals)
     for option, by_column in options.items():
         allowed = [*known, *(s.name for s in signals if s.is_derivative)] if option == "units" else [*known]
@@ -349,7 +349,7 @@ def _select(columns: Columns, used: Sequence[str], rows: slice, mask: str | None
 
 
 def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
-    """The record with its sample time and segments."""
+    """Determine sample time and segments of the record."""
     breaks = 1 + np.flatnonzero(~selection.follows)
     if clock.time is None:
         if clock.dt is None:
@@ -361,7 +361,7 @@ def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
 
     column = f"time column {clock.time!r}"
     seconds = _time_unit(clock, selection.columns) * selection.numbers(clock.time)
-    rows = np.arange(1, len(seconds))[selection.follows]  # those whose step in time counts
+    rows = np.arange(1, len(seconds))[selection.follows]  # rows whose time step is used
     try:
         axis = time_axis(
             seconds if len(rows) == len(seconds) - 1 else np.append(0.0, np.cumsum(np.diff(seconds)[selection.follows]))
@@ -484,7 +484,7 @@ def _time_unit(clock: _Clock, columns: Columns) -> float:
 
 
 def _no_sample_time(columns: Columns) -> str:
-    """What to say where neither a sample time nor a time column is given, with what the file suggests."""
+    """The error for a missing sample time, with a hint from the file."""
     candidates = [name for name in columns.series if _LIKE_TIME.fullmatch(_UNIT_IN_NAME.sub("", name))]
     hint = f"; {candidates[0]!r} looks like the time column" if candidates else ""
     for k, line in enumerate(columns.preamble):

@@ -1,4 +1,4 @@
-"""Records to files, so that `emsid.io.read` gives the same numbers back."""
+"""Writing of records to files, from which `emsid.io.read` reads the same numbers."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 def write_record(record: Record, path: str | os.PathLike[str]) -> str:
     """Write a record of one segment as a table of time, inputs and outputs.
 
-    Every number comes back exactly when the file is read, and the SI units of the channels too: a CSV file has a row of
-    units under its names where all are known, Parquet has them in its metadata and NPZ in an array of its own.
+    Numbers and SI units are read back exactly. A CSV file has a row of units under its names if all are known, Parquet
+    has them in its metadata, NPZ in an additional array.
 
     Args:
-        record: what to write.
-        path: where to; the suffix ``.csv``, ``.parquet`` or ``.npz`` tells the format.
+        record: the record.
+        path: the file; its suffix ``.csv``, ``.parquet`` or ``.npz`` selects the format.
 
     Returns:
         The name of the time column (in seconds): ``t``, or ``time`` … where a channel is called so.

@@ -1,7 +1,7 @@
-"""Parsers of foreign binary formats run in a process of their own.
+"""Parsing of Parquet and HDF5 files in a separate process.
 
-The libraries that parse Parquet and HDF5 allocate what a file says it needs, and a damaged file can say anything or
-crash them outright. In a process of its own that ends the parser, and not the program.
+A damaged file can make the libraries for these formats allocate very much memory or crash. In a separate process this
+ends only the parser.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ LONGEST = 120.0
 
 
 def in_sandbox(parser: Callable[[bytes], bytes], content: bytes, damaged: str) -> bytes:
-    """What a parser makes of the content of a file.
+    """Run a parser on the content of a file in a separate process.
 
     Args:
         parser: a function of a module; the process imports it.

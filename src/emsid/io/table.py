@@ -1,11 +1,11 @@
 """Text tables: CSV, TSV, ``.dat``, as data loggers, spreadsheets and MATLAB write them.
 
-Nothing has to be said about the dialect. Lines that are blank or begin with ``#`` or ``%`` are left out wherever they
-stand. The last lines of what remains, which are data in any file, tell the separator (semicolon, tab, comma, blanks)
-and the number of columns. The first line of this width that holds a number, and is followed by more, begins the data;
-the line above is the header if it has a name for every column (a row of units may stand between), and what is above
-that is preamble. Without a header the columns are called ``c1``, ``c2``, …. Decimal commas are recognised column by
-column, and so are dates with a time of day, and times of day alone.
+The dialect is recognised. Blank lines and lines that begin with ``#`` or ``%`` are ignored. The last of the other lines
+are always data; they give the separator (semicolon, tab, comma, blanks) and the number of columns. The data begin with
+the first line of this width that contains a number and is followed by similar lines. The line above is the header if it
+has a name for every column (a row of units may stand between); the lines above it are the preamble. Without a header
+the columns are called ``c1``, ``c2``, …. Decimal commas, dates with a time of day, and times of day are recognised in
+each column.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _UNITS = {
     *("rad", "deg", "°", "rev", "rpm", "rad/s", "deg/s", "°/s", "rev/s", "rad/s^2", "m", "mm", "m/s", "mm/s"),
     *("n", "nm", "n*m", "n·m", "kg", "°c"),
 }
-# Of day and month, whichever comes first, only the difference of two moments counts.
+# Only time differences are used, so the order of day and month does not matter.
 _MOMENTS = [
     f"{date}{between}%H:%M:%S%.f{zone}"
     for date in ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d/%m/%Y")
@@ -58,8 +58,8 @@ _MOMENTS = [
     for zone in ("", "Z", "%z")
 ]
 _TIME_OF_DAY = "%H:%M:%S%.f"
-_CELL = "\x1f"  # stands between the cells of a split line; in a file it would be binary, and refused
-_TAIL = 100  # lines at the end of the file that tell its structure
+_CELL = "\x1f"  # separates the cells of a split line; a file that contains it is refused as binary
+_TAIL = 100  # lines at the end of the file that determine its structure
 _BETWEEN_BLANKS = re.compile(r'"[^"]*"|[^\s"]+')
 _DIGIT = re.compile(r"\d")
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
@@ -71,7 +71,7 @@ class _Line(NamedTuple):
 
 
 class _Header(NamedTuple):
-    at: int | None  # which line it begins in, of those that are no comment; None where it is a comment
+    at: int | None  # index of its first line without comment lines; None in a comment
     names: list[str]
     units: list[str]
 
@@ -165,7 +165,7 @@ def _check_widths(numbers: Sequence[int], texts: Sequence[str], width: int) -> N
 
 
 def _numeric_share(sample: Sequence[str], separator: str) -> float:
-    """The part of the filled cells that are numbers, were ``separator`` the right one."""
+    """The share of numbers among the filled cells, with this separator."""
     rows = (text.replace('"', "").split(None if separator == " " else separator) for text in sample)
     cells = [cell.strip() for row in rows for cell in row if cell.strip()]
     return sum(bool(_NUMBER.fullmatch(cell)) for cell in cells) / len(cells) if cells else 0.0
@@ -195,7 +195,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _first_data_line(texts: Sequence[str], width: int) -> int:
-    """The index of the first line that has ``width`` cells and a number among them, and that others like it follow."""
+    """The index of the first line with ``width`` cells and a number that is followed by similar lines."""
 
     def has_number(k: int) -> bool:
         return any(map(_is_number, _cells(texts[k])))
@@ -217,10 +217,10 @@ def _first_data_line(texts: Sequence[str], width: int) -> int:
 
 
 def _header(texts: Sequence[str], start: int, width: int) -> _Header | None:
-    """The names, and perhaps units, in the one or two lines above the first data line, if that is what they are."""
+    """The names, and units if there are any, in the one or two lines above the first data line."""
 
     def names(k: int) -> list[str]:
-        """Line ``k`` as ``width`` names; one separator too many, there or in the data, is forgiven."""
+        """Line ``k`` as ``width`` names; one extra separator there or in the data is accepted."""
         cells = _cells(texts[k]) if k >= 0 else []
         while len(cells) > width and not cells[-1]:
             cells.pop()
@@ -235,7 +235,7 @@ def _header(texts: Sequence[str], start: int, width: int) -> _Header | None:
 
 
 def _commented_header(comments: Sequence[_Line], first: int, separator: str, width: int) -> _Header | None:
-    """The names in the comment right above line ``first`` of the file (``# t u y``), if that is what it is."""
+    """The names in the comment directly above line ``first`` of the file (``# t u y``), if it has any."""
     above = next((comment for comment in comments if comment.number == first - 1), None)
     if above is None:
         return None
@@ -300,7 +300,7 @@ def _numbers_or_text(column: pl.Series) -> pl.Series:
 
 
 def _moments_or_text(column: pl.Series) -> pl.Series:
-    """The column as moments where its first filled cell is one; what is none among them becomes missing."""
+    """The column as times if its first filled cell is one; other cells become missing."""
     import polars as pl
 
     pointed = column.str.replace(",", ".", literal=True)

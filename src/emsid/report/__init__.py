@@ -1,7 +1,7 @@
-"""Reports: what they contain (plain data), how results become that, figures for print, and a page that zooms.
+"""Reports: their content as plain data, views that make it from results, figures for print, and an HTML page.
 
-What only cascades and physical models have is in `emsid.report.views.cascade` and `emsid.report.views.grey_box`, loaded
-where a section of such a model is asked for.
+The views of cascades and of physical models are in `emsid.report.views.cascade` and `emsid.report.views.grey_box`. They
+are loaded when a section of such a model is made.
 
 >>> from emsid import report
 >>> contents = report.Report("A motor", ("It turns.",), (report.Section("Data"),))

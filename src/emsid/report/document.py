@@ -1,9 +1,9 @@
-"""What a report is made of, as plain data: no plotting library, no HTML, no file.
+"""The content of a report as plain data: no plotting library, no HTML, no file.
 
 A `Report` is a list of sections, a section has paragraphs, tables and figures, a `Figure` has plots, and a plot has
 marks on two axes. `emsid.report.views` turns results into these, `emsid.report.figures` draws them for print and
-`emsid.report.page_plots` for a screen, and `emsid.report.page` sets them in a page. Arrays are kept whole here; who
-draws them thins them, by `thin`.
+`emsid.report.page_plots` for a screen, and `emsid.report.page` sets them in a page. Arrays here have all samples; the
+drawing modules reduce them by `thin`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 class Ink(Enum):
-    """Colours that can be told apart with any colour vision, on white paper (after Okabe and Ito)."""
+    """Colours for white paper that people with any colour vision can distinguish (after Okabe and Ito)."""
 
     BLUE = "#3d8fd1"
     RED = "#d1242f"
@@ -67,14 +67,14 @@ class Line:
         x, y: (n,) in the units of the axes, x ascending.
         label: for the legend, empty for none.
         stroke: how it looks.
-        held: whether a value is held until the next, as a zero-order hold does.
+        stairs: whether every value is drawn constant until the next one, as by a zero-order hold.
     """
 
     x: Array
     y: Array
     label: str = ""
     stroke: Stroke = Stroke()
-    held: bool = False
+    stairs: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ class Band:
     Attributes:
         x, lower, upper: (n,) in the units of the axes.
         label: for the legend, empty for none.
-        ink: its colour, laid on thinly.
+        ink: its colour, drawn pale.
     """
 
     x: Array
@@ -112,15 +112,15 @@ class Band:
 
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """How often values fall between edges.
+    """A histogram.
 
     Attributes:
         edges: (n + 1,) ascending, on the x axis.
         heights: (n,) on the y axis.
         label: for the legend, empty for none.
-        stroke: of the outline; the area is laid on thinly in its colour.
-        backdrop: drawn behind the other marks, a quarter as high as the plot, on a scale of its own without ticks: to
-            show where data lie and where a curve is only continued.
+        stroke: of the outline; the area is pale in the same colour.
+        backdrop: whether it is drawn behind the other marks, a quarter as high as the plot and without ticks, to show
+            where the data are.
     """
 
     edges: Array
@@ -132,7 +132,7 @@ class Histogram:
 
 @dataclass(frozen=True, eq=False)
 class Bars:
-    """Horizontal bars, the first at the top, each below its name, which is in `Axis.names` of y, and a remark.
+    """Horizontal bars, the first at the top. Above each bar stand its name (from `Axis.names` of y) and a remark.
 
     Attributes:
         values: (n,) on the x axis; no bar is drawn where one is not finite.
@@ -169,7 +169,7 @@ class Spans:
     Attributes:
         edges: (n, 2) where each begins and ends, on the x axis.
         label: for the legend, empty for none.
-        ink: its colour, laid on thinly.
+        ink: its colour, drawn pale.
     """
 
     edges: Array
@@ -189,7 +189,7 @@ class Axis:
         unit: in which unit; "1" for a number without one, empty where it is not known.
         log: whether it is logarithmic.
         range: first and last value; from the data where None.
-        names: what stands at 0, 1, 2, … of an axis of names, which has no unit.
+        names: the labels at 0, 1, 2, … of an axis of names, which has no unit.
     """
 
     quantity: str
@@ -215,9 +215,9 @@ class Plot:
     Attributes:
         marks: what is drawn, the first at the bottom.
         x, y: the axes.
-        title: what sets it apart from the other plots of its figure, may be empty.
+        title: difference to the other plots of its figure, may be empty.
         height: in rows of ordinary height.
-        span: over how many columns of the figure it goes.
+        span: its width in columns of the figure.
     """
 
     marks: tuple[Mark, ...]
@@ -234,7 +234,7 @@ class Figure:
 
     Attributes:
         name: of its files and its place in the page: small letters, digits and hyphens.
-        caption: what is to be seen, in a sentence or two.
+        caption: what the figure shows, in one or two sentences.
         plots: row by row.
         columns: how many stand beside each other where there is room.
         shared_x: whether all have the same x axis and are zoomed together.
@@ -256,7 +256,7 @@ class Figure:
 
     @property
     def rows(self) -> tuple[tuple[Plot, ...], ...]:
-        """The plots as they stand, row by row."""
+        """The plots by rows."""
         rows: list[list[Plot]] = [[]]
         for plot in self.plots:
             if sum(each.span for each in rows[-1]) + plot.span > self.columns:
@@ -273,9 +273,9 @@ class Table:
         header: a head for every column.
         rows: as many cells each.
         caption: what it shows.
-        note: what is to be known to read it, below it.
-        text_columns: how many columns at the left are words; the others are numbers.
-        emphasised: rows that stand out.
+        note: explanation below the table.
+        text_columns: how many columns at the left are text; the others are numbers.
+        emphasised: rows in bold.
     """
 
     header: tuple[str, ...]
@@ -292,10 +292,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Term:
-    """A word of the field and what it means, for a reader who has not met it.
+    """Definition of a term.
 
     Attributes:
-        word: as it stands in the tables and figures that follow.
+        word: the term in the tables and figures that follow.
         meaning: in a sentence.
     """
 
@@ -305,7 +305,7 @@ class Term:
 
 @dataclass(frozen=True)
 class Notice:
-    """A finding in words.
+    """A finding as a sentence.
 
     Attributes:
         text: the sentence.
@@ -325,8 +325,8 @@ class Section:
         paragraphs: plain text.
         equations: plain text, set in a fixed width.
         tables, figures: what it shows.
-        remarks: what is to be known before the numbers are read, a sentence or two each, set apart as a list.
-        terms: what the words in it mean.
+        remarks: a list of remarks of one or two sentences each.
+        terms: definitions of its terms.
     """
 
     title: str
@@ -340,7 +340,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Fact:
-    """One of the numbers to be seen first.
+    """A key figure for the first screen.
 
     Attributes:
         value: with its unit.
@@ -361,10 +361,10 @@ class Report:
         title: its heading.
         summary: paragraphs of plain text that say what was found.
         sections: its parts.
-        facts: the numbers to be seen first.
-        imprint: a line at the foot: what made it, from what.
+        facts: key figures of the first screen.
+        imprint: a line at the bottom: the command and its data.
         opening: tables and figures of the first screen, before the contents; without a title.
-        notices: what limits the result, beside the opening.
+        notices: warnings and problems, beside the opening.
         advice: what to do next, in sentences.
     """
 
@@ -390,10 +390,10 @@ class Report:
 
 
 def thin(x: ArrayLike, y: ArrayLike, limit: int) -> tuple[Array, Array]:
-    """At most ``limit`` points of a line that look the same: of every bucket of samples its lowest and its highest.
+    """Reduce a line to at most ``limit`` points that look the same: the lowest and highest of every bucket of samples.
 
-    The first and the last point, the extremes of the whole and the gaps (NaN) stay; what stays is unchanged and in
-    order. A line that is short enough comes back as it is.
+    The first and the last point, the extremes and the gaps (NaN) are kept. Kept points are unchanged and in order. A
+    line that is short enough is returned unchanged.
 
     Args:
         x, y: (n,) the line.

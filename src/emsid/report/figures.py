@@ -1,8 +1,8 @@
-"""Figures for print, drawn by Matplotlib, which nothing else knows.
+"""Figures for print. Only this module uses Matplotlib.
 
-A drawer for each kind of mark; everything else about a figure is said once, in `emsid.report.document`. Nothing global
-is touched: settings hold while a figure is drawn, and the same figure gives the same bytes. No text is ever read as
-mathematics, so a column may be called ``$u$``.
+`emsid.report.document` defines figures; here is a function that draws each kind of mark. Global settings of Matplotlib
+are not changed. The same figure gives the same bytes. Text is never read as mathematics, so a column may be called
+``$u$``.
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ Array = NDArray[np.float64]
 # Points of a line: more than a printer's dots across it.
 PRINT_POINTS = 2000
 
-# A printed figure, in points: its width, the height of an ordinary plot, what the labels below, left and right of one
-# take (without those of the ticks at the left), the size of small letters.
+# A printed figure, in points: its width, the height of an ordinary plot, the space for labels below, left and right of
+# it (without tick labels at the left), the size of small letters.
 _WIDTH, _ROW, _FOOT, _LABEL, _RIGHT, _SMALL = 520.0, 120.0, 32.0, 16.0, 12.0, 7.5
 
 _SETTINGS: dict[Any, Any] = {
-    "font.family": "DejaVu Sans",  # comes with Matplotlib, so that figures are the same everywhere
+    "font.family": "DejaVu Sans",  # part of Matplotlib, so that figures are the same on all machines
     "font.size": 8,
     "axes.labelsize": 8,
     "axes.edgecolor": "#8a8f98",
@@ -87,7 +87,7 @@ _SETTINGS: dict[Any, Any] = {
 
 
 def draw(figure: Figure, formats: Collection[str] = ("svg",)) -> dict[str, bytes]:
-    """Draw a figure once and write it in these formats: scalable, the same bytes for the same figure.
+    """Draw a figure once and write it in these vector formats. The same figure gives the same bytes.
 
     Args:
         figure: what to draw.
@@ -106,7 +106,7 @@ def draw(figure: Figure, formats: Collection[str] = ("svg",)) -> dict[str, bytes
 def _svg(sheet: Sheet, about: dict[str, str]) -> bytes:
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-    # The canvas itself, since Figure.savefig draws everything twice for the sake of automatic layouts.
+    # The canvas writes directly: Figure.savefig would draw everything twice for automatic layouts.
     file = BytesIO()
     FigureCanvasSVG(sheet).print_svg(file, metadata=about | {"Date": None})  # type: ignore[no-untyped-call]
     return file.getvalue()
@@ -124,7 +124,7 @@ _WRITERS: dict[str, Callable[[Sheet, dict[str, str]], bytes]] = {"svg": _svg, "p
 
 
 def sheet(figure: Figure) -> Sheet:
-    """A figure as Matplotlib has it, to be changed or saved."""
+    """The Matplotlib figure, to be changed or saved."""
     from matplotlib import rc_context
 
     with rc_context(_SETTINGS):
@@ -142,22 +142,22 @@ _LINE_STYLES: dict[Dash, Any] = {
 
 
 class _Place(NamedTuple):
-    """Where a plot goes on the sheet; lengths in points, from the top."""
+    """Position of a plot on the sheet; lengths in points, from the top."""
 
     plot: Plot
     column: int
     top: float
     height: float
-    head: float  # what the titles and legends of its row take above it
-    room: float  # what its own legend has at most in width
-    labelled: bool  # whether the x axis has its labels, or leaves them to the plot below
+    head: float  # height of the titles and legends above its row
+    room: float  # largest width of its legend
+    labelled: bool  # whether the x axis has labels; otherwise the plot below has them
 
 
 def _sheet(figure: Figure) -> Sheet:
-    """The figure with every plot drawn and in its place.
+    """Draw all plots of a figure.
 
-    Places follow from the sizes of the texts, which is several times faster than to have Matplotlib try layouts; all
-    plots of a column begin at the same x.
+    Positions are computed from the sizes of the texts. This is several times faster than Matplotlib's layout engines.
+    All plots of a column begin at the same x.
     """
     from matplotlib.figure import Figure as Sheet
 
@@ -187,7 +187,7 @@ def _sheet(figure: Figure) -> Sheet:
 
 
 def _places(figure: Figure) -> tuple[list[_Place], float]:
-    """Where the plots go, and the height of the sheet in points."""
+    """Positions of the plots, and the height of the sheet in points."""
     places, y = [], 2.0
     for row in figure.rows:
         labelled = not figure.shared_x or figure.columns > 1 or row[-1] is figure.plots[-1]
@@ -203,15 +203,15 @@ def _places(figure: Figure) -> tuple[list[_Place], float]:
 
 
 def _head_height(plot: Plot, room: float) -> float:
-    """What title and legend take above the plot, in points."""
+    """Height of title and legend above the plot, in points."""
     texts = [mark.label for mark in plot.marks if mark.label]
     lines = -(-len(texts) // _legend_columns(texts, room)) if texts else 0
     return 12.5 * bool(plot.title) + 11.5 * lines
 
 
 def _legend_columns(texts: Sequence[str], room: float) -> int:
-    """As many columns of legend entries as go into ``room`` points."""
-    widths = [_text_width(text) + 34.0 for text in texts]  # with its line and the space to the next
+    """How many columns of legend entries fit into ``room`` points."""
+    widths = [_text_width(text) + 34.0 for text in texts]  # with its line sample and spacing
     fitting = (n for n in range(len(texts), 1, -1) if sum(max(widths[k::n]) for k in range(n)) <= room)
     return next(fitting, 1)
 
@@ -228,7 +228,7 @@ def _text_width(text: str, size: float = _SMALL, weight: str = "normal") -> floa
 
 
 def _tick_room(axes: Axes) -> float:
-    """What the labels of the y axis take, in points."""
+    """Width of the tick labels of the y axis, in points."""
     low, high = sorted(axes.get_ylim())
     formatter = axes.yaxis.get_major_formatter()
     texts = formatter.format_ticks([tick for tick in axes.get_yticks() if low <= tick <= high])
@@ -263,7 +263,7 @@ def _set_axes(axes: Axes, place: _Place) -> None:
 
 
 def beside(axis: Axis, height: float, size: float) -> tuple[str, float]:
-    """The title of an axis and the size of its letters beside a plot of this height; a long name is cut."""
+    """The title of an axis and its font size beside a plot of this height; a long name is cut."""
     title, room = axis.title, height + 10
     smaller = size * room / _text_width(title, size)
     if smaller >= 0.75 * size:
@@ -284,12 +284,12 @@ def _name_bars(axes: Axes, plot: Plot) -> None:
 
 
 def name_range(axis: Axis) -> tuple[float, float]:
-    """Where an axis of names begins, at the top, and ends: half a place beyond them and room for the first name."""
+    """Limits of an axis of names, from the top: half a place beyond the names, and space for the first one."""
     return -0.75, len(axis.names) - 0.5
 
 
 def _put_head(axes: Axes, place: _Place, handles: Sequence[Artist | BarContainer]) -> None:
-    """The title, level with the others of the row, and the legend, above the plot where it hides nothing."""
+    """Draw the title, aligned with those of the row, and the legend above the plot."""
     if place.plot.title:
         offset = (0, place.head - 11.0)
         axes.annotate(place.plot.title, (0, 1), offset, "axes fraction", "offset points", weight="bold", size=8.5)
@@ -301,7 +301,7 @@ def _put_head(axes: Axes, place: _Place, handles: Sequence[Artist | BarContainer
 
 
 def _tick(side: MplAxis, value: float, _: int | None = None) -> str:
-    """The label of a tick; zero where rounding left a little."""
+    """The label of a tick; a value that differs from zero only by rounding is zero."""
     low, high = side.get_view_interval()
     linear = side.get_scale() != "log"
     return "0" if linear and abs(value) < 1e-9 * abs(high - low) else tick(value)
@@ -309,7 +309,7 @@ def _tick(side: MplAxis, value: float, _: int | None = None) -> str:
 
 @singledispatch
 def _draw(mark: Mark, axes: Axes) -> Artist | BarContainer:
-    """Draw a mark; returned is what stands for it in a legend."""
+    """Draw a mark and return its handle for the legend."""
     raise TypeError(f"no drawing of {type(mark).__name__}")
 
 
@@ -320,7 +320,7 @@ def _style(stroke: Stroke) -> dict[str, Any]:
 @_draw.register(Line)
 def _(mark: Line, axes: Axes) -> Artist | BarContainer:
     x, y = thin(mark.x, mark.y, PRINT_POINTS)
-    return axes.plot(x, y, drawstyle="steps-post" if mark.held else "default", **_style(mark.stroke))[0]
+    return axes.plot(x, y, drawstyle="steps-post" if mark.stairs else "default", **_style(mark.stroke))[0]
 
 
 @_draw.register(Points)

@@ -1,4 +1,4 @@
-"""The page of an identification: what was found and how good it is on its first screen, then tables and figures."""
+"""The page of an identification: the first screen has the best model and its errors; tables and figures follow."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from emsid.report.views import terms
 from emsid.units import plain_unit, with_unit
 from emsid.wording import Severity, sentence, severity
 
-# How many of the characteristics and of the notices the first screen holds.
+# At most this many characteristics and notices are on the first screen.
 CHARACTERISTICS, NOTICES = 6, 6
 
 
@@ -49,10 +49,11 @@ def report(result: Identification) -> Report:
 
 
 def summary(result: Identification) -> str:
-    """Which model is the best, of how many, and on how much data."""
+    """The best model, the number of models, and the amount of data."""
     row, count = result.on_unseen.best.row, len(result.fits)
     which = (
-        f"{row.model} is the best of {count} models: its free run on {result.ranked_on} has the smallest error."
+        f"{row.model} is the best of {count} models: its free run (simulation from the input alone) on "
+        f"{result.ranked_on} has the smallest error."
         if count > 1
         else f"{row.model} is the only model that was fitted."
     )
@@ -60,7 +61,7 @@ def summary(result: Identification) -> str:
 
 
 def facts(result: Identification) -> list[Fact]:
-    """The model, how good it is, its characteristics and the verdict on its residual."""
+    """The best model, its errors, its characteristics and the verdict on its residual."""
     best, unit = (
         result.on_unseen.best,
         plain_unit(_unit(result)),
@@ -88,7 +89,7 @@ def facts(result: Identification) -> list[Fact]:
 
 
 def _fact(each: Characteristic, best: str) -> Fact:
-    """A characteristic with its interval, and by which model where that is not the best one."""
+    """A characteristic with its interval, and its model if that is not the best one."""
     by = "" if each.model == best else f", by {each.model}"
     meaning = f"{each.name[:1].upper()}{each.name[1:]}{by}"
     if each.half_width is None:
@@ -118,7 +119,7 @@ def which_model(result: Identification) -> Section:
 
 
 def free_runs(result: Identification) -> Section:
-    """The free runs of all models in detail, and what they leave."""
+    """The free runs of all models in detail, and their residuals."""
     linear_first = sorted(result.on_unseen.assessments, key=lambda each: each.row.model != "arx")
     intervals = views.critical_intervals(
         result.unseen, _stretch(result.unseen), result.unseen.output - linear_first[0].simulation.output

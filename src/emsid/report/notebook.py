@@ -1,7 +1,7 @@
-"""Results as text, as HTML for a notebook, and as Matplotlib figures; `emsid.presentation` brings these to the results.
+"""Results as text, as HTML for a notebook, and as Matplotlib figures, used by `emsid.presentation`.
 
-The HTML of a result is its table and a drawing as an image in the text itself, so that a notebook stays one file. All
-text that may come from a file is escaped.
+The HTML of a result has its table and an embedded image, so that a notebook stays one file. All text that may come from
+a file is escaped.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Sheet
 
 MOST_DRAWN = 5
-"""More models than this in one plot cannot be told apart; the best are drawn."""
+"""At most this many models are drawn in one plot, the best first."""
 MOST_BARS = 24
 """At most this many parameters are drawn, those with the widest intervals first."""
 
 
 class ParameterRow(NamedTuple):
-    """A line of the table of a fit: all of it as text."""
+    """A line of the table of a fit, as text."""
 
     name: str
     value: str
@@ -53,7 +53,7 @@ class ParameterRow(NamedTuple):
 
 
 def parameter_rows(fit: Fit[Any]) -> list[ParameterRow]:
-    """Every parameter with its estimate, its 95 % interval and its unit; in place of an interval why there is none."""
+    """Every parameter with estimate, unit, and 95 % interval or the reason why there is none."""
     if isinstance(fit, GreyBoxFit):
         half = {name: (high - low) / 2 for name, (low, high) in zip(fit.names, fit.interval(), strict=True)}
         return [_row(row.name, row.value, half.get(row.name), row.unit, row.status) for row in fit.table]
@@ -69,9 +69,7 @@ def _row(name: str, value: float, half: float | None, unit: str, status: str) ->
     if not isfinite(half):
         return ParameterRow(name, number(value), "not determined by these data", shown)
     ends = f"{estimate(value - half, half)} … {estimate(value + half, half)}"
-    return ParameterRow(
-        name, estimate(value, half), ends + " (depends on kept values)" * (status == Status.CONDITIONAL), shown
-    )
+    return ParameterRow(name, estimate(value, half), ends + f" ({status})" * (status == Status.CONDITIONAL), shown)
 
 
 def how_it_ended(fit: Fit[Any]) -> str:
@@ -82,14 +80,14 @@ def how_it_ended(fit: Fit[Any]) -> str:
         Ending.CONVERGED: f"converged{steps}",
         Ending.RANK_DEFICIENT: f"ended{steps}; the data do not determine every parameter",
         Ending.STALLED: f"stalled{steps} before a minimum",
-        Ending.OUT_OF_BUDGET: f"stopped{steps}, before a minimum: the budget was used up",
+        Ending.OUT_OF_BUDGET: f"stopped{steps}, before a minimum: the limit of steps or time was reached",
         Ending.INTERRUPTED: f"interrupted{steps}; the best so far is kept",
     }[fit.ending]
     return f"{ended}, {fit.samples:,.0f} samples, method {fit.method}"
 
 
 def remarks(fit: Fit[Any]) -> list[str]:
-    """What the fit has to say, in sentences."""
+    """The findings of the fit as sentences."""
     return [worded(each) for each in fit.findings]
 
 
@@ -126,7 +124,7 @@ def _(result: Identification) -> str:
 
 
 def _problems(result: Identification) -> list[Finding]:
-    """What makes some of the models unusable."""
+    """The findings that are problems."""
     return [finding for finding in result.findings if severity(finding) is Severity.PROBLEM]
 
 
@@ -135,7 +133,7 @@ def _percent(fit: float) -> str:
 
 
 def _aligned(header: Sequence[str], rows: Sequence[Sequence[str]], words: Sequence[int]) -> list[str]:
-    """Lines of a table; columns of words stand at the left, of numbers at the right."""
+    """Lines of a table; text is aligned at the left, numbers at the right."""
     widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
     return [
         "  ".join(
@@ -164,7 +162,7 @@ def _(record: Record) -> Figure:
         (record.output, record.output_names, record.output_units),
     ):
         for x, name, unit in zip(values.T, names, units, strict=True):
-            line = Line(t, with_gaps(x, samples), stroke=Stroke(Ink.BLUE, width=0.9), held=values is record.input)
+            line = Line(t, with_gaps(x, samples), stroke=Stroke(Ink.BLUE, width=0.9), stairs=values is record.input)
             plots.append(Plot((line,), TIME, Axis(name, unit), height=0.6))
     return Figure("record", f"{record.name}: inputs and outputs.", tuple(plots), shared_x=True)
 
@@ -203,7 +201,7 @@ def _(fit: Fit) -> Figure | None:  # type: ignore[type-arg]
 
 
 def _interval_widths(fit: Fit[Any]) -> Figure | None:
-    """Half the 95 % interval of every parameter in percent of its estimate."""
+    """Half the 95 % interval of every parameter, in percent of its estimate."""
     half = np.diff(fit.interval(), axis=1)[:, 0] / 2
     share = 100 * half / np.maximum(np.abs(fit.estimate), np.finfo(float).tiny)
     order = [int(k) for k in np.argsort(-share) if np.isfinite(share[k]) and share[k] > 0][:MOST_BARS]
@@ -237,7 +235,7 @@ def plot(thing: Any) -> Sheet:
 
 @singledispatch
 def tables(thing: Any) -> tuple[list[str], Table | None, list[str]]:
-    """What stands before the table of a result, the table, and what stands after it."""
+    """The lines before the table of a result, the table, and the lines after it."""
     return [repr(thing)], None, []
 
 
@@ -270,8 +268,8 @@ def _(comparison: Comparison) -> tuple[list[str], Table | None, list[str]]:
 @tables.register
 def _(result: Identification) -> tuple[list[str], Table | None, list[str]]:
     _, table, notes = tables(result.on_unseen)
-    told = [*notes, *map(worded, _problems(result))]
-    return [f"Free run on {result.ranked_on}: the best model is {result.chosen.model.name}."], table, told
+    after = [*notes, *map(worded, _problems(result))]
+    return [f"Free run on {result.ranked_on}: the best model is {result.chosen.model.name}."], table, after
 
 
 def html(thing: Any) -> str:

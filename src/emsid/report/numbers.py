@@ -21,7 +21,7 @@ def _short(digits: str) -> str:
 
 
 def estimate(value: float, half_width: float) -> str:
-    """As many digits as the interval leaves a meaning to, one more, and no more than eight."""
+    """The significant digits given by the interval and one more, at most eight."""
     if not value or not half_width:
         return _short(f"{value:.8g}")
     digits = floor(log10(abs(value))) - floor(log10(half_width)) + 2
@@ -29,13 +29,13 @@ def estimate(value: float, half_width: float) -> str:
 
 
 def _rounded(value: float, digits: int) -> str:
-    """So many digits, and zeros in place of a power of ten where these are few."""
+    """Round to significant digits; zeros replace a small power of ten."""
     text = f"{value:.{digits}g}"
     return f"{float(text):.0f}" if "e+0" in text and abs(value) < 1e5 else _short(text)
 
 
 def share_of(half_width: float, value: float) -> str:
-    """Half an interval in percent of the estimate; an interval that holds zero has more than 100."""
+    """Half an interval in percent of the estimate; more than 100 if the interval includes zero."""
     return "> 100" if half_width > abs(value) else f"{100 * half_width / abs(value):.2g}" if value else "0"
 
 
@@ -45,12 +45,12 @@ def percent(fit: float) -> str:
 
 
 def capital(text: str) -> str:
-    """A word with a capital, a symbol such as y1 or mVel as it is."""
+    """A word with a capital letter; a symbol such as y1 or mVel unchanged."""
     return text.capitalize() if text.islower() and text.isalpha() and len(text) > 2 else text
 
 
 def prefixed(size: float, unit: str) -> tuple[float, str]:
-    """A factor and the unit with its prefix that bring a quantity of this size to between 1 and 1000."""
+    """A factor and a prefixed unit in which a quantity of this size is between 1 and 1000."""
     for power, prefix in ((0, ""), (-3, "m"), (-6, "µ")):
         if size >= 10.0**power or not size:
             return 10.0**-power, f"{prefix}{unit}"
@@ -60,8 +60,8 @@ def prefixed(size: float, unit: str) -> tuple[float, str]:
 def sentence(text: str) -> str:
     """A message with a full stop and a capital, unless it begins with the name of a parameter.
 
-    >>> sentence("the search stalled"), sentence("sensor.lag is held"), sentence("b1 cannot be told.")
-    ('The search stalled.', 'sensor.lag is held.', 'b1 cannot be told.')
+    >>> sentence("the search stalled"), sentence("sensor.lag is fixed"), sentence("b1 is fixed.")
+    ('The search stalled.', 'sensor.lag is fixed.', 'b1 is fixed.')
     """
     if not text:
         return ""
@@ -71,7 +71,7 @@ def sentence(text: str) -> str:
 
 
 def within(value: float, half_width: float) -> str:
-    """An estimate and half its interval, with as many digits as that leaves a meaning to.
+    """An estimate and half its interval, with significant digits only.
 
     >>> within(179.8, 1702.0), within(0.05000192, 9.4e-06), within(3.2e7, 1.1e6)
     ('180 ± 1700', '0.0500019 ± 9.4e-6', '3.2e7 ± 1.1e6')

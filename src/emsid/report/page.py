@@ -1,7 +1,7 @@
-"""A report as one HTML page that opens anywhere: no network, no other file, readable on a phone and on paper.
+"""A report as one HTML page without other files: it opens offline and is readable on a phone and on paper.
 
-The plots are SVG and HTML (`emsid.report.page_plots`) and need no script; a short one lets a reader enlarge them. Every
-text goes through Jinja's escaping, and the page forbids itself, by its content security policy, to load anything.
+The plots are SVG and HTML (`emsid.report.page_plots`) and need no script; a short script adds zooming. Jinja escapes
+all texts, and the content security policy of the page forbids loading anything.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from emsid.report.document import Report
 from emsid.report.page_plots import page_figure
 
 FORMATS = ("svg", "pdf")
-"""In which formats `write_report` can write the figures."""
+"""The formats of figures that `write_report` can write."""
 
 
 def page(report: Report) -> str:
@@ -43,7 +43,7 @@ def write_report(
     Args:
         report: what to write.
         folder: where to; it is made where it is missing.
-        control: when to stop, and who is told what is being done.
+        control: when to stop, and where to report progress.
         formats: of the files of the figures, of `FORMATS`; none for the page alone.
 
     Returns:
@@ -51,7 +51,7 @@ def write_report(
 
     Raises:
         FormatError: where the folder cannot be written to.
-        Stopped: where ``control`` ends it; nothing has been written then.
+        Stopped: if ``control`` ends it; nothing is written then.
     """
     from emsid.report.figures import draw
 

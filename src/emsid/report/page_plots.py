@@ -1,8 +1,8 @@
-"""Plots of the page: what the template sets as HTML and SVG, computed from a `Plot`.
+"""Plots of the page: the values that the template writes as HTML and SVG, computed from a `Plot`.
 
-The lines of a plot are SVG paths that stretch with the width of the page; titles, ticks and legends are HTML, so their
-letters keep their size on a phone. The same markup is read on a screen, in print and where scripts are off; a short
-script adds zooming. All texts are returned as they are: the template escapes them.
+The lines of a plot are SVG paths that stretch with the width of the page. Titles, ticks and legends are HTML, so their
+letters keep their size on a phone. The same markup serves for screen and print, with and without scripts; a short
+script adds zooming. Texts are not escaped here: the template escapes them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 # Points of a line: about two in every pixel of a wide screen, the lowest and the highest value of each stretch.
 PAGE_POINTS = 1600
 
-# Coordinates inside a plot are whole numbers from 0 to these, so that a path is short and can be enlarged twentyfold.
+# Coordinates inside a plot are integers from 0 to these limits: paths are short and can be enlarged twenty times.
 WIDTH, HEIGHT = 20_000, 10_000
 
 _ROW = 210  # the height of an ordinary plot, in pixels
@@ -74,7 +74,7 @@ class Entry:
 
     Attributes:
         label: its text.
-        look: a mark of 24 by 10, drawn in the look of what it stands for.
+        look: a sample of the mark, 24 by 10.
     """
 
     label: str
@@ -97,7 +97,7 @@ class Scale:
     ticks: tuple[tuple[float, str], ...]
 
     def place(self, values: ArrayLike, length: int) -> Array:
-        """Where values stand on an axis of this length, from the low end."""
+        """Positions of values on an axis of this length, from the low end."""
         x = np.asarray(values, dtype=float)
         if self.log:
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -112,7 +112,7 @@ class Bar:
     Attributes:
         name, remark: the text above it.
         length: in percent of the width; None for no bar.
-        points: where points stand on it, in percent.
+        points: positions of points on it, in percent.
     """
 
     name: str
@@ -130,10 +130,10 @@ class PagePlot:
         x, y: its scales.
         shapes: what is drawn, the first at the bottom.
         height: in pixels.
-        room: for the ticks at its left, in pixels.
+        room: width for the tick labels at its left, in pixels.
         legend: its own; empty where the figure has one for all its plots.
         bars: for a chart of names, which has no y axis.
-        span: over how many columns it goes.
+        span: its width in columns.
     """
 
     title: str
@@ -224,7 +224,7 @@ def _scale(axis: Axis, values: Sequence[Array], margin: float, *, narrow: bool) 
     if not high > low:  # a range that is one value
         low, high = low - 1.0, high + 1.0
     places = log_ticks(low, high) if axis.log else linear_ticks(low, high, 6)
-    if narrow and not axis.log:  # fewer where their labels would touch on a phone
+    if narrow and not axis.log:  # fewer if their labels would touch on a phone
         most = 6
         while most > 2 and sum(_LETTER * (len(tick(v)) + 2) for v in places) > _NARROW:
             most -= 1
@@ -268,7 +268,7 @@ def _tick_room(y: Scale) -> int:
 
 @singledispatch
 def _extent(mark: Mark) -> tuple[Array, Array]:
-    """The values of a mark that its axes have to show."""
+    """The values of a mark that its axes must show."""
     raise TypeError(f"no extent of {type(mark).__name__}")
 
 
@@ -314,7 +314,7 @@ def path(x: ArrayLike, y: ArrayLike) -> str:
     """
     xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     known = np.isfinite(xs) & np.isfinite(ys)
-    # Far outside, a line is cut to what any browser can draw.
+    # A line far outside the plot is cut, because browsers cannot draw very large coordinates.
     whole = np.rint(
         np.stack([np.clip(xs, -WIDTH, 2 * WIDTH), np.clip(ys, -20 * HEIGHT, 20 * HEIGHT)])[:, known]
     ).astype(int)
@@ -330,7 +330,7 @@ def _piece(points: NDArray[np.int_]) -> str:
 
 
 def _stairs(x: Array, y: Array) -> tuple[Array, Array]:
-    """A line that holds every value until the next x."""
+    """A line that keeps every value until the next x."""
     return np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
 
 
@@ -340,14 +340,14 @@ def _line(d: str, stroke: Stroke) -> Shape:
 
 @singledispatch
 def _shapes(mark: Mark, x: Scale, y: Scale) -> list[Shape]:
-    """What is drawn of a mark."""
+    """The shapes of a mark."""
     raise TypeError(f"no shapes of {type(mark).__name__}")
 
 
 @_shapes.register(Line)
 def _(mark: Line, x: Scale, y: Scale) -> list[Shape]:
     xs, ys = thin(mark.x, mark.y, PAGE_POINTS)
-    if mark.held:
+    if mark.stairs:
         xs, ys = _stairs(xs, ys)
     return [_line(path(x.place(xs, WIDTH), HEIGHT - y.place(ys, HEIGHT)), mark.stroke)]
 
@@ -374,7 +374,7 @@ def _(mark: Band, x: Scale, y: Scale) -> list[Shape]:
 def _(mark: Histogram, x: Scale, y: Scale) -> list[Shape]:
     xs, ys = _stairs(mark.edges, np.append(mark.heights, mark.heights[-1:]))
     if not mark.backdrop:
-        if y.log:  # a bar of height zero is where nothing is drawn
+        if y.log:  # a bar of height zero is not drawn
             ys = np.where(ys > 0, ys, 10.0 ** (y.low - 1))
         return [_line(path(x.place(xs, WIDTH), HEIGHT - y.place(ys, HEIGHT)), mark.stroke)]
     highest = 4 * float(np.max(mark.heights, initial=0)) or 1.0

@@ -25,8 +25,8 @@ def study_report(result: Study) -> Report:
     return Report(
         title="Identification of an electromechanical system",
         summary=(
-            "Models of a DC motor with dead zone and friction, after Kara and Abokoos. Each is fitted to one record "
-            "and judged by its free run on another record with another input.",
+            "Models of a DC motor with dead zone and friction, after Kara and Abokoos. Each model is fitted to one "
+            "record. The models are compared by their free runs on a second record with another input.",
         ),
         sections=(
             Section(
@@ -50,9 +50,9 @@ def study_report(result: Study) -> Report:
 
 
 def summary_table(part: Part, *, own_records: bool = False) -> Table:
-    """Model, parameters, free-run fit and MSE, and how many times smaller the MSE is than that of the linear model."""
+    """Every model with number of parameters, free-run fit and MSE, and the ratio of the linear model's MSE to it."""
     rows = summary(part)
-    unit = plain_unit(part.verification.output_units[0])
+    unit = plain_unit(part.unseen.output_units[0])
     mse = f"Free-run MSE [({unit})²]" if unit else "Free-run MSE"
     best = min((row for row in rows if not row.check), key=lambda row: _ranked(row.simulation_mse))
     titles = {
@@ -65,14 +65,14 @@ def summary_table(part: Part, *, own_records: bool = False) -> Table:
     return Table(
         (
             "Model",
-            "What it is",
+            "Description",
             "Parameters",
-            "Fit",
+            "Free-run fit",
             mse,
-            "Linear ÷ MSE",
-            "on data fitted",
+            "Ratio to linear",
+            "Ratio, identification data",
             "Paper",
-            "Paper, data fitted",
+            "Paper, identification data",
         ),
         tuple(
             (
@@ -81,19 +81,19 @@ def summary_table(part: Part, *, own_records: bool = False) -> Table:
                 str(row.parameters),
                 percent(row.fit_percent),
                 number(row.simulation_mse),
-                _times(row, row.better_verification),
+                _times(row, row.better_unseen),
                 _times(row, row.better_identification),
-                _factor(row.paper_verification),
+                _factor(row.paper_unseen),
                 _factor(row.paper_identification),
             )
             for row in rows
         ),
-        f"{titles[part.name]} Free run on the record that was not fitted to.",
+        f"{titles[part.name]} Free run on unseen data.",
         " ".join(
             (
-                "Linear ÷ MSE: how many times smaller the free-run MSE is than that of the linear model, on the "
-                "record that was not fitted to and on the one that was.",
-                f"Paper: the same of the paper's own models ({PAPER_NOTE}).",
+                "Ratio to linear: free-run MSE of the linear model divided by that of this model, on unseen data and "
+                "on identification data (the data that the models were fitted to).",
+                f"Paper: the same ratio of the paper's models ({PAPER_NOTE}).",
                 *checks,
             )
         ),
@@ -107,12 +107,12 @@ def _ranked(mse: float) -> float:
 
 
 def _times(row: SummaryRow, better: float | None) -> str:
-    """A ratio to the linear model; of a check, where only rounding is left, none."""
+    """A ratio to the linear model; none in a check, whose error is only rounding."""
     return "check only" if row.check else _factor(better)
 
 
 def _factor(ratio: float | None) -> str:
-    """A ratio in three digits.
+    """A ratio with three digits.
 
     >>> _factor(557.2), _factor(46871.3), _factor(0.982), _factor(None)
     ('×557', '×46,900', '×0.982', '')
@@ -123,29 +123,29 @@ def _factor(ratio: float | None) -> str:
 def part_section(part: Part) -> Section:
     """All errors of one of the two studies and its figures."""
     name = part.name
-    shown = [part.verified(model) for model in part.models]
-    error = part.verification.output - shown[0].simulation.output
-    intervals = views.critical_intervals(part.verification, 0.1 * len(part.verification) * part.verification.dt, error)
+    shown = [part.on_unseen(model) for model in part.models]
+    error = part.unseen.output - shown[0].simulation.output
+    intervals = views.critical_intervals(part.unseen, 0.1 * len(part.unseen) * part.unseen.dt, error)
     published = {
         (model, data): PAPER_MSE[name, data][k]
         for k, model in enumerate((LINEAR, PAPER))
-        for data in ("identification", "verification")
+        for data in ("identification", "unseen")
     }
     reference = views.Reference("Paper", PAPER_NOTE, published)
     best = min(shown, key=lambda each: _ranked(each.row.simulation_mse))
     recursion = (
-        (views.convergence(part.verified(PAPER, "rls").fit, part.verified(PAPER).fit, name=f"{name}-convergence"),)
+        (views.convergence(part.on_unseen(PAPER, "rls").fit, part.on_unseen(PAPER).fit, name=f"{name}-convergence"),)
         if PAPER in part.models
         else ()
     )
     return Section(
         f"The {name} study",
         terms=(terms.ONE_STEP, terms.MSE, terms.METHOD),
-        tables=(views.results_table(part.rows, reference, unit=part.verification.output_units[0]),),
+        tables=(views.results_table(part.rows, reference, unit=part.unseen.output_units[0]),),
         figures=(
             views.measured_and_simulated(best, name=f"{name}-free-run"),
             views.responses(shown, intervals, name=f"{name}-responses"),
-            views.inputs((part.identification, part.verification), name=f"{name}-inputs"),
+            views.inputs((part.identification, part.unseen), name=f"{name}-inputs"),
             *recursion,
             views.residuals(shown, name=f"{name}-residuals"),
         ),
@@ -153,7 +153,7 @@ def part_section(part: Part) -> Section:
 
 
 def motor_section(settings: Settings) -> Section:
-    """What is simulated."""
+    """The simulated motor."""
     return Section(
         "The motor",
         paragraphs=(
@@ -171,6 +171,6 @@ def model_sections(result: Study) -> tuple[Section, ...]:
     for model in (BLOCKS, ONE_MASS, TWO_MASSES):
         part = next((part for part in result.parts if model in part.models), None)
         if part is not None:
-            section = views.model_section(part.verified(model).fit, part.identification)
+            section = views.model_section(part.on_unseen(model).fit, part.identification)
             sections.append(section)
     return tuple(sections)

@@ -1,4 +1,4 @@
-"""The study of Kara and Abokoos, end to end."""
+"""The complete study of Kara and Abokoos."""
 
 from emsid.study.setup import Settings
 from emsid.study.workflow import Study, study

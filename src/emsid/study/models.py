@@ -32,23 +32,23 @@ LINEAR, PAPER, FULL, FRICTION, BLOCKS, ONE_MASS, TWO_MASSES = (
 MEANINGS = {
     LINEAR: "the paper's linear model (5.12)",
     PAPER: "the paper's nonlinear model (5.10), of second degree",
-    FULL: "the same expansion (3.5) in full, of third degree",
+    FULL: "the complete expansion (3.5) of third degree",
     FRICTION: "a regression with friction terms",
-    BLOCKS: "filter, dead zone, filter, by the error of the free run",
+    BLOCKS: "filter, dead zone, filter, fitted to the free run",
     ONE_MASS: "the physical motor as one mass",
     TWO_MASSES: "the physical motor with its shaft",
 }
-"""What every model is, in a few words."""
+"""A short description of every model."""
 
 # Filter, dead zone (4.9), filter. The input is constant between samples, so oversampling would change nothing.
 CASCADE = CascadeSearch(static="dead-zone", oversampling=1, max_iterations=30, threads=1)
 STRIBECK = ("rotor_friction.stribeck", "rotor_friction.stribeck_rate")
-# Measured with an ohmmeter, and neglected: voltage and speed determine neither.
+# The resistance is measured and the viscous friction neglected: voltage and speed determine neither.
 KNOWN = ("resistance", "rotor_viscous")
 
 
 def structures(record: Record, knots: int) -> tuple[Structure, ...]:
-    """The regressions of the study: (5.12), (5.10), (3.5) in full with degree 3, and one with friction terms."""
+    """The regressions of the study: (5.12), (5.10), complete (3.5) with degree 3, and one with friction terms."""
     full = wiener_hammerstein_regression(na=4, nb=3, degree=3, taps=2)
     return (
         arx(na=4, nb=4),
@@ -76,7 +76,7 @@ def searches(motor: Motor, record: Record, *, shaft: bool) -> dict[str, Callable
 
 
 def one_mass(motor: Motor, record: Record, control: Control = FREE) -> GreyBoxFit:
-    """The motor as one mass without inductance, whose effect a delay takes up."""
+    """The motor as one mass; a delay replaces the effect of its inductance."""
     plant = DrivenMotor(replace(motor, inductance=0.0).rigid())
     names = _unknown(plant)
     start = half_off(plant, names).put({"drive.delay": 0.5 * record.dt})
@@ -84,14 +84,14 @@ def one_mass(motor: Motor, record: Record, control: Control = FREE) -> GreyBoxFi
 
 
 def two_masses(motor: Motor, record: Record, control: Control = FREE) -> GreyBoxFit:
-    """The motor with its shaft, from the first half of a record, which suffices without noise."""
+    """The motor with its shaft, fitted to the first half of a record, which is enough without noise."""
     plant = DrivenMotor(motor)
     names = _unknown(plant)
     return simulation_error(half_off(plant, names), record[: len(record) // 2], free=names, control=control)
 
 
 def half_off(plant: DrivenMotor, names: Sequence[str]) -> DrivenMotor:
-    """The plant with these parameters 50 % off: where a search begins."""
+    """The plant with these parameters 50 % too large, as the start of a search."""
     return plant.put({name: 1.5 * plant.value(name) for name in names})
 
 

@@ -1,4 +1,4 @@
-"""What is studied: the motor, the bench and the two inputs, and the figures that the paper published."""
+"""Setup of the study: the motor, the bench, the two inputs, and the errors published in the paper."""
 
 from __future__ import annotations
 
@@ -13,27 +13,26 @@ from emsid.plant import Bench, Friction, Motor
 from emsid.record import Record
 
 SIMULATION, EXPERIMENT = "simulation", "experiment"
-IDENTIFICATION, VERIFICATION = "identification", "verification"
+IDENTIFICATION, UNSEEN = "identification", "unseen"
 
 # Sums of two sines (section V.B) for slow operation in both directions: amplitudes in V, frequencies in Hz.
-INPUTS = {IDENTIFICATION: ((3.0, 2.0), (0.4, 1.3)), VERIFICATION: ((2.5, 2.0), (0.25, 0.9))}
+INPUTS = {IDENTIFICATION: ((3.0, 2.0), (0.4, 1.3)), UNSEEN: ((2.5, 2.0), (0.25, 0.9))}
 
-# The paper's MSE (5.14) of its Tables 1 and 2, of another motor and in units that it does not state:
-# (linear, nonlinear).
+# MSE (5.14) from Tables 1 and 2 of the paper: (linear, nonlinear). Its motor is another one, its units are not stated.
 PAPER_MSE = {
     (SIMULATION, IDENTIFICATION): (0.0005634, 2.559e-05),
-    (SIMULATION, VERIFICATION): (0.002264, 4.063e-06),
+    (SIMULATION, UNSEEN): (0.002264, 4.063e-06),
     (EXPERIMENT, IDENTIFICATION): (0.1105, 0.004573),
-    (EXPERIMENT, VERIFICATION): (0.1933, 0.06834),
+    (EXPERIMENT, UNSEEN): (0.1933, 0.06834),
 }
-# Section V.A: the mean square difference that friction on the load side makes to the output.
+# Section V.A: mean square difference of the outputs with and without friction on the load side.
 PAPER_LOAD_FRICTION_MSE = 3.341e-6
 
 
 def paper_ratio(study: str, data: str) -> float:
-    """How many times smaller the MSE of the paper's nonlinear model is than that of its linear one.
+    """MSE of the paper's linear model divided by that of its nonlinear model.
 
-    >>> round(paper_ratio(SIMULATION, VERIFICATION)), round(paper_ratio(EXPERIMENT, VERIFICATION), 1)
+    >>> round(paper_ratio(SIMULATION, UNSEEN)), round(paper_ratio(EXPERIMENT, UNSEEN), 1)
     (557, 2.8)
     """
     linear, nonlinear = PAPER_MSE[study, data]
@@ -42,11 +41,11 @@ def paper_ratio(study: str, data: str) -> float:
 
 @dataclass(frozen=True)
 class Settings:
-    """What may be changed about the study.
+    """Settings of the study.
 
     Args:
         motor: the plant.
-        bench: what stands between the plant and the record in the experiment study.
+        bench: noise, quantisation, delay and ripple of the experiment study.
         dt: sample time in seconds.
         duration: length of every record in seconds.
         seed: of the noise of the bench.
@@ -81,7 +80,7 @@ def measure(settings: Settings, bench: Bench, kind: str, rng: np.random.Generato
 
 
 def load_friction_difference(settings: Settings) -> tuple[float, float]:
-    """The paper's preliminary check: what friction on the load side does to the output.
+    """The paper's preliminary check: the effect of friction on the load side on the output.
 
     Returns:
         Mean square difference of the outputs with and without it, and the variance of the output with it.

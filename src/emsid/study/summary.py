@@ -1,4 +1,4 @@
-"""What the numbers of the study show: a row for every model, and findings."""
+"""Summary of the study: a row for every model, and findings."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from emsid.study.setup import (
     IDENTIFICATION,
     PAPER_LOAD_FRICTION_MSE,
     SIMULATION,
-    VERIFICATION,
+    UNSEEN,
     paper_ratio,
 )
 from emsid.study.workflow import Part, Study
 from emsid.validation.comparison import Row
 
-# A ratio of free-run errors below which the paper's second-degree model is called no better than the linear one.
+# The paper's second-degree model is better than the linear one only if this ratio of free-run errors is exceeded.
 NO_BETTER = 1.5
-# A share of the output's variance below which friction on the load is neglected.
+# Friction on the load is negligible if it changes the output by less than this share of its variance.
 NEGLIGIBLE = 1e-3
 
 
@@ -36,15 +36,15 @@ class SummaryRow:
     Attributes:
         study: ``experiment`` or ``simulation``.
         model: its name.
-        meaning: what it is, in a few words.
+        meaning: short description.
         parameters: how many were estimated.
-        fit_percent: fit of the free run on the verification record.
+        fit_percent: fit of the free run on unseen data.
         simulation_mse: MSE of that free run.
-        better_identification, better_verification: how many times smaller the MSE of its free run is than that of the
-            linear model, on either record; None where one of them diverged.
-        paper_identification, paper_verification: the same of the paper's models, None where the paper has none.
-        check: whether the plant and the model are the same equations and the data have no noise, so that the row checks
-            the estimator and says nothing of a real motor.
+        better_identification, better_unseen: free-run MSE of the linear model divided by that of this model, on
+            identification data and on unseen data; None where one of them diverged.
+        paper_identification, paper_unseen: the same ratio of the paper's models; None where the paper has none.
+        check: whether plant and model have the same equations and the data no noise, so that the row only checks the
+            estimator.
     """
 
     study: str
@@ -54,23 +54,23 @@ class SummaryRow:
     fit_percent: float
     simulation_mse: float
     better_identification: float | None
-    better_verification: float | None
+    better_unseen: float | None
     paper_identification: float | None
-    paper_verification: float | None
+    paper_unseen: float | None
     check: bool
 
     def to_data(self) -> dict[str, Any]:
-        """By name, in built-in types."""
+        """The fields by name, in built-in types."""
         return asdict(self)
 
 
 def summary(part: Part) -> list[SummaryRow]:
     """A row for every model of a study, by the first method it was fitted with."""
-    linear = (part.identified(LINEAR).row, part.verified(LINEAR).row)
+    linear = (part.on_identification(LINEAR).row, part.on_unseen(LINEAR).row)
     rows = []
     for model in part.models:
-        seen, unseen = part.identified(model).row, part.verified(model).row
-        published = {data: paper_ratio(part.name, data) for data in (IDENTIFICATION, VERIFICATION) if model == PAPER}
+        seen, unseen = part.on_identification(model).row, part.on_unseen(model).row
+        published = {data: paper_ratio(part.name, data) for data in (IDENTIFICATION, UNSEEN) if model == PAPER}
         rows.append(
             SummaryRow(
                 part.name,
@@ -82,7 +82,7 @@ def summary(part: Part) -> list[SummaryRow]:
                 _better(linear[0], seen),
                 _better(linear[1], unseen),
                 published.get(IDENTIFICATION),
-                published.get(VERIFICATION),
+                published.get(UNSEEN),
                 model == TWO_MASSES,
             )
         )
@@ -90,13 +90,13 @@ def summary(part: Part) -> list[SummaryRow]:
 
 
 def _better(linear: Row, other: Row) -> float | None:
-    """How many times smaller the one error is than that of the linear model."""
+    """The free-run MSE of the linear model divided by that of another model."""
     known = np.isfinite([linear.simulation_mse, other.simulation_mse]).all() and other.simulation_mse > 0
     return linear.simulation_mse / other.simulation_mse if known else None
 
 
 def study_data(result: Study) -> dict[str, Any]:
-    """What ``study.json`` holds."""
+    """The content of ``study.json``."""
     return {
         "schema": 2,
         "rows": [row.to_data() for row in result.rows],
@@ -107,16 +107,16 @@ def study_data(result: Study) -> dict[str, Any]:
 
 
 def findings(result: Study) -> list[Finding]:
-    """What a reader should know of the numbers; study by study, then what concerns both."""
+    """Findings about each study, then about both."""
     return [*(finding for part in result.parts for finding in _of_part(result, part)), _load_friction(result)]
 
 
 def _of_part(result: Study, part: Part) -> Iterable[Finding]:
     known_motor = part.name == SIMULATION or not result.own_records
     if PAPER in part.models and known_motor:
-        better = _better(part.verified(LINEAR).row, part.verified(PAPER).row)
+        better = _better(part.on_unseen(LINEAR).row, part.on_unseen(PAPER).row)
         if is_odd(result.settings.motor) and better is not None and better < NO_BETTER:
-            data = {"study": part.name, "better": better, "paper": paper_ratio(part.name, VERIFICATION)}
+            data = {"study": part.name, "better": better, "paper": paper_ratio(part.name, UNSEEN)}
             yield Finding("study-even-terms", PAPER, data)
     if part.name == EXPERIMENT and not result.own_records:
         yield Finding("study-virtual-bench", part.name)
@@ -135,8 +135,8 @@ def _of_part(result: Study, part: Part) -> Iterable[Finding]:
 
 
 def _prediction(part: Part) -> Iterable[Finding]:
-    """How much larger than the one-step error the free-run error is, at most."""
-    rows = [row for row in part.rows if row.data == VERIFICATION and np.isfinite(row.simulation_mse)]
+    """The largest ratio of free-run error to one-step error."""
+    rows = [row for row in part.rows if row.data == UNSEEN and np.isfinite(row.simulation_mse)]
     rows = [row for row in rows if row.one_step_mse > 0]
     if rows:
         row = max(rows, key=lambda row: row.simulation_mse / row.one_step_mse)
@@ -145,9 +145,9 @@ def _prediction(part: Part) -> Iterable[Finding]:
 
 
 def _recursion(part: Part, forgetting: float) -> Iterable[Finding]:
-    """By how much recursive and batch estimates differ, at most."""
+    """The largest difference between recursive and batch estimates."""
     recursive = [fit.model.name for fit in part.fits if fit.method == "rls"]
-    pairs = [(part.verified(model, "ls").row, part.verified(model, "rls").row) for model in recursive]
+    pairs = [(part.on_unseen(model, "ls").row, part.on_unseen(model, "rls").row) for model in recursive]
     apart = [
         (abs(later.simulation_mse / batch.simulation_mse - 1), later.model)
         for batch, later in pairs

@@ -1,12 +1,13 @@
-"""The study of Kara and Abokoos, end to end: what `emsid study` does.
+"""The complete study of Kara and Abokoos: what `emsid study` does.
 
-Two studies, each with two different inputs, one to identify and one to verify: *experiment* on a bench with noise,
-quantisation and effects that no model contains (Table 2 of the paper), or on two records of the user's own; and
-*simulation* on the noise-free motor (Table 1). In both, the paper's linear and nonlinear structures, its full
-regression of a higher degree and a regression with friction terms are identified by least squares and by recursive
-least squares; the three blocks of a Wiener–Hammerstein model, and the physical motor as one mass, by the error of their
-free run. On the noise-free records the motor with its shaft is estimated too, which checks the estimator: plant and
-model are the same equations.
+There are two studies. *Experiment* uses a bench with noise, quantisation and effects that no model contains (Table 2 of
+the paper), or two records of the user. *Simulation* uses the noise-free motor (Table 1). Each has two records with
+different inputs: identification data and unseen data.
+
+Least squares and recursive least squares estimate the paper's linear and nonlinear structures, its complete regression
+of a higher degree and a regression with friction terms. A Wiener–Hammerstein cascade and the physical motor as one mass
+are fitted to the free run. On the noise-free records the motor with its shaft is estimated too. This checks the
+estimator, because plant and model have the same equations.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from emsid.study.setup import (
     EXPERIMENT,
     IDENTIFICATION,
     SIMULATION,
-    VERIFICATION,
+    UNSEEN,
     Settings,
     load_friction_difference,
     measure,
@@ -45,16 +46,16 @@ class Part:
 
     Attributes:
         name: ``simulation`` or ``experiment``.
-        identification, verification: the two records.
+        identification, unseen: the record that the models were fitted to, and the unseen record.
         fits: every model by every method.
-        assessed: every fit on the identification and on the verification record, in the order of the fits.
-        failed: for every model that could not be fitted, why.
+        assessed: every fit on the identification and on the unseen record, in the order of the fits.
+        failed: the reason for every model that could not be fitted.
         interrupted: whether the user stopped it before all models were done.
     """
 
     name: str
     identification: Record
-    verification: Record
+    unseen: Record
     fits: tuple[Fit[Any], ...]
     assessed: tuple[tuple[Assessment, Assessment], ...]
     failed: Mapping[str, str] = field(default_factory=dict)
@@ -65,12 +66,12 @@ class Part:
         """A row for every model, method and record."""
         return [each.row for pair in self.assessed for each in pair]
 
-    def identified(self, model: str, method: str = "") -> Assessment:
-        """A model on the record it was fitted to, by the first method it was fitted with or by another."""
+    def on_identification(self, model: str, method: str = "") -> Assessment:
+        """A model on the record it was fitted to; without ``method``, by the first method it was fitted with."""
         return next(i for i, _ in self.assessed if i.row.model == model and method in ("", i.row.method))
 
-    def verified(self, model: str, method: str = "") -> Assessment:
-        """A model on the record that it has not seen, by the first method it was fitted with or by another."""
+    def on_unseen(self, model: str, method: str = "") -> Assessment:
+        """A model on the unseen record; without ``method``, by the first method it was fitted with."""
         return next(v for _, v in self.assessed if v.row.model == model and method in ("", v.row.method))
 
     @property
@@ -81,14 +82,14 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Everything that the study found.
+    """Result of the study.
 
     Attributes:
         settings: how it was set up.
         load_friction_mse: mean square difference of the outputs with and without friction on the load side.
-        output_variance: of the output with it, to compare that to.
+        output_variance: variance of the output with it, for comparison.
         parts: the studies that were done, the experiment first.
-        own_records: whether the experiment is on records of the user's.
+        own_records: whether the experiment uses records of the user.
         interrupted: whether the user stopped it before both were done.
     """
 
@@ -112,16 +113,16 @@ class Study:
 def study(
     settings: Settings | None = None, records: tuple[Record, Record] | None = None, control: Control = FREE
 ) -> Study:
-    """Do the whole study.
+    """Run the study.
 
     Args:
-        settings: what to change about it.
-        records: an identification and a verification record of a real drive, in place of the virtual bench.
-        control: when to stop, and who is told what is being done; a part that was begun is kept as far as it got.
+        settings: by default those of the paper's motor.
+        records: identification data and unseen data of a real drive, in place of the virtual bench.
+        control: when to stop, and where to report progress. If a part is stopped, its finished models are kept.
 
     Raises:
         DataError: for records whose channels differ, or whose input is the same.
-        Stopped: where it is stopped before the first part.
+        Stopped: if it is stopped before the first part.
     """
     settings = settings or Settings()
     control.doing("the motor with and without friction on the load side")
@@ -140,27 +141,27 @@ def study(
 
 
 def _records(settings: Settings, given: tuple[Record, Record] | None) -> dict[str, tuple[Record, Record]]:
-    """Two records for every study, by its name.
+    """Two records for every study, by name of the study.
 
     Raises:
         DataError: for records whose channels differ, or whose input is the same.
     """
     rng = np.random.default_rng(settings.seed)
     simulated, measured = (
-        (measure(settings, bench, IDENTIFICATION, rng), measure(settings, bench, VERIFICATION, rng))
+        (measure(settings, bench, IDENTIFICATION, rng), measure(settings, bench, UNSEEN, rng))
         for bench in (Bench(), settings.bench)
     )
     measured = given or measured
     check_same_channels(*measured)
     if np.array_equal(measured[0].input, measured[1].input):
         raise DataError(
-            f"{measured[0].name} and {measured[1].name} have the same input; give a record with another input to verify"
+            f"{measured[0].name} and {measured[1].name} have the same input; give an unseen record with another input"
         )
     return {EXPERIMENT: measured, SIMULATION: simulated}
 
 
 def _part(name: str, first: Record, second: Record, settings: Settings, control: Control) -> Part:
-    """One of the studies; interrupted, with the models that were done by then."""
+    """One of the studies; if it is interrupted, with the models finished by then."""
     candidates = structures(first, settings.knots)
     shaft = name == SIMULATION and not settings.motor.is_rigid
     nonlinear = searches(settings.motor, first, shaft=shaft)
@@ -178,7 +179,7 @@ def _part(name: str, first: Record, second: Record, settings: Settings, control:
             control.doing(f"{name}: {model}", k, total)
             try:
                 fits.append(fit_or_problem(partial(search, control)))
-            except EmsidError as problem:  # a user's records may be of anything
+            except EmsidError as problem:  # records of a user may not suit every model
                 failed[model] = str(problem)
                 continue
             if fits[-1].ending is Ending.INTERRUPTED:
@@ -190,7 +191,7 @@ def _part(name: str, first: Record, second: Record, settings: Settings, control:
     assessed = tuple(
         (
             assess(fit, first, start, experiment=name, data=IDENTIFICATION),
-            assess(fit, second, start, experiment=name, data=VERIFICATION),
+            assess(fit, second, start, experiment=name, data=UNSEEN),
         )
         for fit in fits
     )

@@ -1,4 +1,4 @@
-"""How well a model runs on data that it has not seen."""
+"""Errors of models on unseen data, and tests of their residuals."""
 
 import lazy_loader
 

@@ -1,8 +1,8 @@
-r"""Whether several records agree with one model, and if not, in what they differ.
+r"""Differences between records in delay, gain or level, seen in the errors of one model.
 
-Where the free run ŷ of one model has a different error on every record, the drive or its logging often was not the
-same: another delay where two clocks were used, another gain under another load, another offset of a sensor. To first
-order, a record with a delay τ, a gain 1 + g and a level c of its own has
+If the free run ŷ of one model has a different error on every record, the drive or its logging has often changed: the
+delay with a second clock, the gain with the load, the level with the offset of a sensor. To first order, a record with
+its own delay τ, gain 1 + g and level c has
 
     y − ŷ ≈ −τ dŷ/dt,      y − ŷ ≈ g(ŷ − mean),      y − ŷ ≈ c.
 
@@ -28,7 +28,7 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 
 NOTABLE = 0.25
-"""A difference between records is reported from this part of the squared error on."""
+"""A difference between records is reported if it explains at least this share of the squared error."""
 SAMPLES = 50
 """Records with fewer samples are left out."""
 
@@ -39,7 +39,7 @@ class Difference:
 
     Attributes:
         name: of what is not the same.
-        effect: on the output: x, (N,), for a stretch of the free run (N,) and the sample time in seconds.
+        effect: on the output: x (N,), from a stretch of the free run (N,) and the sample time in seconds.
     """
 
     name: str
@@ -55,15 +55,15 @@ DIFFERENCES = (
 
 @dataclass(frozen=True)
 class Disagreement:
-    """In what records differ, as the free runs of one model show it.
+    """A difference between records in the free runs of one model.
 
     Attributes:
         model: its name.
         output, unit: the output concerned.
         difference: of what kind.
-        values: by how much each record differs from the model, in seconds, as a part, or in the output's unit.
+        values: the difference of each record from the model, in seconds, as a fraction, or in the unit of the output.
         records: their names.
-        share: the part of the squared error that goes if every record has a value of its own.
+        share: the share of the squared error that disappears if every record has its own value.
     """
 
     model: str
@@ -83,11 +83,11 @@ class Disagreement:
 
 
 def disagreement(model: Model, records: Sequence[Record]) -> Disagreement | None:
-    """In what the records differ most, as the free runs of a model show it; None where they hardly differ.
+    """The largest difference between the records in the free runs of a model; None where they hardly differ.
 
     Args:
         model: fitted to them, or some of them.
-        records: two or more, called by their names; those too short for the model are left out.
+        records: two or more; records that are too short for the model are left out.
     """
     runs = []
     for record in records:
@@ -138,7 +138,7 @@ def _in_one_output(
 
 
 def _stretches(record: Record, run: Run) -> list[slice]:
-    """What counts of every segment, where that is enough for a derivative."""
+    """The samples of every segment after the transient, where they are enough for a derivative."""
     stretches = []
     for first, last in pairwise((0, *record.breaks, len(record))):
         counted = np.flatnonzero(run.counted[first:last])

@@ -1,7 +1,7 @@
-"""How models compare, and never a prediction taken for a simulation.
+"""Comparison of models by their free runs.
 
-A one-step prediction looks good with almost any model, because the measured output of the moment before is given to
-it. What a model has learnt shows in the free run on data it has not seen; that is what models are ranked by.
+One-step errors are small for almost any model, because the model is given the last measured output. Models are
+therefore ranked by their free run on unseen data.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class OutputErrors:
 
     @property
     def error_in_words(self) -> str:
-        """RMSE and fit, with the name of the output, for a sentence."""
+        """Name of the output, RMSE and fit, for a sentence."""
         rmse = with_unit(f"{self.simulation_rmse:.4g}", self.unit)
         return f"{self.output} {rmse} ({_fit_in_words(self.fit_percent)})"
 
@@ -55,16 +55,16 @@ class Row:
         experiment: ``simulation``, ``experiment`` or ``record``.
         model: name of the model.
         method: how it was estimated: ``ls``, ``rls``, …
-        data: ``identification`` or ``verification``.
+        data: ``identification`` (the data the model was fitted to) or ``unseen``.
         one_step_mse: MSE (5.14) of the prediction one sample ahead, in the output's unit squared.
         simulation_mse: MSE of the free run.
-        simulation_rmse: its root, in the output's unit.
+        simulation_rmse: RMSE of the free run, in the output's unit.
         fit_percent: fit of the free run; see `emsid.validation.metrics.fit_percent` for where there is none.
         parameters: how many were estimated.
-        samples: how many samples the errors are taken over.
-        diverged_at: sample at which the free run left all bounds, or None.
-        outputs: the errors of every output by itself where there are several; those above are then over all of them,
-            whatever their units.
+        samples: how many samples the errors were computed on.
+        diverged_at: sample at which the free run diverged, or None.
+        outputs: the errors of each output if there are several. The errors above are then over all outputs together,
+            without regard to their units.
     """
 
     experiment: str
@@ -86,13 +86,18 @@ class Row:
         return _fit_in_words(self.fit_percent)
 
     @property
+    def data_label(self) -> str:
+        """The data of the row, for tables: ``used in fit`` or ``unseen``."""
+        return "used in fit" if self.data == "identification" else self.data
+
+    @property
     def ranked_by(self) -> float:
-        """The free-run MSE; of several outputs, whose units differ, the mean of every MSE by the variance measured."""
+        """The free-run MSE; for several outputs, the mean of MSE divided by measured variance."""
         shares = [(1 - each.fit_percent / 100) ** 2 for each in self.outputs if not np.isnan(each.fit_percent)]
         return float(np.mean(shares)) if shares else self.simulation_mse
 
     def to_data(self) -> dict[str, Any]:
-        """In built-in types; what is infinite, as after a diverged run, becomes None. One output is not listed."""
+        """The fields in built-in types. Infinite numbers become None; a single output is not listed."""
         data = _finite(asdict(self))
         listed = [_finite(each) for each in data.pop("outputs")]
         return data | ({"outputs": listed} if listed else {})
@@ -114,7 +119,7 @@ class Assessment:
 
     Attributes:
         fit: the model.
-        record: what it was run on.
+        record: the data it was run on.
         row: its errors.
         simulation: the free run.
         prediction: the prediction one step ahead.
@@ -165,19 +170,19 @@ def assess(
     transient: int | None = None,
     *,
     experiment: str = "record",
-    data: str = "verification",
+    data: str = "unseen",
 ) -> Assessment:
-    """Run a fitted model over a record, freely and one step ahead.
+    """Compute the free run and the one-step prediction of a fitted model on a record.
 
     Args:
-        fit: a model and how it was found.
-        record: what to run it on; the first ``transient`` samples of every segment start it and are left out of errors.
-        transient: by default what the model needs.
-        experiment, data: what the row is called.
+        fit: the model.
+        record: the data. The first ``transient`` samples of every segment start the model and are left out of errors.
+        transient: in samples; by default as many as the model needs.
+        experiment, data: labels of the row.
 
     Raises:
         ModelError: for a record that the model cannot be run on.
-        DataError: where no sample is left to take an error over.
+        DataError: where no sample is left for an error.
     """
     simulation = fit.model.simulate(record, transient)
     prediction = fit.model.predict(record, 1, transient)
@@ -222,10 +227,10 @@ def _each_output(record: Record, measured: Array, free: Array, ahead: Array) -> 
 
 
 def assess_model(model: Model, record: Record, transient: int | None = None) -> Assessment:
-    """Run a model of which nothing but itself is known, as one from a file, over a record.
+    """Compute the free run and the one-step prediction of a model without a fit, such as one from a file.
 
     Args:
-        model: what to run.
+        model: the model.
         record, transient: see `assess`.
     """
     return assess(as_fit(model), record, transient)
@@ -237,25 +242,24 @@ def compare(
     record: Record | Sequence[Record] | None = None,
     transient: int | None = None,
     experiment: str = "record",
-    data: str = "verification",
+    data: str = "unseen",
 ) -> Comparison:
-    """Several fitted models on the same samples of a record, ranked by the free run.
+    """Compare models on the same samples of a record, ranked by the free run.
 
     ``compare([linear, motor], record)`` and ``compare(linear, motor, record)`` are the same.
 
     Args:
-        models: what to compare: a fit or a model, or a list of them.
+        models: a fit or a model, or a list of them.
         more: further models, and last the record.
-        record: data that none of them has seen, where it is given by name; several records are put together by
-            `emsid.concatenate`.
+        record: unseen data, if given by name; several records are joined by `emsid.concatenate`.
         transient: samples at the start of every segment that start the models and are left out of every error; by
-            default as many as the most demanding model needs.
-        experiment, data: what the rows are called.
+            default the largest number that one of the models needs.
+        experiment, data: labels of the rows.
 
     Raises:
-        ModelError: without a model, for something that is none, or for a record of other channels or another sample
-            time than theirs.
-        DataError: for something that is no record, or where no segment is longer than what starts the models.
+        ModelError: without a model, for something that is not a model, or for a record of other channels or another
+            sample time than theirs.
+        DataError: for something that is not a record, or where no segment is longer than the transient.
     """
     if record is None and not more:
         raise DataError("no record to compare on; it comes last: compare([linear, motor], record)")
@@ -270,7 +274,7 @@ def compare(
 
 
 def as_fit(thing: Fit[Any] | Model) -> Fit[Any]:
-    """A fit as it is, and a model, of which nothing but itself is known, as one without estimates.
+    """A fit unchanged; a model as a fit without estimates.
 
     Raises:
         ModelError: for anything else.

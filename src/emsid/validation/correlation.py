@@ -1,4 +1,4 @@
-"""What is left of a measured output, correlated with itself and with an input; never across a gap between segments.
+"""Autocorrelation of a residual and its correlation with an input, without products across a gap between segments.
 
 References:
     Ljung, *System Identification*, 2nd ed. (1999), sec. 16.6 on residual analysis.
@@ -17,7 +17,7 @@ Spectra = list[tuple[int, NDArray[np.complex128]]]
 
 
 def autocorrelation(error: Array, breaks: Sequence[int], lags: int) -> Array:
-    """(≤ lags + 1,) autocorrelation about zero mean, of pairs that lie in one segment and are both known.
+    """(≤ lags + 1,) autocorrelation after removal of the mean, over pairs that are known and lie in one segment.
 
     Args:
         error: (N,) NaN where it is not known.
@@ -31,16 +31,17 @@ def autocorrelation(error: Array, breaks: Sequence[int], lags: int) -> Array:
 
 
 def cross_correlation(error: Array, u: Array, breaks: Sequence[int], lags: int) -> Array:
-    """(≤ 2·lags + 1,) correlation of the error with the input τ samples earlier, τ = −lags … lags, by its spread.
+    """(≤ 2·lags + 1,) correlation of the error with the input τ samples earlier, τ = −lags … lags.
 
-    Of independent signals the sum of N products has the variance N·Σ R_e(k)·R_u(k), in autocovariances (Ljung, eq.
-    16.68), taken here under a triangular window. Zero throughout where either signal is.
+    It is divided by its standard deviation for independent signals: the sum of N products then has the variance
+    N·Σ R_e(k)·R_u(k), in autocovariances (Ljung, eq. 16.68), here with a triangular window. All values are zero where
+    one of the signals is zero.
 
     Args:
         error: (N,) NaN where it is not known.
         u: (N,) input.
         breaks: the first sample of every segment but the first.
-        lags: largest lag in samples, either way.
+        lags: largest lag in samples, in both directions.
     """
     lags = _longest_lag(error, breaks, lags)
     known = np.isfinite(error)
@@ -59,18 +60,18 @@ def cross_correlation(error: Array, u: Array, breaks: Sequence[int], lags: int) 
 
 
 def _longest_lag(signal: Array, breaks: Sequence[int], lags: int) -> int:
-    """The largest lag up to ``lags`` of which there is a pair."""
+    """The largest lag up to ``lags`` at which a segment has a pair of samples."""
     return min(lags, max(map(len, np.split(signal, list(breaks)))) - 1)
 
 
 def _spectra(signal: Array, breaks: Sequence[int]) -> Spectra:
     pieces = np.split(signal, list(breaks))
-    # At least twice as long, so that nothing comes round.
+    # Padded to at least twice the length, so that the correlation is not circular.
     return [(len(piece), np.fft.rfft(piece, 1 << (2 * len(piece) - 1).bit_length())) for piece in pieces]
 
 
 def _lagged_products(a: Spectra, b: Spectra, lags: int) -> Array:
-    """(2·lags + 1,) Σₜ a(t)·b(t − τ) for τ = −lags … lags, of pairs that lie in one segment."""
+    """(2·lags + 1,) Σₜ a(t)·b(t − τ) for τ = −lags … lags, over pairs that lie in one segment."""
     sums = np.zeros(2 * lags + 1)
     for (samples, x), (_, y) in zip(a, b, strict=True):
         reach = min(lags, samples - 1)

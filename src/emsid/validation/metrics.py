@@ -1,4 +1,4 @@
-"""Errors of a model's output, each a pure function of measured and modelled output, both (N, ny)."""
+"""Error measures as functions of measured and modelled output, both (N, ny)."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def root_mean_squared_error(measured: Array, modelled: Array) -> float:
 def fit_percent(measured: Array, modelled: Array) -> float:
     """100·(1 − ‖y − ŷ‖/‖y − ȳ‖), the mean over channels; 100 is perfect, 0 as good as the mean, and below is worse.
 
-    Minus infinity for a run that diverged. A channel that was measured to be constant has no fit: it is left out of the
-    mean, which is NaN where there is no other.
+    Minus infinity for a run that diverged. A channel whose measured output is constant has no fit and is left out of
+    the mean; NaN where all channels are constant.
 
     Args:
         measured: (N, ny) y.

@@ -1,4 +1,4 @@
-r"""Whether the one-step errors of a model are white, so that no past output would explain more of them.
+r"""Test whether the one-step errors of a model are white.
 
 With autocorrelations r(k) of N errors, ``Q = N(N + 2) Σ r(k)²/(N − k)`` follows χ² of as many degrees of freedom as
 lags if they are white (Ljung & Box, *On a measure of lack of fit in time series models*, Biometrika 65, 1978).
@@ -22,12 +22,12 @@ LAGS = 25
 SIGNIFICANCE = 0.01
 """Chance of rejecting a model whose errors are white."""
 NOTABLE = 0.1
-"""Autocorrelations below this do no harm, however significant a long record makes them."""
+"""Smaller autocorrelations are accepted, even if they are significant in a long record."""
 
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """The errors of a model on one output.
+    """Test of the one-step errors of one output.
 
     Attributes:
         output: its name.
@@ -44,16 +44,16 @@ class ResidualTest:
 
     @property
     def white(self) -> bool:
-        """Whether the one-step errors are white, or as good as white."""
+        """Whether the one-step errors are white, or nearly white."""
         return self.p_value >= SIGNIFICANCE or self.largest_autocorrelation < NOTABLE
 
 
 def residual_tests(record: Record, prediction: Run) -> list[ResidualTest]:
-    """The one-step errors of every output; none for records of few samples, or a prediction that diverged.
+    """Test every output; no test for a record of few samples, or a prediction that diverged.
 
     Args:
-        record: what was measured.
-        prediction: one step ahead.
+        record: the measured data.
+        prediction: the one-step prediction.
     """
     counted = prediction.counted
     if np.count_nonzero(counted) < 4 * LAGS or not np.isfinite(prediction.output[counted]).all():

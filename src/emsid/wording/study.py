@@ -47,7 +47,7 @@ def noise_free(f: Finding, argument: Spelling) -> str:
 def virtual_bench(f: Finding, argument: Spelling) -> str:
     return (
         "The experiment study used a virtual bench with noise, quantisation, delay and ripple that no model contains; "
-        f"give {argument('record')} and {argument('verify')} for records of a real drive"
+        f"give {argument('record')} and {argument('unseen')} for records of a real drive"
     )
 
 

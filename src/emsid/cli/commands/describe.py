@@ -11,6 +11,9 @@ from emsid.cli.reading import reads_records
 from emsid.cli.terminal import say, say_json
 from emsid.cli.writing import as_json
 
+ENOUGH = 4
+"""An order of persistent excitation that is enough for a small model: two past outputs and two past inputs."""
+
 
 @app.command()
 @reads_records()
@@ -21,7 +24,7 @@ def describe(
         float,
         typer.Option(
             metavar="FRACTION",
-            help="What counts as excitation: singular values of the lagged input above this fraction of the largest.",
+            help="Singular values of the lagged input below this fraction of the largest are no excitation.",
         ),
     ] = 1e-3,
     json: Json = False,
@@ -76,7 +79,17 @@ def describe(
             span = with_unit(f"{x.min():.5g} … {x.max():.5g}", unit)
             say(f"  {name}: {span}, mean {x.mean():.5g}, deviation {x.std():.5g}")
         say(f"  input crest factor {crest:.2f}")
-        counted = f"singular values of the lagged input above {tolerance:g} of the largest"
-        say(f"  persistently exciting of order {f'at least {order}' if order == largest else order}, by {counted}")
+        at_least = "at least " if order == largest else ""
+        say(f"  order of persistent excitation {at_least}{order}: {verdict(order)}")
     if json:
         say_json(as_json({"schema": 1, "records": documents}))
+
+
+def verdict(order: int) -> str:
+    """What an order of persistent excitation allows to estimate.
+
+    A linear model with n parameters needs an input of order n (Ljung, section 13.2).
+    """
+    if order < ENOUGH:
+        return "too low for most models; record with an input of more levels or frequencies"
+    return f"the input is rich enough for linear models with up to {order} parameters"

@@ -45,13 +45,11 @@ Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records to
 Validate = Annotated[list[Path], typer.Option(metavar="FILE", help="Unseen record to rank on; repeat for more.")]
 Models = Annotated[
     str | None,
-    typer.Option(metavar="NAME,...", help="Candidates, by default the regressions and wiener-hammerstein."),
+    typer.Option(metavar="NAME,...", help="Models to fit, by default the regressions and wiener-hammerstein."),
 ]
 Unseen = Annotated[
     float,
-    typer.Option(
-        metavar="FRACTION", help="Part kept unseen where nothing is --validate'd: the end, or some of many files."
-    ),
+    typer.Option(metavar="FRACTION", help="Without --validate, keep this part unseen: the end, or some of many files."),
 ]
 Na = Annotated[int | None, typer.Option(metavar="N", help="Coefficients of past outputs.", min=0)]
 Nb = Annotated[int | None, typer.Option(metavar="N", help="Coefficients of past inputs.", min=1)]
@@ -59,41 +57,43 @@ Nk = Annotated[int | None, typer.Option(metavar="N", help="Delay in samples.", m
 Degree = Annotated[int | None, typer.Option(metavar="N", help="Degree of the polynomial.", min=1)]
 Taps = Annotated[int | None, typer.Option(metavar="N", help="Taps of the first filter.", min=1)]
 Knots = Annotated[
-    int | None, typer.Option(metavar="N", help="Hinges on either side of zero; knots or degree of a map.", min=0)
+    int | None, typer.Option(metavar="N", help="Hinges on each side of zero; knots or degree of a static map.", min=0)
 ]
 Orders = Annotated[str | None, typer.Option(metavar="N,...", help="Orders of the filters of a cascade of blocks.")]
 Static = Annotated[
     str | None,
-    typer.Option(metavar="NAME", help="Static map of a cascade, of those `emsid list` names; by default chosen."),
+    typer.Option(metavar="NAME", help="Static map of a cascade (see `emsid list`); by default chosen."),
 ]
-Ridge = Annotated[float, typer.Option(metavar="WEIGHT", help="Weight of the squared parameters.", min=0)]
+Ridge = Annotated[
+    float, typer.Option(metavar="WEIGHT", help="Ridge regression: weight of the squared parameters.", min=0)
+]
 Forgetting = Annotated[
     float | None, typer.Option(metavar="FACTOR", help="Estimate recursively with this forgetting factor.")
 ]
 Fix = Annotated[list[str], typer.Option(metavar="NAME=X", help="A physical parameter that is known, in SI units.")]
 Datasheet = Annotated[
-    Path | None, typer.Option(metavar="TOML", help="What a datasheet says of the physical parameters.")
+    Path | None, typer.Option(metavar="TOML", help="Datasheet of the physical parameters (see `emsid parameters`).")
 ]
 Brake = Annotated[
     list[float],
-    typer.Option(metavar="CODE", help="Value of the command, or of a second --input, with which a motor brakes."),
+    typer.Option(metavar="CODE", help="Value of the input, or of a second --input, that makes the motor brake."),
 ]
 Coast = Annotated[
-    list[float], typer.Option(metavar="CODE", help="The same, with which its bridge is open and it coasts.")
+    list[float], typer.Option(metavar="CODE", help="Value that opens the bridge, so that the motor coasts.")
 ]
 Free = Annotated[
     str | None,
-    typer.Option(metavar="NAME,...", help="Physical parameters to estimate: these, without refinements."),
+    typer.Option(metavar="NAME,...", help="Estimate exactly these physical parameters."),
 ]
 Recent = Annotated[
     float | None,
     typer.Option(
-        metavar="S", parser=quantity("s"), help="Forget what disturbed a physical model's free run after this time."
+        metavar="S", parser=quantity("s"), help="Forget errors of a physical model's free run after this time."
     ),
 ]
 Profile = Annotated[
     str | None,
-    typer.Option(metavar="NAME,...", help="Physical parameters to take a likelihood profile of."),
+    typer.Option(metavar="NAME,...", help="Compute likelihood profiles of these physical parameters."),
 ]
 
 
@@ -129,10 +129,10 @@ def identify(
 ) -> None:
     """Fit models to a record and rank them.
 
-    Models are ranked by their free run on data that none of them was fitted to.
+    Models are ranked by their free run (simulation from the input alone) on unseen data, to which no model was fitted.
 
-    Orders, delay and knots that are not given are chosen on a part of the record held back for that. Writes
-    report.html, result.json, a file for every model, and the figures as SVG.
+    The program chooses orders, delay and knots that are not given. It writes report.html, result.json, a file for
+    every model, and the figures as SVG.
 
     \b
     Examples:
@@ -206,7 +206,7 @@ def _family(static: str | None) -> "Family | None":
 
 
 def _physical_first(asked: Sequence[str]) -> "list[Physical]":
-    """The physical candidates, those that were asked for first: they say what parameters are called and measured in."""
+    """The physical models, requested ones first. They define the names and units of parameters."""
     from emsid.identification.candidates import CANDIDATES, Physical
 
     physical = {name: each for name, each in CANDIDATES.items() if isinstance(each, Physical)}

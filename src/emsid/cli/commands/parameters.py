@@ -14,13 +14,14 @@ from emsid.errors import DataError
 @app.command()
 def parameters(
     plant: Annotated[
-        str | None, typer.Argument(metavar="[PLANT]", help="A datasheet of this kind: motor or linear-axis.")
+        str | None, typer.Argument(metavar="[PLANT]", help="Kind of datasheet: motor or linear-axis.")
     ] = None,
     json: Json = False,
 ) -> None:
     """Print a parameter file to edit.
 
-    A motor for simulations or a datasheet for identification, with every parameter, its unit and its meaning.
+    The file describes a motor for simulation, or a datasheet for identification, with unit and meaning of every
+    parameter.
 
     \b
     Examples:

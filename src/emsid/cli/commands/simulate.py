@@ -29,7 +29,7 @@ def simulate(
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write: .csv, .parquet or .npz.")],
     excitation: Annotated[str, typer.Option(metavar="NAME", help="Test signal; `emsid list` names them.")] = "sines",
     amplitude: Annotated[
-        float, typer.Option(metavar="V", parser=quantity("V"), help="Largest voltage either way.")
+        float, typer.Option(metavar="V", parser=quantity("V"), help="Largest voltage in both directions.")
     ] = 6.0,
     duration: Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Length of the record.")] = 10.0,
     dt: Annotated[
@@ -118,7 +118,7 @@ def _of_motor(
     if excitation not in SIGNALS:
         raise DataError(f"no test signal {excitation!r}; there are {', '.join(SIGNALS)}")
     if not (dt > 0 and duration > 0):
-        raise DataError(f"a record of {duration:g} s sampled every {dt:g} s; both must be positive")
+        raise DataError(f"duration {duration:g} s and sample time {dt:g} s; both must be positive")
     rng = np.random.default_rng(seed)
     voltage = SIGNALS[excitation](round(duration / dt), dt, amplitude, rng)
     bench = Bench() if ideal else Bench.typical()

@@ -17,13 +17,13 @@ from emsid.errors import DataError
 Record = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Identify from this record instead of the virtual bench.")
 ]
-Verify = Annotated[Path | None, typer.Option(metavar="FILE", help="Verify on this record.")]
+Validate = Annotated[Path | None, typer.Option(metavar="FILE", help="Unseen record to compare the models on.")]
 Motor = Annotated[Path | None, typer.Option(metavar="TOML", help="Parameters of the motor to simulate.")]
 Step = Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Sample time of the simulated records.")]
 Duration = Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Length of the simulated records.")]
 Seed = Annotated[int, typer.Option(metavar="N", help="Seed of the noise on the bench.", min=0)]
-Forgetting = Annotated[float, typer.Option(metavar="FACTOR", help="Forgetting of recursive estimates.")]
-Knots = Annotated[int, typer.Option(metavar="N", help="Hinges on either side of zero.", min=0)]
+Forgetting = Annotated[float, typer.Option(metavar="FACTOR", help="Forgetting factor of recursive estimates.")]
+Knots = Annotated[int, typer.Option(metavar="N", help="Hinges on each side of zero.", min=0)]
 
 
 @app.command()
@@ -32,7 +32,7 @@ def study(
     reader: Any,
     out: Out = Path("emsid-study"),
     record: Record = None,
-    verify: Verify = None,
+    validate: Validate = None,
     motor: Motor = None,
     step: Step = 0.005,
     duration: Duration = 20.0,
@@ -45,16 +45,17 @@ def study(
 ) -> None:
     """Run a complete study; no data needed.
 
-    The study of Kara and Abokoos from simulation to validation, on a built-in motor: about a minute on two cores.
+    This is the study of Kara and Abokoos, from simulation to validation, on a built-in motor. It takes about a minute
+    on two cores.
 
-    Writes report.html, study.json and the figures as SVG. The options on columns and times are for --record
-    and --verify.
+    Writes report.html, study.json and the figures as SVG. The options for columns and times apply to --record and
+    --validate.
 
     \b
     Examples:
       emsid study
       emsid study --motor motor.toml --seed 7 --out my-study
-      emsid study --record a.csv --verify b.csv --input u --output y --dt 0.01
+      emsid study --record a.csv --validate b.csv --input u --output y --dt 0.01
     """
     from emsid.io import read_motor
     from emsid.report.study_page import study_report, summary_table
@@ -63,15 +64,17 @@ def study(
     from emsid.study.summary import findings, study_data
     from emsid.wording import sentence
 
-    if (record is None) != (verify is None):
-        raise DataError("--record and --verify belong together: one record to identify, another to verify")
+    if (record is None) != (validate is None):
+        raise DataError(
+            "--record and --validate belong together: one record to fit models to, one unseen record; give both"
+        )
     if record is None and reader.typed:
-        raise DataError(f"{', '.join(reader.typed)}: that is for reading --record and --verify, which are not given")
+        raise DataError(f"{', '.join(reader.typed)}: only for --record and --validate, which are not given")
     check_folder(out)
     settings = Settings(dt=step, duration=duration, seed=seed, forgetting=forgetting, knots=knots, transient=transient)
     if motor is not None:
         settings = replace(settings, motor=read_motor(motor))
-    records = None if record is None or verify is None else (reader(record), reader(verify))
+    records = None if record is None or validate is None else (reader(record), reader(validate))
     with working() as control:
         result = run(settings, records, control)
     with kept(result, "the study") as result:

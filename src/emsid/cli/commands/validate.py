@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that emsid wrote.")]
 Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records that the model was not fitted to.")]
 Horizon = Annotated[int, typer.Option(metavar="K", help="Also predict this many samples ahead.", min=1)]
-Folder = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for a report with figures; none by default.")]
+Folder = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="Folder for a report with figures; by default none is written.")
+]
 
 
 @app.command()
@@ -35,8 +37,8 @@ def validate(
 ) -> None:
     """Run a saved model on other records.
 
-    Prints the errors of its free run and of its prediction one step ahead. Columns, units, gains, masks and sample time
-    are those that the model file remembers from its identification; options given here take their place.
+    Prints the errors of its free run and of its one-step prediction. The model file contains the columns, units, gains,
+    masks and sample time of the identification. Options given here replace them.
 
     \b
     Examples:
@@ -117,5 +119,5 @@ def _report(model: Path, assessed: "list[Assessment]") -> Any:
             Fact(str(len(assessed)), "records"),
         ),
         sections=(*sections, Section("Input", figures=(views.inputs([each.record for each in assessed]),))),
-        imprint=f"emsid validate, of {model.name}",
+        imprint=f"emsid validate {model.name}",
     )

@@ -1,7 +1,7 @@
-"""From results to content: each figure and table of a report as a pure function of what it shows.
+"""Views: functions that make a figure or table of a report from a result.
 
-What these return is plain data (`emsid.report.document`), to be put into the sections of a report. The numbers of the
-paper's figures and tables that they correspond to stand in their docstrings.
+They return plain data (`emsid.report.document`) for the sections of a report. Their docstrings have the numbers of the
+corresponding figures and tables of the paper.
 """
 
 from emsid.report.views.conventions import channel_axis, labels

@@ -1,4 +1,4 @@
-"""Views of a cascade: its static maps with what they saw, and the frequency responses of its filters."""
+"""Views of a cascade: its static maps with histograms of their inputs, and the frequency responses of its filters."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# How far beyond the data a map is drawn, as a part of their range, and how many points it is drawn through.
+# A map is drawn this fraction of the range beyond the data, through this many points.
 BEYOND, POINTS = 0.04, 400
-# Of how many frequencies a response is drawn, and over how many decades at least.
+# A response is drawn at this many frequencies, over at least this many decades.
 FREQUENCIES, DECADES = 500, 3.0
-# A response that is nowhere known to better than so many times itself has no band.
+# A response has no band if its relative error is larger than this at all frequencies.
 UNTOLD = 10.0
-# A unit of signals between blocks whose scale is a matter of convention.
-CONVENTIONAL = "scale of its own"
+# Unit of signals between blocks, whose scale is a convention.
+CONVENTIONAL = "normalised"
 _STROKES = (Stroke(Ink.BLUE, width=1.4), Stroke(Ink.RED, Dash.DASHED, 1.3), Stroke(Ink.GREEN, Dash.DASH_DOTTED, 1.3))
 
 
 def static_maps(fit: Fit[Cascade], record: Record, *, level: float = 0.95, name: str = "") -> Figure | None:
-    """Every static map of a cascade with its confidence band, over a histogram of the signal that entered it.
+    """Every static map of a cascade with its confidence band and a histogram of its input signal.
 
-    The axis reaches a little beyond what the signal reached in this record; dots mark knots, break points and limits.
+    The axis is a little wider than the range of the signal in this record. Dots mark knots, break points and limits.
 
     Args:
         fit: of a cascade, in the normalisation it was fitted in.
@@ -62,11 +62,11 @@ def static_maps(fit: Fit[Cascade], record: Record, *, level: float = 0.95, name:
     entering = _entering(model, record, at)
     plots = [_map_plot(fit, k, x, record, level) for k, x in zip(at, entering, strict=True)]
     lost = [n for n, v in zip(fit.names, np.diag(fit.covariance), strict=True) if n[0] == "f" and not np.isfinite(v)]
-    unknown = f" The band leaves out {listed(lost)}, which the data cannot tell." if lost else ""
+    unknown = f" The band excludes {listed(lost)}, which the data do not determine." if lost else ""
     return Figure(
         name or f"{slug(model.name)}-static-maps",
-        f"Static {'map' if len(at) == 1 else 'maps'} of {model.name} with {100 * level:g} % confidence band; grey: how "
-        f"often the signal that enters was where in {record.name}.{unknown}",
+        f"Static {'map' if len(at) == 1 else 'maps'} of {model.name} with {100 * level:g} % confidence band; grey: "
+        f"histogram of the input signal of the map in {record.name}.{unknown}",
         tuple(plots),
         columns=min(len(at), 2),
     )
@@ -93,14 +93,14 @@ def frequency_responses(fit: Fit[Cascade], dt: float, *, level: float = 0.95, na
     magnitudes: list[Mark] = []
     phases: list[Mark] = []
     curves = ([], [])  # type: tuple[list[Array], list[Array]]
-    untold = []
+    without_band = []
     for (k, block), stroke in zip(filters, cycle(_STROKES), strict=False):
         label = f"filter {block_name(model, k)} (block {k + 1})"
         response = block.response(f, inside)
         relative = float(ndtri(0.5 + level / 2)) * _relative_deviation(fit, k, f, inside)
-        if np.all(relative[0] > UNTOLD):  # of the rest of which rounding leaves but noise
+        if np.all(relative[0] > UNTOLD):  # the rest is only rounding
             relative = np.full_like(relative, np.nan)
-            untold.append(block_name(model, k))
+            without_band.append(block_name(model, k))
         with np.errstate(divide="ignore"):
             size = 20 * np.log10(np.abs(response))
         turn = np.degrees(np.unwrap(np.angle(response)))
@@ -115,12 +115,12 @@ def frequency_responses(fit: Fit[Cascade], dt: float, *, level: float = 0.95, na
             marks.append(Line(f, y, label if marks is magnitudes else "", stroke))
             kept.append(y)
     late = (
-        f" The input delay of {model.delay} {'sample' if model.delay == 1 else 'samples'} is not in them."
+        f" The input delay of {model.delay} {'sample' if model.delay == 1 else 'samples'} is not included."
         if model.delay
         else ""
     )
-    if untold:
-        late += f" No band of {' and '.join(untold)}, whose parameters the record does not tell from those of others."
+    if without_band:
+        late += f" {' and '.join(without_band)} without band: the data do not determine the parameters separately."
     frequency = Axis("Frequency", "Hz", log=True, range=(float(f[0]), float(f[-1])))
     return Figure(
         name or f"{slug(model.name)}-filters",
@@ -135,7 +135,7 @@ def frequency_responses(fit: Fit[Cascade], dt: float, *, level: float = 0.95, na
 
 
 def cascade_equations(model: Cascade) -> str:
-    """One line per block, as `Cascade.equation`, the knots of a long map counted instead of listed."""
+    """One line per block, as `Cascade.equation`, with the number of knots in place of a long list of them."""
     lines = model.equation().split("\n")
     first = len(lines) - len(model.blocks)
     for k, block in enumerate(model.blocks):
@@ -147,7 +147,7 @@ def cascade_equations(model: Cascade) -> str:
 
 
 def block_column(fit: Fit[Cascade]) -> dict[str, tuple[str, ...]]:
-    """For `parameter_table`: what every parameter of a cascade belongs to."""
+    """A column of `parameter_table`: the meaning of every parameter of a cascade."""
     model = fit.model
     meaning: dict[str, str] = {"u0": "input offset", "y0": "output offset"}
     for k, (block, span) in enumerate(zip(model.blocks, model.spans, strict=True)):
@@ -157,7 +157,7 @@ def block_column(fit: Fit[Cascade]) -> dict[str, tuple[str, ...]]:
 
 
 def block_name(model: Cascade, k: int) -> str:
-    """What the names of the parameters of a block begin with: G1, f."""
+    """The prefix of the parameter names of a block: G1, f."""
     names = model.names[model.spans[k]]
     return names[0].split(".")[0] if names else "f"
 
@@ -173,7 +173,7 @@ def _meaning(block: Block, name: str) -> str:
 
 
 def _entering(model: Cascade, record: Record, at: Sequence[int]) -> list[Array]:
-    """The signals that enter the blocks ``at``, over all segments, without what starts them where that can be had."""
+    """The input signals of the blocks ``at`` over all segments, without transients if possible."""
     seen: list[list[Array]] = [[] for _ in at]
     long = [segment for segment in record.segments if len(segment) > model.memory]
     for segment in long or record.segments:
@@ -207,7 +207,7 @@ def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record, level: flo
     if len(corners):
         marks.append(Points(corners, block.value(corners), what, Ink.NAVY))
     reach = _reach(marks, [value], 0.0)
-    if reach is not None:  # a band that reaches far beyond is more than a drawing can hold
+    if reach is not None:  # a very wide band would leave the plot
         marks[1] = Band(
             x, np.maximum(value - half, reach[0]), np.minimum(value + half, reach[1]), f"{100 * level:g} % band"
         )
@@ -227,7 +227,7 @@ def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record, level: flo
 
 
 def _units(model: Cascade, k: int, record: Record) -> tuple[str, str]:
-    """Units of the signals into and out of a map; those of the record as far as unit gains carry them."""
+    """Units of the input and output of a map: those of the record, if only unit gains stand between."""
     fixed = set(fixed_gains(model))
 
     def carries(j: int) -> bool:
@@ -244,7 +244,7 @@ def _units(model: Cascade, k: int, record: Record) -> tuple[str, str]:
 
 
 def _reach(marks: Sequence[Mark], curves: Sequence[Array], least: float) -> tuple[float, float] | None:
-    """The range of an axis that shows the curves, and no more of their bands than leaves them room."""
+    """The range of an axis that shows the curves, with a limited part of their bands."""
     known = np.concatenate([y[np.isfinite(y)] for y in curves])
     if not len(known):
         return None
@@ -259,7 +259,7 @@ def _reach(marks: Sequence[Mark], curves: Sequence[Array], least: float) -> tupl
 def _frequencies(filters: Sequence[Rational], dt: float, inside: float, seconds: float) -> Array:
     """(FREQUENCIES,) to half the sampling rate, from a decade below the slowest corner, three decades at least.
 
-    Beyond those, nothing is shown that takes ten times as long as the record.
+    Frequencies whose period is longer than ten records are left out.
     """
     top = 0.5 / dt
     poles = np.concatenate([block.poles for block in filters])

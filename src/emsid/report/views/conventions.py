@@ -1,4 +1,4 @@
-"""What every view keeps to: how measurements and models are drawn, and what models and outputs are called."""
+"""Conventions of all views: the look of measurements and models, and the labels of models and outputs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 MEASURED = Stroke(Ink.BLUE, Dash.SOLID, 1.6)
-# How models are told apart, in the order in which they are given. The first two are the paper's: the linear model solid
+# The looks of models, in the order in which they are given. The first two are the paper's: the linear model solid
 # red, the nonlinear one dotted blue (dark, on the lighter solid blue of the measurement).
 MODELS = (
     Stroke(Ink.RED, Dash.SOLID, 1.0),
@@ -30,7 +30,7 @@ MODELS = (
 
 
 def labels(assessments: Sequence[Assessment]) -> tuple[str, ...]:
-    """What to call them in legends: the model, with the method where one model stands there twice."""
+    """Labels for legends: the model, with the method if a model occurs twice."""
     rows = [each.row for each in assessments]
     models = [row.model for row in rows]
     names = [row.model if models.count(row.model) == 1 else f"{row.model} ({row.method.upper()})" for row in rows]
@@ -45,7 +45,7 @@ def output_axis(record: Record, channel: int) -> Axis:
 
 
 def channel_axis(name: str, unit: str) -> Axis:
-    """The axis of a channel; a unit that only the name of its column gives is taken from there, for display.
+    """The axis of a channel; if the channel has no unit, a unit in the name of its column is shown.
 
     >>> channel_axis("Motor_Speed(RPM)", "").title, channel_axis("u [V]", "").title, channel_axis("f(x)", "V").title
     ('Motor_Speed [RPM]', 'u [V]', 'f(x) [V]')
@@ -57,10 +57,10 @@ def channel_axis(name: str, unit: str) -> Axis:
 
 
 def channels(record: Record) -> range:
-    """The outputs, each of which has its own plots."""
+    """The outputs; each has its own plots."""
     return range(record.output.shape[1])
 
 
 def of_output(record: Record, channel: int, before: str = ": ") -> str:
-    """What a title says of an output where there are several."""
+    """The part of a title that names an output if there are several."""
     return f"{before}{record.output_names[channel]}" if len(channels(record)) > 1 else ""

@@ -1,4 +1,4 @@
-"""Free runs beside what was measured, and models ranked by them."""
+"""Free runs with measured outputs, and models ranked by their free runs."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def responses(assessments: Sequence[Assessment], intervals: Sequence[slice], *, 
     """
     record = assessments[0].record
     t, samples = timeline(record)
-    place = np.flatnonzero(samples >= 0)  # where in the timeline a sample stands
+    place = np.flatnonzero(samples >= 0)  # position of a sample in the timeline
     plots = []
     for rows in intervals:
         x = t[place[rows]]
@@ -59,7 +59,7 @@ def _fits(assessment: Assessment) -> str:
 
 
 def _measured_and(assessments: Sequence[Assessment]) -> list[tuple[Array, str, Stroke]]:
-    """What was measured and the free run of every model, with label and stroke."""
+    """The measured output and the free run of every model, with label and stroke."""
     runs = zip(assessments, labels(assessments), cycle(MODELS), strict=False)
     return [
         (assessments[0].record.output, "measured", MEASURED),
@@ -68,7 +68,7 @@ def _measured_and(assessments: Sequence[Assessment]) -> list[tuple[Array, str, S
 
 
 def _within_reach(axis: Axis, measured: Array, marks: Sequence[Line]) -> Axis:
-    """The axis, limited where a run that has gone astray would press what was measured into a flat line."""
+    """The axis, limited if the range of a bad free run would flatten the measured output."""
     low, high = float(np.min(measured)), float(np.max(measured))
     room = 1.5 * (high - low or 1.0)
     astray = any(np.nanmax(m.y, initial=low) > high + room or np.nanmin(m.y, initial=high) < low - room for m in marks)
@@ -76,7 +76,7 @@ def _within_reach(axis: Axis, measured: Array, marks: Sequence[Line]) -> Axis:
 
 
 def measured_and_simulated(assessment: Assessment, *, name: str = "free-run") -> Figure:
-    """A whole record with the free run of one model, and what is left between them below, output by output."""
+    """A whole record with the free run of one model and, below, the residual, for every output."""
     record, row = assessment.record, assessment.row
     t, samples = timeline(record)
     plots, errors = [], []
@@ -105,18 +105,19 @@ def measured_and_simulated(assessment: Assessment, *, name: str = "free-run") ->
 
 
 def ranking(comparison: Comparison, *, name: str = "ranking") -> Figure:
-    """Models by their free-run error, the best at the top, with the error one step ahead as a point, for every output.
+    """Models by free-run error, the best at the top, with the one-step error as a point, for every output.
 
     An axis is logarithmic where the errors differ by more than a factor of twenty.
     """
     rows = comparison.rows
     record = comparison.best.record
     several = len(channels(record)) > 1
-    relative = ", several outputs by the mean of their errors relative to how much each varies" * several
+    data = "unseen data" if rows[0].data == "unseen" else "the data used in the fit"
+    relative = "; with several outputs, by the mean of MSE divided by variance" * several
     return Figure(
         name,
-        f"Errors on {record.name}, {rows[0].data} data. Models are ranked by the free run{relative}; one step ahead "
-        "almost any model looks good.",
+        f"Errors on {record.name}, {data}. Models are ranked by the free run{relative}. "
+        "One-step errors are small for almost any model.",
         tuple(_ranking_plot(comparison, channel) for channel in channels(record)),
     )
 
@@ -153,7 +154,7 @@ def _ranking_plot(comparison: Comparison, channel: int) -> Plot:
 
 
 def _bar_range(values: Array, log: bool) -> tuple[float, float]:
-    """From the root of the bars to a little beyond their ends."""
+    """The range from the base of the bars to a little beyond their ends."""
     if not len(values):
         return 0.0, 1.0
     low, high = float(values.min()), float(values.max())

@@ -1,4 +1,4 @@
-"""Views of a physical model: its parameters, its friction and dead zone, and where the motor sticks."""
+"""Views of a physical model: its parameters, friction, dead zone, and the times at which the motor sticks."""
 
 from __future__ import annotations
 
@@ -43,28 +43,28 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# How many points of a characteristic are drawn, and over how many of them on either side data support one.
+# A characteristic has this many points; data support a point up to this many neighbours away.
 POINTS, NEIGHBOURS = 1001, 20
-# The histogram behind it has so many bars, of eleven points each.
+# Bars of the histogram behind it, of eleven points each.
 BARS = POINTS // 11
-# On the curve itself so many stretches are looked at, and dotted where so many samples lie in one.
+# A point is drawn on the curve in each of this many stretches that has at least this many samples.
 STRETCHES, ENOUGH = 31, 10
-# A dead zone is shown a second time, enlarged, where it is less than this part of what is applied; and how far then.
+# A dead zone smaller than this fraction of the input range is also shown enlarged, to this multiple of its width.
 SMALL, ENLARGED = 0.2, 3.0
-# A likelihood profile is shown up to so many times the limit of its interval.
+# A likelihood profile is shown up to this multiple of the threshold of its interval.
 HIGHEST = 3.0
-# Standstills closer to each other than this part of the time axis are shaded as one.
+# Standstills closer to each other than this fraction of the time axis are shaded as one.
 CLOSE = 5e-4
 
 _MEANINGS = {
-    Status.CONDITIONAL: "depends on kept values: right only if the kept and fixed values are, because the data "
-    "identify only combinations of them",
-    Status.KEPT: "not identifiable: the data say nothing of this parameter by itself, so it was kept at its start",
-    Status.FIXED: "fixed: as given",
+    Status.CONDITIONAL: "depends on kept values: correct only if the fixed and the kept values are correct, because "
+    "the data determine only combinations of them",
+    Status.KEPT: "not identifiable: the data do not determine this parameter, so it was kept at its start value",
+    Status.FIXED: "fixed: given by the user and not estimated",
     Status.AT_BOUND: "at a bound: the search ended at a limit of the parameter, so it has no interval",
 }
 _INTERVAL_TOO_WIDE = "interval includes zero"
-_TOO_WIDE_MEANS = f"{_INTERVAL_TOO_WIDE}: the data do not even show that this parameter is not zero"
+_TOO_WIDE_MEANS = f"{_INTERVAL_TOO_WIDE}: the parameter may be zero"
 
 
 def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]:
@@ -102,7 +102,7 @@ def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]
     )
     if not fit.combinations:
         return (parameters,)
-    told = Table(
+    combinations = Table(
         ("Quantity", "Formula", "Unit", "Estimate", "±\u00a0[%]"),
         tuple(
             (
@@ -113,14 +113,15 @@ def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]
             )
             for each in fit.combinations
         ),
-        f"What the data identify of {fit.model.name} whatever was kept, with {100 * level:g} % intervals.",
+        f"Combinations of parameters of {fit.model.name} that the data determine without the kept values, with "
+        f"{100 * level:g} % intervals.",
         text_columns=3,
     )
-    return parameters, told
+    return parameters, combinations
 
 
 def friction(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure | None:
-    """Friction over speed, the viscous part included, with its band, and at which speeds the record supports it.
+    """Friction over speed, including the viscous part, with its band and the speeds in the records.
 
     Args:
         fit: of a physical model.
@@ -141,16 +142,16 @@ def friction(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure 
     marks.append(Points(np.zeros(2), factor * np.array([-backward, forward]), "break-away", Ink.RED))
     return Figure(
         name or f"{slug(fit.model.name)}-friction",
-        f"Friction of {fit.model.name}, viscous part included, {_with_band(curve, level)}. Grey: how often "
-        "(logarithmic) it turned at which speed in the records it was fitted to; points: where it did so for "
-        f"{ENOUGH} samples and more; the curve is dotted where it never did.{_assuming(fit, curve.x, _friction_of)}"
+        f"Friction of {fit.model.name}, including the viscous part, {_with_band(curve, level)}. Grey: histogram "
+        f"(logarithmic) of the speed in the records used in the fit. Points: at least {ENOUGH} samples. Dotted: no "
+        f"samples.{_assuming(fit, curve.x, _friction_of)}"
         f"{_given(fit)}",
         (Plot(tuple(marks), _reaching(speed, curve), Axis(quantity, unit), height=1.6),),
     )
 
 
 def dead_zone(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure | None:
-    """What comes through the dead zone over what is applied, with its band.
+    """Output of the dead zone over its input, with its band.
 
     Args:
         fit: of a physical model.
@@ -184,16 +185,16 @@ def dead_zone(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure
         plots.append(Plot(close, near, replace(effective, range=y_range), "Enlarged", height=1.6))
     return Figure(
         name or f"{slug(fit.model.name)}-dead-zone",
-        f"Dead zone on the {what} of {fit.model.name}, {_with_band(curve, level)}. Grey: how often "
-        f"(logarithmic) which {what} was applied in the records it was fitted to; points: for {ENOUGH} samples and "
-        f"more.{_assuming(fit, curve.x, _dead_zone_of)}",
+        f"Dead zone on the {what} of {fit.model.name}, {_with_band(curve, level)}. Grey: histogram "
+        f"(logarithmic) of the applied {what} in the records used in the fit. Points: at least {ENOUGH} samples."
+        f"{_assuming(fit, curve.x, _dead_zone_of)}",
         tuple(plots),
         columns=len(plots),
     )
 
 
 def sticking(fit: GreyBoxFit, *, name: str = "") -> Figure:
-    """The records it was fitted to, measured and simulated, with what is left, and where the simulated motor sticks.
+    """Measured and simulated outputs on the records used in the fit, residuals, and times at which the motor sticks.
 
     Args:
         fit: of a physical model.
@@ -202,9 +203,9 @@ def sticking(fit: GreyBoxFit, *, name: str = "") -> Figure:
     record = concatenate(fit.segments)
     t, samples = timeline(record)
     simulated = np.concatenate(fit.simulated())
-    held = _standstills(fit, record, t, samples)
+    standstills = _standstills(fit, record, t, samples)
     subject = fit.model.plant.body
-    shaded = [Spans(held, f"the {subject} sticks")] if len(held) else []
+    shaded = [Spans(standstills, f"the {subject} sticks")] if len(standstills) else []
     plots = []
     for k, quantity in enumerate(record.output_names):
         measured, run = (with_gaps(values[:, k], samples) for values in (record.output, simulated))
@@ -218,22 +219,22 @@ def sticking(fit: GreyBoxFit, *, name: str = "") -> Figure:
             Plot((*shaded, *lines), TIME, channel_axis(quantity, unit), height=1.2),
             Plot((*(replace(each, label="") for each in shaded), residual), TIME, Axis("Residual", unit), height=0.7),
         ]
-    part = float(np.sum(held[:, 1] - held[:, 0])) if len(held) else 0.0
+    duration = float(np.sum(np.diff(standstills))) if len(standstills) else 0.0
     sticks = (
-        f"shaded: friction holds the simulated {subject}, {part:.3g} s in all."
-        if len(held)
-        else f"friction never holds the simulated {subject}."
+        f"shaded: the simulated {subject} sticks, {duration:.3g} s in all."
+        if len(standstills)
+        else f"the simulated {subject} never sticks."
     )
     return Figure(
         name or f"{slug(fit.model.name)}-sticking",
-        f"{fit.model.name} on {record.name}, which it was fitted to; {sticks}",
+        f"{fit.model.name} on {record.name}, used in the fit; {sticks}",
         tuple(plots),
         shared_x=True,
     )
 
 
 def likelihood(fit: GreyBoxFit, profile: Profile, *, name: str = "") -> Figure:
-    """The likelihood profile of a parameter beside its quadratic approximation, with the interval that each gives.
+    """The likelihood profile of a parameter and its quadratic approximation, with their intervals.
 
     Args:
         fit: of a physical model.
@@ -265,8 +266,8 @@ def likelihood(fit: GreyBoxFit, profile: Profile, *, name: str = "") -> Figure:
         del marks[2]
     return Figure(
         name or f"{slug(fit.model.name)}-profile-{slug(profile.name)}",
-        f"Likelihood profile of {profile.name} of {fit.model.name}, all other parameters at their best for each of its "
-        f"values: its {percent} interval is {interval(profile.interval, profile.unit)}; {beside}.",
+        f"Likelihood profile of {profile.name} of {fit.model.name}: the other parameters are refitted at each value. "
+        f"The {percent} interval is {interval(profile.interval, profile.unit)}; {beside}.",
         (
             Plot(
                 tuple(marks),
@@ -279,13 +280,13 @@ def likelihood(fit: GreyBoxFit, profile: Profile, *, name: str = "") -> Figure:
 
 
 def plant_equations(fit: GreyBoxFit) -> tuple[str, ...]:
-    """The equations of a plant that emsid knows, in symbols, and all its parameters in numbers."""
+    """The equations of a plant in symbols, if it has any, and the values of all its parameters."""
     symbols, numbers = fit.model.plant.equations(), fit.model.equation()
     return (symbols, numbers) if symbols else (numbers,)
 
 
 def units_taken(fit: GreyBoxFit) -> str:
-    """A warning where a record does not say its units; empty where it does."""
+    """A warning if a record has no units; empty if it has."""
     commands = None if fit.model.plant.channels is None else 1  # codes have no unit
     unsaid = [
         name
@@ -300,8 +301,8 @@ def units_taken(fit: GreyBoxFit) -> str:
     if not unsaid:
         return ""
     return (
-        f"The record does not say the unit of {listed(unsaid)}; physical units are right only as far as these were "
-        "meant in SI units, and all torques and inertias are scaled along."
+        f"The record has no unit for {listed(unsaid)}; it is read as SI. If this is wrong, the estimates have wrong "
+        "units and scales."
     )
 
 
@@ -334,7 +335,7 @@ def _first_up(text: str) -> str:
 
 
 def _characteristic(curve: Curve, factor: float, label: str, backdrop: str, level: float) -> list[Mark]:
-    """A curve with its band over its support; dotted where there is none anywhere near."""
+    """A curve with its band and a histogram of the data; dotted where there are no data nearby."""
     near = np.convolve(curve.support > 0, np.ones(2 * NEIGHBOURS + 1), "same") > 0
     y = factor * curve.y
     stroke = Stroke(Ink.BLUE, width=1.4)
@@ -359,12 +360,16 @@ def _has_band(curve: Curve) -> bool:
 
 
 def _with_band(curve: Curve, level: float) -> str:
-    """A curve of which nothing was estimated has no band, and must not look as if it were known exactly."""
-    return f"with {100 * level:g} % confidence band" if _has_band(curve) else "none of it estimated, so without a band"
+    """The part of a caption about the band; a curve without estimated parameters has none."""
+    return (
+        f"with {100 * level:g} % confidence band"
+        if _has_band(curve)
+        else "without band, because none of its parameters was estimated"
+    )
 
 
 def _supported(curve: Curve) -> NDArray[np.intp]:
-    """Points of a curve, the median of every stretch of x with enough samples; none where it jumps."""
+    """Indices of points of a curve: the median of every stretch of x with enough samples, except at jumps."""
     dots = []
     jumps = np.abs(np.gradient(curve.y)) > 0.1 * np.ptp(curve.y)
     for stretch in np.array_split(np.arange(len(curve.x)), STRETCHES):
@@ -390,10 +395,10 @@ def _dead_zone_of(plant: Plant, x: Array) -> Array:
 
 
 def _assuming(fit: GreyBoxFit, x: Array, law: Callable[[Plant, Array], Array]) -> str:
-    """What was kept, and at what value, where a curve at ``x`` depends on it; the band leaves it out."""
+    """The kept parameters with their values, if a curve at ``x`` depends on them; the band does not include them."""
     told, plant = fit.identifiability, fit.model.plant
-    held = [row for row in fit.table if row.status is Status.KEPT]
-    if not held:
+    kept = [row for row in fit.table if row.status is Status.KEPT]
+    if not kept:
         return ""
     if told is not None:
         some = x[:: max(len(x) // 8, 1)]
@@ -405,16 +410,15 @@ def _assuming(fit: GreyBoxFit, x: Array, law: Callable[[Plant, Array], Array]) -
             slopes.append((law(plant.put({name: value + step}), some) - law(plant, some)) * (size / step))
         if all(told.tells(slope) for slope in np.array(slopes).T if np.any(slope)):
             return ""
-    was, it = ("was", "it") if len(held) == 1 else ("were", "them")
     return (
-        f" The data identify only combinations: curve and band hold for {_values(held)}, which {was} kept there, and "
-        f"change with {it}."
+        f" Curve and band depend on kept values: {_values(kept)}. The data determine only combinations with "
+        f"{'this parameter' if len(kept) == 1 else 'these parameters'}."
     )
 
 
 def _given(fit: GreyBoxFit) -> str:
     given = [row for row in fit.table if row.status is Status.FIXED]
-    return f" They rest on what was given: {_values(given)}." if given else ""
+    return f" Fixed values: {_values(given)}." if given else ""
 
 
 def _values(rows: Sequence[Estimate]) -> str:
@@ -426,10 +430,10 @@ def _reaching(axis: Axis, curve: Curve) -> Axis:
 
 
 def _standstills(fit: GreyBoxFit, record: Record, t: Array, samples: NDArray[np.intp]) -> Array:
-    """(n, 2) where on the time axis of a figure the motor sticks; what lies close together is one stretch."""
+    """(n, 2) stretches of the time axis of a figure in which the motor sticks; close stretches are joined."""
     if fit.model.plant.friction_characteristic() is None:
         return np.zeros((0, 2))
-    place = t[np.flatnonzero(samples >= 0)]  # where on the axis every sample stands
+    place = t[np.flatnonzero(samples >= 0)]  # position of every sample on the axis
     first = np.cumsum([0, *map(len, fit.segments[:-1])])
     moved = place[first] - [segment.time[0] for segment in fit.segments]
     found = [[here.start + moved[here.segment], here.end + moved[here.segment] + record.dt] for here in stops(fit)]

@@ -1,4 +1,4 @@
-"""The hard nonlinearities of a motor, drawn."""
+"""Plots of the dead zones and friction of a motor."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 
 def nonlinearities(motor: Motor, *, name: str = "nonlinearities") -> Figure:
-    """Dead zones (4.9) and friction torques (4.7) of a motor, as in Figure 4.2; what it has not is left out.
+    """Dead zones (4.9) and friction torques (4.7) of a motor, as in Figure 4.2, as far as it has them.
 
-    A motor without any shows that its rotor turns without friction.
+    A motor without any is drawn with zero friction.
     """
     frictions = ((motor.rotor_friction, "rotor"), (motor.load_friction, "load"))
     acting = [(friction, where) for friction, where in frictions if max(friction.breakaway) > 0]
@@ -34,8 +34,8 @@ def nonlinearities(motor: Motor, *, name: str = "nonlinearities") -> Figure:
     ] or [_friction(*frictions[0])]
     return Figure(
         name,
-        "Hard nonlinearities of the motor: the dead zone passes nothing between its break points, and friction at rest "
-        "takes any value up to break-away.",
+        "Dead zone and friction of the motor. The output of the dead zone is zero between its break points. Friction "
+        "at standstill takes any value up to break-away.",
         tuple(plots),
         columns=len(plots) if len(plots) < 4 else 2,
     )

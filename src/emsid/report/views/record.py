@@ -1,4 +1,4 @@
-"""What drives a record, drawn, and where in it a linear model has its hardest time."""
+"""Plots of inputs, and the critical intervals of a record, in which a linear model has its largest errors."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def inputs(records: Sequence[Record], *, name: str = "inputs") -> Figure:
         if names.count(record.name) > 1:
             title += f", {t[0]:.4g} s to {t[-1]:.4g} s"
         for k, channel in enumerate(record.input_names):
-            line = Line(t, with_gaps(record.input[:, k], samples), stroke=Stroke(Ink.BLUE, width=0.9), held=True)
+            line = Line(t, with_gaps(record.input[:, k], samples), stroke=Stroke(Ink.BLUE, width=0.9), stairs=True)
             plots.append(Plot((line,), TIME, channel_axis(channel, record.input_units[k]), title, height=0.8))
     return Figure(name, f"Input of {listed(list(dict.fromkeys(names)))}.", tuple(plots))
 
@@ -36,15 +36,15 @@ def inputs(records: Sequence[Record], *, name: str = "inputs") -> Figure:
 def critical_intervals(
     record: Record, width: float, error: ArrayLike | None = None, *, count: int = 2
 ) -> tuple[slice, ...]:
-    """Where a linear model has its hardest time: stretches in which an output turns or rests.
+    """Intervals around reversals and standstills, in which a linear model has its largest errors.
 
-    Candidates are stretches around the samples at which an output crosses zero or leaves rest (2 % of its
-    largest value). Those with the largest mean square ``error`` are taken, or, without one, those with most rest; of
-    several outputs every error counts relative to how much that output varies.
+    Candidates are intervals around the samples at which an output crosses zero or leaves rest (2 % of its largest
+    value). The intervals with the largest mean square ``error`` are taken or, without ``error``, those with most rest.
+    With several outputs, each error is divided by the variation of that output.
 
     Args:
-        record: what is looked at.
-        width: length of an interval in seconds; shorter only where a whole segment is.
+        record: the data.
+        width: length of an interval in seconds; shorter only if a whole segment is.
         error: (N,) or (N, ny) a model's error, such as the linear model's free-run residual; NaN counts as none.
         count: how many intervals at most; they do not overlap.
 

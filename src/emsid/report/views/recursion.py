@@ -1,4 +1,4 @@
-"""Recursive estimates on their way."""
+"""Plots of recursive estimates over time."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _INKS = (Ink.BLUE, Ink.RED, Ink.GREEN, Ink.ORANGE, Ink.PURPLE, Ink.NAVY, Ink.GRE
 
 
 def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "convergence", at_most: int = 8) -> Figure:
-    """Recursive estimates from the first sample to the last, and the batch estimates they should end at, dashed.
+    """Recursive estimates from the first sample to the last, with the batch estimates dashed.
 
-    Parameters whose names begin alike share a plot, which shows the range of their later values.
+    Parameters whose names have the same beginning share a plot. It shows the range of their later values.
 
     Args:
         fit: with its ``history``.
@@ -36,7 +36,7 @@ def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "co
         DataError: where the fit has no history.
     """
     if fit.history is None or not len(fit.history):
-        raise DataError(f"{fit.model.name}: the estimates on the way were not kept; ask for the history when fitting")
+        raise DataError(f"{fit.model.name}: the fit has no history of its estimates; fit with history=True")
     steps = len(fit.history)
     shown = np.unique(np.geomspace(1, steps, min(steps, 1500)).round().astype(int)) - 1
     groups: dict[str, list[int]] = {}
@@ -65,8 +65,8 @@ def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "co
     dashed = "; dashed: batch least squares" if batch is not None else ""
     return Figure(
         name,
-        f"Recursive estimates of {fit.model.name} over the samples seen{dashed}. Each is in the unit of the output by "
-        "that of its regressor.",
+        f"Recursive estimates of {fit.model.name} over the samples{dashed}. The unit of each is the unit of the output "
+        "divided by that of its regressor.",
         tuple(plots),
         columns=min(len(plots), 2),
         shared_x=True,
@@ -74,7 +74,7 @@ def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "co
 
 
 def _settled_range(history: Array, batch: Fit[Any] | None, members: Sequence[int]) -> tuple[float, float]:
-    """The range of the last nine tenths of the estimates, outliers aside, with the batch values and some room."""
+    """The range of the last nine tenths of the estimates without outliers, and of the batch values, with a margin."""
     late = history[len(history) // 10 :]
     values = np.concatenate([np.quantile(late, (0.005, 0.995), axis=0).ravel(), history[-1]])
     if batch is not None:

@@ -1,4 +1,4 @@
-"""What free runs leave over, and what it correlates with."""
+"""Plots of the residuals of free runs and of their correlations."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ WHITE = 2.5758
 
 
 def residuals(assessments: Sequence[Assessment], *, name: str = "residuals", lags: int | None = None) -> Figure:
-    """Free-run residuals of several models, output by output: over time, as a histogram, and what they correlate with.
+    """Free-run residuals of several models for every output: over time, as a histogram, and their correlations.
 
-    Of white noise, 99 of 100 autocorrelations lie between the dashed lines, ±2.58/√N. A free run of a good model need
-    not be white, since noise in a measured output is not white after the model either; structure shows what is missing.
-    It should have nothing to do with the input, though: the cross-correlation with every input is shown in standard
-    deviations of that of signals which are as coloured and know nothing of each other, see `cross_correlation`.
+    For white noise, 99 of 100 autocorrelations lie between the dashed lines, ±2.58/√N. The residual of the free run
+    of a good model need not be white, because measurement noise is often coloured. It should be independent of the
+    input: the cross-correlation with every input is shown in standard deviations for independent signals of the same
+    colour, see `cross_correlation`.
 
     Args:
         assessments: models run over one record.
@@ -110,7 +110,7 @@ def _residual_plots(assessments: Sequence[Assessment], channel: int, most: int) 
 
 
 def _histogram_edges(errors: Sequence[Array], bins: int = 61) -> Array:
-    """Common edges, symmetric about zero, that hold all but the most extreme of all residuals."""
+    """Common edges, symmetric about zero, for all residuals except the most extreme."""
     known = np.abs(np.concatenate(errors))
     known = known[np.isfinite(known)]
     reach = float(np.quantile(known, 0.999)) if len(known) else 1.0

@@ -1,4 +1,4 @@
-"""The section of a report about one model, whatever its kind."""
+"""The section of a report about one model of any kind."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ VIEWS: list[View] = []
 
 
 def model_section(fit: Fit[Any], record: Record, *, name: str = "", profiles: Sequence[Profile] = ()) -> Section:
-    """All there is to show of one model: its equation, its parameters, and what only a model of its kind has.
+    """The equation and the parameters of one model, and the figures of its kind.
 
-    A cascade shows its static maps and filters, a physical model its friction, its dead zone and where it sticks. What
-    cannot be drawn is left out.
+    A cascade has figures of its static maps and filters; a physical model of its friction, its dead zone and sticking.
+    Figures that cannot be drawn are left out.
 
     Args:
         fit: of any model.
         record: in which the signals between the blocks of a cascade are shown.
-        name: what its figures' names begin with, by default the model's name; to be given where a report shows two
-            models of one name.
+        name: prefix of the names of its figures, by default the name of the model; needed if a report shows two models
+            of one name.
         profiles: likelihood profiles of its parameters, where it is a physical model.
     """
     from emsid.models.blocks.cascade import Cascade
@@ -77,7 +77,7 @@ def model_section(fit: Fit[Any], record: Record, *, name: str = "", profiles: Se
 
 
 def _drawable(drawings: Sequence[Callable[[], Figure | None]]) -> tuple[Figure, ...]:
-    """The figures that can be had."""
+    """The figures that can be drawn."""
     figures = []
     for drawing in drawings:
         with suppress(EmsidError):

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Reference:
-    """What others have published, to stand beside results.
+    """Published errors, for comparison.
 
     Attributes:
-        source: head of its column.
-        note: what has to be known before comparing: another motor, another unit.
-        mse: the MSE (5.14) they print, by the name of the model and ``identification`` or ``verification``.
+        source: heading of its column.
+        note: differences to be considered: another motor, another unit.
+        mse: the published MSE (5.14), by the name of the model and ``identification`` or ``unseen``.
     """
 
     source: str
@@ -36,13 +36,13 @@ class Reference:
 def results_table(
     rows: Sequence[Row], reference: Reference | None = None, *, unit: str = "", caption: str = ""
 ) -> Table:
-    """Errors of models, free run and one step ahead (Tables 1 and 2); the best free run on unseen data stands out.
+    """Free-run and one-step errors of models (Tables 1 and 2); the best free run on unseen data is emphasised.
 
-    Several outputs have a line each, in their own units.
+    Each output has a line, in its own unit.
 
     Args:
-        rows: in the order in which they are to stand.
-        reference: published figures, to stand in a column of their own.
+        rows: in the order of the table.
+        reference: published errors, for a further column.
         unit: of the output, where it is the only one.
         caption: of the table; the units are added to it.
     """
@@ -53,7 +53,7 @@ def results_table(
     emphasised: set[int] = set()
     best = _best_unseen(rows)
     for k, row in enumerate(rows):
-        named = (row.experiment,) * several + (row.model, row.method.upper(), row.data)
+        named = (row.experiment,) * several + (row.model, row.method.upper(), row.data_label)
         lines: list[tuple[Row | OutputErrors, tuple[str, ...]]] = [
             (each, (each.output, readable_unit(each.unit))) for each in row.outputs
         ]
@@ -72,7 +72,7 @@ def results_table(
                 )
             )
     notes = [
-        f"The free run of {row.model} ({row.method.upper()}, {row.data}) left all bounds at sample {row.diverged_at}."
+        f"The free run of {row.model} ({row.method.upper()}, {row.data_label}) diverged at sample {row.diverged_at}."
         for row in rows
         if row.diverged_at is not None
     ]
@@ -98,7 +98,7 @@ def _published(reference: Reference, row: Row) -> str:
 
 
 def _best_unseen(rows: Sequence[Row]) -> frozenset[int]:
-    """In every experiment the row with the smallest free-run error on data not used to identify."""
+    """The row with the smallest free-run error on unseen data, in every experiment."""
     unseen = [k for k, row in enumerate(rows) if row.data != "identification" and isfinite(row.simulation_mse)]
     groups = groupby(sorted(unseen, key=lambda k: rows[k].experiment), key=lambda k: rows[k].experiment)
     return frozenset(min(group, key=lambda k: rows[k].ranked_by) for _, group in groups)
@@ -117,8 +117,8 @@ def parameter_table(
     Args:
         fit: what was found.
         level: of the interval.
-        columns: further columns to stand between name and estimate, a text for every parameter: its regressor, its
-            unit, what the datasheet says.
+        columns: further columns between name and estimate, a text for every parameter: its regressor, its unit, its
+            datasheet value.
         caption, note: of the table.
     """
     extra = dict(columns or {})
@@ -132,7 +132,7 @@ def parameter_table(
                 name,
                 *(texts[k] for texts in extra.values()),
                 estimate(value, half) if known else "–",
-                f"{estimate(low, half)} … {estimate(high, half)}" if known else "not told apart by these data",
+                f"{estimate(low, half)} … {estimate(high, half)}" if known else "not determined by these data",
                 share_of(half, value) if known else "–",
             )
         )
@@ -146,13 +146,13 @@ def parameter_table(
 
 
 def regressor_column(fit: Fit[Any]) -> dict[str, tuple[str, ...]]:
-    """For `parameter_table`: the regressor that belongs to every parameter, for a model that has them."""
+    """A column of `parameter_table`: the regressor of every parameter, for a model that has regressors."""
     structure = getattr(fit.model, "structure", None)
     return {} if structure is None else {"Regressor": structure.labels}
 
 
 def motor_table(motor: Motor) -> Table:
-    """Every physical parameter of a motor with its symbol, value and unit; what the motor has not is left out."""
+    """Every physical parameter of a motor with its symbol, value and unit, as far as the motor has it."""
     rows = []
     for parameter in motor.parameters():
         value: Any = motor
@@ -165,6 +165,6 @@ def motor_table(motor: Motor) -> Table:
     return Table(
         ("Parameter", "Symbol", "Unit", "Value"),
         tuple(rows),
-        "Parameters of the motor; of a pair the first holds forward, the second backward.",
+        "Parameters of the motor; a pair is forward / backward.",
         text_columns=3,
     )

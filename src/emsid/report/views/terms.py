@@ -1,10 +1,10 @@
-"""Words of the field that tables and figures use, each defined once."""
+"""Definitions of the terms in tables and figures."""
 
 from emsid.report.document import Term
 
 FREE_RUN = Term(
     "Free run",
-    "the model is given the input only and goes on from its own past outputs, never from measured ones; a simulation.",
+    "simulation from the input alone: the model uses its own past outputs, never measured ones.",
 )
 ONE_STEP = Term(
     "One step ahead",
@@ -12,7 +12,7 @@ ONE_STEP = Term(
 )
 FIT = Term(
     "Fit",
-    "100 % is a perfect match, 0 % no better than a constant at the mean of the measured output; it can be negative.",
+    "100·(1 − ‖error‖/‖output − mean‖): 100 % is exact, 0 % is no better than the mean of the output.",
 )
 MSE = Term("MSE, RMSE", "mean square error and its root; the RMSE is in the unit of the output.")
 UNSEEN = Term("Unseen data", "data that no model was fitted to.")
@@ -22,5 +22,5 @@ METHOD = Term(
     "error of the free run.",
 )
 TRANSIENT = Term(
-    "Transient", "the samples that start a free run from measured values; they are left out of every error."
+    "Transient", "the samples at the start of a free run, which uses measured values there; no error includes them."
 )

@@ -19,12 +19,12 @@ TIME = Axis("Time", "s")
 
 
 def timeline(record: Record) -> tuple[Array, NDArray[np.intp]]:
-    """The time axis of a figure of a record, with a place for a gap between its segments.
+    """The time axis of a figure of a record, with gaps between its segments.
 
-    Experiments that each begin at zero are put one after the other.
+    Experiments that all begin at zero are placed one after the other.
 
     Returns:
-        (M,) time in seconds, ascending, and (M,) the index of the sample that stands there, −1 in a gap.
+        (M,) time in seconds, ascending, and (M,) the index of the sample there, −1 in a gap.
     """
     times: list[ArrayLike] = []
     samples: list[ArrayLike] = []
@@ -43,5 +43,5 @@ def timeline(record: Record) -> tuple[Array, NDArray[np.intp]]:
 
 
 def with_gaps(values: Array, samples: NDArray[np.intp]) -> Array:
-    """(M,) values (N,) where `timeline` puts them, NaN in its gaps."""
+    """(M,) values (N,) in the order of `timeline`, NaN in its gaps."""
     return np.where(samples < 0, np.nan, values[samples])

@@ -1,4 +1,4 @@
-"""What records disagree in comes back as it was put in, and nothing is said where they agree."""
+"""Simulated differences between records are found with their size; equal records give no finding."""
 
 from __future__ import annotations
 

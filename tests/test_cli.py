@@ -309,7 +309,7 @@ def test_a_profile_is_printed_drawn_and_written(run, motor_log, tmp_path, bare):
     assert said.replace(" %", "\N{NO-BREAK SPACE}%") in page
 
 
-def test_a_datasheet_of_another_plant_is_said_to_be_set_aside(run, motor_log, tmp_path, bare):
+def test_a_datasheet_of_another_plant_is_reported_as_unused(run, motor_log, tmp_path, bare):
     sheet = tmp_path / "sheet.toml"
     sheet.write_text(SHEETS["motor"])
     words = ("identify", motor_log, *MOTOR, "--models", "arx,linear-axis,rigid-motor", "--datasheet", sheet)
@@ -438,7 +438,7 @@ def test_a_candidate_that_the_numbers_defeat_is_left_out(run, log, tmp_path, mon
     assert "friction-narx: could not be fitted: the numbers are out of range (SVD did not converge)" in printed
 
 
-def test_judging_by_what_was_identified_from_is_said(run, log, tmp_path):
+def test_errors_on_identification_data_are_reported_as_such(run, log, tmp_path):
     words = ("-u", "u", "-y", "y", "--dt", 0.01, "--models", "arx, arx", "--out", tmp_path / "out")
     status, printed, _ = run("identify", log, "--validate", log, *words)
     assert status == 0
@@ -550,7 +550,7 @@ def test_ctrl_c_before_anything_is_found(moment, log, tmp_path):
         ("in_a_callback", "emsid.report.figures", "draw"): False,
     }.items(),
 )
-def test_ctrl_c_keeps_what_was_found(moment, drawn, log, tmp_path):
+def test_ctrl_c_keeps_the_results_so_far(moment, drawn, log, tmp_path):
     orders = ("--na", 1, "--nb", 1, "--nk", 1, "--degree", 2, "--taps", 1)
     words = ("identify", log, *IDENTIFY, "--models", "arx, wiener-hammerstein-regression", *orders, "--out", "out")
     status, out, err = signalled(tmp_path, (*moment, "SIGINT"), *words)
@@ -587,7 +587,7 @@ def test_a_grey_box_interrupted_twice_keeps_its_search(motor_log, tmp_path):
     assert json.loads((tmp_path / "out" / "result.json").read_text())["chosen"] == "rigid-motor"
 
 
-def test_ctrl_c_while_leaving_says_no_more(log, tmp_path):
+def test_ctrl_c_at_exit_prints_no_second_message(log, tmp_path):
     status, out, err = signalled(tmp_path, ("leaving", "", "", "SIGINT"), "list")
     assert (status, err) == (130, "")
     assert out.splitlines()[-1].startswith("files written: ")
@@ -761,7 +761,7 @@ def test_codes_for_the_bridge_are_options(run, tmp_path):
     assert found.motor.motor_constant == pytest.approx(0.05, rel=0.02)
 
 
-def test_a_model_that_runs_over_other_channels_is_said_to(result, run):
+def test_a_model_run_on_other_channels_is_reported(result, run):
     words = ("validate", result / "arx.json", result.parent / "log.csv", "--dt", "0.01", "--input")
     assert "identified with" not in run(*words, "u", "--output", "y")[1]
     status, out, _ = run(*words, "y", "--output", "u")
@@ -816,7 +816,7 @@ def test_options_that_contradict_each_other_are_refused(words, said, run, log, t
     assert said in err
 
 
-def test_a_constant_output_to_judge_by_has_no_fit(run, log, tmp_path):
+def test_a_constant_unseen_output_has_no_fit(run, log, tmp_path):
     still = table(tmp_path / "still.csv", y=np.full(600, 3.0))
     words = ("identify", log, *IDENTIFY, "--validate", still, "--models", "arx", "--out", tmp_path / "out")
     status, out, _ = run(*words)
@@ -829,7 +829,7 @@ def test_a_constant_output_to_judge_by_has_no_fit(run, log, tmp_path):
     assert not any(f"{wrong}</" in page for wrong in ("inf", "nan", "inf %", "nan %"))
 
 
-def test_every_record_to_judge_by_is_named(run, log, tmp_path):
+def test_every_unseen_record_is_named(run, log, tmp_path):
     others = [table(tmp_path / f"{name}.csv", seed=k) for k, name in enumerate("abcdef", 1)]
     unseen = [word for other in others[:2] for word in ("--validate", other)]
     words = ("identify", log, *IDENTIFY, "--models", "arx", "--out", tmp_path / "out")
@@ -839,7 +839,7 @@ def test_every_record_to_judge_by_is_named(run, log, tmp_path):
     assert "on unseen data (6 records)" in run(*words, *unseen)[1]
 
 
-def test_what_an_earlier_run_left_is_told_apart(run, log, tmp_path, monkeypatch):
+def test_files_of_an_earlier_run_are_listed_separately(run, log, tmp_path, monkeypatch):
     from emsid.report.page import write_report  # noqa: F401  (loads the module)
 
     out = tmp_path / "out"

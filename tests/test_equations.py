@@ -1,4 +1,4 @@
-"""The text of `equation` is the model: a parser that knows nothing else of it simulates it as well."""
+"""A parser simulates the text of `equation` and gets the same output as the model."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def test_the_printed_equation_simulates_as_the_model_does(name: str) -> None:
     assert (error < 1e-4 * np.std(expected[:SAMPLES], axis=0)).all()
 
 
-def test_steps_of_blocks_are_fractions_of_a_sample_and_said_to_be() -> None:
+def test_steps_of_blocks_are_printed_as_fractions_of_a_sample() -> None:
     text = ALL["oversampling 2, delay 2"].equation()
     assert text.splitlines()[0] == (
         "v(t) = u(t-2) - 0.1, with u interpolated (band-limited) at t = 0, 1/2, … samples of 0.01 s"

@@ -301,7 +301,7 @@ def test_limit_does_not_change_its_argument():
     assert u.tolist() == [0.0, 5.0]
 
 
-# --- what a signal is worth ------------------------------------------------------------------------------
+# --- order of excitation, crest factor ------------------------------------------------------------------------------
 
 
 def test_known_crest_factors():

@@ -156,7 +156,7 @@ def test_of_many_records_some_are_kept_unseen_and_not_the_last():
     assert np.array_equal(few.unseen.input, emsid.concatenate(steps[:7]).split(0.75)[1].input)
 
 
-def test_several_outputs_are_said_each_in_its_unit():
+def test_several_outputs_have_errors_in_their_units():
     from emsid.models.plants.motor import DrivenMotor
     from emsid.models.plants.parameters import Signal
     from emsid.plant import Motor
@@ -213,7 +213,7 @@ def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkey
     assert not with_code(result, "profile-failed")
 
 
-def test_what_a_choice_of_free_parameters_leaves_as_it_is_built_in_is_said():
+def test_usual_parameters_that_are_not_free_are_reported():
     from emsid.models.plants.linear_axis import LinearAxis
     from emsid.models.plants.parameters import Signal
     from emsid.plant import Friction
@@ -366,7 +366,7 @@ def test_speeds_of_a_stribeck_excess_are_numbers_to_be_read():
     assert stribeck_speeds(record) == (1.68, 5.6)
 
 
-def test_data_of_another_sample_time_judge_no_model_that_counts_samples(monkeypatch):
+def test_discrete_models_are_not_compared_on_data_of_another_sample_time(monkeypatch):
     monkeypatch.setattr("emsid.identification.candidates.CascadeStructure.fit", lambda *_, **__: pytest.fail("fitted"))
     record = system(400, 21)
     other = emsid.Record(record.input[::2], record.output[::2], 0.02, name="slow log")

@@ -46,7 +46,7 @@ class TestAtomicWrite:
         assert path.read_text() == "old"
         assert [entry.name for entry in tmp_path.iterdir()] == ["result.json"]
 
-    def test_a_full_disk_is_told_in_one_line(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_a_full_disk_is_reported_in_one_line(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         def full(_: int) -> None:
             raise OSError(28, "No space left on device")
 
@@ -120,7 +120,7 @@ def test_the_units_of_a_record_come_back(tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "no JSON", "[1]", '{"u": 3}', "[" * 10_000, '{"u": "no unit"}'])
-def test_units_that_nobody_wrote_are_left_out(tmp_path: Path, text: str) -> None:
+def test_missing_units_are_left_out(tmp_path: Path, text: str) -> None:
     np.savez(tmp_path / "log.npz", **{"u": np.arange(8.0), "y": np.arange(8.0), "emsid.units": np.array(text)})
     assert read(tmp_path / "log.npz", input="u", output="y", dt=0.1).input_units == ("",)
 

@@ -1,4 +1,4 @@
-"""MAT, Parquet and NPZ files: what becomes a column, and what is said about the rest."""
+"""MAT, Parquet and NPZ files: their columns, and messages about the other entries."""
 
 from __future__ import annotations
 

@@ -128,7 +128,7 @@ def test_what_is_left_out_may_be_anything(write: Write) -> None:
     path = write("state,u,y\nRUN,0,1\nERR,ERR,1\nRUN,2,\nRUN,3,4\nRUN,nan,4\nRUN,5,6\n")
     record = read(path, input="u", output="y", dt=1, mask="state = 'ERR' OR y IS NULL", rows=slice(None, 4))
     np.testing.assert_array_equal(record.input[:, 0], [0, 3])
-    # where it cannot be told whether the mask holds, the sample is left out
+    # a sample for which the mask cannot be evaluated is left out
     record = read(path, input="u", output="y", dt=1, mask="u > 4 OR y > 100", rows=slice(None, 4))
     np.testing.assert_array_equal(record.input[:, 0], [0, 3])
 

@@ -232,7 +232,7 @@ def test_noise_variance_is_that_of_the_equation_error() -> None:
 # --- what the data cannot tell ---------------------------------------------------------------------------------------
 
 
-def test_regressors_that_cannot_be_told_apart_are_named() -> None:
+def test_linearly_dependent_regressors_are_named() -> None:
     structure = Structure.parse("y(t-1)", "u(t-1)", "abs(u(t-1))", "u(t-2)")
     record = response(structure, np.array([0.5, 1.0, 0.3, 0.2]))
     positive = replace(record, input=np.abs(record.input))

@@ -1,4 +1,4 @@
-"""The public face: nouns build values, verbs take any of them, and what is typed by reflex works or is answered."""
+"""The public face: constructors and functions take all kinds of values; common mistakes work or get a clear error."""
 
 from __future__ import annotations
 

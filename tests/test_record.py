@@ -110,7 +110,7 @@ def test_slices_with_a_step_or_without_samples_are_refused(rows: slice, message:
         ramp()[rows]
 
 
-def test_every_fourth_of_many_experiments_is_held_back() -> None:
+def test_every_fourth_of_many_experiments_is_selection_data() -> None:
     steps = concatenate([ramp(10 + k) for k in range(1, 10)])
     rest, held = hold_back(steps, 0.25)
     assert [len(one) for one in held.segments] == [14, 18]
@@ -119,7 +119,7 @@ def test_every_fourth_of_many_experiments_is_held_back() -> None:
 
 
 @pytest.mark.parametrize("lengths", [[40], [10, 10, 10, 10], [50] + [3] * 7, [3, 3, 3, 40, 3, 3, 3, 3]])
-def test_the_end_of_few_or_unequal_segments_is_held_back(lengths: list[int]) -> None:
+def test_the_end_of_few_or_unequal_segments_is_selection_data(lengths: list[int]) -> None:
     record = concatenate([ramp(length) for length in lengths])
     for part, expected in zip(hold_back(record, 0.25), record.split(0.75), strict=True):
         np.testing.assert_array_equal(part.output, expected.output)

@@ -1,4 +1,4 @@
-"""Reports: what every figure and table owes its reader, and a page that needs nothing but itself."""
+"""Reports: requirements on every figure and table, and a page without other files."""
 
 from __future__ import annotations
 
@@ -950,7 +950,7 @@ def test_the_band_of_a_response_is_that_of_the_parameters_to_first_order(part):
     assert (band.upper - band.lower) / 2 == pytest.approx(half, rel=1e-4, abs=1e-6)
 
 
-def test_a_response_that_is_not_told_has_no_band_and_says_so():
+def test_an_undetermined_response_has_no_band_and_a_note():
     fit, record = CASCADE_FITS["spline"]
     names = [name for name in fit.names if name.startswith("G1")]
     at = [fit.names.index(name) for name in names]
@@ -992,7 +992,7 @@ def test_long_maps_are_counted_in_the_equation_and_listed_in_the_table():
     assert "value at -2.5 (block 2)" in [row[1] for row in TABLES["blocks"].rows]
 
 
-def test_every_parameter_of_a_map_is_said_to_be_what_it_is():
+def test_every_parameter_of_a_map_has_a_meaning():
     def meanings(*blocks):
         return cascade_views.block_column(of_cascade(Cascade(blocks))[0])["Meaning"]
 
@@ -1055,7 +1055,7 @@ def test_a_parameter_with_an_interval_that_includes_zero_is_marked():
     assert "interval includes zero" not in grey_box_views.physical_table(PLANT_FITS["rigid motor"])[0].note
 
 
-def test_a_band_that_rests_on_what_was_held_says_so():
+def test_a_band_that_depends_on_kept_values_has_a_note():
     caption = grey_box_views.friction(PLANT_FITS["no units"]).caption
     assert "Curve and band depend on kept values: resistance = 2 Ω and rotor_viscous = 1e-5 N·m·s/rad." in caption
     caption = grey_box_views.friction(PLANT_FITS["rigid motor"]).caption

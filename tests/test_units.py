@@ -1,4 +1,4 @@
-"""Units: the numbers, the names they are shown by, and what is refused."""
+"""Units: conversion, printed names, and units that are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors by hand, and comparisons that judge every model by its free run on the same samples."""
+"""Errors computed by hand, and comparisons of models by their free runs on the same samples."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def test_samples_that_start_a_segment_are_in_no_error() -> None:
 
 
 def test_models_are_ranked_by_the_free_run_not_by_the_prediction() -> None:
-    """A drive that creeps: "as before" predicts it a step ahead, and knows nothing of where it goes."""
+    """A slow drive: the last output predicts the next one well, but says nothing about the free run."""
     record = bench()
     creeping = Record(record.input, np.cumsum(record.input)[:, None], 0.01)
     as_before = fit_of(Structure.parse("y(t-1)"), [1.0])
@@ -145,7 +145,7 @@ def test_models_are_ranked_by_the_free_run_not_by_the_prediction() -> None:
     assert comparison.rows == tuple(each.row for each in comparison.assessments)
 
 
-def test_every_model_is_judged_on_the_samples_of_the_most_demanding_one() -> None:
+def test_all_models_have_errors_on_the_same_samples() -> None:
     record = bench()
     fits = [least_squares(structure, record) for structure in (arx(1, 1), arx(2, 1, nk=7), Structure.parse("u(t)"))]
     assert {row.samples for row in compare(fits, record).rows} == {393}

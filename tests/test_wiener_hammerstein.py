@@ -278,7 +278,7 @@ def test_a_sensor_that_bends_is_given_knots_and_one_that_does_not_is_not() -> No
         assert unexplained(fit, held_levels(truth, 800, 1)) < 0.03
 
 
-def test_every_sample_of_a_short_record_judges_once_and_a_long_one_keeps_its_end() -> None:
+def test_every_sample_of_a_short_record_is_selection_data_once() -> None:
     short, long = (record_of(Cascade((SLOW,)), samples) for samples in (403, 6000))
     _, rounds = held_back([short], CascadeSearch())
     judged = np.concatenate([unseen.output[:, 0] for _, parts in rounds for unseen in parts])
@@ -565,7 +565,7 @@ def test_a_single_step_tells_no_map_from_a_filter() -> None:
         wiener(step, 2, AT_RATE)
 
 
-def test_a_map_of_two_levels_cannot_be_told_from_a_gain() -> None:
+def test_a_map_of_two_levels_is_equivalent_to_a_gain() -> None:
     u = np.where(np.random.default_rng(0).random(500) > 0.5, 1.0, -1.0)
     with pytest.raises(ModelError, match="two values only, -1 and 1"):
         hammerstein(Record(u, SLOW.output(u, np.zeros(2)), 1.0), 2, AT_RATE)

@@ -79,7 +79,7 @@ def nearest(name: str, candidates: Iterable[str]) -> str:
 
 
 def from_arrays(variables: Iterable[tuple[str, object]]) -> Columns:
-    """The columns held by named arrays, as MAT and NPZ files store them.
+    """The columns of named arrays in a MAT or NPZ file.
 
     A vector (N,), (N, 1) or (1, N) is a column; a matrix (N, k) with k ≤ N becomes ``name_1`` … ``name_k``. Everything
     else is listed among `Columns.others`; a variable that could not be read is a text with the reason.

@@ -396,19 +396,19 @@ def _dead_zone_of(plant: Plant, x: Array) -> Array:
 
 def _assuming(fit: GreyBoxFit, x: Array, law: Callable[[Plant, Array], Array]) -> str:
     """The kept parameters with their values, if a curve at ``x`` depends on them; the band does not include them."""
-    told, plant = fit.identifiability, fit.model.plant
+    identifiability, plant = fit.identifiability, fit.model.plant
     kept = [row for row in fit.table if row.status is Status.KEPT]
     if not kept:
         return ""
-    if told is not None:
+    if identifiability is not None:
         some = x[:: max(len(x) // 8, 1)]
         slopes = []
-        for name in told.names:
+        for name in identifiability.names:
             value = plant.value(name)
             size = max(abs(value), 1e-12)
             step = 1e-6 * size * (1 if value < plant.handles[name].upper else -1)
             slopes.append((law(plant.put({name: value + step}), some) - law(plant, some)) * (size / step))
-        if all(told.tells(slope) for slope in np.array(slopes).T if np.any(slope)):
+        if all(identifiability.tells(slope) for slope in np.array(slopes).T if np.any(slope)):
             return ""
     return (
         f" Curve and band depend on kept values: {_values(kept)}. The data determine only combinations with "

@@ -11,7 +11,7 @@ import pytest
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.identification import identify
-from emsid.identification.characteristics import of_fit
+from emsid.identification.characteristics import Characteristic, of_fit
 from emsid.identification.conclusions import next_steps, verdicts
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
@@ -160,3 +160,8 @@ def test_results_hold_what_the_first_screen_shows(result):
     assert [each["code"] for each in data["next"]] == [each.code for each in result.next_steps]
     assert [each["code"] for each in data["residual"]] == [each.code for each in result.verdicts]
     assert data["characteristics"] == [each.to_data() for each in result.characteristics]
+
+
+@pytest.mark.parametrize(("half_width", "significant"), [(None, True), (2.0, True), (2.1, False)])
+def test_a_characteristic_is_significant_that_is_not_within_its_interval_of_zero(half_width, significant):
+    assert Characteristic("dead zone", -2.0, half_width, "V", "arx").significant == significant

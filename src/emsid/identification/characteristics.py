@@ -50,6 +50,11 @@ class Characteristic:
     unit: str
     model: str
 
+    @property
+    def significant(self) -> bool:
+        """Whether it is larger than half of its interval; one without an interval counts as significant."""
+        return self.half_width is None or self.half_width <= abs(self.value)
+
     def to_data(self) -> dict[str, Any]:
         """By name, in built-in types."""
         return asdict(self)

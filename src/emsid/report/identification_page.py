@@ -94,7 +94,7 @@ def _fact(each: Characteristic, best: str) -> Fact:
     meaning = f"{each.name[:1].upper()}{each.name[1:]}{by}"
     if each.half_width is None:
         return Fact(with_unit(number(each.value), each.unit), meaning, "interval unknown")
-    if each.half_width > abs(each.value):
+    if not each.significant:
         return Fact(with_unit(number(each.value), each.unit), meaning, f"± {number(each.half_width)}: not significant")
     value = estimate(each.value, each.half_width)
     return Fact(with_unit(value, each.unit), meaning, f"± {float(f'{each.half_width:.2g}'):.4g}")

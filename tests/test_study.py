@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from emsid.errors import DataError
+from emsid.estimation.fit import Ending
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.models.plants.motor import DrivenMotor
+from emsid.models.regression.structures import wiener_hammerstein_regression
 from emsid.plant import Bench, Friction, Motor
 from emsid.report.study_page import study_report, summary_table
 from emsid.study.models import BLOCKS, FRICTION, FULL, LINEAR, ONE_MASS, PAPER, TWO_MASSES, structures
@@ -289,3 +291,15 @@ def test_a_model_that_cannot_be_fitted_is_named(result, monkeypatch):
     (finding,) = found(shorter, "study-model-failed")
     assert (finding.subject, finding.data["problem"]) == (BLOCKS, part.failed[BLOCKS])
     assert not found(result, "study-model-failed")
+
+
+def test_a_regression_that_the_data_do_not_determine_is_named(result):
+    part = result.part(SIMULATION)
+    assert not found(result, "study-rank-deficient")
+    levels = np.sign(part.identification.input - np.mean(part.identification.input))  # of two levels, so u² is constant
+    fit = least_squares(wiener_hammerstein_regression(na=1, nb=2, degree=2), replace(part.identification, input=levels))
+    assert fit.ending is Ending.RANK_DEFICIENT
+    (finding,) = found(replace(result, parts=(replace(part, fits=(fit,)),)), "study-rank-deficient")
+    data = {"study": SIMULATION, "method": "ls", "rank": fit.rank, "parameters": len(fit.names)}
+    assert (finding.subject, finding.data) == (fit.model.name, data)
+    assert fit.rank < len(fit.names)

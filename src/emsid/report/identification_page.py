@@ -95,7 +95,8 @@ def _fact(each: Characteristic, best: str) -> Fact:
     if each.half_width is None:
         return Fact(with_unit(number(each.value), each.unit), meaning, "interval unknown")
     if not each.significant:
-        return Fact(with_unit(number(each.value), each.unit), meaning, f"± {number(each.half_width)}: not significant")
+        interval = with_unit(f"{number(each.value)} ± {number(each.half_width)}", each.unit)
+        return Fact("not significant", meaning, interval)
     value = estimate(each.value, each.half_width)
     return Fact(with_unit(value, each.unit), meaning, f"± {float(f'{each.half_width:.2g}'):.4g}")
 

@@ -49,9 +49,11 @@ def channel_axis(name: str, unit: str) -> Axis:
 
     >>> channel_axis("Motor_Speed(RPM)", "").title, channel_axis("u [V]", "").title, channel_axis("f(x)", "V").title
     ('Motor_Speed [RPM]', 'u [V]', 'f(x) [V]')
+    >>> channel_axis("d(qm)", "").title
+    'd(qm)'
     """
-    named = re.fullmatch(r"(.*\S)\s*[(\[]([^()\[\]]+)[)\]]", name)
-    if unit or named is None:
+    named = None if name.startswith("d(") else re.fullmatch(r"(.*\S)\s*[(\[]([^()\[\]]+)[)\]]", name)
+    if unit or named is None:  # d(COL) is the derivative of a column
         return Axis(capital(name), unit)
     return Axis(capital(named[1]), named[2])
 

@@ -1,4 +1,4 @@
-"""The Gauss–Newton engine against SciPy, at bounds, with outliers, and where it has to give up."""
+"""The Gauss–Newton search against SciPy, at bounds, with outliers, and where it cannot converge."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_loss_derivatives(loss: Loss) -> None:
     np.testing.assert_allclose(loss.curvature(r), bend, atol=1e-4)
 
 
-def test_experiments_count_like_one() -> None:
+def test_several_experiments_equal_one() -> None:
     whole = gauss_newton(decay(), [1, 1, 0.7], tolerance=1e-9)
     parts = gauss_newton(decay(experiments=5), [1, 1, 0.7], tolerance=1e-9)
     np.testing.assert_allclose(parts.estimate, whole.estimate, rtol=1e-10)
@@ -147,7 +147,7 @@ def test_rosenbrock_without_residual_ends_converged() -> None:
     np.testing.assert_allclose(found.estimate, 1, rtol=1e-10)
 
 
-def test_a_search_ends_where_rounding_hides_the_rest_of_the_way() -> None:
+def test_a_search_ends_where_further_steps_are_rounding() -> None:
     exact = gauss_newton(decay(noise=0.0), [1.0, 1.0, 0.0])
     rounded = gauss_newton(decay(noise=0.0), [1.0, 1.0, 0.0], noise=1e-3)
     assert rounded.ending is exact.ending is Ending.CONVERGED
@@ -172,7 +172,7 @@ def test_infeasible_steps_are_shortened() -> None:
         gauss_newton(Curves(residual, lambda t: [np.array([[1 / t[0]]])]), [-1.0])
 
 
-def test_honest_endings() -> None:
+def test_endings_other_than_convergence() -> None:
     problem = decay()
     short = gauss_newton(problem, [1, 9, 0.7], max_iterations=1)
     assert short.ending is Ending.OUT_OF_BUDGET
@@ -215,7 +215,7 @@ def test_a_search_ends_in_a_valley_where_the_cost_hardly_falls() -> None:
     assert gauss_newton(problem, [-1.2, 1.0], tolerance=1e-8, least_saving=1e-9).costs == whole.costs
 
 
-def test_a_bound_that_holds_is_named() -> None:
+def test_an_active_bound_is_named() -> None:
     found = gauss_newton(decay(), [1, 1, 0.7], lower=[0, 0, 0.6], upper=9, names=("gain", "rate", "rest"))
     assert [(f.code, f.subject, f.data) for f in found.findings] == [
         ("parameter-at-bound", "rest", {"side": "lower", "bound": 0.6})
@@ -261,7 +261,7 @@ def test_a_search_without_covariances_finds_the_same_minimum() -> None:
     assert np.isfinite(whole.covariance).all()
 
 
-def test_a_control_says_when_to_stop() -> None:
+def test_a_control_ends_a_search() -> None:
     assert FREE.ending is None
     FREE.check()
     assert Control(cancelled=lambda: True).within(0).ending is Ending.INTERRUPTED

@@ -1,4 +1,4 @@
-"""The accumulator: its factor against NumPy, its algebra, and what it says of problems that are hard or ill-posed."""
+"""The triangular factor against NumPy, its algebra, and its solution of ill-conditioned and rank-deficient problems."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from emsid import Information, ModelError
-from emsid.estimation.linear.information import TILE, fold, fold_reference
+from emsid.estimation.linear.information import TILE, add_rows, add_rows_reference
 
 Array = NDArray[np.float64]
 
@@ -40,14 +40,14 @@ def assert_same(one: Information, other: Information, rtol: float = 1e-12) -> No
 
 @pytest.mark.parametrize("rows", [1, 2, TILE - 1, TILE, TILE + 1, 2 * TILE, 3 * TILE + 7])
 @pytest.mark.parametrize("width", [1, 2, 3, 4, 5, 6, 7, 13])
-def test_fold_is_the_triangular_factor_of_numpy(rows: int, width: int) -> None:
+def test_added_rows_give_the_triangular_factor_of_numpy(rows: int, width: int) -> None:
     rng = np.random.default_rng(rows * 100 + width)
     start = np.triu(rng.standard_normal((width, width)))
     columns = rng.standard_normal((width, rows))
     untouched = columns.copy()
     found = start.copy()
-    fold(found, columns)
-    np.testing.assert_allclose(canonical(found), canonical(fold_reference(start, columns)), atol=1e-12 * rows**0.5)
+    add_rows(found, columns)
+    np.testing.assert_allclose(canonical(found), canonical(add_rows_reference(start, columns)), atol=1e-12 * rows**0.5)
     np.testing.assert_array_equal(np.tril(found, -1), 0.0)
     np.testing.assert_array_equal(columns, untouched)
 
@@ -82,7 +82,7 @@ def test_merged_parts_are_the_whole_in_any_order() -> None:
         assert_same(merged, whole)
 
 
-def test_adding_leaves_what_was_there_as_it_was() -> None:
+def test_adding_rows_does_not_change_the_original() -> None:
     phi, y, _ = problem(50, 3)
     information = Information.from_rows(phi, y)
     before = information.factor.copy()
@@ -154,7 +154,7 @@ def test_solution_against_numpy(rows: int, parameters: int) -> None:
     assert (solution.rank, solution.aliases) == (parameters, ())
 
 
-def test_scaling_of_columns_and_target_goes_through() -> None:
+def test_the_solution_scales_with_columns_and_target() -> None:
     phi, y, _ = problem(200, 5)
     scale = np.array([1e-8, 1.0, 1e8, 1e-4, 3e7])
     plain, scaled = Information.from_rows(phi, y).solve(), Information.from_rows(phi * scale, 1e6 * y).solve()
@@ -190,7 +190,7 @@ def test_a_dependent_column_is_named_with_those_it_depends_on() -> None:
     assert np.isfinite(np.diag(solution.covariance)[kept]).all()
 
 
-def test_dependence_hidden_by_scaling_is_found_and_independence_is_not_denied() -> None:
+def test_dependence_is_found_in_spite_of_scaling_and_not_claimed_without_need() -> None:
     phi, y, _ = problem(100, 2)
     assert Information.from_rows(np.column_stack([phi, 1e-8 * phi[:, 0]]), y).solve().rank == 2
     nearly = np.column_stack([phi, phi[:, 0] + 1e-10 * np.cos(np.arange(100))])
@@ -224,14 +224,14 @@ def test_a_regression_of_zeros_explains_nothing() -> None:
     assert np.isinf(np.diag(solution.covariance)).all()
 
 
-def test_no_row_at_all() -> None:
+def test_no_rows() -> None:
     solution = Information.empty(2).solve()
     assert solution.rank == 0
     assert solution.residual_sum_of_squares == 0.0
     assert np.isnan(solution.noise_variance)
 
 
-def test_fewer_rows_than_parameters_are_met_exactly() -> None:
+def test_fewer_rows_than_parameters_are_fitted_exactly() -> None:
     phi, y, _ = problem(4, 7)
     solution = Information.from_rows(phi, y).solve()
     assert solution.rank == 4

@@ -1,4 +1,4 @@
-"""Batch least squares: exact recovery, invariances, uncertainty, and what it says of data that do not suffice."""
+"""Batch least squares: exact recovery, invariances, uncertainty, and findings on data that do not suffice."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def test_segments_and_records_are_experiments_of_one_problem(structure: Structur
         assert fit.samples == merged.samples
 
 
-def test_cut_in_the_middle_only_the_rows_across_the_cut_are_lost() -> None:
+def test_a_cut_loses_only_the_rows_across_it() -> None:
     structure = arx(3, 2)
     record = response(structure, some_parameters(structure), noise=0.2)
     cut = replace(record, breaks=(300,), times=())
@@ -206,7 +206,7 @@ def test_rank_tolerance_is_passed_on() -> None:
 # --- uncertainty -----------------------------------------------------------------------------------------------------
 
 
-def test_intervals_cover_the_truth_as_often_as_they_claim() -> None:
+def test_intervals_cover_the_truth_at_their_nominal_level() -> None:
     structure, theta = arx(1, 2), np.array([-0.7, 0.5, 0.2])
     trials, inside, errors, claimed = 250, np.zeros(3), [], []
     record = response(structure, theta, 200 * trials, noise=0.3)
@@ -302,7 +302,7 @@ def test_no_record_is_refused() -> None:
         least_squares(arx(1, 1), [])
 
 
-def test_experiments_of_unlike_records_are_refused() -> None:
+def test_experiments_with_different_channels_are_refused() -> None:
     structure = arx(1, 1)
     record = response(structure, np.array([-0.5, 1.0]))
     with pytest.raises(DataError, match="sampled every"):
@@ -320,7 +320,7 @@ def test_regressors_that_overflow_are_refused() -> None:
 # --- memory ----------------------------------------------------------------------------------------------------------
 
 
-def test_memory_is_that_of_the_records_read_one_at_a_time() -> None:
+def test_memory_use_is_that_of_one_record_at_a_time() -> None:
     structure = arx(4, 4)
 
     def experiments(count: int) -> Iterator[Record]:
@@ -339,7 +339,7 @@ def test_memory_is_that_of_the_records_read_one_at_a_time() -> None:
     assert many < 1.2 * few
 
 
-def test_memory_beyond_the_data_does_not_grow_with_the_number_of_samples() -> None:
+def test_memory_use_beyond_the_data_does_not_grow_with_the_samples() -> None:
     structure = arx(4, 4)
 
     def peak(samples: int) -> int:
@@ -357,14 +357,14 @@ def test_memory_beyond_the_data_does_not_grow_with_the_number_of_samples() -> No
 
 
 @pytest.mark.parametrize("ridge", [-1.0, np.nan, np.inf])
-def test_a_ridge_that_is_no_weight_is_refused(ridge: float) -> None:
+def test_an_invalid_ridge_is_refused(ridge: float) -> None:
     record = Record(np.sin(np.arange(50.0)), np.cos(np.arange(50.0)), 0.1)
     with pytest.raises(ModelError, match="ridge"):
         least_squares(arx(1, 1), record, ridge=ridge)
 
 
 @pytest.mark.parametrize("size", [1e300, 1e-300])
-def test_channels_that_cannot_be_computed_with_are_refused(size: float) -> None:
+def test_channels_that_would_overflow_are_refused(size: float) -> None:
     record = Record(size * np.sin(np.arange(50.0)), np.cos(np.arange(50.0)), 0.1)
     with pytest.raises(DataError, match="ordinary size"):
         least_squares(arx(1, 1), record)

@@ -1,4 +1,4 @@
-"""The covariance under model error: what it equals where there is none, and where all of it is known."""
+"""The covariance under model error: without model error, and for a known model error."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_with_white_noise_it_is_the_usual_covariance() -> None:
     assert own[0, 0] == pytest.approx(covariance[1, 1], rel=0.02)
 
 
-def test_a_curved_truth_spreads_the_estimate_as_it_says() -> None:
+def test_a_curved_truth_gives_the_computed_covariance() -> None:
     """No noise at all: 400 data sets of a square root with a step, fitted by a power."""
     rng = np.random.default_rng(2)
     estimates, errors, first_order = [], [], []

@@ -99,7 +99,7 @@ def by_lapack(phi: Array, y: Array) -> Array:
 every_problem = pytest.mark.parametrize("name", list(PROBLEMS))
 
 
-def test_all_eleven_problems_are_there() -> None:
+def test_there_are_eleven_problems() -> None:
     wampler = {f"Wampler{k}" for k in range(1, 6)}
     assert set(PROBLEMS) == {"Norris", "Pontius", "NoInt1", "NoInt2", "Filip", "Longley"} | wampler
 
@@ -116,7 +116,7 @@ def test_the_stored_data_give_the_certified_values(name: str) -> None:
 
 
 @every_problem
-def test_refined_solution_is_exact_for_the_matrix_it_was_given(name: str) -> None:
+def test_refined_solution_is_exact_for_the_given_matrix(name: str) -> None:
     case = problem(name)
     assert digits(solve_rows(case.regression, case.target).estimate, case.of_doubles) >= 14.9
 
@@ -131,7 +131,7 @@ def test_certified_digits_as_far_as_double_precision_allows(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name, stored in PROBLEMS.items() if len(stored["x"]) == 1])
-def test_certified_digits_where_the_structure_makes_the_powers(name: str) -> None:
+def test_certified_digits_with_powers_by_the_structure(name: str) -> None:
     """Then what their rounding loses is known, and Filip, too, has its digits."""
     stored, case = PROBLEMS[name], problem(name)
     x = np.array([float(Fraction(value)) for value in stored["x"][0]])
@@ -141,7 +141,7 @@ def test_certified_digits_where_the_structure_makes_the_powers(name: str) -> Non
 
 
 @every_problem
-def test_no_fewer_digits_than_lapack(name: str) -> None:
+def test_at_least_as_many_digits_as_lapack(name: str) -> None:
     case = problem(name)
     wanted = case.of_doubles
     ours = digits(solve_rows(case.regression, case.target).estimate, wanted)

@@ -1,4 +1,4 @@
-"""Recursive least squares: the paper's update, the batch solution, and a state that can be cut anywhere."""
+"""Recursive least squares: the paper's update, the batch solution, and updates in pieces of any size."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_without_forgetting_it_is_batch(structure: Structure) -> None:
 
 
 @pytest.mark.parametrize("forgetting", [0.999, 0.98, 0.9])
-def test_with_forgetting_it_is_the_information_that_forgets(structure: Structure, forgetting: float) -> None:
+def test_with_forgetting_it_is_information_with_forgetting(structure: Structure, forgetting: float) -> None:
     record = measured(structure, 500)
     information = Information.empty(len(structure))
     for row, value in zip(*structure.regression(record), strict=True):
@@ -136,8 +136,8 @@ def test_samples_in_pieces_of_any_size_give_the_same_numbers(structure: Structur
 
 @pytest.mark.parametrize("forgetting", [1.0, 0.999, 0.97, 0.5])
 @pytest.mark.parametrize("sizes", [[1] * 700, [700], [3, 400, 2, 295]], ids=["one", "all", "mix"])
-def test_tiles_give_what_the_samples_give(structure: Structure, sizes: list[int], forgetting: float) -> None:
-    """Without a history, many samples are folded at a time, unless D could reach its ceiling."""
+def test_tiles_give_the_same_as_single_samples(structure: Structure, sizes: list[int], forgetting: float) -> None:
+    """Without a history, samples are added by tiles, unless D could reach its ceiling."""
     record = measured(structure, sum(sizes))
     recursion = RecursiveLeastSquares(structure, forgetting, 1e4)
     by_samples = recursion.update(recursion.start(), record, [])
@@ -154,7 +154,7 @@ def test_tiles_give_what_the_samples_give(structure: Structure, sizes: list[int]
         assert_same(state, by_samples)
 
 
-def test_state_given_is_left_as_it_was(structure: Structure) -> None:
+def test_an_update_does_not_change_its_argument(structure: Structure) -> None:
     record = measured(structure)
     recursion = RecursiveLeastSquares(structure, 0.98)
     state = recursion.update(recursion.start(), record[:150])
@@ -174,7 +174,7 @@ def test_history_holds_every_estimate_and_is_kept_only_if_asked(structure: Struc
     assert recursive_least_squares(structure, record).history is None
 
 
-def test_the_tail_is_what_the_structure_looks_back_and_no_more(structure: Structure) -> None:
+def test_the_tail_has_as_many_samples_as_the_largest_lag(structure: Structure) -> None:
     recursion = RecursiveLeastSquares(structure)
     state = recursion.update(recursion.start(), measured(structure))
     assert (0 if state.tail is None else len(state.tail)) == structure.memory
@@ -257,7 +257,7 @@ def test_forgetting_without_excitation_neither_explodes_nor_loses_positiveness()
     np.testing.assert_allclose(estimate, theta, rtol=1e-12)
 
 
-def test_covariance_of_a_silent_drive_stays_within_bounds_and_the_estimate_where_it_was() -> None:
+def test_covariance_and_estimate_stay_bounded_without_input() -> None:
     structure = arx(2, 2)
     record = measured(structure)
     recursion = RecursiveLeastSquares(structure, 0.95, 10.0)

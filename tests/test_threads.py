@@ -1,4 +1,4 @@
-"""Libraries start no threads of their own while ours run, and get them back afterwards."""
+"""Libraries start no threads while searches run in parallel, and may again afterwards."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -13,7 +13,7 @@ def blas_threads() -> list[int]:
     return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
 
 
-def test_one_thread_within_and_the_old_number_after() -> None:
+def test_one_thread_inside_and_the_old_number_afterwards() -> None:
     before = blas_threads()
     with one_blas_thread():
         assert set(blas_threads()) == {1}
@@ -23,14 +23,14 @@ def test_one_thread_within_and_the_old_number_after() -> None:
     assert blas_threads() == before
 
 
-def test_it_holds_in_the_threads_that_are_started_within() -> None:
+def test_it_applies_to_threads_started_inside() -> None:
     before = blas_threads()
     with one_blas_thread(), ThreadPoolExecutor(4) as pool:
         assert {number for seen in pool.map(lambda _: blas_threads(), range(40)) for number in seen} == {1}
     assert blas_threads() == before
 
 
-def test_overlapping_in_several_threads_ends_where_it_began() -> None:
+def test_overlapping_contexts_restore_the_old_number() -> None:
     before = blas_threads()
 
     @one_blas_thread()

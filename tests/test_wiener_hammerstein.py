@@ -30,7 +30,7 @@ from emsid.models.blocks.search.diagnostics import advice
 from emsid.models.blocks.search.estimation import CascadeStructure, estimate
 from emsid.models.blocks.search.map_families import Family, families, given
 from emsid.models.blocks.search.orders import map_sizes, order_shares, total_orders
-from emsid.models.blocks.search.starts import _splits, regression_candidate, scanned, unfolded_candidates
+from emsid.models.blocks.search.starts import _splits, regression_candidate, scanned, sign_recovery_candidates
 from emsid.models.blocks.search.topologies import (
     DEFAULTS,
     HAMMERSTEIN,
@@ -407,7 +407,7 @@ def test_recovering_signs_can_be_cancelled() -> None:
     u = np.repeat(np.random.default_rng(0).uniform(-1, 1, 60), 10)
     y = np.abs(Rational([0.0, 0.1], [-0.9]).output(u, np.zeros(1)))
     with pytest.raises(Stopped):
-        list(unfolded_candidates([(u, y)], (1, None), np.random.default_rng(0), Control(cancelled=lambda: True)))
+        list(sign_recovery_candidates([(u, y)], (1, None), np.random.default_rng(0), Control(cancelled=lambda: True)))
 
 
 def test_what_the_records_leave_open_is_found() -> None:

@@ -1,4 +1,4 @@
-"""`Fit`: what an estimator found, how sure it is, and how the search ended."""
+"""`Fit`: the result of an estimator, with its uncertainty and how the search ended."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ M = TypeVar("M", covariant=True)
 
 
 class Ending(Enum):
-    """How an estimation ended; only the first two are answers to the question that was asked."""
+    """How an estimation ended; only the first two give the estimate that was asked for."""
 
     SOLVED = "solved"  # a linear problem, by factorisation or recursion
     CONVERGED = "converged"  # a nonlinear search, at a minimum
     RANK_DEFICIENT = "rank deficient"  # the data do not determine every parameter
-    STALLED = "stalled"  # no step makes progress any more, short of a minimum
+    STALLED = "stalled"  # no step lowers the cost, although this is not a minimum
     OUT_OF_BUDGET = "out of budget"  # iterations or time ran out
-    INTERRUPTED = "interrupted"  # by the user; what was found is kept
+    INTERRUPTED = "interrupted"  # cancelled by the user; the best estimate so far is kept
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,19 +32,19 @@ class Fit(Presented, Generic[M]):
     """A model fitted to a record.
 
     Attributes:
-        model: the model with the estimated parameters in it.
+        model: the model with the estimated parameters.
         names: a name for each of the p free parameters.
         estimate: (p,) their values.
-        covariance: (p, p) of the estimate; infinite on the diagonal of what the data do not determine.
+        covariance: (p, p) of the estimate; infinite on the diagonal of parameters that the data do not determine.
         noise_variance: of the residual that was minimised, in its unit squared.
-        samples: how many equations the fit rests on.
+        samples: the number of equations.
         condition: condition number of the problem with its columns scaled to unit length.
-        rank: how many parameters, or combinations of them, the data determine.
+        rank: the number of parameters, or combinations of them, that the data determine.
         ending: how it ended.
-        method: what was used, for tables: ``ls``, ``rls``, …
+        method: short name for tables: ``ls``, ``rls``, …
         iterations: steps that a nonlinear search took.
-        history: (k, p) estimate after every sample or step, where it was asked for.
-        findings: what is to be known of the estimate and of how the search ended; `emsid.wording` words them.
+        history: (k, p) estimate after every sample or step, if requested.
+        findings: facts about the estimate and the end of the search; `emsid.wording` makes sentences of them.
     """
 
     model: M
@@ -81,7 +81,7 @@ class Fit(Presented, Generic[M]):
         return np.column_stack([self.estimate - half, self.estimate + half])
 
     def to_data(self) -> dict[str, Any]:
-        """Every estimate with its interval, and every finding, in built-in types; what is not finite is None."""
+        """Every estimate with its interval, and every finding, in built-in types; None where not finite."""
         parameters = [
             {"name": name, "unit": "", "value": value, "standard_error": error, "interval": ends, "status": "estimated"}
             for name, value, error, ends in zip(

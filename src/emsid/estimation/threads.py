@@ -1,7 +1,7 @@
-"""One thread for every core, and not one for every core and library.
+"""Limit BLAS and LAPACK to one thread while searches run in parallel.
 
-Searches run side by side in threads of their own, and the matrices in them are small. A linear-algebra library that
-then starts threads too, for each of them, makes everything several times slower; it is held to one while they run.
+Searches run in one thread per core and use small matrices. If a linear-algebra library starts more threads in each of
+them, everything becomes several times slower.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _limiter: Any = None
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """While it lasts, however nested, BLAS and LAPACK use the thread that calls them; for the main thread to enter."""
+    """Within this context, which may be nested, BLAS and LAPACK start no threads. Enter it from the main thread."""
     global _inside, _limiter
     with _lock:
         if _inside == 0:
@@ -36,7 +36,7 @@ def one_blas_thread() -> Iterator[None]:
 
 @cache
 def _controller() -> Any:
-    """What knows the libraries of this process; looking for them takes milliseconds."""
+    """The controller of the libraries of this process; cached, as the search for them takes milliseconds."""
     import scipy.linalg  # noqa: F401  (so that its library is found too)
     from threadpoolctl import ThreadpoolController
 

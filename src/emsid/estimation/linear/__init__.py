@@ -1,1 +1,1 @@
-"""Least squares in one pass, in batch and recursively, and the measured frequency response."""
+"""Least squares, in batch and recursively."""

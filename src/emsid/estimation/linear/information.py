@@ -1,16 +1,16 @@
-"""`Information`, the one accumulator of every least-squares problem.
+"""`Information`, the triangular factor that every least-squares problem is solved from.
 
-All that a least-squares problem ``min ‖y − Φθ‖²`` (paper, eq. 3.9) needs to know about its data is the triangular
-factor of ``[Φ y]``::
+A least-squares problem ``min ‖y − Φθ‖²`` (paper, eq. 3.9) needs of its data only the triangular factor of
+``[Φ y]``::
 
     [Φ y] = Q [R  z]        ‖y − Φθ‖² = ‖z − Rθ‖² + ρ²
               [0  ρ]
 
-Rows are folded in by Householder reflections that act on the factor stacked on a tile of new rows (Golub & Van Loan,
-*Matrix Computations*, 4th ed., sec. 5.2 and 6.5.3), so memory is constant, and normal equations, which would square
-the condition number, are never formed. Two factors stacked on each other merge the same way, whether they come from
-blocks, experiments, cores or machines; a factor scaled by √λ has forgotten; a subset of its columns is the factor of
-the smaller problem. The factor is unique up to the signs of its rows, so the order of folding matters only to rounding.
+Householder reflections, applied to the factor stacked on a tile of new rows, add rows (Golub & Van Loan, *Matrix
+Computations*, 4th ed., sec. 5.2 and 6.5.3). So memory is constant, and normal equations, which would square the
+condition number, are never formed. Two factors are merged in the same way, whether they come from blocks, experiments,
+cores or machines. A factor scaled by √λ implements forgetting. A subset of its columns is the factor of the smaller
+problem. The factor is unique up to the signs of its rows, so the order of the rows affects only rounding.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from emsid.errors import ModelError
 
 Array = NDArray[np.float64]
 
-# Rows folded at a time; a tile of a dozen columns stays in the first-level cache.
+# Rows added at a time; a tile of a dozen columns stays in the first-level cache.
 TILE = 192
-# A column of R̂ (unit columns, pivoted) below this many roundings of the largest depends on the others.
+# A pivoted unit column of R depends on the others if its diagonal is below this many times n roundings of the largest.
 RANK_ROUNDINGS = 8.0
 
 
 @dataclass(frozen=True)
 class Solution:
-    """The minimiser read off a factor.
+    """The least-squares solution computed from a factor.
 
     Attributes:
         estimate: (n,) θ; parameters that the data do not determine are zero.
-        covariance: (n, n) of θ under white noise, σ²(RᵀR)⁻¹; infinite on the diagonal of a parameter left out.
+        covariance: (n, n) of θ under white noise, σ²(RᵀR)⁻¹; infinite on the diagonal of undetermined parameters.
         noise_variance: σ² = RSS/(N − rank).
         residual_sum_of_squares: ‖y − Φθ‖².
         rank: numerical rank of Φ.
         condition: 2-norm condition number of Φ with its columns scaled to unit length; infinite with a column of zeros.
-        aliases: for every dependent column, the column itself and then those that it is a combination of.
+        aliases: for every dependent column, the column itself, followed by the columns it is a combination of.
     """
 
     estimate: Array
@@ -56,11 +56,11 @@ class Solution:
 
 @dataclass(frozen=True)
 class Information:
-    """What a set of equations ``y = Φθ + e`` says about θ.
+    """The information of a set of equations ``y = Φθ + e`` about θ.
 
     Attributes:
         factor: (n + 1, n + 1) upper triangular factor of [Φ y].
-        samples: how many rows it stands for (fewer than were folded in where some have been forgotten).
+        samples: the number of rows; with forgetting, the effective number.
     """
 
     factor: Array
@@ -68,7 +68,7 @@ class Information:
 
     @classmethod
     def empty(cls, parameters: int) -> Information:
-        """Nothing known yet about this many parameters."""
+        """No rows yet, for this many parameters."""
         return cls(np.zeros((parameters + 1, parameters + 1)))
 
     @classmethod
@@ -85,7 +85,7 @@ class Information:
 
     @property
     def parameters(self) -> int:
-        """n, how many parameters the problem has."""
+        """n, the number of parameters."""
         return len(self.factor) - 1
 
     def add(self, regression: ArrayLike, target: ArrayLike) -> Information:
@@ -102,26 +102,26 @@ class Information:
         return self.add_columns(np.vstack([phi.T, y]))
 
     def add_columns(self, columns: Array) -> Information:
-        """With further rows given as the C-contiguous columns of [Φ y], (n + 1, m); the fast door, not checked."""
+        """With further rows given as the C-contiguous columns of [Φ y], (n + 1, m); fast, without checks."""
         factor = self.factor.copy()
-        fold(factor, columns)
+        add_rows(factor, columns)
         return Information(factor, self.samples + columns.shape[1])
 
     def merge(self, other: Information) -> Information:
         """The information of both."""
         factor = self.factor.copy()
-        fold(factor, np.ascontiguousarray(other.factor.T))
+        add_rows(factor, np.ascontiguousarray(other.factor.T))
         return Information(factor, self.samples + other.samples)
 
     def forget(self, factor: float) -> Information:
-        """As if every row so far had weight ``factor``, 0 < factor ≤ 1."""
+        """All rows so far weighted by ``factor``, 0 < factor ≤ 1."""
         return Information(self.factor * np.sqrt(factor), self.samples * factor)
 
     def select(self, columns: ArrayLike) -> Information:
-        """The problem with only these regressors: every structure nested in a larger one comes from its factor."""
+        """The problem with only these regressors: a nested structure needs no further pass over the data."""
         kept = np.append(np.asarray(columns, dtype=int), self.parameters)
         factor = np.zeros((len(kept), len(kept)))
-        fold(factor, np.ascontiguousarray(self.factor[:, kept].T))
+        add_rows(factor, np.ascontiguousarray(self.factor[:, kept].T))
         return Information(factor, self.samples)
 
     def with_prior(self, weight: ArrayLike, mean: ArrayLike = 0.0) -> Information:
@@ -186,23 +186,23 @@ class Information:
 def inverse_triangle(triangle: Array) -> Array:
     """R⁻¹ of an upper triangular R with no zero on its diagonal.
 
-    Not by solving for the identity: for that BLAS starts threads, which for a small triangle takes milliseconds.
+    A triangular solve for the identity would start BLAS threads, which takes milliseconds even for a small triangle.
     """
     from scipy.linalg.lapack import dtrtri
 
     return np.asarray(dtrtri(triangle)[0]) if len(triangle) else triangle
 
 
-def fold_reference(factor: Array, columns: Array) -> Array:
-    """The factor with new rows folded in, by NumPy: slow, obvious, and what `fold` is compared with."""
+def add_rows_reference(factor: Array, columns: Array) -> Array:
+    """The factor with new rows, by NumPy: a slow and simple reference for `add_rows`."""
     return np.asarray(np.linalg.qr(np.vstack([factor, columns.T]), mode="r"))
 
 
 @numba.njit(cache=True, nogil=True)
-def fold(factor: Array, columns: Array) -> None:
-    """Fold the rows of [Φ y], given as columns (k, m), into the triangular factor (k, k), in place.
+def add_rows(factor: Array, columns: Array) -> None:
+    """Update a triangular factor (k, k) in place with the rows of [Φ y], given as columns (k, m).
 
-    `columns` itself is left as it is: tiles of it are copied to where the first-level cache holds them.
+    `columns` is not changed: its tiles are copied to an array that fits into the first-level cache.
     """
     width, rows = columns.shape
     top, tile = workspace(factor)
@@ -217,7 +217,7 @@ def fold(factor: Array, columns: Array) -> None:
 
 @numba.njit(cache=True, nogil=True)
 def workspace(factor: Array) -> tuple[Array, Array]:
-    """The factor and a tile for `reflect`, both with two columns of zeros more than there are."""
+    """The factor and a tile for `reflect`, both padded with two columns of zeros."""
     width = len(factor)
     top = np.zeros((width, width + 2))
     copy_square(factor, top, width)
@@ -226,24 +226,23 @@ def workspace(factor: Array) -> tuple[Array, Array]:
 
 @numba.njit(cache=True, nogil=True)
 def copy_square(source: Array, target: Array, width: int) -> None:
-    """Copy the first rows and columns; a slice assignment takes seconds to compile, for the sake of its error."""
+    """Copy the first rows and columns; a slice assignment, with its shape check, takes seconds to compile."""
     for i in range(width):
         for j in range(width):
             target[i, j] = source[i, j]
 
 
-# The inner loops are functions of their own because they are vectorised one function at a time, and only where few
-# enough arrays have to be distinguished.
+# The compiler vectorises an inner loop only in a small function with few arrays.
 _compiled = numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
 
 
 @_compiled
 def reflect(top: Array, tile: Array, height: int) -> None:
-    """Reflect the first ``height`` rows of a tile, held by columns, against the factor; both as `workspace` made them.
+    """Reflect the first ``height`` rows of a tile, stored by columns, against the factor; see `workspace`.
 
-    Columns v and w make two reflections H = I − τ (1, v/p)(1, v/p)ᵀ, which meet the columns after them together, two
-    at a time, so that what is loaded is used twice: with g the product of the two reflectors, the second one sees
-    what the first has left, ``s₂ = τ₂ (d₂ − g s₁)``. The columns of zeros make the numbers even.
+    Columns v and w define two reflections H = I − τ (1, v/p)(1, v/p)ᵀ. Both are applied together to the remaining
+    columns, two at a time, to halve the memory traffic: with g the product of the two reflectors, the second one acts
+    on the result of the first, ``s₂ = τ₂ (d₂ − g s₁)``. The columns of zeros make the number of columns even.
     """
     width = len(top)
     for k in range(0, width, 2):
@@ -275,7 +274,7 @@ def reflect(top: Array, tile: Array, height: int) -> None:
 
 @_compiled
 def _reflector(head: float, square: float) -> tuple[float, float, float]:
-    """What (head, v) with ‖v‖² = square is reflected to, and p, τ of that reflection; none where v is zero."""
+    """The reflection of (head, v) with ‖v‖² = square: its result, p and τ; the identity if v is zero."""
     if square == 0.0:
         return head, 1.0, 0.0
     norm = -np.copysign(np.sqrt(head * head + square), head)

@@ -1,9 +1,9 @@
 """Batch least squares (paper, eqs. 3.6–3.10) by orthogonal triangularisation.
 
-A structure gives its regression [Φ y] in blocks; the blocks are folded into one `Information` (constant memory, any
-number of records, both cores), which is solved once at the end. Where the last digits matter, the estimate is refined
-(Björck, *Numerical Methods for Least Squares Problems*, sec. 2.9): the gradient Φᵀ(y − Φθ) is accumulated in doubled
-precision, with what the products in Φ have lost by rounding, and the correction solved with the factor already there,
+A structure computes its regression [Φ y] in blocks. All blocks update one `Information` (constant memory, any number of
+records, several threads), which is solved once at the end. The estimate can be refined to the last digits (Björck,
+*Numerical Methods for Least Squares Problems*, sec. 2.9): the gradient Φᵀ(y − Φθ) is accumulated in double-double
+precision, including the rounding errors of the products in Φ, and the existing factor gives the correction,
 ``RᵀR δ = Φᵀ(y − Φθ)``.
 """
 
@@ -31,16 +31,16 @@ from emsid.record import Record, check_same_channels
 Array = NDArray[np.float64]
 M_co = TypeVar("M_co", covariant=True)
 
-# Samples that one thread folds at a time. The chunks do not depend on the number of threads, so neither does a result.
+# Samples that one thread processes at a time. The chunks, and so the results, do not depend on the number of threads.
 CHUNK = 1 << 17
-# A channel of larger values, or of none larger than the inverse, is no measurement; its powers would overflow.
+# The largest value of a channel, and the inverse of the smallest peak; powers of others would over- or underflow.
 LARGEST = 1e60
 SAMPLES_PER_PARAMETER = 3
 """With fewer samples than this for a parameter, an estimate follows the noise of the record."""
 
 
 class LinearStructure(Protocol[M_co]):
-    """What least squares has to know about a structure that is linear in its parameters."""
+    """What least squares needs of a structure that is linear in its parameters."""
 
     @property
     def name(self) -> str: ...
@@ -53,7 +53,7 @@ class LinearStructure(Protocol[M_co]):
 
     @property
     def memory(self) -> int:
-        """How many samples it looks back."""
+        """The largest lag in samples."""
         ...
 
     def check(self, record: Record) -> None:
@@ -69,11 +69,11 @@ class LinearStructure(Protocol[M_co]):
         ...
 
     def rounding(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
-        """What Φ in these blocks has lost by rounding, (n, m) each."""
+        """The rounding errors of Φ in these blocks, (n, m) each."""
         ...
 
-    def fold(self, factor: Array, segment: Record, start: int, stop: int) -> None:
-        """Fold [Φ y] of these rows into a triangular factor (n + 1, n + 1), in place, without the GIL."""
+    def add_rows(self, factor: Array, segment: Record, start: int, stop: int) -> None:
+        """Update a triangular factor (n + 1, n + 1) in place with [Φ y] of these rows, without the GIL."""
         ...
 
     def model(self, parameters: Array, record: Record) -> M_co:
@@ -97,9 +97,9 @@ def least_squares(
         records: a record, or several experiments; a generator is read once, one record in memory at a time.
         ridge: weight ρ ≥ 0 of ρ‖θ‖² added to the sum of squares.
         refinements: passes over the data that correct the rounding of the estimate; each costs about as much as the
-            fit itself. Needs records that can be gone through again.
+            fit itself. Needs records that can be read again.
         rank_tolerance: see `Information.solve`.
-        threads: how many, by default as many as there are cores; the result does not depend on it.
+        threads: number of threads, by default one per core; the result does not depend on it.
 
     Returns:
         A fit. Where the data do not determine every parameter, its ``ending`` is `Ending.RANK_DEFICIENT`, a finding
@@ -134,26 +134,26 @@ def least_squares(
 
 
 def solve_rows(regression: ArrayLike, target: ArrayLike, refinements: int = 4) -> Solution:
-    """Least squares on a ready-made matrix, refined to the last digits of double precision.
+    """Least squares on a given matrix, refined to the last digits of double precision.
 
     Args:
         regression: Φ, (N, n).
         target: y, (N,).
-        refinements: how many corrections at most; they end by themselves where they no longer shrink.
+        refinements: the largest number of corrections; they stop when they no longer shrink.
     """
     information = Information.from_rows(regression, target)
     solution = information.solve()
     if solution.rank < information.parameters:
         return solution
     columns = np.vstack([np.asarray(regression, dtype=float).T, np.asarray(target, dtype=float)])
-    blocks = [(columns, np.zeros_like(columns))]  # what the rows were made from is not known
+    blocks = [(columns, np.zeros_like(columns))]  # the rounding errors of the given rows are unknown
     return replace(solution, estimate=_refined(information, solution.estimate, lambda: blocks, refinements))
 
 
 def gather(
     structure: LinearStructure[object], records: Record | Iterable[Record], threads: int | None = None
 ) -> tuple[Information, Record]:
-    """All that the records say about a structure's parameters, and the first of the records.
+    """The information of the records about the parameters of a structure, and the first record.
 
     Raises:
         DataError: without a record, for one that `check_excitation` refuses, channels that differ, fewer samples than
@@ -168,8 +168,8 @@ def gather(
             first = first or record
             check_same_channels(first, record)
             chunks = structure.chunks(record, CHUNK)
-            in_turn = map if len(chunks) == 1 else pool.map  # a short record is done before a thread has started
-            for part in in_turn(_fold_chunk, repeat(structure), chunks):
+            in_turn = map if len(chunks) == 1 else pool.map  # a short record is faster without threads
+            for part in in_turn(_chunk_information, repeat(structure), chunks):
                 information = information.merge(part)
     if first is None:
         raise DataError("no record to identify from")
@@ -200,14 +200,14 @@ def rank_findings(solution: Solution, labels: Sequence[str]) -> list[Finding]:
 
 
 def sample_findings(information: Information) -> list[Finding]:
-    """Whether there are few samples for so many parameters."""
+    """A finding if there are few samples for each parameter."""
     if information.samples >= SAMPLES_PER_PARAMETER * information.parameters:
         return []
     return [Finding("few-samples", data={"samples": information.samples, "parameters": information.parameters})]
 
 
 def check_excitation(record: Record) -> None:
-    """Refuse what cannot be identified from: a channel that never changes, or whose powers are no numbers any more.
+    """Refuse records that cannot be used: a channel that is constant, or whose powers would overflow.
 
     Raises:
         DataError: naming the channel.
@@ -232,11 +232,11 @@ def check_excitation(record: Record) -> None:
                 )
 
 
-def _fold_chunk(structure: LinearStructure[object], chunk: tuple[Record, int, int]) -> Information:
+def _chunk_information(structure: LinearStructure[object], chunk: tuple[Record, int, int]) -> Information:
     segment, start, stop = chunk
     size = len(structure.parameter_names) + 1
     factor = np.zeros((size, size))
-    structure.fold(factor, segment, start, stop)
+    structure.add_rows(factor, segment, start, stop)
     return Information(factor, stop - start)
 
 
@@ -257,9 +257,9 @@ def _refined(
 ) -> Array:
     """θ after at most this many corrections δ with RᵀR δ = Φᵀ(y − Φθ) − ρθ, the columns of R scaled to unit length.
 
-    Between the passes θ is the sum of two doubles: the rounding of one would come back as a gradient that is large
-    where the data say much, and solving for it would disturb what they say little of. Corrections that no longer shrink
-    are rounding; the last of them is not made.
+    Between the passes θ is the sum of two doubles. With one double, its rounding would give a large gradient along
+    well-determined directions, and the correction would disturb the others. The passes stop when the corrections no
+    longer shrink; that last correction is not applied.
     """
     from scipy.linalg import solve_triangular
 

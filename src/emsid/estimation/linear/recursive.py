@@ -4,17 +4,17 @@ The paper updates (section III.B), with forgetting factor λ and prediction erro
 
     P(t) = (1/λ) P(t−1) [I − φφᵀP(t−1) / (λ + φᵀP(t−1)φ)]        θ(t) = θ(t−1) + P(t)φ(t)ε(t)
 
-As printed, rounding makes P lose symmetry and in the end positiveness. The factored form carries P = U D Uᵀ, U unit
-upper triangular and D diagonal, through the same update (Bierman, *Factorization Methods for Discrete Sequential
-Estimation*, 1977, ch. V; with forgetting, Ljung, *System Identification*, 2nd ed., sec. 11.7): D stays positive by
-construction, at n²·3/2 multiplications a sample. Where nothing excites a direction, forgetting lets D grow without
-bound; it is not let far beyond its initial value, which already says as much as knowing nothing.
+In this form rounding makes P lose symmetry and finally positiveness. The factored form applies the same update to
+P = U D Uᵀ, with U unit upper triangular and D diagonal (Bierman, *Factorization Methods for Discrete Sequential
+Estimation*, 1977, ch. V; with forgetting, Ljung, *System Identification*, 2nd ed., sec. 11.7). D stays positive by
+construction, at n²·3/2 multiplications per sample. In a direction without excitation, forgetting would let D grow
+without bound; D is limited to a multiple of its initial value, which already stands for no knowledge.
 
-Where only the last of many estimates is asked for, the samples between need not be gone through one by one: P⁻¹ = RᵀR
-with ``R = D^(−1/2) U⁻¹`` is a triangular factor like that of `information`, so a tile of samples, weighted by how much
-of each is remembered at its end, is reflected into it at a fraction of the cost, and U, D and θ are read off again.
+If only the last estimate is needed, samples can be processed in tiles: P⁻¹ = RᵀR with ``R = D^(−1/2) U⁻¹`` is a
+triangular factor like that of `information`. A tile of samples, each with its weight at the end of the tile, is
+reflected into it at a fraction of the cost, and U, D and θ follow from the new factor.
 
-The state goes in and comes out, so samples one by one, in blocks, or all at once give the same numbers.
+The state is an argument and a result, so samples one by one, in blocks, or all at once give the same numbers.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from emsid.record import Record, check_same_channels, concatenate
 
 Array = NDArray[np.float64]
 
-# How far beyond its initial value forgetting may take D: so far that ordinary data never feel it.
+# The largest ratio of D to its initial value; ordinary data never reach it.
 WINDUP = 1e4
 
 
 @dataclass(frozen=True, eq=False)
 class RecursiveState:
-    """All that the recursion remembers.
+    """The state of the recursion.
 
     Attributes:
         estimate: (n,) θ.
@@ -49,7 +49,7 @@ class RecursiveState:
         diagonal: (n,) of D; P = U D Uᵀ.
         samples: effective number of samples, Σ λᵏ.
         residual_sum_of_squares: Σ λᵏ of the squared residuals of the present estimate.
-        tail: the last samples seen, as many as the structure looks back.
+        tail: the last samples, as many as the largest lag of the structure.
     """
 
     estimate: Array
@@ -67,18 +67,18 @@ class RecursiveState:
 
     @property
     def noise_variance(self) -> float:
-        """Of the residuals, by their weighted sum of squares."""
+        """The noise variance, from the weighted sum of squared residuals."""
         freedom = self.samples - len(self.estimate)
         return self.residual_sum_of_squares / freedom if freedom > 0 else float("nan")
 
     def cut(self) -> RecursiveState:
-        """The state with what is known but without a past: the next samples come after a gap."""
+        """The state with its estimate but without past samples: the next samples come after a gap."""
         return replace(self, tail=None)
 
 
 @dataclass(frozen=True)
 class RecursiveLeastSquares(Generic[M_co]):
-    """The recursion for one structure.
+    """Recursive least squares for one structure.
 
     >>> import emsid
     >>> rls = emsid.RecursiveLeastSquares(emsid.arx(na=1, nb=1), forgetting=0.99)
@@ -90,8 +90,8 @@ class RecursiveLeastSquares(Generic[M_co]):
     Args:
         structure: whose parameters are tracked.
         forgetting: λ, 0 < λ ≤ 1; a sample k steps back has weight λᵏ.
-        initial_covariance: P(0), a number for a multiple of the identity or (n,) for a diagonal; large means that the
-            initial estimate counts for nothing.
+        initial_covariance: P(0), a number for a multiple of the identity or (n,) for a diagonal; a large one gives the
+            initial estimate no weight.
         initial_estimate: θ(0), zero by default.
     """
 
@@ -116,10 +116,10 @@ class RecursiveLeastSquares(Generic[M_co]):
         ).copy()
 
     def start(self) -> RecursiveState:
-        """Before the first sample.
+        """The state before the first sample.
 
         Raises:
-            ModelError: for initial values of another number than the parameters.
+            ModelError: if the number of initial values is not the number of parameters.
         """
         n = len(self.structure.parameter_names)
         estimate = np.asarray(self.initial_estimate or np.zeros(n), dtype=float)
@@ -128,11 +128,11 @@ class RecursiveLeastSquares(Generic[M_co]):
         return RecursiveState(estimate, np.eye(n), self._prior)
 
     def update(self, state: RecursiveState, record: Record, history: list[Array] | None = None) -> RecursiveState:
-        """The state after the samples of ``record``, which follow those that the state has seen.
+        """The state after the samples of ``record``, which follow the earlier samples.
 
         Args:
-            state: as `start` or an earlier update gave it.
-            record: further samples, one or many; later segments of it start without a past.
+            state: from `start` or an earlier update.
+            record: further samples, one or many; its later segments start without past samples.
             history: a list to which the estimates after every sample, (m, n), are appended.
 
         Raises:
@@ -165,7 +165,7 @@ class RecursiveLeastSquares(Generic[M_co]):
         return state
 
     def fit(self, state: RecursiveState, like: Record, history: Array | None = None) -> Fit[M_co]:
-        """The state as a fit, its model for records like this one."""
+        """The state as a fit, with a model for records like ``like``."""
         scaled = np.sqrt(state.diagonal)[:, None] * state.factor
         length = np.linalg.norm(scaled, axis=0)
         singular = np.linalg.svd(scaled / length, compute_uv=False)
@@ -196,7 +196,7 @@ def recursive_least_squares(
 
     Args:
         structure: what to fit.
-        records: a record, or several experiments in the order in which they are to be seen.
+        records: a record, or several experiments in the order of their use.
         forgetting, initial_covariance, initial_estimate: see `RecursiveLeastSquares`.
         history: keep the estimate after every sample in the fit's ``history``; memory grows with the record.
 
@@ -219,7 +219,7 @@ def recursive_least_squares(
 
 
 def paper_recursion(regression: ArrayLike, target: ArrayLike, forgetting: float, covariance: Array) -> Array:
-    """The recursion exactly as the paper prints it: readable, slow, and what `update` is compared with.
+    """The recursion exactly as in the paper: a slow and simple reference for `update`.
 
     Args:
         regression: Φ (N, n).
@@ -242,7 +242,7 @@ def paper_recursion(regression: ArrayLike, target: ArrayLike, forgetting: float,
     return np.array(history)
 
 
-# NumPy's error model: a division that may raise would keep the inner loops from being compiled well.
+# NumPy's error model: a division that may raise would prevent vectorisation of the inner loops.
 @numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
 def update(
     estimate: Array,
@@ -261,7 +261,7 @@ def update(
         totals: (2,) effective samples and residual sum of squares.
         block: (n + 1, m).
         forgetting: λ.
-        ceiling: (n,) what D is not let beyond.
+        ceiling: (n,) the limit of D.
         trace: (m, n) to be filled with the estimates, or (0, n).
     """
     n, rows = len(estimate), block.shape[1]
@@ -302,9 +302,9 @@ def update(
 def update_by_tiles(
     estimate: Array, factor: Array, diagonal: Array, totals: Array, block: Array, forgetting: float, ceiling: Array
 ) -> None:
-    """As `update` without a trace, but for rounding; by tiles where they are worth it and D stays below its ceiling.
+    """Like `update` without a trace, up to rounding; by tiles where that is faster and D stays below its ceiling.
 
-    A sample lets D grow by 1/λ at most, so whether it can reach the ceiling within a tile is known beforehand.
+    A sample raises D by a factor of at most 1/λ, so it is known before a tile whether D can reach the ceiling.
     """
     n, rows = len(estimate), block.shape[1]
     top, tile = workspace(np.empty((n + 1, n + 1)))
@@ -316,13 +316,13 @@ def update_by_tiles(
             for i in range(height):
                 tile[j, i] = block[j, first + i]
         if height > n and np.all(diagonal <= ceiling * forgetting**height):
-            _fold_tile(estimate, factor, diagonal, totals, tile, height, weight[TILE - height :], forgetting, top)
+            _add_tile(estimate, factor, diagonal, totals, tile, height, weight[TILE - height :], forgetting, top)
         else:
             update(estimate, factor, diagonal, totals, tile[: n + 1, :height].copy(), forgetting, ceiling, none)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _fold_tile(
+def _add_tile(
     estimate: Array,
     factor: Array,
     diagonal: Array,
@@ -335,8 +335,8 @@ def _fold_tile(
 ) -> None:
     """The state after the first ``height`` rows of a tile of [Φ y], by reflections of ``[R 0; 0 ρ]``.
 
-    What is solved for is the change of θ, so y is replaced by its prediction error, and Rθ by zero; ρ² is the sum of
-    squares so far, ``weight`` the square root of what is remembered of each row at the end.
+    The unknown is the change of θ, so y is replaced by its prediction error, and Rθ by zero. ρ² is the sum of squares
+    so far, and ``weight`` the square root of the weight of each row at the end of the tile.
     """
     n = len(estimate)
     remembered = np.sqrt(forgetting) * weight[0]

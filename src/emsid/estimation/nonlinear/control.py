@@ -1,7 +1,7 @@
-"""`Control`: when a search has to stop, and who gets reports of what it is doing.
+"""`Control`: cancellation, time limit and progress reports of a search.
 
-A search takes a `Control` and looks at it between steps. So it can be cancelled, or run out of time, only where its
-result is complete. The mathematics knows neither signals nor ``KeyboardInterrupt``.
+A search takes a `Control` and checks it between steps, so that it ends only where its result is complete. Numerical
+code handles neither signals nor ``KeyboardInterrupt``.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from emsid.estimation.fit import Ending
 
 @dataclass(frozen=True)
 class Activity:
-    """What a search is doing.
+    """A progress report of a search.
 
     Attributes:
-        doing: in a few words: ``rigid-motor: refining 4 starts``.
-        done: how many steps of it have been taken.
-        total: how many there are, None where nobody knows.
-        cost: what the search minimises, after these steps; None where nothing is minimised.
-        offset: how far the linearised minimum is, in standard errors of the estimate; None where nothing is minimised.
+        doing: the activity in a few words: ``rigid-motor: refining 4 starts``.
+        done: the number of steps taken.
+        total: the number of steps in all; None if unknown.
+        cost: the cost after these steps; None if nothing is minimised.
+        offset: distance to the linearised minimum in standard errors of the estimate; None if nothing is minimised.
     """
 
     doing: str
@@ -34,10 +34,10 @@ class Activity:
 
 
 class Stopped(Exception):
-    """Raised where a `Control` ends the work before there is a result.
+    """Raised if a `Control` ends the work before there is a result.
 
-    `Control.check` raises it. A search that has found something by then catches it and returns what it has, with how it
-    ended; it reaches the caller only where nothing was found.
+    `Control.check` raises it. A search that has a result by then catches it and returns this result with its ending;
+    the exception reaches the caller only if nothing was found.
 
     Args:
         ending: `Ending.INTERRUPTED` or `Ending.OUT_OF_BUDGET`.
@@ -51,11 +51,11 @@ class Stopped(Exception):
 
 @dataclass(frozen=True)
 class Control:
-    """When a search has to stop, and who gets reports of what it is doing.
+    """Cancellation, time limit and progress reports of a search.
 
     Args:
-        deadline: when the time is up, on the clock of `time.monotonic`.
-        cancelled: whether somebody has asked for an end. Once true, it stays true. Several threads may ask.
+        deadline: end of the allowed time, on the clock of `time.monotonic`.
+        cancelled: whether the search has been cancelled. Once true, it stays true. Several threads may call it.
         report: called with every `Activity`.
     """
 
@@ -68,7 +68,7 @@ class Control:
         return replace(self, deadline=min(self.deadline, time.monotonic() + seconds))
 
     def during(self, what: str) -> Control:
-        """The same for a part of the work: every activity reported through it begins with ``what``."""
+        """The same for a part of the work: ``what`` is put before every activity that it reports."""
 
         def report(activity: Activity) -> None:
             doing = f"{what}: {activity.doing}" if activity.doing else what
@@ -82,25 +82,25 @@ class Control:
 
     @property
     def ending(self) -> Ending | None:
-        """How the search has to end now; None where it may go on."""
+        """How the search has to end now; None if it may go on."""
         if self.cancelled():
             return Ending.INTERRUPTED
         return Ending.OUT_OF_BUDGET if time.monotonic() > self.deadline else None
 
     def check(self) -> None:
-        """Go on, or not.
+        """Check whether the search may go on.
 
         Raises:
-            Stopped: where the search has to end.
+            Stopped: if it has to end.
         """
         if (ending := self.ending) is not None:
             raise Stopped(ending)
 
     def doing(self, what: str, done: int = 0, total: int | None = None) -> None:
-        """Report an activity, and go on or not.
+        """Report an activity, and check whether the search may go on.
 
         Raises:
-            Stopped: where the search has to end.
+            Stopped: if it has to end.
         """
         self.report(Activity(what, done, total))
         self.check()

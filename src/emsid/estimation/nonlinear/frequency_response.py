@@ -1,16 +1,16 @@
-r"""The frequency response of a system measured from records, and a rational transfer function through it.
+r"""The frequency response of a system, estimated from records, and a rational transfer function fitted to it.
 
 The response is the ratio of spectra averaged over overlapping windows (Welch 1967),
 
     G(f) = S_yu(f)/S_uu(f),      var G = |G|² (1 − γ²)/(γ² M),      γ² = |S_yu|²/(S_uu S_yy),
 
-M being the number of independent averages. For a nonlinear system this is its best linear approximation, and the
-variance holds what is not linear in the output as well as noise (Pintelon & Schoukens 2012, ch. 3). That is its use
-here: a fit weighted with it ignores the frequencies where the nonlinearity dominates, which a time-domain fit does not.
+where M is the number of independent averages. For a nonlinear system this is its best linear approximation, and the
+variance contains the nonlinear distortion as well as the noise (Pintelon & Schoukens 2012, ch. 3). A fit weighted with
+this variance therefore ignores the frequencies where the nonlinearity dominates; a time-domain fit does not.
 
 The rational function B/A is fitted by least squares weighted with 1/√var. It starts from iterated linear problems
-``min ‖(B − G·A)/A_previous‖`` (Sanathanan & Koerner 1963), poles outside the unit circle being mirrored inside, and
-goes on with `gauss_newton`.
+``min ‖(B − G·A)/A_previous‖`` (Sanathanan & Koerner 1963), with poles outside the unit circle
+mirrored inside, and continues with `gauss_newton`.
 
 References:
     Pintelon, Schoukens, *System Identification: A Frequency Domain Approach*, 2nd ed. (2012). Sanathanan, Koerner,
@@ -33,18 +33,18 @@ from emsid.estimation.nonlinear.gauss_newton import Infeasible, gauss_newton, le
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-# Hann windows that overlap by half: so many independent averages per window.
+# Independent averages per Hann window, at an overlap of one half.
 INDEPENDENT = 0.95
-# Poles are kept inside this circle while the linear problems are iterated.
+# The iterated linear problems keep their poles inside this radius.
 LARGEST_RADIUS = 0.9995
 
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
-    """A measured frequency response.
+    """A frequency response estimated from data.
 
     Attributes:
-        frequency: (m,) in cycles per sample, zero left out.
+        frequency: (m,) in cycles per sample, without zero.
         value: (m,) G.
         deviation: (m,) standard deviation of G, noise and nonlinear distortion together.
     """
@@ -92,16 +92,16 @@ def frequency_response(segments: Sequence[tuple[Array, Array]], window: int | No
 
 
 def fit_rational(response: FrequencyResponse, nb: int, na: int, oversampling: int = 1) -> tuple[Array, Array, float]:
-    """B/A through a measured response.
+    """Fit B/A to a frequency response.
 
     Args:
-        response: what is fitted.
-        nb, na: coefficients of B, and of A without its leading one.
+        response: the response.
+        nb, na: the number of coefficients of B, and of A without its leading one.
         oversampling: the filter runs at this many times the sampling rate.
 
     Returns:
-        (nb,) B, (na,) A without its leading one, and the sum of squared weighted errors; about 2m − nb − na if the
-        orders suffice.
+        (nb,) B, (na,) A without its leading one, and the sum of squared weighted errors, which is about
+        2m − nb − na if the orders suffice.
     """
     problem = _Rational(response, nb, na, oversampling)
     found = gauss_newton(problem, problem.iterated(20), max_iterations=30, covariances=False)
@@ -110,7 +110,7 @@ def fit_rational(response: FrequencyResponse, nb: int, na: int, oversampling: in
 
 @dataclass(frozen=True, eq=False)
 class _Rational:
-    """Weighted error of B/A, real parts and then imaginary ones."""
+    """Weighted error of B/A: real parts, then imaginary parts."""
 
     response: FrequencyResponse
     nb: int
@@ -136,7 +136,7 @@ class _Rational:
         return [(self._parts(b / a - self.response.value), self._parts(slope))]
 
     def iterated(self, steps: int) -> Array:
-        """Sanathanan and Koerner's solution, the best of so many steps."""
+        """Sanathanan and Koerner's solution: the best of ``steps`` iterations."""
         powers, value = self._powers, self.response.value
         a = np.ones(len(value), dtype=complex)
         best, least = np.zeros(self.nb + self.na), np.inf
@@ -164,5 +164,5 @@ def _inside(denominator: Array) -> Array:
     poles = np.where(size > 1, poles / np.maximum(size, 1e-300) ** 2, poles)
     size = np.abs(poles)
     poles = np.where(size > LARGEST_RADIUS, poles * LARGEST_RADIUS / np.maximum(size, 1e-300), poles)
-    mirrored = np.real(np.atleast_1d(np.poly(poles)))[1:]  # of no poles, np.poly makes a bare 1
+    mirrored = np.real(np.atleast_1d(np.poly(poles)))[1:]  # np.poly of no poles is a scalar 1
     return np.concatenate([mirrored, np.zeros(len(denominator) - len(mirrored))])

@@ -1,6 +1,6 @@
-r"""`gauss_newton`, the one engine of every model that is nonlinear in its parameters.
+r"""`gauss_newton`, the one optimiser for every model that is nonlinear in its parameters.
 
-Given residuals r(θ) ∈ ℝᴺ and their derivative J(θ) = ∂r/∂θ, wanted is
+Given residuals r(θ) ∈ ℝᴺ and their derivative J(θ) = ∂r/∂θ, it solves
 
     min V(θ) = Σₜ ℓ(rₜ(θ)),      lower ≤ θ ≤ upper,      ℓ(r) = ½r² or a loss that grows more slowly.
 
@@ -9,25 +9,24 @@ damped linear problem (Levenberg 1944, Marquardt 1963)
 
     min over p   ½‖√w·(r + Jp)‖² + ½λ‖Dp‖²,      lower − θ ≤ p ≤ upper − θ.
 
-D holds the largest lengths that the columns of √w·J have had (Moré 1978), which makes the search blind to the
-units of the parameters. The weights w = ℓ′(r)/r are those of iteratively reweighted least squares; they are
-one for squares. Rows [√w·J, −√w·r] go through `Information`, experiment by experiment, and the damping enters
-as a prior of weight λD²: normal equations, which would square the condition number, are never formed, and
-nothing of length N is factored twice when λ changes. Where the step would leave the bounds, the small
-triangular problem is solved subject to them (BVLS, Stark & Parker 1995), so a bound that the minimum touches
-is found exactly and not merely approached.
+D holds the largest lengths that the columns of √w·J have had (Moré 1978), which makes the search independent of
+the units of the parameters. The weights w = ℓ′(r)/r are those of iteratively reweighted least squares; they are
+one for squares. `Information` reduces the rows [√w·J, −√w·r], experiment by experiment, to a triangular factor, and
+the damping enters as a prior of weight λD². Normal equations, which would square the condition number, are never
+formed, and a change of λ needs no new factorisation of length N. Where the step would leave the bounds, the small
+triangular problem is solved subject to them (BVLS, Stark & Parker 1995), so the search reaches a bound exactly.
 
-**The damping.** With ϱ the ratio of achieved to promised reduction, a step is taken when ϱ > 0. λ is then
+**The damping.** With ϱ the ratio of actual to predicted reduction, a step is taken when ϱ > 0. λ is then
 multiplied by max(1/10, 1 − (2ϱ − 1)³), and otherwise by 2, 4, 8, … (Nielsen 1999). A trial point without a
-residual (an unstable filter, a simulation that overflowed) is simply a step that failed: the next is shorter.
+residual (an unstable filter, a simulation that overflowed) counts as a failed step; the next one is shorter.
 
 **The end.** The search has converged when the undamped step to the linearised minimum is shorter than
 ``tolerance`` standard errors, the relative offset of Bates & Watts (1981),
 
     ‖J p‖/√n ≤ tolerance · ‖r‖/√(N − n),
 
-a criterion that knows neither units nor scale, or when the step is at the level of rounding, which is how a
-problem with an exact solution ends. Everything else is reported as what it is: see `Ending`.
+a criterion that is independent of units and scale, or when the step is at the level of rounding, as in a problem
+with an exact solution. `Ending` lists the other ways in which a search can end.
 
 References:
     Nocedal, Wright, *Numerical Optimization*, 2nd ed., ch. 10. Dennis, Schnabel, *Numerical Methods for
@@ -61,22 +60,22 @@ Indices = NDArray[np.intp]
 Block = tuple[Array, Array]
 M = TypeVar("M")
 
-# A step that changes no parameter by more than this part of it, or promises less than this part of the cost,
-# is rounding.
+# A step is rounding if it changes no parameter by more than this fraction, or if the predicted reduction of the cost
+# is less than this fraction.
 ROUNDING = 1e-13
-# A singular value below this part (times n) of the largest is rounding; steps do not go along it.
+# A singular value below this fraction (times n) of the largest is rounding; steps have no component along it.
 RANK = 4 * float(np.finfo(float).eps)
-# How many steps in a row have to lower the cost by `least_saving` together.
+# The number of successive steps that together must lower the cost by `least_saving`.
 PATIENCE = 4
-# Between these the damping may change. At the largest a step is a tiny one along the gradient; where even that does not
-# lower the cost, the cost is not smooth here.
+# Limits of the damping. At the largest, a step is a tiny one along the gradient; if even that does not lower the cost,
+# the cost is not smooth at this point.
 LEAST_DAMPING, MOST_DAMPING = 1e-20, 1e16
 
 
 class Infeasible(ModelError):
     """Raised by a `Problem` where it has no residual: an unstable filter, a simulation that overflowed.
 
-    A trial step that raises it is shortened. At the start it is an error, and its message reaches the user.
+    A trial step that raises it is shortened. If the start raises it, the user sees its message.
     """
 
 
@@ -87,31 +86,31 @@ class Problem(Protocol):
         """The residual (Nᵢ,) of every experiment at θ (p,).
 
         Raises:
-            Infeasible: where there is none. Values that are not finite mean the same.
+            Infeasible: where there is none. Values that are not finite count as infeasible too.
         """
         ...
 
     def linearised(self, theta: Array) -> Sequence[Block]:
-        """The residual (Nᵢ,) and its derivative ∂r/∂θ (Nᵢ, p) for every experiment, where r exists.
+        """The residual (Nᵢ,) and its derivative ∂r/∂θ (Nᵢ, p) for every experiment, at a θ where r exists.
 
-        Columns of parameters whose bounds coincide are not looked at. Fortran order saves a copy.
+        Columns of fixed parameters are not used. Fortran order saves a copy.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Where a search ended, and how sure that is.
+    """The result of a search, with its covariance.
 
     Attributes:
         estimate: (p,) θ.
         cost: V(θ), half the sum of squares for squares.
         residuals: r(θ) of every experiment.
         information: of the free parameters, rows [√w·J, −√w·r] at θ.
-        free: (p,) true where a parameter is neither fixed nor at a bound; covariances take the others as known.
-        covariance: (p, p), right for coloured residuals too (see `robust_covariance`); zero outside the free
-            parameters, infinite on the diagonal of what the data do not determine.
-        white_covariance: (p, p), right if the residual is white.
+        free: (p,) true where a parameter is neither fixed nor at a bound; covariances treat the others as known.
+        covariance: (p, p), valid for coloured residuals too (see `robust_covariance`); zero outside the free
+            parameters, infinite on the diagonal of parameters that the data do not determine.
+        white_covariance: (p, p), valid if the residual is white.
         noise_variance: of the residual, Σr²/(N − rank).
         samples: N.
         rank, condition: of the derivative with columns of unit length, in the free parameters.
@@ -138,9 +137,9 @@ class Minimum:
     costs: tuple[float, ...]
 
     def fit(self, model: M, names: Sequence[str], method: str = "gn") -> Fit[M]:
-        """The `Fit` of a model whose first ``len(names)`` parameters these are.
+        """The `Fit` of a model with the first ``len(names)`` parameters.
 
-        What comes after them (initial states) served the estimation and is left out.
+        The parameters after them (initial states) are left out.
         """
         kept = len(names)
         return Fit(
@@ -161,19 +160,19 @@ class Minimum:
 
 @dataclass(frozen=True, eq=False)
 class _Box:
-    """The bounds, and which parameters they leave to vary."""
+    """The bounds, and the indices of the parameters that are not fixed."""
 
     low: Array
     high: Array
     varied: Indices
 
-    def room(self, theta: Array) -> tuple[Array, Array]:
-        """How far down and up every varied parameter may still go."""
+    def limits(self, theta: Array) -> tuple[Array, Array]:
+        """The largest steps down and up that every varied parameter may take."""
         return (self.low - theta)[self.varied], (self.high - theta)[self.varied]
 
     def moved(self, theta: Array, step: Array) -> Array:
-        """θ after a step of the varied parameters; one that uses all its room ends exactly on the bound."""
-        down, up = self.room(theta)
+        """θ after a step of the varied parameters; a step to a bound ends exactly on it."""
+        down, up = self.limits(theta)
         new = theta.copy()
         new[self.varied] = np.where(
             step <= down,
@@ -185,7 +184,7 @@ class _Box:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """A θ with all that is known there."""
+    """A θ with its cost and its linearisation."""
 
     theta: Array
     cost: float
@@ -194,11 +193,11 @@ class _Point:
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
-    """Where a search is after a number of steps; replaced as a whole, so that it can be left between any two.
+class _Iterate:
+    """The state of a search after a number of steps; immutable, so that the search can stop between any two steps.
 
     Attributes:
-        point: θ, and what is known there.
+        point: θ with its cost and its linearisation.
         scale: (n,) D, the largest lengths that the columns of √w·J have had.
         damping: λ of the next step.
         remaining: (n,) the undamped step to the linearised minimum, within bounds.
@@ -217,12 +216,12 @@ class _Place:
 
     @property
     def steps(self) -> int:
-        """How many have been taken."""
+        """The number of steps taken."""
         return len(self.costs) - 1
 
     @property
     def cost_is_rounding(self) -> bool:
-        """Whether the cost can no longer tell two points apart; the linearisation still can."""
+        """Whether the predicted reduction of the cost is below its rounding."""
         return _promised(self.point.information, self.remaining) <= ROUNDING * self.point.cost
 
 
@@ -247,11 +246,11 @@ class _Search:
     noise: float
     control: Control
 
-    def begin(self, theta: Array, damping: float) -> _Place:
-        """The place at the start.
+    def begin(self, theta: Array, damping: float) -> _Iterate:
+        """The state at the start.
 
         Raises:
-            ModelError: without a finite residual there, and for fewer residuals than free parameters.
+            ModelError: if the residual is not finite, or there are fewer residuals than free parameters.
         """
         if not np.isfinite(_cost(self.problem, theta, self.loss)):
             raise ModelError("the residual at the start is not finite; check the data and the start values")
@@ -263,64 +262,64 @@ class _Search:
             )
         return self._at(point, np.zeros(len(self.box.varied)), damping, np.inf, (point.cost,))
 
-    def advance(self, place: _Place) -> _Place | None:
-        """The place after one more step; None where no step lowers the cost.
+    def advance(self, iterate: _Iterate) -> _Iterate | None:
+        """The state after one more step; None if no step lowers the cost.
 
         Raises:
-            Stopped: where the search has to end before one is found.
+            Stopped: if the search has to end before a step is found.
         """
-        theta, damping = self._undamped(place), place.damping
+        theta, damping = self._undamped(iterate), iterate.damping
         if theta is None:
-            theta, damping = self._descend(place)
+            theta, damping = self._descend(iterate)
         if theta is None:
             return None
         point = _linearise(self.problem, theta, self.box.varied, self.loss)
-        new = self._at(point, place.scale, damping, place.offset, (*place.costs, point.cost))
+        new = self._at(point, iterate.scale, damping, iterate.offset, (*iterate.costs, point.cost))
         self.control.report(Activity("", new.steps, cost=new.point.cost, offset=new.offset))
         return new
 
-    def end(self, place: _Place) -> _End | None:
-        """How the search ends here; None where it goes on."""
-        settled = place.cost_is_rounding and place.offset > 0.5 * place.offset_before
-        if place.offset <= self.tolerance or settled or self._step_is_rounding(place):
+    def end(self, iterate: _Iterate) -> _End | None:
+        """How the search ends at this state; None if it goes on."""
+        settled = iterate.cost_is_rounding and iterate.offset > 0.5 * iterate.offset_before
+        if iterate.offset <= self.tolerance or settled or self._step_is_rounding(iterate):
             return _End(Ending.CONVERGED)
-        if place.steps >= self.max_iterations:
-            return self.short_of_minimum(place, Ending.OUT_OF_BUDGET, "steps-used-up")
+        if iterate.steps >= self.max_iterations:
+            return self.short_of_minimum(iterate, Ending.OUT_OF_BUDGET, "steps-used-up")
         if (ending := self.control.ending) is not None:
-            return self.stopped(place, ending)
-        if self._cost_hardly_falls(place):
+            return self.stopped(iterate, ending)
+        if self._cost_hardly_falls(iterate):
             data = {"last_steps": PATIENCE, "least_saving": self.least_saving}
-            return self.short_of_minimum(place, Ending.OUT_OF_BUDGET, "cost-hardly-falls", **data)
+            return self.short_of_minimum(iterate, Ending.OUT_OF_BUDGET, "cost-hardly-falls", **data)
         return None
 
-    def stopped(self, place: _Place, ending: Ending) -> _End:
-        """The end that `control` asks for."""
+    def stopped(self, iterate: _Iterate, ending: Ending) -> _End:
+        """The end that `control` requests."""
         code = "search-cancelled" if ending is Ending.INTERRUPTED else "time-used-up"
-        return self.short_of_minimum(place, ending, code)
+        return self.short_of_minimum(iterate, ending, code)
 
-    def short_of_minimum(self, place: _Place, ending: Ending, code: str, **data: float) -> _End:
-        """An end that is not at a minimum, with how far it is from one."""
-        return _End(ending, (Finding(code, data={"steps": place.steps, "offset": _finite(place.offset), **data}),))
+    def short_of_minimum(self, iterate: _Iterate, ending: Ending, code: str, **data: float) -> _End:
+        """An end that is not at a minimum, with the remaining distance to it."""
+        return _End(ending, (Finding(code, data={"steps": iterate.steps, "offset": _finite(iterate.offset), **data}),))
 
-    def _at(self, point: _Point, scale: Array, damping: float, before: float, costs: tuple[float, ...]) -> _Place:
+    def _at(self, point: _Point, scale: Array, damping: float, before: float, costs: tuple[float, ...]) -> _Iterate:
         scale = np.maximum(scale, np.linalg.norm(point.information.factor[:-1, :-1], axis=0))
-        remaining = _bounded_step(point.information, *self.box.room(point.theta))
+        remaining = _bounded_step(point.information, *self.box.limits(point.theta))
         offset = _relative_offset(point.information, remaining, self.noise)
-        return _Place(point, scale, damping, remaining, offset, before, costs)
+        return _Iterate(point, scale, damping, remaining, offset, before, costs)
 
-    def _undamped(self, place: _Place) -> Array | None:
-        """θ after the undamped step, where the cost cannot tell any more whether that is better."""
-        if not place.cost_is_rounding:
+    def _undamped(self, iterate: _Iterate) -> Array | None:
+        """θ after the undamped step, if the change of the cost is below its rounding; otherwise None."""
+        if not iterate.cost_is_rounding:
             return None
-        theta = self.box.moved(place.point.theta, place.remaining)
+        theta = self.box.moved(iterate.point.theta, iterate.remaining)
         return theta if np.isfinite(_trial_cost(self.problem, theta, self.loss)) else None
 
-    def _descend(self, place: _Place) -> tuple[Array | None, float]:
-        """A θ with a lower cost and the damping to go on with; none where no step lowers it."""
-        point, damping, growth = place.point, place.damping, 2.0
+    def _descend(self, iterate: _Iterate) -> tuple[Array | None, float]:
+        """A θ with a lower cost and the next damping; None if no step lowers the cost."""
+        point, damping, growth = iterate.point, iterate.damping, 2.0
         while damping < MOST_DAMPING:
-            damped = point.information.with_prior(damping * place.scale**2)
-            step = _bounded_step(damped, *self.box.room(point.theta))
+            damped = point.information.with_prior(damping * iterate.scale**2)
+            step = _bounded_step(damped, *self.box.limits(point.theta))
             promised = _promised(point.information, step)
             if promised <= ROUNDING * point.cost:
                 break
@@ -333,15 +332,15 @@ class _Search:
             growth *= 2.0
         return None, damping
 
-    def _cost_hardly_falls(self, place: _Place) -> bool:
-        if not self.least_saving or place.steps < PATIENCE:
+    def _cost_hardly_falls(self, iterate: _Iterate) -> bool:
+        if not self.least_saving or iterate.steps < PATIENCE:
             return False
-        return place.costs[-1] > (1 - self.least_saving) * place.costs[-1 - PATIENCE]
+        return iterate.costs[-1] > (1 - self.least_saving) * iterate.costs[-1 - PATIENCE]
 
-    def _step_is_rounding(self, place: _Place) -> bool:
-        theta = place.point.theta[self.box.varied]
-        step = np.linalg.norm(place.scale * place.remaining)
-        return bool(step <= ROUNDING * np.linalg.norm(place.scale * theta))
+    def _step_is_rounding(self, iterate: _Iterate) -> bool:
+        theta = iterate.point.theta[self.box.varied]
+        step = np.linalg.norm(iterate.scale * iterate.remaining)
+        return bool(step <= ROUNDING * np.linalg.norm(iterate.scale * theta))
 
 
 def gauss_newton(
@@ -367,17 +366,17 @@ def gauss_newton(
         start: (p,) θ to start from, within the bounds.
         lower, upper: (p,) or a number; a parameter whose two bounds coincide is fixed.
         loss: `SQUARES`, `Huber`, `Cauchy` or an object with the same three methods.
-        max_iterations: steps that may be taken.
+        max_iterations: the largest number of steps.
         tolerance: length of the remaining step, in standard errors of the estimate, at which the search has converged.
-        least_saving: the search ends where `PATIENCE` steps together lower the cost by less than this part of it. For
+        least_saving: the search ends if `PATIENCE` steps together lower the cost by less than this fraction. It is for
             comparisons of costs, which need no exact minimum of a flat valley.
-        damping: λ of the first step; the columns of J are of unit length to it.
-        noise: standard deviation of the residual that rounding alone causes: standard errors are taken to be no
-            smaller than it makes them.
+        damping: λ of the first step, relative to columns of J of unit length.
+        noise: standard deviation of the residual that rounding alone causes; a lower limit on the noise in standard
+            errors.
         names: (p,) names for findings, θ1, θ2, … by default.
-        control: looked at before every trial step; where it ends the search, the best θ so far is kept. It gets a
-            report of every step taken.
-        covariances: whether they are worked out; otherwise they are given as infinite.
+        control: checked before every trial step; if it ends the search, the best θ so far is returned. It gets a
+            report of every step.
+        covariances: whether they are computed; otherwise they are infinite.
 
     Raises:
         ModelError: for a start outside its bounds or without a finite residual, bounds that cross, blocks of other
@@ -386,19 +385,19 @@ def gauss_newton(
     """
     theta, box = _check_start(start, lower, upper, names)
     search = _Search(problem, box, loss, max_iterations, tolerance, least_saving, noise, control)
-    place = search.begin(theta, damping)
-    while (end := search.end(place)) is None:
+    iterate = search.begin(theta, damping)
+    while (end := search.end(iterate)) is None:
         try:
-            following = search.advance(place)
+            following = search.advance(iterate)
         except Stopped as stopped:
-            end = search.stopped(place, stopped.ending)
+            end = search.stopped(iterate, stopped.ending)
             break
         if following is None:
-            end = search.short_of_minimum(place, Ending.STALLED, "search-stalled")
+            end = search.short_of_minimum(iterate, Ending.STALLED, "search-stalled")
             break
-        place = following
+        iterate = following
     labels = tuple(names) or tuple(f"θ{k + 1}" for k in range(len(theta)))
-    return _conclude(place, box, loss if covariances else None, labels, end)
+    return _conclude(iterate, box, loss if covariances else None, labels, end)
 
 
 def _check_start(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Sequence[str]) -> tuple[Array, _Box]:
@@ -421,7 +420,7 @@ def _check_start(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Se
 
 
 def _linearise(problem: Problem, theta: Array, varied: Indices, loss: Loss) -> _Point:
-    """Everything known at θ, whose residual has been looked at before."""
+    """The linearisation at θ, where the residual is known to exist."""
     blocks = tuple(problem.linearised(theta))
     information = Information.empty(len(varied))
     cost = 0.0
@@ -459,19 +458,19 @@ def _trial_cost(problem: Problem, theta: Array, loss: Loss) -> float:
 
 
 def least_squares_step(information: Information) -> Array:
-    """The shortest p, in units of the columns' lengths, that minimises ‖z − Rp‖; bare, without covariance or rank."""
+    """The shortest p, in units of the columns' lengths, that minimises ‖z − Rp‖; without covariance or rank."""
     from scipy.linalg.lapack import dtrcon, dtrtrs
 
     triangle, projected, length = _scaled(information)
     smallest = RANK * len(length)
-    well_conditioned = dtrcon(triangle)[0] > smallest * len(length)  # in the norm of columns, which is so much coarser
+    well_conditioned = dtrcon(triangle)[0] > smallest * len(length)  # the 1-norm estimate needs a margin of n
     solve = dtrtrs if well_conditioned else partial(np.linalg.lstsq, rcond=smallest)
     step: Array = solve(triangle, projected)[0] / length
     return step
 
 
 def _scaled(information: Information) -> tuple[Array, Array, Array]:
-    """R with columns of unit length, z, and the lengths that R's columns have."""
+    """R scaled to columns of unit length, z, and the lengths of the columns of R."""
     n = information.parameters
     triangle, projected = information.factor[:n, :n], information.factor[:n, n]
     length = np.sqrt(np.einsum("ij,ij->j", triangle, triangle))
@@ -487,14 +486,14 @@ def _bounded_step(information: Information, lower: Array, upper: Array) -> Array
     if np.all((lower <= step) & (step <= upper)):
         return step
     triangle, projected, length = _scaled(information)
-    room = lower * length, upper * length
-    found = lsq_linear(triangle, projected, room, method="bvls", tol=1e-15, max_iter=10 * len(length))
+    bounds = lower * length, upper * length
+    found = lsq_linear(triangle, projected, bounds, method="bvls", tol=1e-15, max_iter=10 * len(length))
     bounded: Array = np.clip(found.x / length, lower, upper)
     return bounded
 
 
 def _promised(information: Information, step: Array) -> float:
-    """½‖z‖² − ½‖z − Rp‖²: how much lower the linearised cost is after the step."""
+    """½‖z‖² − ½‖z − Rp‖²: the reduction of the linearised cost by the step."""
     n = information.parameters
     triangle, projected = information.factor[:n, :n], information.factor[:n, n]
     moved = triangle @ step
@@ -502,7 +501,7 @@ def _promised(information: Information, step: Array) -> float:
 
 
 def _relative_offset(information: Information, step: Array, noise: float) -> float:
-    """Length of a step in standard errors, (‖Rp‖/√n)/(‖r‖/√(N − n)); infinite without a residual, or zero."""
+    """Length of a step in standard errors, (‖Rp‖/√n)/(‖r‖/√(N − n)); infinite if only r is zero."""
     n = information.parameters
     moved = float(np.linalg.norm(information.factor[:n, :n] @ step))
     residual = float(np.linalg.norm(information.factor[:, n]))
@@ -514,13 +513,13 @@ def _relative_offset(information: Information, step: Array, noise: float) -> flo
 
 
 def _finite(number: float) -> float | None:
-    """The number as JSON can have it; None where it is infinite."""
+    """The number as JSON can store it; None if it is infinite."""
     return number if np.isfinite(number) else None
 
 
-def _conclude(place: _Place, box: _Box, loss: Loss | None, labels: Sequence[str], end: _End) -> Minimum:
-    """The minimum at which the search ended, with covariances if a loss is given."""
-    point, theta = place.point, place.point.theta
+def _conclude(iterate: _Iterate, box: _Box, loss: Loss | None, labels: Sequence[str], end: _End) -> Minimum:
+    """The result of the search, with covariances if a loss is given."""
+    point, theta = iterate.point, iterate.point.theta
     at_bound = _at_bounds(point, box)
     free = (box.low < box.high) & ~at_bound
     columns = np.flatnonzero(free)
@@ -554,17 +553,17 @@ def _conclude(place: _Place, box: _Box, loss: Loss | None, labels: Sequence[str]
         condition=solution.condition,
         ending=ending,
         findings=tuple(findings),
-        iterations=place.steps,
-        costs=place.costs,
+        iterations=iterate.steps,
+        costs=iterate.costs,
     )
 
 
 def undetermined(solution: Solution, labels: Sequence[str]) -> Finding:
-    """Which parameters a derivative without full rank does not determine.
+    """A finding that lists the parameters that a derivative without full rank does not determine.
 
     Args:
         solution: of the information of the parameters.
-        labels: a name for each; where several parameters share one, it is named once.
+        labels: a name for each parameter; a shared name is listed once.
     """
     groups = [list(dict.fromkeys(labels[k] for k in group)) for group in solution.aliases]
     without_effect = [labels[group[0]] for group in solution.aliases if len(group) == 1]
@@ -579,16 +578,16 @@ def undetermined(solution: Solution, labels: Sequence[str]) -> Finding:
 
 
 def _at_bounds(point: _Point, box: _Box) -> NDArray[np.bool_]:
-    """(p,) which of the parameters that are not fixed stand on a bound that the cost pushes them against."""
+    """(p,) which of the parameters that are not fixed are at a bound that the gradient points across."""
     pushed = np.zeros(len(point.theta))
     pushed[box.varied] = -point.information.factor[:-1, :-1].T @ point.information.factor[:-1, -1]
     outwards = ((point.theta <= box.low) & (pushed > 0)) | ((point.theta >= box.high) & (pushed < 0))
-    held: NDArray[np.bool_] = outwards & (box.low < box.high)
-    return held
+    at_bound: NDArray[np.bool_] = outwards & (box.low < box.high)
+    return at_bound
 
 
 def _among_all(part: Array, columns: Indices, count: int) -> Array:
-    """A covariance of the parameters in ``columns`` among zeros for the rest."""
+    """The covariance of the parameters in ``columns``, padded with zeros for the rest."""
     whole = np.zeros((count, count))
     whole[np.ix_(columns, columns)] = part
     return whole
@@ -597,10 +596,10 @@ def _among_all(part: Array, columns: Indices, count: int) -> Array:
 def _covariances(
     blocks: Sequence[Block], columns: Indices, information: Information, solution: Solution, loss: Loss
 ) -> tuple[Array, Array]:
-    """The covariance under white noise and the one that allows colour, for the parameters in ``columns``.
+    """The covariances for white and for coloured noise, for the parameters in ``columns``.
 
-    With a loss other than squares the bread of the sandwich is mean(ℓ″)·JᵀJ and the score Jₜℓ′(rₜ) (Huber
-    1981, ch. 7).
+    With a loss other than squares the Hessian of the robust covariance is mean(ℓ″)·JᵀJ and the score is Jₜℓ′(rₜ)
+    (Huber 1981, ch. 7).
     """
     determined = np.isfinite(np.diag(solution.covariance))
     residual = np.concatenate([r for r, _ in blocks])

@@ -1,7 +1,7 @@
-"""How much a residual costs: squares, and the losses of Huber and Cauchy, which forgive outliers.
+"""Losses of a residual: squares, and the losses of Huber and Cauchy, which are robust against outliers.
 
-A loss ℓ is given to `gauss_newton` as an object with three methods, ℓ itself, the weight ℓ′(r)/r and the
-curvature ℓ″(r); any other object with these will do.
+A loss ℓ is an object with three methods: ℓ itself, the weight ℓ′(r)/r and the curvature ℓ″(r). `gauss_newton`
+accepts any object that has them.
 
 References:
     Huber, *Robust Statistics* (1981). Holland, Welsch, *Robust regression using iteratively reweighted least-squares*,
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 class Loss(Protocol):
-    """How much a residual costs."""
+    """The cost of a residual."""
 
     def cost(self, residual: Array) -> Array:
         """ℓ(r) ≥ 0, sample by sample."""
@@ -59,7 +59,7 @@ SQUARES = Squares()
 
 @dataclass(frozen=True)
 class Huber:
-    """ℓ(r) = ½r² up to |r| = scale and scale·(|r| − ½scale) beyond: an outlier pulls no harder than that.
+    """ℓ(r) = ½r² up to |r| = scale and scale·(|r| − ½scale) beyond: the influence of an outlier is limited.
 
     Args:
         scale: in the unit of the residual; 1.345 standard deviations of Gaussian noise keep 95 % efficiency.
@@ -87,7 +87,7 @@ class Huber:
 
 @dataclass(frozen=True)
 class Cauchy:
-    """ℓ(r) = ½scale²·ln(1 + (r/scale)²): the pull of an outlier dies away.
+    """ℓ(r) = ½scale²·ln(1 + (r/scale)²): the influence of a far outlier vanishes.
 
     Args:
         scale: in the unit of the residual; 2.385 standard deviations of Gaussian noise keep 95 % efficiency.

@@ -1,14 +1,14 @@
-r"""The covariance of an estimate under stationary coloured noise, its colour taken from the residual.
+r"""The covariance of an estimate under stationary coloured noise, whose colour is estimated from the residual.
 
 At a least-squares minimum ``cov θ̂ = (JᵀJ)⁻¹ JᵀΓJ (JᵀJ)⁻¹`` with Γ the covariance of the noise.
-`robust_covariance` estimates JᵀΓJ from the products of residual and derivative, which assumes nothing, but
-needs many samples in which the derivative is not zero: only the few samples around standstill say where a dead zone
-ends. If the noise is stationary, its colour can be estimated from all samples. An autoregression A(q)e = w
-of the residual, var w = σ², has Γ = σ²HHᵀ with H = 1/A(q), so that
+`robust_covariance` estimates JᵀΓJ from the products of residual and derivative. This assumes nothing, but needs many
+samples in which the derivative is not zero; the edge of a dead zone, for example, affects only the few samples around
+standstill. If the noise is stationary, its colour can be estimated from all samples. An autoregression A(q)e = w of
+the residual, var w = σ², has Γ = σ²HHᵀ with H = 1/A(q), so that
 
     JᵀΓJ = σ²‖HᵀJ‖²,      HᵀJ: the columns of J through 1/A(q), backwards in time.
 
-The autoregression is Yule and Walker's (stable by construction), its order Schwarz's choice.
+The autoregression solves the Yule–Walker equations (it is stable by construction); Schwarz's criterion gives its order.
 
 References:
     Söderström, Stoica, *System Identification*, sec. 7.5 (the covariance of output-error estimates in coloured noise)
@@ -28,7 +28,7 @@ MOST_POLES = 20
 
 
 def autoregression(pieces: Sequence[Array], most: int = MOST_POLES) -> tuple[Array, float]:
-    """A(q) = 1 + a₁q⁻¹ + … and the variance of what drives it, from stretches (Nᵢ,) of one stationary signal."""
+    """A(q) = 1 + a₁q⁻¹ + … and the variance of its innovations, from pieces (Nᵢ,) of one stationary signal."""
     samples = sum(len(piece) for piece in pieces)
     most = min(most, *(len(piece) - 1 for piece in pieces), samples // 20)
     lags = np.array([sum(float(p[k:] @ p[: len(p) - k]) for p in pieces) for k in range(max(most, 0) + 1)]) / samples
@@ -53,8 +53,8 @@ def coloured_covariance(pieces: Sequence[tuple[Array, Array]]) -> Array:
     """(p, p) covariance of the estimate.
 
     Args:
-        pieces: residual (Nᵢ,) and derivative (Nᵢ, p) of every stretch of time of every channel; the derivatives
-            together of full rank.
+        pieces: residual (Nᵢ,) and derivative (Nᵢ, p) of every segment and channel; the derivatives together have full
+            rank.
     """
     from scipy.signal import lfilter
 

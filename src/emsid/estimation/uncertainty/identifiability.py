@@ -1,14 +1,14 @@
 r"""Which parameters a set of data determines, from the derivative of the residual.
 
-Let S = J·diag(s) be the derivative of the residual with respect to relative changes of the parameters, s being their
-sizes. Its Fisher information SᵀS/σ² says how precisely every direction of relative change is known: along a right
+Let S = J·diag(s) be the derivative of the residual with respect to relative changes of the parameters, where s are
+their sizes. The Fisher information SᵀS/σ² gives the precision of every direction of relative change: along a right
 singular vector of S with singular value ς the standard deviation is σ/ς. A direction is *undetermined* where
 
     ς ≤ ROUNDED · ς_max  with the columns of S at unit length     it has no effect on the output, whatever the noise, or
     σ/ς > 1                                                       its standard deviation is larger than 100 %.
 
 A parameter, or any function of the parameters, is determined if the undetermined directions add less uncertainty to it
-than the others do. So R·J/K² can be known to a percent while R, J and K can be anything.
+than the others do. So R·J/K² can be known to a percent although R, J and K are not determined.
 
 References:
     Walter, Pronzato, *Identification of Parametric Models*, ch. 6. Stoica, Marzetta, *Parameter estimation problems
@@ -28,24 +28,23 @@ from emsid.estimation.linear.information import Information
 
 Array = NDArray[np.float64]
 
-# Below this part of the largest singular value a direction is rounding (of differences of simulations, mostly).
+# Below this fraction of the largest singular value a direction is rounding (mostly of differences of simulations).
 ROUNDED = 1e-5
-# A direction without effect on the output makes a function unknown that has at least this share of its gradient in it.
-TAKES_PART = 1e-3
+# A function is undetermined if at least this share of its gradient lies along a direction without effect.
+LEAST_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """Which directions of relative change a set of data does not determine.
+    """The directions of relative change that a set of data does and does not determine.
 
     Args:
         names: (p,) the parameters.
         triangle: (p, p) a factor of the information on relative changes, SᵀS.
-        noise: standard deviation σ of the residual; 0 asks what noise-free data would determine.
+        noise: standard deviation σ of the residual; 0 for noise-free data.
 
     Attributes:
-        spread: (p,) standard deviation, relative to the size, of every direction; infinite where it has no
-            effect on the output.
+        spread: (p,) relative standard deviation of every direction; infinite if it has no effect on the output.
         directions: (p, p) the directions as columns, orthonormal, in relative changes.
     """
 
@@ -70,18 +69,18 @@ class Identifiability:
         object.__setattr__(self, "directions", np.column_stack([basis, rest @ turned.T]))
 
     def without(self, fixed: Sequence[str]) -> Identifiability:
-        """The same data when these parameters are known."""
+        """The same data with these parameters known."""
         kept = [k for k, name in enumerate(self.names) if name not in fixed]
         triangle: Array = np.asarray(np.linalg.qr(self.triangle[:, kept], mode="r"))
         return Identifiability(tuple(self.names[k] for k in kept), triangle, self.noise)
 
     def tells(self, gradient: Array) -> bool:
-        """Whether the data determine a function of the parameters, given its gradient (p,) by relative changes."""
+        """Whether the data determine a function of the parameters with this gradient (p,) for relative changes."""
         return bool(np.all(self._determined(gradient)))
 
     @property
     def groups(self) -> tuple[tuple[str, ...], ...]:
-        """The parameters that are not determined, in groups that do not affect each other."""
+        """The undetermined parameters, in groups that are independent of each other."""
         moved = ~np.array([self._determined(row) for row in np.eye(len(self.names))])  # (p, directions)
         groups: list[set[int]] = []
         for direction in moved.T:
@@ -92,28 +91,28 @@ class Identifiability:
         return tuple(tuple(self.names[k] for k in sorted(group)) for group in groups)
 
     def _determined(self, gradient: Array) -> NDArray[np.bool_]:
-        """(p,) for every direction, whether the function is determined in spite of it."""
+        """(p,) for every direction, whether it leaves the function determined."""
         share = self.directions.T @ gradient
         length = float(np.linalg.norm(gradient))
         blind, unknown = np.isinf(self.spread), self.spread > 1.0
         known = float(np.linalg.norm(share[~unknown] * self.spread[~unknown]))
         with np.errstate(invalid="ignore"):
-            brought = np.abs(share * self.spread)
-        hidden: NDArray[np.bool_] = (blind & (np.abs(share) > TAKES_PART * length)) | (
-            unknown & ~blind & (brought > known)
+            added = np.abs(share * self.spread)
+        hidden: NDArray[np.bool_] = (blind & (np.abs(share) > LEAST_SHARE * length)) | (
+            unknown & ~blind & (added > known)
         )
         return ~hidden
 
 
 def identifiability(jacobians: Sequence[Array], sizes: Array, names: Sequence[str], noise: float) -> Identifiability:
-    """What residuals with these derivatives determine.
+    """The identifiability of parameters, from the derivatives of the residuals.
 
     Args:
-        jacobians: (Nᵢ, p + m) of every experiment; columns after the first p belong to parameters of no interest, such
-            as initial states, which are estimated too.
-        sizes: (p,) what a relative change of every parameter refers to, positive.
+        jacobians: (Nᵢ, p + m) of every experiment; columns after the first p belong to nuisance parameters, such as
+            initial states, which are estimated too.
+        sizes: (p,) the size of every parameter, to which a relative change refers; positive.
         names: (p,) the parameters.
-        noise: standard deviation σ of the residual; 0 asks what noise-free data would determine.
+        noise: standard deviation σ of the residual; 0 for noise-free data.
     """
     p = len(names)
     width = jacobians[0].shape[1]
@@ -124,5 +123,5 @@ def identifiability(jacobians: Sequence[Array], sizes: Array, names: Sequence[st
         information = information.add_columns(np.ascontiguousarray(columns))
     triangle = (
         information.factor[width - p : width, width - p : width] * sizes
-    )  # what parameters of no interest cannot explain
+    )  # the part that the nuisance parameters cannot explain
     return Identifiability(tuple(names), triangle, noise)

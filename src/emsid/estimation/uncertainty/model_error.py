@@ -1,24 +1,23 @@
-r"""The covariance of an estimate whose model is not the system: its distance from what infinitely many data would give.
+r"""The covariance of an estimate under model error, about its limit for infinitely many data.
 
-With little noise the residual is model error. It is not random: it depends on the input, and repeats when the input
-does. The estimate still settles, at the θ* that is best for that kind of input, and
+With little noise the residual is mostly model error, which is a function of the input. The estimate still converges,
+to the θ* that is best for this kind of input, and
 
     cov θ̂ = H⁻¹ Ω H⁻¹,      H = JᵀJ + Σₜ rₜ ∂²rₜ/∂θ²,      Ω = var Σₜ Jₜrₜ
 
-(Ljung 1978; White 1982). Both parts differ from those for noise:
+(Ljung 1978; White 1982). Both Ω and H differ from those for noise:
 
-- Ω is estimated in two ways: from the colour of the residual alone, for which all samples serve
-(`coloured_residuals`), and from the products Jₜrₜ with Bartlett's weights, which allows for their correlation but needs
-more data (`robust_covariance`). The bound that is used is no smaller than either in any direction.
-- H keeps its second part, as r does not average out: a dead zone fitted to a rounded corner has its largest error at
-its edge. ∂²r/∂θ² of an edge is a pulse, so it is found from how J changes over a step, of the size of the
-uncertainty, in each of the directions in which J has orthonormal columns. The residual is that of the minimum: one that
-changed too would add (∂²r/∂θ²)², which would make badly known directions look steep. Where the residual is noise after
-all, the sum is noise too: every element is shrunk by 1 − (its variance)/(its square), to zero where that is negative
+- Ω is estimated in two ways: from the colour of the residual alone, which uses all samples (`coloured_residuals`),
+and from the products Jₜrₜ with Bartlett's weights, which includes their correlation but needs more data
+(`robust_covariance`). The upper bound that is used is no smaller than either in any direction.
+- H keeps its second term, because r does not average out: a dead zone fitted to a rounded corner has its largest error
+at its edge. ∂²r/∂θ² of an edge is a pulse, so it is computed from the change of J over a step of the size of the
+uncertainty, in each of the directions in which J has orthonormal columns. The residual is kept at that of the minimum;
+a residual that changed too would add (∂²r/∂θ²)² and make poorly known directions look steep. If the residual is noise,
+the sum is noise too: every element is shrunk by 1 − (its variance)/(its square), or to zero where that is negative
 (James & Stein 1961).
 
-In such coordinates all directions count alike, JᵀJ is one, and starting states are out of the way once they come first
-in the triangular factor.
+In these coordinates JᵀJ is the identity. Initial states are eliminated by putting them first in the triangular factor.
 
 References:
     James, Stein, *Estimation with quadratic loss*, 4th Berkeley Symposium (1961). Ljung, *Convergence analysis of
@@ -38,9 +37,9 @@ from emsid.estimation.uncertainty.robust_covariance import automatic_window, wei
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Steps over which the derivative's change is looked at, in standard errors.
+# The step over which the change of the derivative is computed, in standard errors.
 STEP = 1.5
-# The second part of H is an estimate, so it changes the curvature in any direction by no more than these factors.
+# The second term of H is an estimate, so its effect on the curvature in any direction is limited to these factors.
 FLATTEST, STEEPEST = 0.2, 5.0
 
 
@@ -49,10 +48,10 @@ def model_error_covariance(problem: Problem, theta: Array, own: Indices, others:
 
     Args:
         problem: residuals and derivatives.
-        theta: where its minimum is.
-        own: p positions in θ; the derivatives by these and ``others`` together of full rank.
-        others: positions of what is estimated too but has no covariance to be returned, such as starting states.
-        part: the problem on those samples that the second part of H is found from; ``problem`` itself for all.
+        theta: its minimum.
+        own: p positions in θ; the derivatives with respect to these and ``others`` have full rank.
+        others: positions of parameters that are estimated too but not returned, such as initial states.
+        part: the problem on the samples that give the second term of H; ``problem`` itself for all samples.
     """
     order = np.concatenate([others, own])
     blocks = problem.linearised(theta)
@@ -64,7 +63,7 @@ def model_error_covariance(problem: Problem, theta: Array, own: Indices, others:
     scores = [residual[:, None] * orthonormal for residual, orthonormal in pieces]
     correction = samples / max(samples - len(order), 1)
     spread = upper_bound(coloured_covariance(pieces), correction * weighted_variance(scores, automatic_window(scores)))
-    bend = _bend(part, theta, directions, STEP * np.sqrt(np.diag(spread)))
+    bend = _residual_curvature(part, theta, directions, STEP * np.sqrt(np.diag(spread)))
     bent, axes = np.linalg.eigh(np.eye(len(own)) + bend * samples / sum(map(len, part.residuals(theta))))
     flat = inverse[len(others) :, len(others) :] @ (axes / np.clip(bent, FLATTEST, STEEPEST)) @ axes.T
     covariance: Array = flat @ spread @ flat.T
@@ -72,7 +71,7 @@ def model_error_covariance(problem: Problem, theta: Array, own: Indices, others:
 
 
 def upper_bound(one: Array, other: Array) -> Array:
-    """A covariance (p, p) that is no smaller than either of two in any direction, and equal to one of them in most."""
+    """A covariance (p, p) that is no smaller than either of two in any direction."""
     size, axes = np.linalg.eigh(one)
     if not size[-1] > 0:
         return other
@@ -84,8 +83,8 @@ def upper_bound(one: Array, other: Array) -> Array:
     return bound
 
 
-def _bend(problem: Problem, theta: Array, directions: Array, steps: Array) -> Array:
-    """(p, p) Σₜ rₜ ∂²rₜ/∂θ² along the directions (q, p), less what is noise; zero for steps out of bounds."""
+def _residual_curvature(problem: Problem, theta: Array, directions: Array, steps: Array) -> Array:
+    """(p, p) Σₜ rₜ ∂²rₜ/∂θ² along the directions (q, p), minus its noise; zero where a step is infeasible."""
     residuals = problem.residuals(theta)
     bend, error = np.zeros((2, len(steps), len(steps)))
     for k, step in enumerate(steps):
@@ -109,7 +108,7 @@ def _bend(problem: Problem, theta: Array, directions: Array, steps: Array) -> Ar
 
 def _jacobians(problem: Problem, theta: Array) -> list[Array]:
     with np.errstate(over="ignore", invalid="ignore"):
-        problem.residuals(theta)  # says whether there are any
+        problem.residuals(theta)  # raises Infeasible if there is none
         jacobians = [jacobian for _, jacobian in problem.linearised(theta)]
     if not all(np.isfinite(jacobian).all() for jacobian in jacobians):
         raise Infeasible("a derivative that is not finite")

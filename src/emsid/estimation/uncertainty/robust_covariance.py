@@ -1,27 +1,27 @@
 r"""The covariance of an estimate whose residual is not white.
 
-At the minimum of a least-squares cost the estimate moves with the noise as ``δ = −(JᵀJ)⁻¹Jᵀr``, J (N, p)
-being the derivative of the residual r (N,). Its covariance is a sandwich (Huber 1967; White 1980),
+At the minimum of a least-squares cost the estimate moves with the noise as ``δ = −(JᵀJ)⁻¹Jᵀr``, where J
+(N, p) is the derivative of the residual r (N,). Its covariance is (Huber 1967; White 1980)
 
     cov θ̂ = (JᵀJ)⁻¹ Ω (JᵀJ)⁻¹,      Ω = var Σₜ sₜ,      sₜ = Jₜ rₜ  the score of sample t.
 
-White noise makes Ω = σ²JᵀJ and the sandwich collapses to σ²(JᵀJ)⁻¹. A residual that holds model error or coloured noise
-does not, and the collapsed form can then be wrong by any factor. Ω is the long-run variance of the scores (Hjalmarsson
+For white noise Ω = σ²JᵀJ, and the covariance simplifies to σ²(JᵀJ)⁻¹. For model error or coloured noise this simple
+form can be wrong by any factor. Ω is the long-run variance of the scores (Hjalmarsson
 & Ljung 1992, who derive this for undermodelled systems), estimated with Bartlett's weights (Newey & West 1987)
 
     Ω = Σₖ (1 − |k|/L) Σₜ sₜ sₜ₊ₖᵀ,      |k| < L.
 
 That double sum is never formed: with the scores padded by zeros it is identically ``(1/L) Σₜ bₜbₜᵀ`` with the
-overlapping batch sums ``bₜ = sₜ + … + sₜ₊ₗ₋₁``, which a running sum gives for any L at the price of L = 1.
+overlapping batch sums ``bₜ = sₜ + … + sₜ₊ₗ₋₁``, which a running sum gives at a cost that does not depend on L.
 
 The window L follows Andrews (1991): ``L = 1.1447 (αN)^⅓`` where α = 4ρ²/((1 − ρ)²(1 + ρ)²) comes from an AR(1) model
-with pole ρ of each score, averaged over the scores with their variances squared. Scores are first brought to the
-coordinates in which J has orthonormal columns, so the choice does not depend on units or on how the parameters are
-mixed. A window of one keeps the variances only, White's form, which suits white residuals.
+with pole ρ of each score, averaged over the scores with their variances squared. Scores are first transformed to
+coordinates in which J has orthonormal columns, so that L does not depend on units or on linear combinations of the
+parameters. A window of one keeps the variances only; this is White's form, for white residuals.
 
-Bartlett's weights alone underestimate a long memory. The scores are therefore first whitened by a vector autoregression
-of order one, ``sₜ = A sₜ₋₁ + wₜ``, Ω is found for what is left, and coloured again, ``(I − A)⁻¹ Ω_w (I − A)⁻ᵀ``
-(Andrews & Monahan 1992), the singular values of A being kept below 0.97.
+Bartlett's weights alone underestimate a long correlation. The scores are therefore first whitened by a vector
+autoregression of order one, ``sₜ = A sₜ₋₁ + wₜ``, Ω is estimated for w, and coloured again, ``(I − A)⁻¹ Ω_w (I − A)⁻ᵀ``
+(Andrews & Monahan 1992), with the singular values of A limited to 0.97.
 
 References:
     Hjalmarsson, Ljung, *Estimating model variance in the case of undermodeling*, IEEE TAC 37 (1992).
@@ -39,18 +39,18 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# No pole of a score is taken to be closer to one than this; a longer memory looks like a trend.
+# The largest pole of a score; a longer correlation looks like a trend.
 LARGEST_POLE = 0.97
 # With fewer samples for every score an autoregression would be fitted to noise.
 SAMPLES_PER_DIRECTION = 20
 
 
 def long_run_variance(scores: Sequence[Array]) -> Array:
-    """Ω, the variance of the sum of all scores, whitened, weighted and coloured again.
+    """Ω, the variance of the sum of all scores: whitened, weighted and coloured again.
 
     Args:
-        scores: (Nᵢ, p) of every experiment, in coordinates where all directions count alike; no correlation is taken
-            across experiments.
+        scores: (Nᵢ, p) of every experiment, in coordinates where J has orthonormal columns; experiments are
+            independent of each other.
     """
     size = scores[0].shape[1]
     memory = _autoregression(scores)
@@ -75,7 +75,7 @@ def weighted_variance(scores: Sequence[Array], window: int) -> Array:
 
 
 def _autoregression(scores: Sequence[Array]) -> Array:
-    """(p, p) A of the vector autoregression; zero where there are too few samples to tell it."""
+    """(p, p) A of the vector autoregression; zero if there are too few samples."""
     size = scores[0].shape[1]
     past, now = (np.concatenate([block[cut] for block in scores]) for cut in (slice(None, -1), slice(1, None)))
     if len(past) < SAMPLES_PER_DIRECTION * size:
@@ -89,7 +89,7 @@ def automatic_window(scores: Sequence[Array]) -> int:
     """Andrews' window L for Bartlett's weights, in samples.
 
     Args:
-        scores: (Nᵢ, p) of every experiment, in coordinates where all directions count alike.
+        scores: (Nᵢ, p) of every experiment, in coordinates where J has orthonormal columns.
     """
     now = np.sum([np.einsum("ij,ij->j", s, s) for s in scores], axis=0)
     next_ = np.sum([np.einsum("ij,ij->j", s[1:], s[:-1]) for s in scores], axis=0)

@@ -1,12 +1,11 @@
-r"""What a block of a cascade is, and the list of those that a model file may name.
+r"""The interface of a block of a cascade, and the kinds of block in model files.
 
-A block turns a signal x(t) into a signal y(t). To be fitted it must say how y moves with everything it depends on,
+A block turns a signal x(t) into a signal y(t). A fit needs the derivative of y with respect to all that it depends on,
 
     δy = push(δx) + Σₖ gradientₖ δθₖ + Σⱼ state_gradientⱼ δsⱼ,
 
-its input, its parameters θ and, for a filter, the state s that it starts from. All derivatives are exact. `filters` and
-`static_maps` hold the blocks that come with the program; any object that does what `Block` asks for may stand in a
-cascade.
+its input, its parameters θ and, for a filter, its initial state s. All derivatives are exact. `filters` and
+`static_maps` contain the blocks of the program; any object that implements `Block` can be part of a cascade.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ Array = NDArray[np.float64]
 
 @runtime_checkable
 class Block(Protocol):
-    """A filter or a static map, with its parameters in it."""
+    """A filter or a static map, with its parameters."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -39,12 +38,12 @@ class Block(Protocol):
 
     @property
     def states(self) -> int:
-        """How many numbers the start of the block is described by; zero for a static map."""
+        """The number of states; zero for a static map."""
         ...
 
     @property
     def anchors(self) -> tuple[int, ...]:
-        """Parameters that, held fixed, take the freedom of scale (and level, where it owns one) out of the block."""
+        """Parameters that are fixed to remove the redundant scale of the block (and its level, if it has one)."""
         ...
 
     def with_parameters(self, theta: Array) -> Self:
@@ -52,10 +51,10 @@ class Block(Protocol):
         ...
 
     def check(self) -> None:
-        """Refuse parameters that make no working block.
+        """Refuse parameters of a block that cannot be run.
 
         Raises:
-            Infeasible: for an unstable filter, a dead zone turned inside out.
+            Infeasible: for an unstable filter, or a dead zone with crossed edges.
         """
         ...
 
@@ -68,23 +67,23 @@ class Block(Protocol):
         ...
 
     def push(self, x: Array, rows: Array) -> None:
-        """Turn rows (k, N) of ways in which x moves, in place, into those in which y moves then."""
+        """Turn derivatives of x, the rows (k, N), into derivatives of y, in place."""
         ...
 
     def gradient(self, x: Array, y: Array) -> Array:
-        """(p, N) how y moves with each parameter."""
+        """(p, N) the derivative of y with respect to each parameter."""
         ...
 
     def state_gradient(self, samples: int) -> Array:
-        """(s, N) how y moves with each element of the starting state."""
+        """(s, N) the derivative of y with respect to each element of the initial state."""
         ...
 
     def visited(self, x: Array, y: Array) -> Array:
-        """(s, N) the states in which the block meets each sample of its input x (N,), y (N,) being its output."""
+        """(s, N) the state before each sample of the input x (N,), given the output y (N,)."""
         ...
 
     def resting(self, level: float) -> tuple[Array, float]:
-        """The state (s,) in which a constant input leaves the block at rest, and the constant output."""
+        """The steady state (s,) for a constant input, and the constant output."""
         ...
 
     def equation(self, x: str, y: str) -> str:
@@ -97,10 +96,10 @@ class Block(Protocol):
 
 
 def block_from_data(data: dict[str, Any]) -> Block:
-    """The block that its `to_data` described.
+    """The block described by `to_data`.
 
     Raises:
-        ModelError: for data that describe no block.
+        ModelError: for data that do not describe a block.
     """
     try:
         kind = data["kind"]

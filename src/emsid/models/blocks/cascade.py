@@ -2,25 +2,25 @@ r"""Cascades of linear filters and static maps: Wiener–Hammerstein and its rel
 
     u(t − nk) − u₀ → block 1 → block 2 → … → + y₀ → y(t)
 
-The paper names the structure filter–map–filter (sec. II.C, fig. 2.1) and then estimates the regression that it expands
-to (3.5), in which the blocks are no longer separate. Here the blocks themselves are the model, and their parameters are
-fitted to the free run, the output that the model gives from the input alone.
+The paper proposes the structure filter–map–filter (sec. II.C, fig. 2.1) and estimates its expansion as a regression
+(3.5), in which the blocks are no longer separate. Here the blocks themselves are the model. Their parameters are fitted
+to the free run, the output that the model computes from the input alone.
 
 **Derivatives.** With block i turning xᵢ into xᵢ₊₁, the chain rule reads, row by row of a growing matrix,
 
     δxᵢ₊₁ = pushᵢ(δxᵢ),      and appended   gradientᵢ  and  state_gradientᵢ:
 
-everything that moved the signal before block i is pushed through it, and the block's own parameters and starting
-state join. One pass gives the output and its derivative with respect to all parameters, exactly.
+the derivatives of the signal before block i pass through it, and those with respect to the block's own parameters and
+initial state are appended. One pass gives the output and its exact derivative with respect to all parameters.
 
-**Sampling.** Between samples an input that was measured through an anti-alias filter is the band-limited signal through
-its samples, and a map of it makes harmonics beyond half the sampling rate. A real system's second filter removes them
-before they are sampled; a model that runs at the sampling rate folds them back. With ``oversampling`` L the input is
-interpolated to L times the rate, the blocks run there, and every L-th output counts. On the benchmark circuit of 2009
-the held-back error of the same structure falls from 0.287 to 0.238 mV with L = 2. An input that is held between samples
-(a drive's command) needs none.
+**Sampling.** An input that was measured through an anti-alias filter is band-limited between its samples, and a static
+map generates harmonics above half the sampling rate. In a real system the second filter removes them before sampling; a
+model that runs at the sampling rate aliases them. With ``oversampling`` L the input is interpolated to L times the
+rate, the blocks run at that rate, and every L-th output is used. On the benchmark circuit of 2009 the error on unseen
+data of the same structure falls from 0.287 to 0.238 mV with L = 2. An input that is held between samples (a drive's
+command) needs no oversampling.
 
-Factors and levels that can be moved inside a cascade without changing its output are fixed in `gain`; `fitting` fits a
+`gain` fixes the factors and levels that can be moved inside a cascade without changing its output; `fitting` fits a
 cascade.
 
 References:
@@ -57,28 +57,28 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# The state at the start of a segment is estimated from this many samples for every element of it.
+# Samples for every element of the initial state of a segment.
 SAMPLES_PER_STATE = 8
-# Weight of the state at rest in the first estimate of a starting state, relative to the samples of the start.
+# Weight of the state at rest in the first estimate of an initial state, relative to the samples of the start.
 REST = 1e-2
 # An offset this small, relative to the largest parameter, is rounding.
 ROUNDING = 1e-12
-# What finding a starting state may cost; a twentieth of its standard error is near enough, and half of it for the first
-# look, which is after the variance of the residual.
+# Effort to find an initial state: within half a standard error for the first estimate, which gives the variance of the
+# residual, and then within a twentieth.
 FIRST_LOOK: dict[str, Any] = {"max_iterations": 4, "tolerance": 0.5, "covariances": False}
 START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05, "covariances": False}
-# At most this many of the states that the input leads to are tried as the beginning of the search for it.
+# At most this many reachable states are tried as starts of the search for the initial state.
 TRIAL_STATES = 64
-# The states that the input leads to are collected over this many samples; no direction among them is flatter than this.
-CLOUD, FLAT = 10_000, 1e-12
+# Reachable states are collected over this many samples; the least relative spread of them in any direction.
+REACHABLE_SAMPLES, LEAST_SPREAD = 10_000, 1e-12
 
 
 class CascadeState(NamedTuple):
     """The state of a cascade between two samples.
 
     Attributes:
-        inputs: (k,) past inputs that delay and interpolation still need, the oldest first.
-        blocks: (s,) the states of all blocks, one after the other.
+        inputs: (k,) past inputs for delay and interpolation, the oldest first.
+        blocks: (s,) the states of all blocks in order.
     """
 
     inputs: Array
@@ -90,17 +90,17 @@ class Cascade:
     """A sequence of blocks, with offsets and an input delay.
 
     Args:
-        blocks: filters and static maps, in the order in which the signal meets them.
-        input_offset: u₀, taken off the input before the first block, in the input's unit.
+        blocks: filters and static maps, in the order of the signal.
+        input_offset: u₀, subtracted from the input before the first block, in the input's unit.
         output_offset: y₀, added after the last block, in the output's unit.
         delay: nk, samples from the input to its first effect.
         oversampling: L, how many times faster than the record the blocks run.
-        name: what to call it in tables and files.
-        dt: sample time in s of the records that it is for; None for any.
+        name: name in tables and files.
+        dt: sample time in s of its records; None for any.
 
     Raises:
-        ModelError: without blocks, for what is no block, a delay or oversampling that is no whole number or too small,
-            offsets that are not finite.
+        ModelError: without blocks, for an object that is not a block, an invalid delay or oversampling, or offsets that
+            are not finite.
     """
 
     blocks: tuple[Block, ...]
@@ -127,7 +127,7 @@ class Cascade:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """A name for every parameter: the block's own, after ``G1.``, ``G2.`` for filters, ``f.`` for maps."""
+        """A name for every parameter: the block's own, prefixed with ``G1.``, ``G2.`` for filters, ``f.`` for maps."""
         letters = ["G" if isinstance(block, Rational) else "f" for block in self.blocks]
         names: list[str] = []
         for k, (letter, block) in enumerate(zip(letters, self.blocks, strict=True)):
@@ -137,55 +137,55 @@ class Cascade:
 
     @property
     def parameters(self) -> Array:
-        """(p,) those of all blocks, then u₀ and y₀."""
+        """(p,) the parameters of all blocks, then u₀ and y₀."""
         return np.concatenate([*(block.parameters for block in self.blocks), [self.input_offset, self.output_offset]])
 
     @cached_property
     def spans(self) -> tuple[slice, ...]:
-        """Where in the parameters those of every block are."""
+        """The slice of the parameters that belongs to each block."""
         edges = np.cumsum([0] + [len(block.parameters) for block in self.blocks])
         return tuple(slice(int(a), int(b)) for a, b in pairwise(edges))
 
     @cached_property
     def states(self) -> int:
-        """How many numbers describe the start of all blocks together."""
+        """The number of states of all blocks."""
         return sum(block.states for block in self.blocks)
 
     @property
     def memory(self) -> int:
-        """How many samples of a segment its starting states are found from."""
+        """The number of samples of a segment that its initial states are estimated from."""
         return self.edge + SAMPLES_PER_STATE * self.states
 
     @property
     def edge(self) -> int:
-        """Samples of a segment at whose time the input between samples, or before them, is not known."""
+        """Samples at the start of a segment for which the interpolated or delayed input is not known."""
         return self.delay + (INTERPOLATION_REACH if self.oversampling > 1 else 0)
 
     @property
     def latency(self) -> int:
-        """Samples by which the output is behind the input: to interpolate, the next `INTERPOLATION_REACH` are needed.
+        """The delay of the output in samples: interpolation needs the next `INTERPOLATION_REACH` samples.
 
-        A delay of the model is part of them.
+        It includes the delay of the model.
         """
         return max(INTERPOLATION_REACH - self.delay, 0) if self.oversampling > 1 else 0
 
     @property
     def _kept(self) -> int:
-        """How many past inputs the next output needs."""
+        """The number of past inputs that the next output needs."""
         return self.delay if self.oversampling == 1 else INTERPOLATION_REACH + max(self.delay, INTERPOLATION_REACH)
 
     def with_parameters(self, theta: Array) -> Cascade:
         """The same cascade with other parameters (p,)."""
         blocks = tuple(block.with_parameters(theta[span]) for block, span in zip(self.blocks, self.spans, strict=True))
-        new = copy(self)  # of the same structure, which need not be checked again, and whose names and spans it keeps
+        new = copy(self)  # same structure: no new checks, same names and spans
         vars(new).update(blocks=blocks, input_offset=float(theta[-2]), output_offset=float(theta[-1]))
         return new
 
     def check(self) -> None:
-        """Refuse parameters that make no working model.
+        """Refuse parameters of a model that cannot be run.
 
         Raises:
-            Infeasible: for an unstable filter and the like, saying which block.
+            Infeasible: for an unstable filter and the like, with the block.
         """
         for k, block in enumerate(self.blocks, start=1):
             try:
@@ -194,11 +194,11 @@ class Cascade:
                 raise Infeasible(f"{self.name}, block {k}: {problem}") from None
 
     def signals(self, u: Array, states: Array) -> list[Array]:
-        """Every signal (NL,) of the cascade: the delayed input less u₀, and what each block makes of it.
+        """Every signal (NL,) of the cascade: the delayed input minus u₀, then the output of each block.
 
         Args:
             u: (N,) input.
-            states: (s,) starting states of all blocks, one after the other.
+            states: (s,) initial states of all blocks in order.
         """
         x = self._entering(u)
         signals, first = [x], 0
@@ -209,18 +209,18 @@ class Cascade:
         return signals
 
     def output(self, u: Array, states: Array) -> Array:
-        """(N,) the free run from an input (N,) and starting states (s,)."""
+        """(N,) the free run from an input (N,) and initial states (s,)."""
         return self.sampled(self.signals(u, states))
 
     def sampled(self, signals: Sequence[Array]) -> Array:
-        """(N,) the output that `signals` amount to."""
+        """(N,) the output, from the result of `signals`."""
         return signals[-1][:: self.oversampling] + self.output_offset
 
     def gradient(self, signals: Sequence[Array]) -> Array:
-        """(p + s, N) the derivative of the output with respect to parameters and starting states.
+        """(p + s, N) the derivative of the output with respect to parameters and initial states.
 
         Args:
-            signals: what `signals` gave.
+            signals: the result of `signals`.
         """
         samples, count = len(signals[0]), len(self.parameters)
         rows = np.empty((count + self.states, samples))
@@ -236,7 +236,7 @@ class Cascade:
         return rows[:, :: self.oversampling]
 
     def resting(self, level: float) -> Array:
-        """(s,) starting states at which a constant input ``level`` leaves everything at rest."""
+        """(s,) the steady states for a constant input ``level``."""
         x = level - self.input_offset
         states = []
         for block in self.blocks:
@@ -245,22 +245,22 @@ class Cascade:
         return np.concatenate(states)
 
     def starting(self, u: Array, y: Array) -> Array:
-        """(s,) starting states that explain the first samples of a segment, and are such as the input leads to.
+        """(s,) initial states, estimated from the first samples of a segment with a prior.
 
-        A few samples say little about a slow pole, whose part of the state would be noise that lasts long. So states
-        are estimated twice: freely, for the variance of the residual, and then with that variance against a prior,
-        the mean and covariance of the states that the input leads the blocks through. Behind a map that loses the sign
-        there are several minima; the search begins at rest or at one of those states, whichever comes closest.
+        A few samples hardly determine the state of a slow pole, and its error would last long. So states are estimated
+        twice: without a prior, for the variance of the residual, and then with a prior weighted by that variance. The
+        prior is the mean and covariance of the states that this input produces in the blocks. Behind a map that loses
+        the sign there are several minima; the search starts at rest or at one of these states, whichever fits best.
 
         Args:
             u: (N,) input of the segment.
-            y: (m ≤ N,) measured output of its first samples; without any, the states at rest are given.
+            y: (m ≤ N,) measured output of its first samples; without it, the states at rest are returned.
         """
         rest = self.resting(float(u[0])) if len(u) else np.zeros(self.states)
         if not (self.states and len(y)):
             return rest
         start = u[: len(y)]
-        cloud = self._cloud(u[:CLOUD])
+        cloud = self._reachable_states(u[:REACHABLE_SAMPLES])
         trials = [rest, *cloud[:, :: -(-cloud.shape[1] // TRIAL_STATES)].T]
         missed = [float(np.sum((self.output(start, states) - y)[self.edge :] ** 2)) for states in trials]
         begin = trials[int(np.argmin(missed))]
@@ -273,11 +273,11 @@ class Cascade:
         if not (variance > 0 and np.trace(spread) > 0):
             return free.estimate
         size, axes = np.linalg.eigh(spread)
-        firmness = np.sqrt(variance / np.maximum(size, FLAT * size[-1]))[:, None] * axes.T
+        firmness = np.sqrt(variance / np.maximum(size, LEAST_SPREAD * size[-1]))[:, None] * axes.T
         return gauss_newton(_Start(self, start, y, centre, firmness), free.estimate, **START_BUDGET).estimate
 
-    def _cloud(self, u: Array) -> Array:
-        """(s, 2N) the states that an input (N,) leads to from zero and from rest."""
+    def _reachable_states(self, u: Array) -> Array:
+        """(s, 2N) the states that an input (N,) produces from zero and from rest."""
         clouds = []
         for states in (np.zeros(self.states), self.resting(float(u[0]))):
             signals = self.signals(u, states)
@@ -286,12 +286,12 @@ class Cascade:
         return np.concatenate(clouds, axis=1)
 
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> CascadeState:
-        """The state where a constant input has stood for ever; see `Model.at_rest`."""
+        """The steady state for a constant input; see `Model.at_rest`."""
         u = float(levels(self.name, level, 1)[0])
         return CascadeState(np.full(self._kept, u), self.resting(u))
 
     def initial(self, segment: Record, samples: int) -> CascadeState:
-        """The state after the first ``samples`` samples of a segment; see `starting` for how it is found."""
+        """The state after the first ``samples`` samples of a segment, estimated by `starting`."""
         u, y = segment.input[:, 0], segment.output[:samples, 0]
         states = self.starting(u, y)
         passed = max(samples - self.latency, 0) * self.oversampling
@@ -301,7 +301,7 @@ class Cascade:
             x, state = block.run(x, states[first : first + block.states])
             after.append(state)
             first += block.states
-        # Before the segment the input goes on as it does to be interpolated, point-symmetrically.
+        # Before the segment the input is continued point-symmetrically, as for interpolation.
         before = 2 * u[0] - u[1 : 1 + max(self._kept - samples, 0)][::-1]
         waiting = np.concatenate([before, u[:samples]])
         return CascadeState(waiting[len(waiting) - self._kept :], np.concatenate(after))
@@ -325,39 +325,39 @@ class Cascade:
         return outputs[0], state
 
     def ahead(self, segment: Record, samples: int, horizon: int) -> Array:
-        """The free run: all noise is taken to be on the output, so past outputs say nothing about the next one."""
+        """The free run: with noise on the output only, past outputs do not help to predict the next."""
         return continued(self, self.initial(segment, samples), segment, samples)
 
     def check_record(self, record: Record) -> None:
-        """Refuse a record of other than one input and one output, which may be missing.
+        """Refuse a record that has not one input and one output; the output may be missing.
 
         Raises:
-            ModelError: naming the channels to choose from.
+            ModelError: with the channels to choose from.
         """
         check_channels(self, record, outputs=(0, 1))
 
     def simulate(self, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None) -> Run:
-        """Free run; the measured outputs of the start of a segment serve only to find its starting states.
+        """Free run; measured outputs at the start of a segment are used only to estimate its initial states.
 
         Args:
-            record: one input, one output, or inputs alone.
-            transient: samples of every segment that start it, at least `memory`, which is the default.
+            record: one input and one output, or inputs alone.
+            transient: samples at the start of every segment, at least `memory`, which is the default.
             dt: sample time of inputs alone, if the cascade has none.
 
         Raises:
-            ModelError: for a record of other channels, or without a segment longer than the start.
+            ModelError: for a record of other channels, or without a segment longer than the transient.
         """
         return free_run(self, as_record(self, record, dt), transient)
 
     def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
-        """The free run, as past outputs say nothing about the next one."""
+        """The free run; see `ahead`."""
         return predict(self, record, horizon, transient)
 
     def equation(self) -> str:
-        """One line per block; an offset that is rounding beside the other parameters is left out.
+        """One line per block, without offsets that are rounding.
 
-        Time t and q⁻¹ count samples of the record. Where the blocks run faster, the first line says so, and delays are
-        fractions of a sample: ``q^-(1/2)`` is one step of a block at twice the rate.
+        Time t and q⁻¹ count samples of the record. With oversampling, the first line says so, and delays are fractions
+        of a sample: ``q^-(1/2)`` is one step of a block at twice the rate.
         """
         rounding = ROUNDING * float(np.max(np.abs(self.parameters)))
         before, behind = (
@@ -376,7 +376,7 @@ class Cascade:
 
     @property
     def _steps(self) -> str:
-        """At what times the blocks run, where that is more often than the record is sampled."""
+        """The note on the sampling of the blocks, for oversampling."""
         step = f" of {self.dt:g} s" if self.dt is not None else ""
         return f", with u interpolated (band-limited) at t = 0, 1/{self.oversampling}, … samples{step}"
 
@@ -394,10 +394,10 @@ class Cascade:
 
     @classmethod
     def from_data(cls, data: dict[str, Any]) -> Cascade:
-        """The cascade that `to_data` described.
+        """The cascade described by `to_data`.
 
         Raises:
-            ModelError: for data that describe none.
+            ModelError: for data that do not describe a cascade.
         """
         try:
             return cls(
@@ -422,10 +422,10 @@ class Cascade:
         """Its filters as python-control systems; the delay is in the first.
 
         Args:
-            dt: sample time of the records in s, by default that of the cascade. Filters that run faster have theirs.
+            dt: sample time of the records in s, by default that of the cascade; oversampled filters get their own step.
 
         Raises:
-            ModelError: where python-control is not installed, or no sample time is known.
+            ModelError: if python-control is not installed, or no sample time is known.
         """
         control = python_control()
         return tuple(control.TransferFunction(b, a, self._step(dt)) for b, a in self._transfers())
@@ -447,7 +447,7 @@ class Cascade:
         return [(np.trim_zeros(b, "f"), a) for b, a in pairs]
 
     def _entering(self, u: Array) -> Array:
-        """The input interpolated, delayed (its first value held before the start), less u₀."""
+        """The input interpolated, delayed (its first value holds before the start), minus u₀."""
         x = interpolated(u, self.oversampling)
         if self.delay:
             late = min(self.delay * self.oversampling, len(x))
@@ -457,7 +457,7 @@ class Cascade:
 
 @dataclass(frozen=True, eq=False)
 class _Start:
-    """The starting states of one segment, from its first samples, with a prior ‖firmness·(states − centre)‖."""
+    """The least-squares problem for the initial states of one segment, with a prior ‖firmness·(states − centre)‖."""
 
     cascade: Cascade
     u: Array
@@ -478,15 +478,15 @@ class _Start:
 
 
 def check_channels(model: Cascade, record: Record, outputs: Sequence[int] = (1,)) -> None:
-    """Refuse a record of other than one input and one output.
+    """Refuse a record that has not one input and one output.
 
     Args:
         model: a cascade.
         record: a record.
-        outputs: how many there may be.
+        outputs: the allowed numbers of outputs.
 
     Raises:
-        ModelError: naming the channels to choose from.
+        ModelError: with the channels to choose from.
     """
     for side, names in (("input", record.input_names), ("output", record.output_names)):
         if len(names) not in (outputs if side == "output" else (1,)):

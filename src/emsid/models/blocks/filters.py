@@ -9,8 +9,8 @@ and differentiation gives the sensitivity filters (Ljung 1999, sec. 10.3)
 
     ∂y/∂bₖ = q⁻ᵏ⁻ⁿᵏ A⁻¹(q) x,      ∂y/∂aₖ = −q⁻ᵏ A⁻¹(q) y,      ∂y/∂sⱼ = q⁻ʲ A⁻¹(q) δ:
 
-three filterings, however many parameters there are; all the rest is shifts. Most of the time of a fit is spent in the
-filter itself, run from a zero state over every row δx; `filter_rows` does four rows at a time.
+so three filter runs give all derivatives, and the rest are shifts. A fit spends most of its time in filtering every row
+δx from a zero state; `filter_rows` filters four rows at a time.
 
 References:
     Ljung, *System Identification: Theory for the User*, 2nd ed. (1999).
@@ -33,15 +33,15 @@ from emsid.models.terms import check_whole, sum_of_terms, vector
 
 Array = NDArray[np.float64]
 
-# A pole this close to the unit circle, or outside, makes a filter unstable for every practical purpose.
+# A pole closer to the unit circle than this, or outside it, counts as unstable.
 STABILITY_MARGIN = 1e-7
-# Interpolation between samples uses this many on either side.
+# Interpolation between samples uses this many samples on either side.
 INTERPOLATION_REACH = 16
 
 
 @dataclass(frozen=True, eq=False)
 class Rational:
-    """A linear filter A(q)y(t) = B(q)x(t − nk), A = 1 + a₁q⁻¹ + …; an FIR filter where there is no a.
+    """A linear filter A(q)y(t) = B(q)x(t − nk), A = 1 + a₁q⁻¹ + …; an FIR filter without a.
 
     >>> Rational([0.2, 0.1], [-0.7]).equation("u", "x")
     'x(t) = (0.2 + 0.1*q^-1)/(1 - 0.7*q^-1) u(t)'
@@ -52,7 +52,7 @@ class Rational:
         delay: nk in samples.
 
     Raises:
-        ModelError: for an empty numerator, values that are not finite, a delay that is negative or no whole number.
+        ModelError: for an empty numerator, values that are not finite, or a delay that is not a whole number from 0.
     """
 
     numerator: Array
@@ -88,12 +88,12 @@ class Rational:
 
     @cached_property
     def states(self) -> int:
-        """Order of the filter, its delay included."""
+        """Order of the filter, including its delay."""
         return max(len(self.numerator) + self.delay - 1, len(self.denominator))
 
     @cached_property
     def transfer(self) -> tuple[Array, Array]:
-        """Numerator with its delay, and denominator with its one, of equal length in q⁻¹."""
+        """Numerator with its delay, and denominator with its leading one, of equal length in q⁻¹."""
         b, a = np.zeros((2, self.states + 1))
         b[self.delay : self.delay + len(self.numerator)] = self.numerator
         a[0], a[1 : 1 + len(self.denominator)] = 1.0, self.denominator
@@ -118,13 +118,13 @@ class Rational:
 
     @property
     def gain(self) -> float:
-        """Its gain at DC, or at its peak where it blocks DC; divided by it, the filter has a gain of one."""
+        """Its gain at DC, or at its peak if it blocks DC."""
         response = self.response(np.linspace(0, 0.5, 513), 1.0)
         peak = int(np.argmax(np.abs(response)))
         return float(response[0].real if abs(response[0]) > 1e-3 * abs(response[peak]) else abs(response[peak]))
 
     def amplified(self, factor: float) -> Rational:
-        """The filter with this many times the gain."""
+        """The filter with its gain multiplied by a factor."""
         return replace(self, numerator=self.numerator * factor)
 
     def with_parameters(self, theta: Array) -> Rational:
@@ -136,7 +136,7 @@ class Rational:
         """Refuse an unstable filter.
 
         Raises:
-            Infeasible: with the pole at fault.
+            Infeasible: with the unstable pole.
         """
         if len(self.denominator):
             largest = float(np.max(np.abs(self.poles)))
@@ -156,7 +156,7 @@ class Rational:
         return rows[0], after[0]
 
     def push(self, x: Array, rows: Array) -> None:
-        """Every row (k, N), in place, filtered from a zero state."""
+        """Filter every row (k, N) from a zero state, in place."""
         filter_rows(*self.transfer, rows, rows, np.zeros((len(rows), self.states)))
 
     def gradient(self, x: Array, y: Array) -> Array:
@@ -181,7 +181,7 @@ class Rational:
         return rows
 
     def visited(self, x: Array, y: Array) -> Array:
-        """(s, N) sⱼ(t) = Σ over k > j of bₖx(t + j − k) − aₖy(t + j − k), signals held before the first sample."""
+        """(s, N) sⱼ(t) = Σ over k > j of bₖx(t + j − k) − aₖy(t + j − k), signals constant before t = 0."""
         b, a = self.transfer
         flows = np.zeros((self.states, len(x)))
         for j in range(self.states):
@@ -192,10 +192,10 @@ class Rational:
         return flows
 
     def resting(self, level: float) -> tuple[Array, float]:
-        """The state and output for a constant input."""
+        """The steady state and output for a constant input."""
         b, a = self.transfer
         output = level * b.sum() / a.sum()
-        # sⱼ = Σ over k > j of (bₖ·level − aₖ·output), the transposed direct form standing still.
+        # sⱼ = Σ over k > j of (bₖ·level − aₖ·output), the transposed direct form in steady state.
         flow = b[1:] * level - a[1:] * output
         state: Array = np.cumsum(flow[::-1])[::-1].copy()
         return state, float(output)
@@ -205,7 +205,7 @@ class Rational:
 
         Args:
             x, y: names of the signals.
-            rate: steps of the filter in a sample; q⁻¹ is a sample.
+            rate: steps of the filter per sample; q⁻¹ is one sample.
         """
         above = _in_delays(self.numerator, self.delay, rate)
         below = _in_delays(np.concatenate([[1.0], self.denominator]), 0, rate)
@@ -225,7 +225,7 @@ class Rational:
 
     @classmethod
     def from_data(cls, data: dict[str, Any]) -> Rational:
-        """The filter that `to_data` described."""
+        """The filter described by `to_data`."""
         return cls(data["numerator"], data["denominator"], int(data["delay"]))
 
     def _all_pole(self, rows: Array) -> Array:
@@ -248,10 +248,10 @@ def fir(taps: ArrayLike, delay: int = 0) -> Rational:
 
 
 def interpolated(u: Array, factor: int) -> Array:
-    """(N·factor,) the band-limited signal through samples u (N,), taken to go on point-symmetrically at its ends.
+    """(N·factor,) the band-limited signal through samples u (N,), continued point-symmetrically at its ends.
 
-    Within `INTERPOLATION_REACH` samples of an end it is an extrapolation. The result is cached and read-only: a search
-    needs that of the same input thousands of times.
+    Within `INTERPOLATION_REACH` samples of an end it is an extrapolation. The result is cached and read-only, because a
+    search needs the same one thousands of times.
     """
     return u if factor == 1 else _interpolated(np.asarray(u, dtype=float).tobytes(), factor)
 
@@ -259,7 +259,7 @@ def interpolated(u: Array, factor: int) -> Array:
 def between(u: Array, factor: int) -> Array:
     """((N − 2·reach)·factor,) the band-limited signal through samples u (N,), from the sample ``reach`` on.
 
-    ``reach`` is `INTERPOLATION_REACH`: the samples at either end are there to be looked at only.
+    ``reach`` is `INTERPOLATION_REACH`: the samples at either end only support the interpolation.
     """
     from scipy.signal import resample_poly
 
@@ -304,13 +304,13 @@ def _in_delays(coefficients: Array, first: int, rate: int) -> str:
 def filter_rows(b: Array, a: Array, rows: Array, out: Array, states: Array) -> None:
     """Filter every row (k, N) by B/A into ``out``, which may be ``rows``; a faster `lfilter`.
 
-    Each step of a recursion waits for the one before; four rows side by side keep the processor busy.
+    Each step of a recursion waits for the previous one, so four rows are computed in parallel.
 
     Args:
         b, a: (s + 1,) in q⁻¹; ``a[0]`` is one.
-        rows: (k, N) what is filtered.
-        out: (k, N) where it goes.
-        states: (k, s) the state, of the transposed direct form, in which each begins; then that in which it ends.
+        rows: (k, N) the signals.
+        out: (k, N) the results.
+        states: (k, s) the initial states of the transposed direct form; overwritten by the final ones.
     """
     count, samples = rows.shape
     order = len(a) - 1

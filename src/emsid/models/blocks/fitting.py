@@ -1,11 +1,11 @@
-"""The cascade whose free run is closest to one or several records, from a start.
+"""Fit of a cascade to the free-run error on one or several records, from start values.
 
-A unit DC gain is the linear constraint Σb = 1 + Σa. The fit therefore runs in the coordinates φ of `Freedom`, θ = θ₀ +
-Cφ, in which one numerator coefficient follows from the others, and redundant scales and levels stay fixed; covariances
-are propagated through C exactly.
+A unit DC gain is the linear constraint Σb = 1 + Σa. The fit therefore uses the coordinates φ of `Freedom`, θ = θ₀ + Cφ,
+in which one numerator coefficient follows from the others, and redundant scales and levels stay fixed. Covariances are
+propagated through C exactly.
 
-The state of a filter at the start of a record is not known. It is estimated along with the parameters, a few numbers
-per segment, or, by choice, the first samples are left out.
+The state of a filter at the start of a segment is unknown. It is estimated together with the parameters, or, as an
+option, the first samples are left out.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-# The curvature of the cost due to model error is estimated from this many samples.
+# Samples that the curvature of the cost due to model error is estimated from.
 CURVATURE_SAMPLES = 5_000
 
 
 @dataclass(frozen=True, eq=False)
 class Freedom:
-    """The coordinates φ in which a cascade is fitted, θ = θ₀ + C(φ − φ₀), φ being a part of θ.
+    """The coordinates φ in which a cascade is fitted, θ = θ₀ + C(φ − φ₀), where φ is a part of θ.
 
     Attributes:
         start: (p,) θ₀, a cascade of unit gain.
-        free: (f,) which parameters of θ are in φ.
-        tied: for every filter of unit DC gain, the coefficient that follows from its others: (anchor, others, signs),
+        free: (f,) the indices of φ in θ.
+        tied: for every filter of unit DC gain, the coefficient that follows from the others: (anchor, others, signs),
             with θ[anchor] = 1 + signs·θ[others], from Σb = 1 + Σa.
     """
 
@@ -64,7 +64,7 @@ class Freedom:
         return theta
 
     def tie(self, rows: Array) -> None:
-        """Turn rows of derivatives by θ, in place, into those by φ: what is tied moves with the others."""
+        """Turn rows of derivatives with respect to θ into those with respect to φ, in place."""
         for anchor, others, signs in self.tied:
             rows[others] += signs[:, None] * rows[anchor]
 
@@ -79,14 +79,14 @@ class Freedom:
 
 
 def freedom(cascade: Cascade, fixed: Sequence[str] = ()) -> Freedom:
-    """What is left free in a cascade of unit gain once redundant scales and levels, and ``fixed``, keep their values.
+    """The free coordinates of a cascade of unit gain, without redundant scales and levels and without ``fixed``.
 
     Args:
-        cascade: as `unit_gain` gives it.
+        cascade: from `unit_gain`.
         fixed: names of parameters that keep their values.
 
     Raises:
-        ModelError: for a name that is not a parameter's.
+        ModelError: for a name that is not a parameter.
     """
     names = cascade.names
     unknown = [name for name in fixed if name not in names]
@@ -116,15 +116,15 @@ def freedom(cascade: Cascade, fixed: Sequence[str] = ()) -> Freedom:
 
 @dataclass(frozen=True, eq=False)
 class FreeRun:
-    """The free-run residuals of a cascade over several segments, as the Gauss–Newton engine wants them.
+    """The free-run residuals of a cascade over several segments, as a `Problem` for `gauss_newton`.
 
-    The parameters are φ (f,) and then the starting states (s,) of every segment.
+    The parameters are φ (f,) and then the initial states (s,) of every segment.
 
     Attributes:
         cascade: of unit gain.
         freedom: its coordinates.
         segments: (u, y) of each.
-        transient: samples at the start of every segment whose residual is left out.
+        transient: samples at the start of every segment that are left out of the residual.
     """
 
     cascade: Cascade
@@ -134,15 +134,15 @@ class FreeRun:
 
     @cached_property
     def start(self) -> Array:
-        """φ₀, and the states that a free run starts with."""
+        """φ₀, and the initial states of a free run."""
         states = [self.cascade.starting(u, y[: self.cascade.memory]) for u, y in self.segments]
         return np.concatenate([self.freedom.start[self.freedom.free], *states])
 
     def check_values(self) -> None:
-        """Refuse a start at which a block makes of finite numbers some that are not.
+        """Refuse a start at which the output of a block is not finite.
 
         Raises:
-            ModelError: saying which block, and of what.
+            ModelError: with the block and its input.
         """
         for u, _ in self.segments:
             signals = self.cascade.signals(u, np.zeros(self.cascade.states))
@@ -155,7 +155,7 @@ class FreeRun:
                     )
 
     def model(self, theta: Array) -> Cascade:
-        """The cascade at these parameters."""
+        """The cascade with these parameters."""
         return self.cascade.with_parameters(self.freedom.parameters(theta[: len(self.freedom.free)]))
 
     def shortened(self, samples: int) -> FreeRun:
@@ -164,7 +164,7 @@ class FreeRun:
         return replace(self, segments=tuple((u[:share], y[:share]) for u, y in self.segments))
 
     def residuals(self, theta: Array) -> list[Array]:
-        """Model less measurement, per segment."""
+        """Model minus measurement, per segment."""
         model = self.model(theta)
         model.check()
         return [
@@ -172,7 +172,7 @@ class FreeRun:
         ]
 
     def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
-        """Residual and derivative, per segment; the derivative by other segments' states is zero."""
+        """Residual and derivative, per segment; the derivative with respect to the states of other segments is zero."""
         model, count = self.model(theta), len(self.freedom.free)
         parameters, blocks = len(self.freedom.start), []
         for k, (u, y) in enumerate(self.segments):
@@ -206,16 +206,16 @@ class Search(TypedDict, total=False):
 
 
 def fit_cascade(start: Cascade, records: Record | Sequence[Record], **how: Unpack[Search]) -> Fit[Cascade]:
-    """The cascade whose free run is closest to one or several records, from a start.
+    """Fit a cascade to the free-run error on one or several records, from start values.
 
     Args:
         start, records, how: as in `search`.
 
     Returns:
-        The fit, in the normalisation `unit_gain`; its covariance allows for coloured residuals and for model error.
+        The fit, in the normalisation `unit_gain`; its covariance includes coloured residuals and model error.
 
     Raises:
-        ModelError: for records of other channels or too short, a start that is unstable.
+        ModelError: for records with other channels or too few samples, or an unstable start.
     """
     return conclude(*search(start, records, **how), how.get("loss", SQUARES))
 
@@ -232,19 +232,19 @@ def search(
     least_saving: float = 0.0,
     control: Control = FREE,
 ) -> tuple[Minimum, FreeRun]:
-    """The minimum that `fit_cascade` finds, without its covariance; for comparisons, and to go on from it.
+    """The minimum of `fit_cascade` without its covariance, for comparisons of models.
 
     Args:
-        start: blocks with start values; it is brought to `unit_gain` first.
-        records: one input and one output each; every segment of each is an experiment.
-        transient: samples left out of the errors at the start of every segment, whose states keep what the start finds
-            from them; None estimates the states along with the parameters.
+        start: blocks with start values; normalised by `unit_gain` first.
+        records: one input and one output each; every segment is an experiment.
+        transient: samples at the start of every segment that are left out of the errors and give the initial states;
+            None estimates the states together with the parameters.
         fixed: names of parameters that keep their (normalised) start values.
         loss: `Squares`, `Huber` or `Cauchy`.
-        max_iterations, tolerance, least_saving, control: as `gauss_newton` has them.
+        max_iterations, tolerance, least_saving, control: as in `gauss_newton`.
 
     Raises:
-        ModelError: for records of other channels or too short, a start that is unstable.
+        ModelError: for records with other channels or too few samples, or an unstable start.
     """
     if transient is not None:
         check_whole(f"{start.name}: transient", transient, 0, "these are samples to be left out")
@@ -277,7 +277,7 @@ def search(
 
 
 def conclude(minimum: Minimum, problem: FreeRun, loss: Loss = SQUARES) -> Fit[Cascade]:
-    """The fit at a minimum: every parameter that moved, those that are tied included."""
+    """The fit at a minimum, with every estimated parameter and the tied ones."""
     cascade = problem.model(minimum.estimate)
     count = len(problem.freedom.free)
     own = minimum.covariance if not isinstance(loss, Squares) else _with_model_error(minimum, problem)
@@ -295,16 +295,16 @@ def conclude(minimum: Minimum, problem: FreeRun, loss: Loss = SQUARES) -> Fit[Ca
 
 
 def _with_states_as_one(minimum: Minimum, names: Sequence[str]) -> tuple[Finding, ...]:
-    """The findings of a minimum, in which all that is not in ``names`` is called a starting state."""
+    """The findings of a minimum; parameters that are not in ``names`` are called starting states."""
     labels = [names[k] if k < len(names) else "starting states" for k in np.flatnonzero(minimum.free)]
     open_ = undetermined(minimum.information.solve(), labels)
     return tuple(open_ if finding.code == open_.code else finding for finding in minimum.findings)
 
 
 def _with_model_error(minimum: Minimum, problem: FreeRun) -> Array:
-    """The covariance of the minimum, allowing for a residual that is coloured, or is model error.
+    """The covariance of the minimum for a coloured residual or model error.
 
-    What the data do not determine keeps its infinite variance.
+    Parameters that the data do not determine keep their infinite variance.
     """
     covariance = minimum.covariance.copy()
     determined = np.flatnonzero(minimum.free & np.isfinite(np.diag(covariance)))
@@ -317,7 +317,7 @@ def _with_model_error(minimum: Minimum, problem: FreeRun) -> Array:
 
 
 def _sample_time(start: Cascade, records: Record | Sequence[Record]) -> float | None:
-    """That of the cascade, or else of the first record."""
+    """The sample time of the cascade, or else of the first record."""
     first = records if isinstance(records, Record) else next(iter(records), None)
     return start.dt if first is None or start.dt is not None else first.dt
 
@@ -325,10 +325,10 @@ def _sample_time(start: Cascade, records: Record | Sequence[Record]) -> float | 
 def gather(
     cascade: Cascade, records: Record | Sequence[Record], transient: int | None
 ) -> tuple[tuple[Array, Array], ...]:
-    """(u, y) of every segment that is long enough to be used.
+    """(u, y) of every segment that is long enough.
 
     Raises:
-        ModelError: for records of other channels, or where no segment is long enough.
+        ModelError: for records of other channels, or if no segment is long enough.
     """
     several = [records] if isinstance(records, Record) else list(records)
     needed = transient if transient is not None else cascade.memory
@@ -350,7 +350,7 @@ def gather(
 
 
 def _propagated(spread: Array, covariance: Array) -> Array:
-    """C·Σ·Cᵀ, infinite for whatever depends on something of infinite variance."""
+    """C·Σ·Cᵀ; infinite where it depends on a parameter of infinite variance."""
     lost = np.isinf(np.diag(covariance))
     finite = np.where(np.isfinite(covariance), covariance, 0.0)
     result: Array = spread @ finite @ spread.T
@@ -360,15 +360,15 @@ def _propagated(spread: Array, covariance: Array) -> Array:
 
 
 def static_band(fit: Fit[Cascade], block: int, x: ArrayLike) -> Array:
-    """(m, 2) a static map's value and the standard error of it at inputs x (m,).
+    """(m, 2) the value of a static map and its standard error at inputs x (m,).
 
     Args:
         fit: of a cascade, in the normalisation it was fitted in.
-        block: which block, counted from 0.
+        block: index of the block, from 0.
         x: (m,) inputs of that map.
 
     Raises:
-        ModelError: where that block is not a static map.
+        ModelError: if that block is not a static map.
     """
     model = fit.model
     if not 0 <= block < len(model.blocks):

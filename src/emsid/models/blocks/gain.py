@@ -1,12 +1,12 @@
-"""Which block of a cascade has its gain.
+"""Normalisation of a cascade: which block has the gain.
 
-A factor can be moved between a filter and the map beside it, and a level between a map and the offset behind it,
-without changing the output. Two normalisations fix where they are:
+A factor can be moved between a filter and the map next to it, and a level between a map and the offset after it,
+without changing the output. Two normalisations remove this freedom:
 
-- `unit_gain`, in which models are fitted and given: every filter that can pass its gain to a map has a gain of one at
-  DC (at its peak, if it blocks DC). The map's input is then in the unit of u and its output in that of y.
-- `unit_slope`, the paper's λ₁ = 1 (5.3): in addition the map has a slope of one, and the last filter all the gain.
-  (λ₁ = 1 alone does not suffice: b₁ → cb₁, λ₂ → λ₂/c, d → d/c leaves (5.8) as it is.)
+- `unit_gain`, used in fits and results: every filter that can pass its gain to a map has a gain of one at DC (at its
+  peak, if it blocks DC). The input of the map then has the unit of u and its output that of y.
+- `unit_slope`, the paper's λ₁ = 1 (5.3): in addition the map has a slope of one, and the last filter has all the gain.
+  (λ₁ = 1 alone does not suffice: b₁ → cb₁, λ₂ → λ₂/c, d → d/c does not change (5.8).)
 
 References:
     Kara, Abokoos, *A Simulation and Experimental Study on Identification of an Electromechanical System*.
@@ -30,10 +30,10 @@ Array = NDArray[np.float64]
 
 
 def unit_gain(cascade: Cascade) -> Cascade:
-    """The same model with a gain of one in every filter that can pass its gain to a map beside it.
+    """The same model with a gain of one in every filter that can pass its gain to a neighbouring map.
 
     Raises:
-        ModelError: for a filter of zeros.
+        ModelError: for a filter with only zero coefficients.
     """
     for k in fixed_gains(cascade):
         block = cascade.blocks[k]
@@ -45,10 +45,10 @@ def unit_gain(cascade: Cascade) -> Cascade:
 
 
 def unit_slope(cascade: Cascade) -> Cascade:
-    """The same model in the paper's normalisation λ₁ = 1: every map of unit slope, the gain in the last filter.
+    """The same model in the paper's normalisation λ₁ = 1: every map has unit slope, and the last filter the gain.
 
     Raises:
-        ModelError: where a map has a slope of zero, or there is no filter to take up its gain.
+        ModelError: if a map has a slope of zero, or no filter can take its gain.
     """
     cascade = unit_gain(cascade)
     for k, block in enumerate(cascade.blocks):
@@ -75,8 +75,8 @@ def normalised(fit: Fit[Cascade], normalisation: Callable[[Cascade], Cascade]) -
     """The fit with its model, estimate and covariance in another normalisation, by the delta method.
 
     Args:
-        fit: of a cascade, as the estimators give it.
-        normalisation: `unit_gain`, `unit_slope` or another function that leaves the input–output behaviour alone.
+        fit: of a cascade, from an estimator.
+        normalisation: `unit_gain`, `unit_slope` or another function that does not change the input–output behaviour.
     """
     theta = fit.model.parameters
     at = [fit.model.names.index(name) for name in fit.names]
@@ -104,16 +104,16 @@ def normalised(fit: Fit[Cascade], normalisation: Callable[[Cascade], Cascade]) -
 
 
 def fixed_gains(cascade: Cascade) -> tuple[int, ...]:
-    """The filters whose gain is redundant, because a map beside them can take it up."""
+    """The filters whose gain is redundant because a neighbouring map can take it."""
     return tuple(k for k in redundant(cascade) if isinstance(cascade.blocks[k], Rational))
 
 
 def redundant(cascade: Cascade) -> tuple[int, ...]:
-    """Blocks of which one scale must be fixed, filters first, so that no factor can be moved any more.
+    """Blocks with a scale that must be fixed, filters first, so that no factor can be moved.
 
-    A factor eᶜ at every inner interface is a freedom if every block admits it: a filter always, a map according to its
-    `scaling`. The freedoms form a space; a block is chosen if its own gain moves in a way that the chosen do not yet
-    see.
+    Factors eᶜ at the inner interfaces are redundant if every block admits them: a filter always, a map according to its
+    `scaling`. The redundant factors form a vector space; a block is chosen if its gain is linearly independent of
+    those of the blocks chosen before.
     """
     from scipy.linalg import null_space
 
@@ -139,7 +139,7 @@ def redundant(cascade: Cascade) -> tuple[int, ...]:
 
 
 def _without_gain(cascade: Cascade, k: int, gain: float) -> Cascade:
-    """The filter k divided by its gain, which the blocks behind it take up, or the map before it."""
+    """The cascade with filter k divided by its gain, which the blocks after it, or the map before it, take."""
     blocks = list(cascade.blocks)
     filter_ = blocks[k]
     assert isinstance(filter_, Rational)

@@ -1,4 +1,4 @@
-"""From tables of regressors to the regression Φ, compiled: in blocks of columns, or straight into a factor R."""
+"""Compiled computation of the regression Φ from tables of regressors: as blocks of columns, or as a factor R."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def read_only(array: Array) -> Array:
 
 @numba.njit(cache=True, nogil=True)
 def fill(block: Array, tables: Tables, y: Array, u: Array, start: int, count: int) -> None:
-    """Write samples ``start`` to ``start + count`` of [Φ y] into a block, whose rows are the columns of it.
+    """Write samples ``start`` to ``start + count`` of [Φ y] into a block, whose rows are the columns of [Φ y].
 
     Args:
         block: (≥ n + 1, ≥ count).
         tables: the regressors.
         y, u: (N,) and (nu, N).
-        start, count: which samples.
+        start, count: the first sample and the number of samples.
     """
     signs, offsets, factors, parameters = tables
     for j in range(len(signs)):
@@ -61,7 +61,7 @@ def multiply(row: Array, x: Array, code: int, parameter: float, power: int) -> N
 
 @numba.njit(cache=True, nogil=True)
 def fill_rounding(lost: Array, tables: Tables, y: Array, u: Array, start: int) -> None:
-    """Write what `fill` has lost by rounding its products into ``lost`` (n, count)."""
+    """Write the rounding errors of the products in `fill` into ``lost`` (n, count)."""
     signs, offsets, factors, parameters = tables
     for j in range(len(signs)):
         for i in range(lost.shape[1]):
@@ -77,8 +77,8 @@ def fill_rounding(lost: Array, tables: Tables, y: Array, u: Array, start: int) -
 
 
 @numba.njit(cache=True, nogil=True)
-def fold_regression(factor: Array, tables: Tables, y: Array, u: Array, start: int) -> None:
-    """Fold samples ``start`` … into a factor, tile by tile: the regression never leaves the cache."""
+def add_regression(factor: Array, tables: Tables, y: Array, u: Array, start: int) -> None:
+    """Update a factor with samples ``start`` …, tile by tile, so that the regression stays in the cache."""
     top, tile = workspace(factor)
     for first in range(start, len(y), TILE):
         height = min(TILE, len(y) - first)

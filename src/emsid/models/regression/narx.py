@@ -26,7 +26,7 @@ from emsid.errors import ModelError
 from emsid.models.free_run import as_record, free_run, predict
 from emsid.models.linear_parts import python_control
 from emsid.models.model import Run, levels
-from emsid.models.regression.kernels import fill, fill_rounding, fold_regression, read_only
+from emsid.models.regression.kernels import add_regression, fill, fill_rounding, read_only
 from emsid.models.regression.recursion import Recursion, predict_ahead, recursion, run_freely, weigh
 from emsid.models.regression.regressors import Factor, Regressor, Tables, parse_regressor, tables
 from emsid.record import Record
@@ -193,9 +193,9 @@ class Structure:
             fill_rounding(lost, self.tables, *self._window(segment, first, first + count), self.memory)
             yield lost
 
-    def fold(self, factor: Array, segment: Record, start: int, stop: int) -> None:
-        """Fold [Φ y] of samples ``start`` to ``stop`` of a segment into a factor (n + 1, n + 1), in place."""
-        fold_regression(factor, self.tables, *self._window(segment, start, stop), self.memory)
+    def add_rows(self, factor: Array, segment: Record, start: int, stop: int) -> None:
+        """Update a factor (n + 1, n + 1) in place with [Φ y] of samples ``start`` to ``stop`` of a segment."""
+        add_regression(factor, self.tables, *self._window(segment, start, stop), self.memory)
 
     def _window(self, segment: Record, start: int, stop: int) -> tuple[Array, Array]:
         """y (m,) and u (nu, m) of these samples and of those that they look back to, as the kernels read them."""

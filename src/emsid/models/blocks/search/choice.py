@@ -1,9 +1,9 @@
-"""Which start, map and size make the best model, judged by free runs on data that are held back.
+"""Choice of start values, static map and size by the free-run error on unseen data.
 
-For each oversampling to be tried, pairs of filters from all sources of `starts` are scored by one linear
-problem each. The best few are refined by `fitting` on a part of the record, on all cores, and judged by their
-held-back free run; the family of the static map likewise, where none is given, and then its size (knots, degree). Free
-runs are compared throughout, never one-step predictions.
+For each oversampling, pairs of filters from all sources of `starts` are scored by one linear problem each. `fitting`
+refines the best few on a part of the record, on all cores, and their free run on unseen data ranks them. The family of
+the static map, if none is given, and then its size (knots, degree) are chosen in the same way. All comparisons use free
+runs, not one-step predictions.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import FreeRun, Search, search
 from emsid.models.blocks.search.cross_validation import as_arrays, delayed, shortened
 from emsid.models.blocks.search.map_families import Family
-from emsid.models.blocks.search.orders import folded_order_shares, map_sizes, order_shares, oversamplings, total_orders
+from emsid.models.blocks.search.orders import map_sizes, order_shares, oversamplings, sign_recovery_orders, total_orders
 from emsid.models.blocks.search.starts import (
     Filters,
     linear_candidates,
     random_candidates,
     regression_candidate,
     scanned,
+    sign_recovery_candidates,
     started,
-    unfolded_candidates,
 )
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
 from emsid.models.free_run import free_run_error
@@ -43,14 +43,14 @@ from emsid.selection.improvement import Gain, better
 
 T = TypeVar("T")
 
-# Candidates refined per oversampling, and where random starts were needed.
+# Candidates refined per oversampling, without and with random starts.
 REFINED, REFINED_RANDOM = 4, 24
-# Of these, how many go on with a map of the family asked for.
+# The number of these that continue with a map of the required family.
 REFINED_MAPS = 2
-# A refinement for a choice: its most steps, how many standard errors from the minimum it may end, and by what part a
-# few more steps must lower the cost.
+# Limits of a refinement for a choice: steps, distance to the minimum in standard errors, and relative reduction of the
+# cost over a few steps.
 CHOICE_STEPS, CHOICE_TOLERANCE, CHOICE_SAVING = 25, 0.2, 1e-3
-# Random starts are tried unless another start leaves less than this part of the output unexplained.
+# Random starts are tried unless the error of another start is below this fraction of the output.
 LINEAR_SUFFICES = 0.5
 
 
@@ -59,11 +59,11 @@ class Choice:
     """A refined model, to be compared with others.
 
     Attributes:
-        model: with all its parameters.
-        error: root mean square of its held-back free-run error.
+        model: the model with all its parameters.
+        error: root mean square of its free-run error on unseen data.
         known: the same on the data that it was refined on.
-        size: of its map.
-        family: of its map, None for a trial map.
+        size: the size of its map.
+        family: the family of its map; None for a trial map.
     """
 
     model: Cascade
@@ -75,7 +75,7 @@ class Choice:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A model to be refined, with the family and size of its map, if that is no trial map."""
+    """A model to refine, with the family and size of its map, unless it is a trial map."""
 
     model: Cascade
     family: Family | None = None
@@ -91,7 +91,7 @@ def improving(
     template: Cascade,
     control: Control = FREE,
 ) -> Iterator[Choice]:
-    """Better and better choices, the last one final: first the filters, with a trial map, then the map."""
+    """Successive choices, each better than the previous; first the filters with a trial map, then the map."""
     part, families = shortened(shown), settings.families
     sizes = {family: map_sizes(family, topology, shown, orders, settings) for family in families}
     direct = families[0].direct and not topology.outer
@@ -134,9 +134,9 @@ def improving(
 
 
 def _simplest(choices: Sequence[Choice], complexity: Callable[[Choice], int]) -> Choice:
-    """The simplest choice that no more complex one beats by more than `WORTH`.
+    """The simplest choice that no more complex one improves by more than noise, see `improves`.
 
-    A complex model whose free run is worse than a simpler one's on the data that it was refined on is not chosen.
+    A complex model with a larger free-run error than a simpler one on the data that it was refined on is not chosen.
     """
     chosen, *others = sorted(choices, key=lambda choice: (complexity(choice), choice.error))
     for choice in others:
@@ -157,19 +157,19 @@ def _starts(
     template: Cascade,
     control: Control,
 ) -> list[Cascade]:
-    """The cascades to be refined, from all sources, best first; the best of every order before the rest."""
+    """The cascades to refine, from all sources, best first; the best of every order precede the rest."""
     segments = delayed(records, template.delay)
     rng = np.random.default_rng(0) if settings.rng is None else settings.rng
     leading = settings.families[0]
     if leading.loses_sign and topology.first:
-        unfolding = []
-        for share in folded_order_shares(topology, orders):
+        recovered = []
+        for share in sign_recovery_orders(topology, orders):
             with suppress(ModelError):
-                for pair, level in unfolded_candidates(segments, share, rng, control):
+                for pair, level in sign_recovery_candidates(segments, share, rng, control):
                     around = replace(template, input_offset=level)
-                    unfolding += scanned([pair], segments, leading.trial, around, settings.threads)
-        if unfolding:
-            return [candidate.cascade for candidate in unfolding]
+                    recovered += scanned([pair], segments, leading.trial, around, settings.threads)
+        if recovered:
+            return [candidate.cascade for candidate in recovered]
     totals = total_orders(topology, segments, orders)
     pairs: list[Filters] = []
     for total in totals:
@@ -186,7 +186,7 @@ def _starts(
         best_of_order = {_order(candidate.cascade): candidate for candidate in reversed(found)}
         ahead = [candidate for candidate in found if candidate in best_of_order.values()]
         behind_them = [candidate for candidate in found if candidate not in ahead]
-        # With two filters it takes several starts of an order to find how its poles are shared out.
+        # With two filters an order needs several starts, because its poles can be divided in several ways.
         lower = len(ahead) - 1 if topology.first and topology.second else 0
         return [candidate.cascade for candidate in (ahead + behind_them)[: REFINED + lower]]
     draws: list[Filters] = []
@@ -198,7 +198,7 @@ def _starts(
 
 
 def _kind(cascade: Cascade) -> tuple[tuple[str, int], ...]:
-    """What every block is, and how many parameters it has."""
+    """The type and the number of parameters of every block."""
     return tuple((type(block).__name__, len(block.parameters)) for block in cascade.blocks)
 
 
@@ -214,12 +214,12 @@ def _refined(
     control: Control,
     rival: Choice | None = None,
 ) -> list[Choice]:
-    """The plans refined on a part of the data and judged by cross-validation, best first; failures are left out.
+    """The plans refined on a part of the data and ranked by cross-validation, best first; failures are left out.
 
-    Those that are worse than the rival, if there is one, are left out too; then the list may be empty.
+    Plans that are worse than the rival, if there is one, are left out too, so the list may be empty.
 
     Raises:
-        ModelError: where one is needed and none is left.
+        ModelError: if there is no rival and every plan fails.
     """
     budget: Search = {
         "max_iterations": CHOICE_STEPS,
@@ -232,7 +232,7 @@ def _refined(
         found = searched(plan.model, part, **budget)
         return Choice(found.model, np.inf, found.error, plan.size, plan.family)
 
-    def judge(choice: Choice) -> Choice:
+    def compare(choice: Choice) -> Choice:
         models = [
             choice.model if len(rounds) == 1 else searched(choice.model, rest, **budget).model for rest, _ in rounds
         ]
@@ -243,29 +243,31 @@ def _refined(
 
     problems: list[Exception] = []
     refined = _successes(refine, plans, threads, control, problems)
-    judged: list[Choice] = []
-    if len(rounds) > 1:  # every round costs a fit, so only the best of its kind is judged
+    ranked: list[Choice] = []
+    if len(rounds) > 1:  # every split costs a fit, so only the best of each kind is compared
         kinds = {(_kind(each.model), each.size): each for each in sorted(refined, key=lambda each: -each.known)}
         refined = sorted(kinds.values(), key=lambda each: each.known)
         if rival is None:
-            judged, refined = _successes(judge, refined[:1], threads, control, problems), refined[1:]
-        # All data judge in turn, so a choice that is worse than this on the data it was refined on cannot win.
-        best = min((choice.error for choice in (*judged, rival) if choice), default=np.inf)
+            ranked, refined = _successes(compare, refined[:1], threads, control, problems), refined[1:]
+        # A choice that is worse than this on the data that it was refined on cannot be the best on unseen data.
+        best = min((choice.error for choice in (*ranked, rival) if choice), default=np.inf)
         refined = [choice for choice in refined if not improves(best, choice.known)]
-    judged = sorted([*judged, *_successes(judge, refined, threads, control, problems)], key=lambda choice: choice.error)
-    if rival is None and not judged:
+    ranked = sorted(
+        [*ranked, *_successes(compare, refined, threads, control, problems)], key=lambda choice: choice.error
+    )
+    if rival is None and not ranked:
         name = plans[0].model.name if plans else "cascade"
         why = f" ({problems[0]})" if problems else ""
         raise ModelError(
             f"{name}: no start value leads to a model of the record{why}; check channels, units, delay and length"
         )
-    return judged
+    return ranked
 
 
 def _successes(
     step: Callable[[T], Choice], items: Sequence[T], threads: int, control: Control, problems: list[Exception]
 ) -> list[Choice]:
-    """What a step gives for each item, unless it fails or diverges; errors of the others are added to problems."""
+    """The results of a step for each item; errors of items that fail or diverge are added to ``problems``."""
 
     def attempt(item: T) -> Choice | None:
         try:
@@ -283,11 +285,11 @@ def _successes(
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a search found.
+    """The result of a search.
 
     Attributes:
-        minimum, problem: as `search` gives them.
-        records: what it was fitted to.
+        minimum, problem: from `search`.
+        records: the records that it was fitted to.
     """
 
     minimum: Minimum
@@ -306,16 +308,16 @@ class Found:
 
     @property
     def drifts(self) -> bool:
-        """Whether its free run is further off than that of the start."""
+        """Whether its free-run error is larger than that of the start."""
         before = np.concatenate(self.problem.residuals(self.problem.start))
         return not self.error <= np.sqrt(np.mean(before**2))
 
 
 def searched(start: Cascade, records: Sequence[Record], **how: Unpack[Search]) -> Found:
-    """`search`, but the free run on the records gets no worse than that of the start.
+    """`search`, with a free-run error on the records that is not larger than that of the start.
 
-    States that are estimated along with a very slow pole can describe a drift, which a free run, whose states are
-    estimated from a few samples, cannot repeat. There the states are estimated as a free run does, and then fixed.
+    States that are estimated together with a very slow pole can describe a drift. A free run, whose states are
+    estimated from a few samples, cannot reproduce it. Then the states are estimated as in a free run, and fixed.
     """
     free = Found(*search(start, records, **how), records)
     control = how.get("control", FREE)
@@ -325,15 +327,15 @@ def searched(start: Cascade, records: Sequence[Record], **how: Unpack[Search]) -
     held = Found(*search(start, records, **how), records)
     if control.ending:
         return held
-    # Once more with the states that it has now.
+    # Repeat with states estimated for the new parameters.
     again = Found(*search(held.model, records, **how), records)
     return min(held, again, key=lambda found: found.error)
 
 
 def _with_map(model: Cascade, topology: Topology, family: Family, size: int, part: Sequence[Record]) -> Cascade:
-    """The model with its map replaced by one of the family, and the outer map, if any.
+    """The model with its map, and the outer map if any, replaced by one of the family.
 
-    That begins as a straight line; one of the same family that is there already stays as it is.
+    The outer map starts as a straight line; an outer map of the same family is kept.
     """
     segments = as_arrays(part)
     start = started(model, lambda x, z: family.start(x, z, size), segments)
@@ -345,8 +347,8 @@ def _with_map(model: Cascade, topology: Topology, family: Family, size: int, par
     return start
 
 
-def placed(choice: Choice, records: Sequence[Record], settings: CascadeSearch) -> Cascade:
-    """The choice with its knots spread over all of the data."""
+def with_spread_knots(choice: Choice, records: Sequence[Record], settings: CascadeSearch) -> Cascade:
+    """The model of the choice with knots spread over all data."""
     family = choice.family
     if family is None or not family.sizes or len(choice.model.blocks) < 2:
         return choice.model

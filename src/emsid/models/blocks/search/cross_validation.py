@@ -1,4 +1,4 @@
-"""What of the records the choices of a cascade are made from, and what judges them; see `emsid.record.holding_back`."""
+"""The data that the choices of a cascade are made from, and the unseen data; see `emsid.record.holding_back`."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from emsid.record import Record, concatenate
 from emsid.record.holding_back import Split, is_series, validation_splits
 
 Array = NDArray[np.float64]
-# How much of each record judges while choices are made.
-JUDGES = 0.25
-# Refinements for a choice see no more samples than this.
+# The unseen fraction of each record while choices are made.
+UNSEEN = 0.25
+# The largest number of samples in a refinement for a choice.
 CHOICE_SAMPLES = 8_000
-# Of a series of experiments every so many are shown or held back.
+# In a series of experiments every k-th is used or held back.
 SERIES = 4
 
 
 def held_back(records: Sequence[Record], settings: CascadeSearch) -> tuple[list[Record], list[Split]]:
-    """What choices may be made from, and the rounds in which they are judged, each on data that it does not fit."""
+    """The records that choices are made from, and the splits into fitted and unseen data that compare them."""
     if settings.unseen is not None:
-        judge = [settings.unseen] if isinstance(settings.unseen, Record) else list(settings.unseen)
-        return list(records), [(records, [record[:CHOICE_SAMPLES] for record in judge])]
-    identify, judged = validation_splits(records, JUDGES)
-    return identify, [(known, [record[:CHOICE_SAMPLES] for record in unseen]) for known, unseen in judged]
+        unseen = [settings.unseen] if isinstance(settings.unseen, Record) else list(settings.unseen)
+        return list(records), [(records, [record[:CHOICE_SAMPLES] for record in unseen])]
+    shown, splits = validation_splits(records, UNSEEN)
+    return shown, [(known, [record[:CHOICE_SAMPLES] for record in unseen]) for known, unseen in splits]
 
 
 def shortened(records: Sequence[Record]) -> list[Record]:
-    """The start of every record, or every few experiments of a series, together about as long as a choice needs."""
+    """The start of every record, or some experiments of a series, with about `CHOICE_SAMPLES` samples in total."""
     share = max(CHOICE_SAMPLES // len(records), 1)
     return [
         concatenate(record.segments[:: -(-len(record) // share)])
@@ -45,5 +45,5 @@ def as_arrays(records: Sequence[Record]) -> list[tuple[Array, Array]]:
 
 
 def delayed(records: Sequence[Record], delay: int) -> list[tuple[Array, Array]]:
-    """(u, y) of every segment with the delay taken off."""
+    """(u, y) of every segment without the delay."""
     return [(u[: len(u) - delay], y[delay:]) for u, y in as_arrays(records) if len(u) > delay]

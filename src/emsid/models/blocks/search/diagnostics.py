@@ -1,4 +1,4 @@
-"""What the records leave open in a fitted cascade."""
+"""Findings on what the records do not determine in a fitted cascade."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-# A zero cancels a pole that is nearer than this part of its distance to the unit circle.
+# A zero cancels a pole if their distance is below this fraction of the distance of the pole to the unit circle.
 CANCELS = 0.05
 
 
 def advice(fit: Fit[Cascade], records: Record | Sequence[Record]) -> tuple[Finding, ...]:
-    """What the records leave open in a fitted cascade; empty where all is well.
+    """Findings on what the records do not determine in a fitted cascade.
 
     Args:
-        fit: the cascade as fitted.
-        records: what it was fitted to.
+        fit: the fitted cascade.
+        records: the records that it was fitted to.
     """
     several = [records] if isinstance(records, Record) else list(records)
     model = fit.model

@@ -1,12 +1,12 @@
-r"""Wiener–Hammerstein models and their relatives from records alone.
+r"""Identification of Wiener–Hammerstein models and related cascades without start values.
 
 `wiener_hammerstein`, `hammerstein`, `wiener` and `hammerstein_wiener` make a `CascadeStructure`, which is fitted to
-records. What is not given is chosen on held-back data (`cross_validation`):
+records. Options that are not given are chosen on unseen data (`cross_validation`):
 
-1. the orders worth trying and the input delay, from the measured frequency response (`orders`);
-2. pairs of filters to start from (`starts`), the best of them refined and judged, then the static map between
-   them and its size (`choice`);
-3. the winner fitted to all identification data (`fitting`).
+1. the measured frequency response gives the orders to try and the input delay (`orders`);
+2. pairs of filters are started (`starts`), the best are refined and compared, then the static map between them and
+   its size are chosen (`choice`);
+3. the best model is fitted to all identification data (`fitting`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from emsid.findings import Finding
 from emsid.models.blocks.cascade import SAMPLES_PER_STATE, Cascade, check_channels
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import conclude, fit_cascade
-from emsid.models.blocks.search.choice import Choice, improving, placed, searched
+from emsid.models.blocks.search.choice import Choice, improving, searched, with_spread_knots
 from emsid.models.blocks.search.cross_validation import as_arrays, held_back
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER, filter_parameters, input_delay
@@ -47,21 +47,21 @@ from emsid.models.terms import check_whole
 from emsid.record import Record
 from emsid.record.holding_back import Split
 
-# An input of two levels has to change at least this often to identify a map behind a filter.
+# The least number of changes of a two-level input that identify a map after a filter.
 CHANGES = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CascadeStructure:
-    """A cascade to be identified: which blocks it has, and what is given of them. `fit` estimates it.
+    """A cascade to identify: its topology, its orders and the options of the search. `fit` estimates it.
 
     Args:
-        topology: which filters stand beside the static map.
-        orders: of the filter before and the one after the map; None where the topology has none, or a search chooses.
-        search: the static map, the delay and how the search goes.
+        topology: the filters next to the static map.
+        orders: of the filters before and after the map; None if the topology has no such filter, or to choose it.
+        search: the static map, the delay and the options of the search.
 
     Raises:
-        ModelError: for orders that do not suit the topology.
+        ModelError: for orders that do not fit the topology.
     """
 
     topology: Topology
@@ -87,27 +87,27 @@ class CascadeStructure:
 
     @property
     def name(self) -> str:
-        """Of the topology."""
+        """The name of the topology."""
         return self.topology.name
 
     def fit(self, records: Record | Sequence[Record], *, control: Control = FREE) -> Fit[Cascade]:
-        """The cascade whose free run is closest to the records; what is not given is chosen on held-back data.
+        """Fit the cascade to the free-run error; options that are not given are chosen on unseen data.
 
         Args:
             records: one input and one output each.
-            control: when to stop, and who is told what the search does. Where it ends the choices, the best model so
-                far is kept.
+            control: cancellation, time limit and progress reports. If it ends the search, the best model so far is
+                kept.
 
         Raises:
-            ModelError: for records of other channels or too short for the orders, an input that does not excite the
+            ModelError: for records of other channels or too short for the orders, or an input that does not excite the
                 static map.
-            Stopped: where ``control`` ends the search before there is a model.
+            Stopped: if ``control`` ends the search before there is a model.
         """
         return estimate(self.topology, records, self.orders, self.search, control)
 
 
 class CascadeOptions(TypedDict, total=False):
-    """What may be given of a cascade and of its search, as `CascadeSearch` says it."""
+    """Options of a cascade and of its search, see `CascadeSearch`."""
 
     static: Family | StaticMap | type[StaticMap] | str | None
     size: int | None
@@ -124,41 +124,41 @@ class CascadeOptions(TypedDict, total=False):
 def wiener_hammerstein(
     orders: Sequence[int | None] | None = None, *misplaced: object, **given: Unpack[CascadeOptions]
 ) -> CascadeStructure:
-    """Filter, static map, filter, to be fitted: ``emsid.fit(wiener_hammerstein((1, 2), static="dead-zone"), record)``.
+    """Filter, static map, filter: ``emsid.fit(wiener_hammerstein((1, 2), static="dead-zone"), record)``.
 
     >>> wiener_hammerstein(orders=(1, 2), static="dead-zone", delay=1).orders
     (1, 2)
 
     Args:
-        orders: of the two filters; each has as many poles, and one numerator coefficient more. None chooses them on
-            held-back data.
-        misplaced: nothing; it catches records, which are given to `emsid.fit`.
-        given: ``static``, ``size``, ``delay`` and everything else that `CascadeSearch` has, by name.
+        orders: of the two filters; each has as many poles, and one more numerator coefficient. None chooses them on
+            unseen data.
+        misplaced: must be empty; records are given to `emsid.fit`.
+        given: ``static``, ``size``, ``delay`` and the other options of `CascadeSearch`, by name.
 
     Raises:
-        ModelError: for orders that are no two counts, a static map that there is not, options of other names.
+        ModelError: for invalid orders, an unknown static map, or an unknown option.
     """
     pair = (None, None) if orders is None else orders
     return _structure(WIENER_HAMMERSTEIN, pair, misplaced, given)
 
 
 def hammerstein(order: int | None = None, *misplaced: object, **given: Unpack[CascadeOptions]) -> CascadeStructure:
-    """Static map, then a filter, to be fitted by `emsid.fit`.
+    """Static map, then a filter, for `emsid.fit`.
 
     Args:
-        order: of the filter; None chooses it on held-back data.
-        misplaced: nothing; it catches records, which are given to `emsid.fit`.
+        order: of the filter; None chooses it on unseen data.
+        misplaced: must be empty; records are given to `emsid.fit`.
         given: as in `wiener_hammerstein`.
     """
     return _structure(HAMMERSTEIN, (None, order), misplaced, given)
 
 
 def wiener(order: int | None = None, *misplaced: object, **given: Unpack[CascadeOptions]) -> CascadeStructure:
-    """A filter, then a static map, to be fitted by `emsid.fit`.
+    """A filter, then a static map, for `emsid.fit`.
 
     Args:
-        order: of the filter; None chooses it on held-back data.
-        misplaced: nothing; it catches records, which are given to `emsid.fit`.
+        order: of the filter; None chooses it on unseen data.
+        misplaced: must be empty; records are given to `emsid.fit`.
         given: as in `wiener_hammerstein`.
     """
     return _structure(WIENER, (order, None), misplaced, given)
@@ -167,11 +167,11 @@ def wiener(order: int | None = None, *misplaced: object, **given: Unpack[Cascade
 def hammerstein_wiener(
     order: int | None = None, *misplaced: object, **given: Unpack[CascadeOptions]
 ) -> CascadeStructure:
-    """Static map, a filter, and a second map of the same family, to be fitted by `emsid.fit`.
+    """Static map, a filter, and a second map of the same family, for `emsid.fit`.
 
     Args:
-        order: of the filter; None chooses it on held-back data.
-        misplaced: nothing; it catches records, which are given to `emsid.fit`.
+        order: of the filter; None chooses it on unseen data.
+        misplaced: must be empty; records are given to `emsid.fit`.
         given: as in `wiener_hammerstein`.
     """
     return _structure(HAMMERSTEIN_WIENER, (None, order), misplaced, given)
@@ -180,7 +180,7 @@ def hammerstein_wiener(
 def _structure(
     topology: Topology, orders: Any, misplaced: Sequence[object], given: Mapping[str, Any]
 ) -> CascadeStructure:
-    """The structure that is asked for; what is given in the wrong place is refused with the place where it goes."""
+    """The structure with these options; misplaced arguments are refused with the right usage."""
     called = topology.name.replace("-", "_")
     example = "orders=(1, 2)" if topology.first and topology.second else "order=2"
     shape = f"emsid.{called}({example}, static='dead-zone')"
@@ -211,10 +211,10 @@ def estimate(
 ) -> Fit[Cascade]:
     """A cascade of any of the topologies, estimated; see `CascadeStructure`.
 
-    Where ``control`` ends the choices, the best model so far is kept.
+    If ``control`` ends the search, the best model so far is kept.
 
     Raises:
-        Stopped: where there is none yet.
+        Stopped: if there is none yet.
     """
     several = [records] if isinstance(records, Record) else list(records)
     if not several:
@@ -225,7 +225,7 @@ def estimate(
     _check_excitation(topology, several)
     _check_size(topology, several, orders, settings)
     shown, rounds = held_back(several, settings)
-    _check_judges(topology, rounds, orders)
+    _check_unseen(topology, rounds, orders)
     delay = settings.delay
     if delay is None:
         delay = 0 if settings.families[0].loses_sign else input_delay(topology, as_arrays(shown), orders)
@@ -240,7 +240,7 @@ def estimate(
         assert best is not None
         control.doing(f"fitting {topology.name} to all data")
         found = searched(
-            placed(best, several, settings),
+            with_spread_knots(best, several, settings),
             several,
             transient=settings.transient,
             loss=settings.loss,
@@ -283,12 +283,12 @@ def _check_size(topology: Topology, records: Sequence[Record], orders: Orders, s
         )
 
 
-def _check_judges(topology: Topology, rounds: Sequence[Split], orders: Orders) -> None:
-    """Refuse orders whose free run takes longer to start than the data that judge it last."""
+def _check_unseen(topology: Topology, rounds: Sequence[Split], orders: Orders) -> None:
+    """Refuse orders whose free run takes longer to start than the unseen data last."""
     needed = SAMPLES_PER_STATE * sum(order or 0 for order in orders)
     longest = min(max((len(u) for u, _ in as_arrays(unseen)), default=0) for _, unseen in rounds)
     if needed >= longest:
         raise ModelError(
-            f"{topology.name}: with these orders a free run takes {needed} samples to start, and what is held back to "
-            f"judge it has {longest}; give smaller orders or a longer record"
+            f"{topology.name}: with these orders a free run takes {needed} samples to start, and the unseen data have "
+            f"{longest}; give smaller orders or a longer record"
         )

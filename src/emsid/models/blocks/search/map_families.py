@@ -1,8 +1,7 @@
-"""Families of static maps that a search looks among, read off the registry of static maps.
+"""Families of static maps for a search, made from the registry of static maps.
 
-A `Family` is what a search asks of a map: how one is started from points (x, z) of a curve, of what sizes they come,
-and what linear trial shows whether a pair of filters suits them. `family_of` makes one of whatever a person gives for
-``static``: a name, a class, a map.
+A `Family` gives a search the start of a map from points (x, z) of a curve, its sizes, and a linear trial that tests
+a pair of filters. `family_of` makes a family of the argument ``static``: a name, a class or a map.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from emsid.models.blocks.static_maps.through_points import spread_knots
 
 Array = NDArray[np.float64]
 
-# Splines with this many knots show whether a pair of filters is any good.
+# Knots of the spline that tests a pair of filters.
 TRIAL_KNOTS = 12
 
 
@@ -37,12 +36,12 @@ class Family:
     """A family of static maps.
 
     Attributes:
-        name: as ``static`` has it.
-        start: the map of a size that is closest to points x (m,), z (m,), a constant level left free.
-        sizes: numbers of knots (or the degrees) to choose from; empty where the family has one size. Where the trial
-            is of this family, its size is the first.
-        loses_sign: whether its maps lose the sign, so that signs must be recovered before there is a linear start.
-        trial: for the signal that enters the map, maps linear in their parameters that show whether filters suit it.
+        name: the value of ``static``.
+        start: the map of a given size that is closest to points x (m,), z (m,), up to a constant level.
+        sizes: numbers of knots (or degrees) to choose from; empty if the family has one size. If the trial is of this
+            family, its size is the first.
+        loses_sign: whether its maps lose the sign, so that signs must be recovered before a linear start.
+        trial: for the input of the map, maps that are linear in their parameters and test the filters.
     """
 
     name: str
@@ -53,7 +52,7 @@ class Family:
 
     @property
     def direct(self) -> bool:
-        """Whether the trial is already of this family, not a spline that stands for it."""
+        """Whether the trial map is of this family, and not a spline in its place."""
         return self.trial is not spline_trial
 
 
@@ -69,7 +68,7 @@ def family(map_: type[StaticMap]) -> Family:
 
 
 def given(map_: StaticMap, name: str = "given") -> Family:
-    """The family of one map, a user's own for instance, which starts with the parameters that it has."""
+    """The family of one map, for example a user's own, which starts with its own parameters."""
     return Family(name, lambda x, z, size: map_, trial=lambda x: (map_,))
 
 
@@ -79,20 +78,19 @@ def families() -> dict[str, Family]:
 
 
 def tried_families() -> tuple[Family, ...]:
-    """Those that a search chooses from where no static map is given; the spline leads, as trials are splines."""
+    """The families that a search tries if no static map is given; the spline is first, because trials are splines."""
     return tuple(family(map_) for map_ in STATIC_MAPS.values() if map_.tried)
 
 
 def family_of(static: Any) -> Family:
-    """The family that is meant by ``static``.
+    """The family for the argument ``static``.
 
     Args:
-        static: a family, the name of a registered map, the class of one, or a map. A map stands for its family, with
-            as many knots, or of the degree, as it has; one that cannot be started from data begins with its own
-            parameters.
+        static: a family, the name of a registered map, its class, or a map. A map stands for its family, with its
+            number of knots or its degree; a map that has no start from data starts with its own parameters.
 
     Raises:
-        ModelError: for anything else, saying what there is.
+        ModelError: for anything else, with a list of the maps.
     """
     if isinstance(static, Family):
         return static

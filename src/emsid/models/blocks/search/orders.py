@@ -1,7 +1,7 @@
-"""Orders, delay, sampling rate and sizes of map to be tried, estimated from the records before any cascade is fitted.
+"""Orders, delay, oversampling and map sizes to try, estimated from the records before a cascade is fitted.
 
-The order is that of a rational fit to the measured frequency response with the shortest description; the delay the
-least with which that order fits the response.
+The order is that of the rational fit to the measured frequency response with the least description length. The delay
+is the least one with which that order fits the response.
 """
 
 from __future__ import annotations
@@ -23,30 +23,30 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 
 LARGEST_ORDER = 8
-# Where there are two filters, this many orders below that of the response are tried.
+# With two filters, this many orders below that of the response are tried.
 LOWER = 2
-# Orders tried before and behind a map that loses the sign.
-FOLDED_FIRST, FOLDED_SECOND = (1, 2, 3, 4), (0, 1)
-# The longest delay looked for; one is as good as another within this part of the squared error and the noise of it.
+# Orders tried before and after a map that loses the sign.
+SIGNLESS_FIRST, SIGNLESS_SECOND = (1, 2, 3, 4), (0, 1)
+# The longest delay tried, and the fraction of the squared error within which two delays are equally good.
 LONGEST_DELAY, DELAY_SLACK = 20, 0.1
-# An input that keeps its value this often from one sample to the next is held between them.
-HELD = 0.5
-# There should be this many samples for every parameter.
+# An input that repeats its value at more than this fraction of the samples is held between samples.
+HOLD_FRACTION = 0.5
+# The least number of samples for every parameter.
 SAMPLES_PER_PARAMETER = 5
 
 
 def total_orders(topology: Topology, segments: Sequence[tuple[Array, Array]], orders: Orders) -> list[int]:
-    """Orders of the best linear approximation to try: what is given; or what describes the response most briefly.
+    """Orders of the best linear approximation to try: the given ones, or that of least description length and below.
 
-    To a response, a nonlinearity can look like poles and zeros, so lower orders are tried too: all of them where there
-    is one filter only, and some where there are two, as every one of them can be shared out in many ways.
+    A nonlinearity can look like poles and zeros in the response, so lower orders are tried too: all of them with one
+    filter, and some with two, because each of them can be divided in many ways.
     """
     least, most = _least(topology, orders), _total(topology, segments, orders)
     return list(range(max(most - LOWER, least) if topology.first and topology.second else least, most + 1))
 
 
 def _total(topology: Topology, segments: Sequence[tuple[Array, Array]], orders: Orders) -> int:
-    """The order that is given, or that describes the frequency response most briefly."""
+    """The given order, or the one of least description length for the frequency response."""
     least = _least(topology, orders)
     if not _open(topology, orders):
         return least
@@ -62,23 +62,23 @@ def _total(topology: Topology, segments: Sequence[tuple[Array, Array]], orders: 
 
 
 def _open(topology: Topology, orders: Orders) -> int:
-    """How many of the filters have no order given."""
+    """The number of filters without a given order."""
     return sum(order is None for order, wanted in zip(orders, (topology.first, topology.second), strict=True) if wanted)
 
 
 def _least(topology: Topology, orders: Orders) -> int:
-    """The orders given, and one for every filter without."""
+    """The sum of the given orders, with one for every other filter."""
     return sum(order or 0 for order in orders) + _open(topology, orders)
 
 
 def oversamplings(records: Sequence[Record]) -> tuple[int, ...]:
-    """Multiples of the sampling rate to try: one where the input is a command that is held, like a drive's."""
+    """Multiples of the sampling rate to try: only one for an input that is held between samples, like a drive's."""
     held = np.mean(np.concatenate([np.diff(u) == 0 for u, _ in as_arrays(records)]))
-    return (1,) if held > HELD else (1, 2)
+    return (1,) if held > HOLD_FRACTION else (1, 2)
 
 
 def order_shares(topology: Topology, orders: Orders, total: int) -> list[Orders]:
-    """The orders of the two filters that a total order may stand for."""
+    """The pairs of filter orders that add up to a total order."""
     if not topology.first:
         return [(None, total)]
     if not topology.second:
@@ -91,17 +91,17 @@ def order_shares(topology: Topology, orders: Orders, total: int) -> list[Orders]
     return [pair for pair in pairs if allowed(pair)]
 
 
-def folded_order_shares(topology: Topology, orders: Orders) -> list[tuple[int, int | None]]:
-    """Orders to try where the frequency response shows none, because the sign was lost."""
-    first = FOLDED_FIRST if orders[0] is None else (orders[0],)
+def sign_recovery_orders(topology: Topology, orders: Orders) -> list[tuple[int, int | None]]:
+    """Orders to try after a loss of the sign, which makes the frequency response useless."""
+    first = SIGNLESS_FIRST if orders[0] is None else (orders[0],)
     second: tuple[int | None, ...] = (None,)
     if topology.second:
-        second = FOLDED_SECOND if orders[1] is None else (orders[1],)
+        second = SIGNLESS_SECOND if orders[1] is None else (orders[1],)
     return list(product(first, second))
 
 
 def input_delay(topology: Topology, segments: Sequence[tuple[Array, Array]], orders: Orders) -> int:
-    """The least delay with which the orders describe the measured frequency response about as well as with the best."""
+    """The least delay whose fit to the measured frequency response is about as good as the best."""
     total = _total(topology, segments, orders)
     try:
         response = frequency_response(segments)
@@ -115,7 +115,7 @@ def input_delay(topology: Topology, segments: Sequence[tuple[Array, Array]], ord
             costs.append(fit_rational(replace(response, value=response.value * ahead), total + 1, total)[2])
         except ModelError:  # more coefficients than the response has points
             return 0
-        if costs[0] < 2 * noise:  # as good as can be without any
+        if costs[0] < 2 * noise:  # no delay already fits down to the noise
             return 0
     return next(k for k, cost in enumerate(costs) if cost <= (1 + DELAY_SLACK) * min(costs) + noise)
 
@@ -127,7 +127,7 @@ def map_sizes(
     orders: Orders,
     settings: CascadeSearch,
 ) -> tuple[int, ...]:
-    """The sizes of a family to try: what is given, or those that the records can carry, the least in any case."""
+    """The sizes of a family to try: the given one, or those with enough samples, and always the least."""
     if settings.size is not None:
         return (settings.size,)
     room = sum(len(record) for record in records) / SAMPLES_PER_PARAMETER - filter_parameters(topology, orders)
@@ -136,6 +136,6 @@ def map_sizes(
 
 
 def filter_parameters(topology: Topology, orders: Orders) -> int:
-    """Coefficients of the filters, of first order where nothing is said."""
+    """The number of coefficients of the filters, which are of first order by default."""
     there = [order for order, wanted in zip(orders, (topology.first, topology.second), strict=True) if wanted]
     return sum(2 * (1 if order is None else order) + 1 for order in there)

@@ -1,14 +1,14 @@
-r"""Sign recovery: a linear model in front of a sensor that gives magnitudes only.
+r"""Sign recovery: a linear model before a sensor that measures magnitudes only.
 
-The signal w(t) = ±y(t) in front of the sensor is smooth, so its sign changes only where |w| is close to zero: at
-low local minima of y, which cut the record into lobes of one unknown sign sₖ each. If w obeys A(q)w = B(q)u + c, then
+The signal w(t) = ±y(t) before the sensor is smooth, so its sign changes only where |w| is close to zero: at low local
+minima of y. These cut the record into lobes, each with one unknown sign sₖ. If w obeys A(q)w = B(q)u + c, then
 
     min over s, θ of   Σ over lobes k, t ∈ k of   (A(q)w(t) − B(q)u(t) − c)²,      w(t) = sₖ y(t) for t in lobe k,
 
-is solved by turns: for given signs θ is a linear least-squares problem; for given θ a lobe's share of the cost depends
-on its own sign and on the one before, so the best of all 2ᴷ sequences of signs is found by dynamic programming
-(Viterbi 1967). Neither turn raises the cost, and the signs, being finitely many, settle. A few random beginnings
-guard against a poor one.
+is solved by alternating minimisation. For given signs θ is a linear least-squares problem. For given θ the cost of a
+lobe depends on its own sign and on the previous one, so dynamic programming finds the best of all 2ᴷ sign sequences
+(Viterbi 1967). No step raises the cost, and the number of sequences is finite, so the signs converge. Several random
+starts reduce the risk of a poor local minimum.
 
 References:
     Viterbi, *Error bounds for convolutional codes and an asymptotically optimum decoding algorithm*, IEEE Trans.
@@ -29,20 +29,20 @@ from emsid.estimation.nonlinear.gauss_newton import least_squares_step
 Array = NDArray[np.float64]
 Signs = NDArray[np.intp]
 
-# A minimum is the least of this many samples on either side, and below the median.
+# A local minimum is the least of this many samples on either side, and below the median.
 REACH = 2
 DRAWS, MOST_TURNS = 30, 50
-# Two sequences of signs are different if they disagree on more than this part of the samples.
-UNLIKE = 0.1
+# Two sign sequences are different if they disagree on more than this fraction of the samples.
+DIFFERENT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Unfolded:
-    """A signal with its signs, and the regression that they agree with best.
+class SignedSignal:
+    """A signal with recovered signs, and its regression.
 
     Attributes:
         signal: (N,) w.
-        numerator: (n + 1,) B, the first coefficient zero.
+        numerator: (n + 1,) B, with a first coefficient of zero.
         denominator: (n,) A without its leading one.
         constant: c.
         cost: sum of squares of the regression.
@@ -55,18 +55,20 @@ class Unfolded:
     cost: float
 
 
-def unfoldings(u: Array, y: Array, order: int, rng: np.random.Generator, draws: int = DRAWS) -> list[Unfolded]:
-    """Signs of y, and the linear regressions of this order that suit them, where the turns end; the cheapest first.
+def recovered_signals(
+    u: Array, y: Array, order: int, rng: np.random.Generator, draws: int = DRAWS
+) -> list[SignedSignal]:
+    """Signed versions of y with their linear regressions of this order, in ascending order of cost.
 
-    Of those that are much alike only the cheapest is given. The truth need not come first, as the regression knows no
-    filter behind the sensor.
+    Of similar sign sequences only the one of least cost is returned. The true one need not come first, because the
+    regression has no filter after the sensor.
 
     Args:
         u: (N,) input.
-        y: (N,) output of a sensor that gives magnitudes.
+        y: (N,) output of a sensor that measures magnitudes.
         order: n of A and B.
-        rng: source of the random beginnings.
-        draws: how many of them.
+        rng: source of the random starts.
+        draws: the number of random starts.
 
     Raises:
         ModelError: for fewer samples than the regression needs.
@@ -74,24 +76,24 @@ def unfoldings(u: Array, y: Array, order: int, rng: np.random.Generator, draws: 
     if len(y) < 4 * (order + 1):
         raise ModelError(f"{len(y)} samples are too few to recover the signs with a model of order {order}")
     lobes = lobe_of_sample(y)
-    found = [_settled(u, y, order, lobes, rng.choice([-1, 1], lobes[-1] + 1)) for _ in range(draws)]
-    unlike: list[Unfolded] = []
+    found = [_alternated(u, y, order, lobes, rng.choice([-1, 1], lobes[-1] + 1)) for _ in range(draws)]
+    different: list[SignedSignal] = []
     for each in sorted(found, key=lambda each: each.cost):
-        if all(_disagreement(each.signal, other.signal) > UNLIKE for other in unlike):
-            unlike.append(each)
-    return unlike
+        if all(_disagreement(each.signal, other.signal) > DIFFERENT for other in different):
+            different.append(each)
+    return different
 
 
 def _disagreement(one: Array, other: Array) -> float:
-    """The part of the samples on which the signs differ; all of them turned are the same system turned."""
+    """The fraction of samples with different signs; a change of all signs is no difference."""
     part = float(np.mean(one * other < 0))
     return min(part, 1 - part)
 
 
 def lobe_of_sample(y: Array) -> Signs:
-    """(N,) which lobe, counted from 0, every sample belongs to; a lobe begins at a low local minimum.
+    """(N,) the index of the lobe of every sample, from 0; a lobe begins at a low local minimum.
 
-    The zero is between the minimum and the smaller of its neighbours, so the minimum belongs with the larger one.
+    The zero is between the minimum and its smaller neighbour, so the minimum belongs to the larger one.
     """
     padded = np.pad(y, REACH, constant_values=-np.inf)
     least = np.lib.stride_tricks.sliding_window_view(padded, 2 * REACH + 1).min(axis=1)
@@ -103,11 +105,10 @@ def lobe_of_sample(y: Array) -> Signs:
 
 
 def best_signs(costs: Array) -> Signs:
-    """(K,) signs of the cheapest sequence.
+    """(K,) the sign sequence of least cost.
 
     Args:
-        costs: (K, 2, 2) of lobe k by the sign of the one before and its own, plus first; for the first lobe the
-            diagonal counts.
+        costs: (K, 2, 2) cost of lobe k by the previous sign and its own, plus first; the first lobe uses the diagonal.
     """
     total, ways = costs[0].diagonal().copy(), np.zeros(costs.shape[:2], dtype=np.intp)
     for k, cost in enumerate(costs[1:], start=1):
@@ -119,12 +120,12 @@ def best_signs(costs: Array) -> Signs:
     return 1 - 2 * np.array(path[::-1], dtype=np.intp)
 
 
-def _settled(u: Array, y: Array, order: int, lobes: Signs, signs: Signs) -> Unfolded:
-    """The end of the turns that begin with these signs."""
+def _alternated(u: Array, y: Array, order: int, lobes: Signs, signs: Signs) -> SignedSignal:
+    """The result of the alternating minimisation from these signs."""
     now = np.arange(order, len(y))
     past = now[:, None] - np.arange(1, order + 1)
     driven = np.column_stack([u[past], np.ones(len(now))])
-    # Samples of the past that lie in another lobe than the present one change side when its sign does.
+    # Past samples of another lobe have a sign of their own.
     side = np.where(lobes[past] == lobes[now][:, None], 1.0, -1.0)
     for _ in range(MOST_TURNS):
         w = signs[lobes] * y
@@ -140,4 +141,4 @@ def _settled(u: Array, y: Array, order: int, lobes: Signs, signs: Signs) -> Unfo
         if np.array_equal(settled, signs):
             break
     cost = float(np.sum((w[now] + w[past] @ a - forced) ** 2))
-    return Unfolded(w, np.concatenate([[0.0], theta[order : 2 * order]]), a, float(theta[-1]), cost)
+    return SignedSignal(w, np.concatenate([[0.0], theta[order : 2 * order]]), a, float(theta[-1]), cost)

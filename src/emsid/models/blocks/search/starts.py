@@ -1,28 +1,28 @@
-r"""Starting values for cascades, without the user.
+r"""Automatic start values for cascades.
 
-The free-run cost of a cascade has many minima, and which one a search ends in is decided by where it starts. Four
-sources give candidates, a function each; `scanned` tries every one at the price of one linear problem, and the best go
-on to `fit_cascade`.
+The free-run cost of a cascade has many minima, and the start decides which one a search reaches. Four sources give
+candidates, each in its own function; `scanned` scores every candidate by one linear problem, and `fit_cascade` refines
+the best.
 
 **The best linear approximation.** Driven by a random input, filter–map–filter looks like the product of its two
 filters, up to a gain (Bussgang's theorem; Schoukens & Tiels 2017). So a rational function is fitted to the measured
-frequency response, and its poles and zeros are shared out between the two filters, conjugate pairs staying together, in
-all the ways that give the orders asked for.
+frequency response, and its poles and zeros are divided between the two filters in every way that gives the required
+orders; conjugate pairs stay together.
 
 **The paper's least-squares solution.** The expanded regression (5.8) has the parameters s = d ⊗ (b₁, λ₂b₁²), a matrix
-of rank one, delays down and powers across. The leading singular vectors of what least squares gives for it are the
-second filter's numerator d and the map's (λ₁b₁, λ₂b₁², …).
+of rank one with delays as rows and powers as columns. The leading singular vectors of its least-squares estimate are
+the numerator d of the second filter and (λ₁b₁, λ₂b₁², …) of the map.
 
-**Sign recovery.** Where the map is |x|, `sign_recovery` finds signs that the output may have lost, and the first filter
-is fitted to the signed signal as if there were no sensor. Its constant says at which input the signal is zero: at the
-kink, so that it is part of the start.
+**Sign recovery.** For the map |x|, `sign_recovery` estimates the lost signs of the output, and the first filter is
+fitted to the signed signal. Its constant gives the input at which the signal is zero, which is the kink; it is part of
+the start.
 
-**Random starts.** A map that is even about the operating point, such as |x|, makes the best linear approximation
-vanish. Then filters are drawn with poles spread evenly in logarithmic time constant and in frequency.
+**Random starts.** For a map that is even about the operating point, such as |x|, the best linear approximation is
+zero. Then filters are drawn at random, with poles uniform in logarithmic time constant and in frequency.
 
 For given filters the map is linear in its parameters: with x = G₁u and splines φⱼ, y ≈ y₀ + Σ cⱼ·G₂φⱼ(x), solved
-through `Information` and scored on the part of the record that was not used. A map of another family is then started
-from the curve found, see `families`.
+by `Information` and scored on the rest of the record. A map of another family then starts from this curve, see
+`families`.
 
 References:
     Schoukens, Tiels, *Identification of block-oriented nonlinear systems starting from linear approximations: a
@@ -50,7 +50,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import search
 from emsid.models.blocks.gain import unit_gain
-from emsid.models.blocks.search.sign_recovery import unfoldings
+from emsid.models.blocks.search.sign_recovery import recovered_signals
 from emsid.models.blocks.static_maps import Polynomial, Scaling, StaticMap
 from emsid.models.regression.structures import wiener_hammerstein_regression
 from emsid.record import Record
@@ -59,23 +59,23 @@ Array = NDArray[np.float64]
 Segments = Sequence[tuple[Array, Array]]
 Filters = tuple[Rational | None, Rational | None]
 
-# How many samples a trial looks at; enough to rank the candidates.
+# Samples of a trial; enough to rank the candidates.
 TRIAL_SAMPLES = 12_000
-# More ways of sharing out poles and zeros than this are not tried.
+# The largest number of divisions of poles and zeros that are tried.
 MOST_SPLITS = 2_000
-# Pairs of filters that are drawn at random.
+# The number of random pairs of filters.
 RANDOM_DRAWS = 300
-# At most this many sequences of signs are followed.
-UNFOLDINGS = 3
+# The largest number of sign sequences that give candidates.
+MOST_SIGN_SEQUENCES = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Two filters with the spline between them that suits them best.
+    """Two filters and the best spline between them.
 
     Attributes:
-        cascade: filters and spline, those that the structure has.
-        error: root mean square of its free-run error on samples that did not serve to find the spline.
+        cascade: the filters of the structure, and the spline.
+        error: root mean square of its free-run error on samples that the spline was not fitted to.
     """
 
     cascade: Cascade
@@ -85,12 +85,12 @@ class Candidate:
 def linear_candidates(
     segments: Segments, orders: tuple[int | None, int | None], total: int, oversampling: int
 ) -> Iterator[Filters]:
-    """Pairs of filters that share out the poles and zeros of the best linear approximation.
+    """Pairs of filters that divide the poles and zeros of the best linear approximation.
 
     Args:
-        segments: (u, y) of each, the delay taken off.
-        orders: of the first and the second filter; None where the structure has no such filter.
-        total: order of the approximation; its zeros may be shared out in any way that keeps the filters proper.
+        segments: (u, y) of each, without the delay.
+        orders: of the first and the second filter; None if the structure has no such filter.
+        total: order of the approximation; its zeros are divided in any way that keeps the filters proper.
         oversampling: of the cascade.
     """
     b, a, _ = fit_rational(frequency_response(segments), total + 1, total, oversampling)
@@ -115,11 +115,11 @@ def linear_candidates(
 
 
 def regression_candidate(records: Sequence[Record], order: int, degree: int, delay: int) -> tuple[Polynomial, Rational]:
-    """The paper's least-squares solution (5.8) factorised back into a map and a second filter.
+    """The paper's least-squares solution (5.8) factorised into a map and a second filter.
 
     Args:
         records: one input, one output each.
-        order: n_a of the second filter; its numerator has one coefficient more.
+        order: n_a of the second filter, whose numerator has one more coefficient.
         degree: of the polynomial.
         delay: nk in samples.
 
@@ -129,7 +129,7 @@ def regression_candidate(records: Sequence[Record], order: int, degree: int, del
     structure = wiener_hammerstein_regression(order, order + 1, degree, taps=1, nk=delay)
     theta = gather(structure, records)[0].solve().estimate
     powers = theta[order:].reshape(degree, order + 1)
-    # s = λ ⊗ d; regressors come power by power, each with its delays.
+    # s = λ ⊗ d; the regressors are ordered by power, then by delay.
     left, singular, right = np.linalg.svd(powers, full_matrices=False)
     low = min(float(record.input.min()) for record in records)
     high = max(float(record.input.max()) for record in records)
@@ -137,24 +137,24 @@ def regression_candidate(records: Sequence[Record], order: int, degree: int, del
     return curve, _stable(Rational(right[0], theta[:order]))
 
 
-def unfolded_candidates(
+def sign_recovery_candidates(
     segments: Segments,
     orders: tuple[int | None, int | None],
     rng: np.random.Generator,
     control: Control = FREE,
 ) -> Iterator[tuple[Filters, float]]:
-    """The filter before a sensor that loses the sign with a quick one behind it, and the input that makes no output.
+    """Filters before and after a sensor that loses the sign, and the input that gives zero output.
 
-    That input is the u₀ of a cascade; in front of a kink it is no matter of taste, as it is in front of a spline.
+    The second filter is a fast one. The input is u₀ of the cascade, which matters for a map with a kink at zero.
 
     Args:
         segments: (u, y) of each; the longest is used.
-        orders: of the first and the second filter; None where the structure has no such filter.
+        orders: of the first and the second filter; None if the structure has no such filter.
         rng: source of random numbers.
         control: when to stop.
 
     Raises:
-        Stopped: where the search has to end; there is no model yet that could be kept.
+        Stopped: if the search has to end; there is no model to keep yet.
     """
     first, second = orders
     if first is None:
@@ -162,7 +162,7 @@ def unfolded_candidates(
     u, y = max(segments, key=lambda pair: len(pair[0]))
     u, y = u[:TRIAL_SAMPLES], y[:TRIAL_SAMPLES]
     quick = None if second is None else _from_roots([], [complex(0.3 / (k + 1)) for k in range(second)], second)
-    for found in unfoldings(u, y, first, rng)[:UNFOLDINGS]:
+    for found in recovered_signals(u, y, first, rng)[:MOST_SIGN_SEQUENCES]:
         level = found.constant / (1 + found.denominator.sum())
         start = Cascade((_stable(Rational(found.numerator, found.denominator)),), output_offset=level)
         record = Record(u, found.signal, 1.0)
@@ -180,13 +180,13 @@ def unfolded_candidates(
 def random_candidates(
     orders: tuple[int | None, int | None], samples: int, rng: np.random.Generator, draws: int = RANDOM_DRAWS
 ) -> Iterator[Filters]:
-    """Pairs of filters drawn at random, time constants between two samples and a tenth of the record.
+    """Random pairs of filters with time constants between two samples and a tenth of the record.
 
     Args:
-        orders: of the first and the second filter; None where the structure has no such filter.
+        orders: of the first and the second filter; None if the structure has no such filter.
         samples: length of the record.
         rng: source of random numbers.
-        draws: how many.
+        draws: the number of pairs.
     """
     slowest = max(np.log(samples / 10), np.log(4.0))
 
@@ -215,17 +215,17 @@ def scanned(
     template: Cascade,
     threads: int,
 ) -> list[Candidate]:
-    """Every pair of filters with the map that suits it best, best first; those that suit nothing are left out.
+    """Every pair of filters with its best map, best first; pairs that fail are left out.
 
     Args:
-        filters: pairs, None where the structure has no such filter.
-        segments: (u, y) of each; the longest is tried on.
-        trial: for the signal x that enters the map, maps to try, each linear in its parameters.
-        template: what offsets, delay, oversampling and name to give the candidates.
+        filters: pairs; None if the structure has no such filter.
+        segments: (u, y) of each; the longest is used.
+        trial: for the input x of the map, maps to try, each linear in its parameters.
+        template: offsets, delay, oversampling and name of the candidates.
         threads: threads.
 
     Raises:
-        ModelError: where there is none left, with what is wrong with the first.
+        ModelError: if all pairs fail, with the error of the first.
     """
     u, y = max(segments, key=lambda pair: len(pair[0]))
     u, y = u[:TRIAL_SAMPLES], y[:TRIAL_SAMPLES]
@@ -249,7 +249,7 @@ def scanned(
 def _scored(
     pair: Filters, u: Array, y: Array, trial: Callable[[Array], tuple[StaticMap, ...]], template: Cascade
 ) -> list[Candidate]:
-    """The candidates that a pair of filters makes with each trial map, the map found by linear least squares."""
+    """The candidates of a pair of filters with each trial map, fitted by linear least squares."""
     first, second = pair
     entering = replace(template, blocks=(Rational(np.ones(1)),)).signals(u, np.zeros(0))[-1]
     before, x = _settled(first, entering)
@@ -268,7 +268,7 @@ def _scored(
                 f"the {curve.kind} map, or its derivative, is not finite at inputs such as {x[wrong][0]:.4g}; give one "
                 "that is, wherever the signal goes"
             )
-        # What no parameter of the map can scale, or a user means as it is, is scaled by the gain of a filter.
+        # If no parameter of the map scales it, or its scale is fixed, the gain of a filter scales it.
         free = not len(curve.parameters) or curve.scaling is Scaling.NONE
         after, moved = _settled_rows(second, fixed[None] if free else basis)
         moved = moved[:, :: template.oversampling]
@@ -316,7 +316,7 @@ def _of_unit_gain(block: Rational) -> Rational:
 
 
 def _stable(block: Rational) -> Rational:
-    """With poles outside the unit circle mirrored into it."""
+    """The filter with poles outside the unit circle mirrored into it."""
     poles = block.poles
     outside = np.abs(poles) >= 0.9999
     mirrored = np.where(outside, 0.9999 * poles / np.maximum(np.abs(poles), 1e-300) ** 2, poles)
@@ -324,13 +324,13 @@ def _stable(block: Rational) -> Rational:
 
 
 def _groups(roots: NDArray[np.complex128]) -> list[list[complex]]:
-    """Real roots alone, complex ones with their conjugates."""
+    """Real roots singly, complex ones in conjugate pairs."""
     real = [[complex(r.real)] for r in roots if abs(r.imag) <= 1e-9 * max(abs(r), 1e-300)]
     return real + [[complex(r), complex(np.conj(r))] for r in roots if r.imag > 1e-9 * abs(r)]
 
 
 def _parted(groups: list[list[complex]]) -> list[list[complex]]:
-    """With the complex pair nearest to the real axis made two real roots of the same size, so that it can be shared."""
+    """Replace the complex pair nearest to the real axis by two real roots of the same size, so that it can be split."""
     pairs = sorted((group for group in groups if len(group) == 2), key=lambda group: abs(np.angle(group[0])))
     nearest = pairs[0]
     size = complex(abs(nearest[0]))
@@ -362,13 +362,13 @@ def _from_roots(zeros: list[complex], poles: list[complex], order: int) -> Ratio
 def started(
     candidate: Cascade, start: Callable[[Array, Array], StaticMap], segments: Segments, which: int = 0
 ) -> Cascade:
-    """The candidate with a map replaced by another, started from the curve of the old one.
+    """The candidate with one map replaced by another, which starts from the curve of the old one.
 
     Args:
-        candidate: what has been found so far.
-        start: from points x, z of the curve, the new map; a constant level is left over.
-        segments: (u, y) of each, which say where the curve has data.
-        which: of the maps, the first by default.
+        candidate: the candidate.
+        start: the new map from points x, z of the curve, up to a constant level.
+        segments: (u, y) of each, which give the range of the data.
+        which: the index of the map, by default the first.
     """
     at = [k for k, block in enumerate(candidate.blocks) if isinstance(block, StaticMap)][which]
     curve = candidate.blocks[at]

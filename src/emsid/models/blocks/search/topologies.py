@@ -1,4 +1,4 @@
-"""What a cascade is asked to be: which filters stand beside its map, and what is given or left to be chosen."""
+"""The topology of a cascade, and the options of its identification."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
-# Of the filters before and after the map; None where the topology has none, or it is to be chosen.
+# Orders of the filters before and after the map; None if the topology has no such filter, or to choose the order.
 Orders = tuple[int | None, int | None]
 
 
 @dataclass(frozen=True)
 class Topology:
-    """Which filters a structure has beside the map that is looked for.
+    """The filters and maps of a structure.
 
     Attributes:
-        name: of the structure.
+        name: the name of the structure.
         first, second: whether there is a filter before the map, and one after it.
         outer: whether a second map follows the second filter.
     """
@@ -45,22 +45,22 @@ TOPOLOGIES: dict[str, Topology] = {
 
 @dataclass(frozen=True, eq=False)
 class CascadeSearch:
-    """What may be given to the estimation of a cascade; what is None is chosen on held-back data.
+    """Options of the identification of a cascade; options that are None are chosen on unseen data.
 
     Attributes:
         static: the static map: a name such as ``dead-zone``, a map or its class, see `family_of`; None chooses one.
-        size: its number of knots, or degree; where no static map is given, that of a spline.
+        size: its number of knots, or degree; if no static map is given, that of a spline.
         delay: from the input to its first effect, in samples.
-        oversampling: how many times faster than the record the blocks run; None tries 1 and 2.
-        unseen: records that judge the choices, in place of the last quarter of the records that are fitted.
+        oversampling: steps of the blocks per sample; None tries 1 and 2.
+        unseen: records for the comparison of choices, instead of the last quarter of the fitted records.
         transient: samples left out at the start of every segment; None estimates the starting states.
-        loss: what the final fit minimises.
-        threads: threads for what can be tried at the same time.
+        loss: the loss of the final fit.
+        threads: number of threads for parallel trials.
         max_iterations: steps of the final fit.
         rng: source of the random starts.
 
     Raises:
-        ModelError: for numbers that are no counts, a static map that is no family.
+        ModelError: for invalid numbers, or an unknown static map.
     """
 
     static: Family | StaticMap | type[StaticMap] | str | None = SPLINE
@@ -89,7 +89,7 @@ class CascadeSearch:
 
     @property
     def families(self) -> tuple[Family, ...]:
-        """Those that the map may be of."""
+        """The families to choose the map from."""
         if self.static is None:
             return tried_families() if self.size is None else (SPLINE,)
         return (family_of(self.static),)

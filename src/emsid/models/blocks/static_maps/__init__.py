@@ -1,11 +1,11 @@
 r"""Static maps as blocks of a cascade: y(t) = f(x(t), θ), sample by sample.
 
-Each gives its value, its slope ∂f/∂x, its gradient ∂f/∂θ and, where there is one, its inverse. At a kink the derivative
-is that of one side.
+Each map has a value, a slope ∂f/∂x, a gradient ∂f/∂θ and, if it exists, an inverse. At a kink the derivative is that of
+one side.
 
-**Scale.** Between two blocks of a cascade a factor can be moved without changing anything outside. A map says with
-`scaling` whether its family holds, with f, every o·f(x/i) (it can take up any factor on either side), only those with
-o = |i|, or none; with `absorbs_shift` whether it holds f(x − x₀), and with `owns_level` whether it holds f + c.
+**Scale.** Between two blocks of a cascade a factor can be moved without changing the output. `scaling` says whether the
+family of f contains every o·f(x/i) (it can take any factor on either side), only those with o = |i|, or none.
+`absorbs_shift` says whether it contains f(x − x₀), and `owns_level` whether it contains f + c.
 
 References:
     Kara, Abokoos, *A Simulation and Experimental Study on Identification of an Electromechanical System*, eqs. (3.2),

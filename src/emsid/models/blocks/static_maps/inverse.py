@@ -1,4 +1,4 @@
-"""The inverse of a map that is monotone."""
+"""The inverse of a monotone map."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ Array = NDArray[np.float64]
 
 
 def numbers_of(values: Array) -> Array:
-    """Those that are not NaN, in one dimension."""
+    """The values that are not NaN, in one dimension."""
     numbers: Array = values[~np.isnan(values)]
     return numbers
 
 
 def monotone_inverse(function: StaticMap, low: float, high: float, z: ArrayLike) -> Array:
-    """x in [low, high] with f(x) = z, by bisection to the last bit, for an f that is monotone there."""
+    """x in [low, high] with f(x) = z, by bisection to the last bit, for a monotone f."""
     target = np.asarray(z, dtype=float)
     grid = function.value(np.linspace(low, high, 513))
     rising = bool(grid[-1] > grid[0])

@@ -1,4 +1,4 @@
-"""Laws of a few numbers: dead zone, saturation, Coulomb friction, absolute value."""
+"""Maps with few parameters: dead zone, saturation, Coulomb friction, absolute value."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from emsid.models.terms import sum_of_terms
 
 Array = NDArray[np.float64]
 
-# The start of a map is found from this many points of a curve.
+# Points of a curve that give the start values of a map.
 POINTS = 2_000
-# Edges of a dead zone are looked for among this many quantiles on either side.
+# Quantiles on either side that are tried as edges of a dead zone.
 EDGES = 16
-# A part of the samples this small says nothing reliable about a side of a map.
+# Below this fraction of the samples, a side of a map is not reliably determined.
 SELDOM = 0.002
 
 
 @dataclass(frozen=True, eq=False)
 class NumberedMap(StaticMap):
-    """A map described by a few numbers, its fields, the first of which are its parameters.
+    """A map whose first fields are its parameters.
 
     Attributes:
-        letters: of the parameters, as formulas and files have them.
-        slope_letter: of the slope that stands for the whole map; empty where that is one, and no parameter.
-        meanings: what the letters stand for, in a few words.
+        letters: the letters of the parameters in formulas and files.
+        slope_letter: the letter of the characteristic slope; empty if that slope is one and not a parameter.
+        meanings: the meaning of each letter in a few words.
     """
 
     letters: ClassVar[tuple[str, ...]]
@@ -58,30 +58,30 @@ class NumberedMap(StaticMap):
 
     @property
     def anchors(self) -> tuple[int, ...]:
-        """The slope that stands for the whole map."""
+        """The characteristic slope."""
         return (self.letters.index(self.slope_letter),) if self.slope_letter else ()
 
     @property
     def steepness(self) -> float:
-        """The same."""
+        """The characteristic slope."""
         return float(self.parameters[self.anchors[0]]) if self.slope_letter else 1.0
 
     def with_parameters(self, theta: Array) -> Self:
-        """With other numbers in the first fields."""
+        """The map with other parameters."""
         return replace(self, **dict(zip(self._first_fields(), theta.tolist(), strict=True)))
 
     def meaning(self, name: str) -> str:
-        """What its letter stands for."""
+        """The meaning of its letter."""
         return f"{self.kind}: {self.meanings[name]}" if name in self.meanings else self.kind
 
     def to_data(self) -> dict[str, Any]:
-        """All fields, the parameters under their names."""
+        """All fields, parameters by their letters."""
         values = (getattr(self, field.name) for field in fields(self))
         return {"kind": self.kind, **dict(zip(self._keys(), values, strict=True))}
 
     @classmethod
     def from_data(cls, data: dict[str, Any]) -> Self:
-        """The map that `to_data` described."""
+        """The map described by `to_data`."""
         return cls(*(float(data[key]) for key in cls._keys()))
 
     @classmethod
@@ -95,13 +95,13 @@ class NumberedMap(StaticMap):
 
 @dataclass(frozen=True, eq=False)
 class DeadZone(NumberedMap):
-    """The dead zone (4.9): m_r(x − b_r) above b_r, m_l(x − b_l) below b_l, nothing between.
+    """The dead zone (4.9): m_r(x − b_r) above b_r, m_l(x − b_l) below b_l, zero between.
 
     >>> DeadZone(-0.2, 0.3, 1.0, 2.0).value(np.array([-1.2, 0.0, 1.3]))
     array([-1.,  0.,  2.])
 
     Args:
-        b_l, b_r: where it ends on the left and on the right, in the input's unit, b_l ≤ b_r.
+        b_l, b_r: its left and right edge, in the unit of the input, b_l ≤ b_r.
         m_l, m_r: slope to the left and to the right.
     """
 
@@ -131,7 +131,7 @@ class DeadZone(NumberedMap):
         return self.m_r * (x > self.b_r) + self.m_l * (x < self.b_l)
 
     def parameter_gradient(self, x: Array) -> Array:
-        """−m on the outer sides for the edges, the distance to the edge for the slopes."""
+        """−m outside the zone for the edges, the distance to the edge for the slopes."""
         right, left = (x > self.b_r).astype(float), (x < self.b_l).astype(float)
         return np.stack([-self.m_l * left, -self.m_r * right, left * (x - self.b_l), right * (x - self.b_r)])
 
@@ -145,7 +145,7 @@ class DeadZone(NumberedMap):
         return np.where(target == 0, middle, np.where(target > 0, above, below))
 
     def scaled(self, input: float, output: float) -> DeadZone:
-        """Edges times ``input``, slopes times output/input; a mirrored input exchanges left and right."""
+        """Edges times ``input``, slopes times output/input; a mirrored input swaps left and right."""
         sides = [(self.b_l * input, self.m_l * output / input), (self.b_r * input, self.m_r * output / input)]
         (b_l, m_l), (b_r, m_r) = sides if input > 0 else sides[::-1]
         return DeadZone(b_l, b_r, m_l, m_r)
@@ -176,7 +176,7 @@ class DeadZone(NumberedMap):
         return best
 
     def findings(self, x: Array) -> tuple[Finding, ...]:
-        """A side that the signal hardly reaches, or a zone that it is hardly ever in."""
+        """A finding for a side, or a zone, with too few samples."""
         sides = (
             ("left", ["b_l", "m_l"], float(np.mean(x < self.b_l))),
             ("right", ["b_r", "m_r"], float(np.mean(x > self.b_r))),
@@ -200,7 +200,7 @@ class Saturation(NumberedMap):
 
     Args:
         slope_between: m, between the limits.
-        low, high: limits of the output; they need not enclose zero, so that with an output offset they take up shifts.
+        low, high: limits of the output; they need not enclose zero, so that a shift of the input can be represented.
     """
 
     slope_between: float = 1.0
@@ -223,7 +223,7 @@ class Saturation(NumberedMap):
         return self.slope_between * self._between(x)
 
     def parameter_gradient(self, x: Array) -> Array:
-        """x between the limits; one where the limit holds."""
+        """x between the limits; one at an active limit."""
         linear = self.slope_between * x
         return np.stack([x * self._between(x), (linear <= self.low).astype(float), (linear >= self.high).astype(float)])
 
@@ -258,7 +258,7 @@ class Saturation(NumberedMap):
         return cls(float(slope), float(floor), float(ceiling))
 
     def findings(self, x: Array) -> tuple[Finding, ...]:
-        """A limit that the signal hardly reaches."""
+        """A finding for a limit that the signal rarely reaches."""
         linear = self.slope_between * x
         limits = (("low", float(np.mean(linear <= self.low))), ("high", float(np.mean(linear >= self.high))))
         return tuple(
@@ -278,12 +278,12 @@ class Saturation(NumberedMap):
 
 @dataclass(frozen=True, eq=False)
 class CoulombLinear(NumberedMap):
-    """f(x) = c·sgn(x) + m·x, dry friction beside viscous friction (4.7, 4.8).
+    """f(x) = c·sgn(x) + m·x, Coulomb and viscous friction (4.7, 4.8).
 
     Args:
         coulomb: c, in the output's unit.
         linear: m.
-        width: where positive, the sign is tanh(x/width), which a filter before it can be fitted through.
+        width: if positive, the sign is tanh(x/width), so that a filter before it can be fitted.
     """
 
     coulomb: float = 0.0
@@ -307,7 +307,7 @@ class CoulombLinear(NumberedMap):
         return self.coulomb * self._sign(x) + self.linear * x
 
     def slope(self, x: Array) -> Array:
-        """m, and c·(1 − tanh²)/width where the sign is smooth."""
+        """m, plus c·(1 − tanh²)/width if the sign is smooth."""
         if not self.width:
             return np.full_like(x, self.linear)
         return self.linear + self.coulomb * (1 - self._sign(x) ** 2) / self.width
@@ -339,7 +339,7 @@ class CoulombLinear(NumberedMap):
 
     @classmethod
     def started(cls, x: Array, z: Array, size: int) -> CoulombLinear:
-        """A sign that is smooth over a twentieth of the spread of x, and x."""
+        """A sign smoothed over a twentieth of the spread of x, plus a linear term."""
         return closest(cls(0.0, 1.0, width=0.05 * float(np.std(x))), x, z)
 
     def breaks(self, low: float, high: float) -> Array:
@@ -379,7 +379,7 @@ class Abs(NumberedMap):
         return np.zeros((0, len(x)))
 
     def inverse(self, z: ArrayLike) -> Array:
-        """There is none.
+        """Not available: the sign is lost.
 
         Raises:
             ModelError: always.
@@ -387,7 +387,7 @@ class Abs(NumberedMap):
         raise ModelError("|x| has no inverse: the sign is lost")
 
     def scaled(self, input: float, output: float) -> Abs:
-        """Itself, where output = |input|."""
+        """The map itself, if output = |input|."""
         if not np.isclose(output, abs(input)):
             raise ModelError("|x| can take a factor in only where it gives the same factor out")
         return self
@@ -398,7 +398,7 @@ class Abs(NumberedMap):
 
     @classmethod
     def started(cls, x: Array, z: Array, size: int) -> StaticMap:
-        """|x|, or a spline with ``size`` knots through the curve: real sensors round the kink, and bend."""
+        """|x|, or a spline with ``size`` knots, because real sensors round the kink and are not straight."""
         return CubicSpline.started(x, z, size) if size else cls()
 
     @classmethod

@@ -1,4 +1,4 @@
-"""The polynomial, in a basis that stays well conditioned."""
+"""The polynomial, in a well-conditioned basis."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 class Polynomial(StaticMap):
     """f(x) = Σₖ cₖ Pₖ(t), Legendre polynomials of t = (2x − low − high)/(high − low).
 
-    The paper's Σ λₚxᵖ (3.2) in a basis that stays well conditioned at any degree; `powers` gives the λₚ.
+    The paper's Σ λₚxᵖ (3.2) in a basis that is well conditioned at any degree; `powers` gives the λₚ.
 
     >>> Polynomial.from_powers([0.0, 1.0, 0.5], -2.0, 2.0).expression("x")
     '1*x + 0.5*x^2'
@@ -76,7 +76,7 @@ class Polynomial(StaticMap):
 
     @property
     def anchors(self) -> tuple[int, ...]:
-        """The constant and the largest of the others."""
+        """The constant and the largest other coefficient."""
         return 0, 1 + int(np.argmax(np.abs(self.coefficients[1:])))
 
     @property
@@ -85,7 +85,7 @@ class Polynomial(StaticMap):
         return float(self.slope(np.zeros(1))[0])
 
     def with_parameters(self, theta: Array) -> Polynomial:
-        """With other coefficients."""
+        """The polynomial with other coefficients."""
         return replace(self, coefficients=theta)
 
     def value(self, x: Array) -> Array:
@@ -103,11 +103,11 @@ class Polynomial(StaticMap):
         return np.ascontiguousarray(rows)
 
     def inverse(self, z: ArrayLike) -> Array:
-        """x between low and high, where the polynomial is monotone there."""
+        """x between low and high, if the polynomial is monotone there."""
         return monotone_inverse(self, self.low, self.high, z)
 
     def scaled(self, input: float, output: float) -> Polynomial:
-        """Coefficients times ``output`` on the stretched interval; a mirrored one changes the odd signs."""
+        """Coefficients times ``output`` on the scaled interval; a mirrored one changes the sign of odd coefficients."""
         ends = sorted((self.low * input, self.high * input))
         signs = np.where(np.arange(len(self.coefficients)) % 2, np.sign(input), 1.0)
         return Polynomial(self.coefficients * signs * output, *ends)
@@ -129,7 +129,7 @@ class Polynomial(StaticMap):
         return len(self.coefficients) - 1
 
     def meaning(self, name: str) -> str:
-        """Which Legendre polynomial it multiplies."""
+        """The Legendre polynomial that it multiplies."""
         return f"× Legendre polynomial {self.names.index(name)}, of {self.low:.4g} … {self.high:.4g}"
 
     def to_data(self) -> dict[str, Any]:
@@ -143,7 +143,7 @@ class Polynomial(StaticMap):
 
     @classmethod
     def from_data(cls, data: dict[str, Any]) -> Polynomial:
-        """The polynomial that `to_data` described."""
+        """The polynomial described by `to_data`."""
         return cls(data["coefficients"], float(data["low"]), float(data["high"]))
 
     def _centred(self, x: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Which static maps there are: in model files, for ``static``, and in the searches that choose one."""
+"""The registry of static maps: for model files, for ``static``, and for the searches that choose one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STATIC_MAPS: dict[str, type[StaticMap]] = {}
 
 
 def register(map_: S) -> S:
-    """Add a static map, so that files and searches find it by its kind; also as a decorator of its class.
+    """Register a static map under its kind, for files and searches; can be used as a decorator of the class.
 
     >>> @register
     ... class SquareRoot(StaticMap): ...  # doctest: +SKIP
@@ -23,12 +23,12 @@ def register(map_: S) -> S:
         map_: the class.
 
     Raises:
-        ModelError: for a kind that is missing, or that another class has.
+        ModelError: for a kind that is missing or used by another class.
     """
     kind = getattr(map_, "kind", "")
     if not kind:
         raise ModelError(f"{map_.__name__} has no kind; give it a name for files and tables, such as 'dead-zone'")
     if STATIC_MAPS.setdefault(kind, map_).__qualname__ != map_.__qualname__:
         raise ModelError(f"there is another static map of the kind {kind!r}; give {map_.__name__} another name")
-    STATIC_MAPS[kind] = map_  # a notebook defines the same class once more
+    STATIC_MAPS[kind] = map_  # a notebook may define the same class again
     return map_

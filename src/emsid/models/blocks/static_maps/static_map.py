@@ -1,8 +1,8 @@
-"""What every static map says of itself: its curve, its scale, how a search starts it, how it is drawn and saved.
+"""The interface of a static map: its curve, its scale, its start values, its drawing and its file format.
 
-A new map is a class in a file of its own and one line of registration (`registry`): whatever the program asks of a map
-is asked here, and nothing else in the program asks for its type or name. Only what is abstract has to be written; the
-rest has a default that suits most maps.
+A new map is a class in its own file and one line of registration (`registry`). The program uses maps through this
+interface only and does not test their type or name. A new map must define the abstract methods; the others have
+defaults that suit most maps.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ M = TypeVar("M", bound="StaticMap")
 
 
 class Scaling(Enum):
-    """Which of the maps o·f(x/i) a family holds beside f."""
+    """Which of the maps o·f(x/i) the family of f contains."""
 
     FREE = "free"  # all of them
     JOINT = "joint"  # those with o = |i|
@@ -31,16 +31,16 @@ class Scaling(Enum):
 
 
 class StaticMap(ABC):
-    """y(t) = f(x(t), θ): what all static maps share; the rest is each map's own.
+    """A static map y(t) = f(x(t), θ).
 
     Attributes:
         kind: its name in files and tables, and for ``static``: ``dead-zone``.
-        scaling: which factors its family can take up, see `Scaling`.
-        absorbs_shift: whether its family holds f(x − x₀) beside f.
-        owns_level: whether its family holds f + c beside f.
-        sizes: numbers of knots (or degrees) that a search chooses from; empty where there is one size only.
+        scaling: which factors its family can take, see `Scaling`.
+        absorbs_shift: whether its family contains f(x − x₀).
+        owns_level: whether its family contains f + c.
+        sizes: numbers of knots (or degrees) that a search chooses from; empty if there is one size only.
         loses_sign: whether signs must be recovered before a linear model can start the search.
-        tried: whether a search tries it where no static map is given.
+        tried: whether a search tries it if no static map is given.
     """
 
     kind: ClassVar[str]
@@ -64,12 +64,12 @@ class StaticMap(ABC):
     @property
     @abstractmethod
     def anchors(self) -> tuple[int, ...]:
-        """Parameters that fix its scale, and its level where it owns one."""
+        """Parameters that fix its scale, and its level if it has one."""
 
     @property
     @abstractmethod
     def steepness(self) -> float:
-        """The slope that stands for the whole map, the one that the normalisation λ₁ = 1 sets to one."""
+        """The characteristic slope, which the normalisation λ₁ = 1 sets to one."""
 
     @abstractmethod
     def with_parameters(self, theta: Array) -> Self:
@@ -91,7 +91,7 @@ class StaticMap(ABC):
         """x with f(x) = z.
 
         Raises:
-            ModelError: where there is none, or none is known.
+            ModelError: if there is none, or none is known.
         """
         raise ModelError(f"the inverse of a {self.kind} map is not known")
 
@@ -100,7 +100,7 @@ class StaticMap(ABC):
         """The map output·f(x/input), of the same family.
 
         Raises:
-            ModelError: where the family does not hold it; `scaling` says which it does.
+            ModelError: if the family does not contain it; see `scaling`.
         """
 
     @abstractmethod
@@ -114,57 +114,57 @@ class StaticMap(ABC):
     @classmethod
     @abstractmethod
     def from_data(cls, data: dict[str, Any]) -> Self:
-        """The map that `to_data` described."""
+        """The map described by `to_data`."""
 
     @classmethod
     def started(cls, x: Array, z: Array, size: int) -> StaticMap:
-        """The map of this family that comes closest to points (x, z) of a curve, up to a constant level.
+        """The map of this family that is closest to points (x, z) of a curve, up to a constant level.
 
         Args:
             x, z: (m,) the points.
-            size: one of `sizes`; 0 where there are none.
+            size: one of `sizes`; 0 if there are none.
 
         Raises:
-            ModelError: where the family cannot start itself; then a map with start values is given to the search.
+            ModelError: if the family has no start from data; then the search needs a map with start values.
         """
         raise ModelError(f"a {cls.kind} map has no start from data; give one with start values")
 
     @classmethod
     def trials(cls, x: Array) -> tuple[StaticMap, ...]:
-        """Maps, linear in their parameters, that show whether the signal x (m,) suits; empty where a spline does."""
+        """Maps, linear in their parameters, that test whether the signal x (m,) suits; empty to use a spline."""
         return ()
 
     @property
     def size(self) -> int:
-        """Its number of knots, or its degree; 0 where there is one size only."""
+        """Its number of knots, or its degree; 0 if there is one size only."""
         return 0
 
     def check(self) -> None:
-        """Refuse parameters that make no map of this family.
+        """Refuse parameters outside the family.
 
         Raises:
-            Infeasible: saying which.
+            Infeasible: with the parameters.
         """
         return
 
     def findings(self, x: Array) -> tuple[Finding, ...]:
-        """What the signal x (m,) that enters it leaves open about the map."""
+        """Findings on parts of the map that its input x (m,) does not determine."""
         return ()
 
     def meaning(self, name: str) -> str:
-        """What a parameter stands for, in a few words."""
+        """The meaning of a parameter in a few words."""
         return self.kind
 
     def marks(self) -> tuple[Array, str]:
-        """Inputs at which a drawing marks the curve, and what they are: ``knots``."""
+        """Inputs at which a drawing marks the curve, and their name: ``knots``."""
         return np.zeros(0), ""
 
     def breaks(self, low: float, high: float) -> Array:
-        """Inputs between ``low`` and ``high`` that a drawing must not skip, around jumps and kinks."""
+        """Inputs between ``low`` and ``high`` that a drawing must include, around jumps and kinks."""
         return np.zeros(0)
 
     def summary(self, x: str) -> str:
-        """`expression`, what is long counted instead of listed."""
+        """A short form of `expression`: long lists are counted."""
         return self.expression(x)
 
     @property
@@ -181,7 +181,7 @@ class StaticMap(ABC):
         return self.value(x), state
 
     def push(self, x: Array, rows: Array) -> None:
-        """Every row (k, N), in place, times the slope."""
+        """Multiply every row (k, N) by the slope, in place."""
         rows *= self.slope(x)
 
     def gradient(self, x: Array, y: Array) -> Array:
@@ -206,10 +206,10 @@ class StaticMap(ABC):
 
 
 def closest(blank: M, x: Array, z: Array) -> M:
-    """The map that comes closest to points up to a constant level.
+    """The map that is closest to points, up to a constant level.
 
     Args:
-        blank: a map that is linear in its parameters; theirs are replaced.
+        blank: a map that is linear in its parameters, which are replaced.
         x, z: (m,) the points.
     """
     rows = blank.parameter_gradient(x)
@@ -219,6 +219,6 @@ def closest(blank: M, x: Array, z: Array) -> M:
 
 
 def combination(rows: Array, z: Array) -> Array:
-    """(k,) the θ for which θ·rows (k, m) comes closest to z (m,)."""
+    """(k,) the θ for which θ·rows (k, m) is closest to z (m,)."""
     information = Information.empty(len(rows)).add_columns(np.ascontiguousarray(np.vstack([rows, z])))
     return information.solve(1e-9).estimate

@@ -22,11 +22,11 @@ from emsid.models.terms import vector
 
 Array = NDArray[np.float64]
 
-# Every knot should have this many samples around it.
+# Least number of samples around every knot.
 SAMPLES_PER_KNOT = 5
-# A map whose slope varies by less than this part of it is a straight line.
+# A map whose slope varies by less than this fraction is a straight line.
 STRAIGHT = 0.01
-# A short form lists up to this many knots.
+# The short form lists up to this many knots.
 LISTED_KNOTS = 6
 
 
@@ -34,14 +34,14 @@ LISTED_KNOTS = 6
 class _ThroughPoints(StaticMap):
     """A map through points (knotₖ, valueₖ), linear in the values, which are its parameters.
 
-    So they, and their confidence, can be read off a plot.
+    So the parameters and their intervals can be read from a plot.
 
     Args:
         knots: (K,) ascending, in the input's unit, at least two.
         values: (K,) f at the knots.
 
     Raises:
-        ModelError: for knots that do not ascend or are not as many as the values.
+        ModelError: for knots that do not ascend, or another number of values.
     """
 
     knots: Array
@@ -50,7 +50,7 @@ class _ThroughPoints(StaticMap):
     owns_level: ClassVar[bool] = True
     tried: ClassVar[bool] = True
     word: ClassVar[str]
-    of_knots: ClassVar[tuple[str, ...]] = ()  # what is worked out from the knots alone
+    of_knots: ClassVar[tuple[str, ...]] = ()  # cached values that depend on the knots alone
 
     def __post_init__(self) -> None:
         for field in ("knots", "values"):
@@ -83,7 +83,7 @@ class _ThroughPoints(StaticMap):
         return float((self.values[-1] - self.values[0]) / (self.knots[-1] - self.knots[0]))
 
     def with_parameters(self, theta: Array) -> Self:
-        """With other values; what depends on the knots alone is kept."""
+        """The map with other values; what depends on the knots alone is kept."""
         new = replace(self, values=theta)
         for kept in self.of_knots:
             new.__dict__[kept] = getattr(self, kept)
@@ -100,7 +100,7 @@ class _ThroughPoints(StaticMap):
         return f"{self.word}({x}; {pairs})"
 
     def summary(self, x: str) -> str:
-        """The points, or how many there are."""
+        """The points, or their number."""
         if len(self.knots) <= LISTED_KNOTS:
             return self.expression(x)
         return (
@@ -109,16 +109,16 @@ class _ThroughPoints(StaticMap):
 
     @classmethod
     def started(cls, x: Array, z: Array, size: int) -> Self:
-        """A map with ``size`` knots between quantiles and even spacing."""
+        """A map with ``size`` knots, placed by `spread_knots`."""
         return closest(cls(spread_knots(x, size), np.zeros(size)), x, z)
 
     @property
     def size(self) -> int:
-        """How many knots it has."""
+        """The number of knots."""
         return len(self.knots)
 
     def findings(self, x: Array) -> tuple[Finding, ...]:
-        """Knots without data around them; a map that is straight where the data are."""
+        """Findings: knots without data around them, and a map that is straight over the data."""
         nearest = np.searchsorted(0.5 * (self.knots[1:] + self.knots[:-1]), x)
         empty = np.flatnonzero(np.bincount(nearest, minlength=len(self.knots)) < SAMPLES_PER_KNOT)
         if len(empty):
@@ -128,7 +128,7 @@ class _ThroughPoints(StaticMap):
         return (Finding("map-is-straight"),) if straight else ()
 
     def meaning(self, name: str) -> str:
-        """The value at which knot."""
+        """The knot of this value."""
         return f"value at {self.knots[self.names.index(name)]:.4g}"
 
     def marks(self) -> tuple[Array, str]:
@@ -141,16 +141,16 @@ class _ThroughPoints(StaticMap):
 
     @classmethod
     def from_data(cls, data: dict[str, Any]) -> Self:
-        """The map that `to_data` described."""
+        """The map described by `to_data`."""
         return cls(data["knots"], data["values"])
 
 
 class PiecewiseLinear(_ThroughPoints):
-    """Straight lines between points, and on in the direction of the last ones.
+    """Straight lines between points, extended beyond the outer ones.
 
     Args:
-        knots: (p,) where the points are, ascending, in the input's unit.
-        values: (p,) how high they are.
+        knots: (p,) ascending, in the unit of the input.
+        values: (p,) f at the knots.
     """
 
     kind: ClassVar[str] = "piecewise-linear"
@@ -177,7 +177,7 @@ class PiecewiseLinear(_ThroughPoints):
         return rows
 
     def inverse(self, z: ArrayLike) -> Array:
-        """By the same points read the other way, where they ascend or descend throughout."""
+        """The map through the swapped points, if it is monotone."""
         steps = np.diff(self.values)
         if not (np.all(steps > 0) or np.all(steps < 0)):
             raise ModelError("a piecewise linear map has an inverse only where it is monotone")
@@ -190,10 +190,10 @@ class PiecewiseLinear(_ThroughPoints):
 
 
 class CubicSpline(_ThroughPoints):
-    """The natural cubic spline through (knotₖ, valueₖ), which goes on as a straight line at either end.
+    """The natural cubic spline through (knotₖ, valueₖ), which continues as a straight line at either end.
 
-    Between knots f is a cubic, at them two derivatives are continuous, and the second is zero at both ends,
-    where the lines begin. The second derivatives at the knots are linear in the values, M = T·values, T from
+    f is cubic between knots, with two continuous derivatives; the second derivative is zero at both ends, where the
+    lines begin. The second derivatives at the knots are linear in the values, M = T·values, T from
     a tridiagonal system (de Boor, ch. IV).
     """
 
@@ -229,7 +229,7 @@ class CubicSpline(_ThroughPoints):
         return rows
 
     def inverse(self, z: ArrayLike) -> Array:
-        """x with f(x) = z, where the spline is monotone."""
+        """x with f(x) = z, if the spline is monotone."""
         target = np.asarray(z, dtype=float)
         ends = np.array([self.knots[0], self.knots[-1]])
         slopes = self.slope(ends)
@@ -248,16 +248,16 @@ class CubicSpline(_ThroughPoints):
 
 
 def spread_knots(x: Array, count: int) -> Array:
-    """(count,) knots half-way between evenly spaced ones and quantiles of x, so that the tails keep some.
+    """(count,) knots, the mean of even spacing and quantiles of x, so that the tails have knots too.
 
     Raises:
-        ModelError: where x hardly takes different values, or values that are not finite.
+        ModelError: if x has too few different values, or values that are not finite.
     """
     part = np.linspace(0, 1, count)
     low, high = float(np.min(x)), float(np.max(x))
     if not np.isfinite([low, high]).all():
         raise ModelError("the input of the static map is not finite; the filter before it diverges")
-    # A quantile's neighbourhood, not the very samples, so that repeated values (a PRBS) do not make knots coincide.
+    # The even spacing keeps knots apart where values repeat (a PRBS).
     knots = 0.5 * (low + (high - low) * part) + 0.5 * np.quantile(x, part)
     if not np.all(np.diff(knots) > 1e-9 * max(abs(low), abs(high), 1e-300)):
         raise ModelError("the input of the static map hardly changes; it cannot be identified from this record")

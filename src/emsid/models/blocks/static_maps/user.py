@@ -1,4 +1,4 @@
-"""A static map of the user's own."""
+"""A static map defined by the user."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class UserMap(StaticMap):
-    """A static map of the user's own, y = f(x, θ), with its derivatives.
+    """A static map defined by the user, y = f(x, θ), with its derivatives.
 
-    Its scale is taken to be meant: no factor is moved through it. It may be without a value (NaN) somewhere: a search
-    does not go there, but it cannot begin there.
+    Its scale is fixed: no factor is moved through it. Where it has no value (NaN), a search can neither start nor go.
 
     Args:
         function: f(x (N,), θ (p,)) → (N,).
@@ -31,7 +30,7 @@ class UserMap(StaticMap):
         parameter_names: (p,) a name for every parameter.
 
     Raises:
-        ModelError: for names and parameters of different number; when called, for results of a wrong shape, and for
+        ModelError: for different numbers of names and parameters; when called, for results of a wrong shape and for
             functions that fail.
     """
 
@@ -56,7 +55,7 @@ class UserMap(StaticMap):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """As given."""
+        """The given names."""
         return self.parameter_names
 
     @property
@@ -71,11 +70,11 @@ class UserMap(StaticMap):
 
     @property
     def steepness(self) -> float:
-        """One: no factor is moved through it."""
+        """One, because no factor is moved through it."""
         return 1.0
 
     def with_parameters(self, theta: Array) -> UserMap:
-        """With other parameters."""
+        """The map with other parameters."""
         return replace(self, parameters_now=theta)
 
     def value(self, x: Array) -> Array:
@@ -101,7 +100,7 @@ class UserMap(StaticMap):
         raise ModelError("the inverse of a user's own map is not known")
 
     def scaled(self, input: float, output: float) -> UserMap:
-        """Itself, for factors of one."""
+        """The map itself, for factors of one."""
         if not (np.isclose(input, 1) and np.isclose(output, 1)):
             raise ModelError("no factor can be moved through a user's own map")
         return self
@@ -130,7 +129,7 @@ class UserMap(StaticMap):
         raise ModelError("a user's own map is a function and is in no file; build it from its functions")
 
     def _called(self, law: Callable[[Array, Array], Array], x: Array, shape: tuple[int, ...], what: str) -> Array:
-        """What the user's code returns, or what is wrong with it; it gets views that it cannot write into."""
+        """The result of the user's function, checked. The function gets read-only views."""
         shown = x.view(), self.parameters_now.view()
         for each in shown:
             each.flags.writeable = False
@@ -141,5 +140,5 @@ class UserMap(StaticMap):
         except Exception as problem:  # whatever a user's code may raise
             raise ModelError(f"the {what} of a user's map failed: {type(problem).__name__}: {problem}") from problem
         if array.shape != shape:
-            raise ModelError(f"the {what} of a user's map returned shape {array.shape} where {shape} was due")
+            raise ModelError(f"the {what} of a user's map returned shape {array.shape} instead of {shape}")
         return array

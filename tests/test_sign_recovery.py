@@ -1,4 +1,4 @@
-"""Giving back the signs that a sensor lost."""
+"""Recovery of the signs that a sensor lost."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import pytest
 
 from emsid.errors import ModelError
 from emsid.models.blocks.filters import Rational
-from emsid.models.blocks.search.sign_recovery import best_signs, lobe_of_sample, unfoldings
+from emsid.models.blocks.search.sign_recovery import best_signs, lobe_of_sample, recovered_signals
 
 
-def test_the_cheapest_of_all_sequences_is_found() -> None:
+def test_the_sequence_of_least_cost_is_found() -> None:
     costs = np.random.default_rng(0).random((7, 2, 2))
 
     def cost(path: tuple[int, ...]) -> float:
@@ -32,12 +32,12 @@ def test_lobes_begin_at_low_minima() -> None:
 
 
 @pytest.mark.parametrize("order", [2, 3])
-def test_signs_and_system_come_back(order: int) -> None:
+def test_signs_and_system_are_recovered(order: int) -> None:
     rng = np.random.default_rng(1)
     system = Rational([0.0, 0.05, 0.03], np.poly([0.9 + 0.2j, 0.9 - 0.2j, 0.5][:order])[1:].real)
     u = np.repeat(rng.uniform(-1, 1, 60), 10)
     w = system.output(u, np.zeros(system.states))
-    found = unfoldings(u, np.abs(w) + 1e-4 * rng.standard_normal(len(w)), order, rng)[0]
+    found = recovered_signals(u, np.abs(w) + 1e-4 * rng.standard_normal(len(w)), order, rng)[0]
     sure = np.abs(w) > 0.05 * np.std(w)
     agreement = np.mean(np.sign(found.signal[sure]) == np.sign(w[sure]))
     assert max(agreement, 1 - agreement) > 0.98
@@ -46,15 +46,15 @@ def test_signs_and_system_come_back(order: int) -> None:
 
 def test_too_few_samples_are_refused() -> None:
     with pytest.raises(ModelError, match="too few to recover the signs"):
-        unfoldings(np.ones(10), np.ones(10), 3, np.random.default_rng(0))
+        recovered_signals(np.ones(10), np.ones(10), 3, np.random.default_rng(0))
 
 
-def test_the_constant_says_where_zero_is_and_other_ways_to_unfold_are_unlike() -> None:
+def test_the_constant_gives_the_zero_and_other_sign_sequences_are_different() -> None:
     rng = np.random.default_rng(2)
     system = Rational([0.0, 0.05, 0.03], np.poly([0.9 + 0.2j, 0.9 - 0.2j])[1:].real)
     u = np.repeat(rng.uniform(-1, 1, 60), 10)
     w = system.output(u - 0.2, system.resting(float(u[0] - 0.2))[0])
-    found = unfoldings(u, np.abs(w), 2, rng)
+    found = recovered_signals(u, np.abs(w), 2, rng)
     assert -found[0].constant / found[0].numerator.sum() == pytest.approx(0.2, abs=0.02)
     assert [each.cost for each in found] == sorted(each.cost for each in found)
     for k, one in enumerate(found):

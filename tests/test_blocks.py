@@ -1,4 +1,4 @@
-"""Every block keeps the contract of a block: derivatives, scaling, inverse, text, file."""
+"""Contract tests of every block: derivatives, scaling, inverse, text, file."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def test_a_block_at_rest_stays_there(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SAVED)
-def test_a_block_survives_its_file(name: str) -> None:
+def test_a_block_is_saved_and_loaded(name: str) -> None:
     block, x = SAVED[name], signal()
     back = block_from_data(block.to_data())
     state = np.zeros(block.states)
@@ -117,7 +117,7 @@ def test_every_kind_that_a_file_may_name_is_tested_here() -> None:
 
 
 @pytest.mark.parametrize("data", [{}, {"kind": "magic"}, {"kind": "spline"}, {"kind": "dead-zone", "b_l": "x"}, []])
-def test_data_that_are_no_block(data: object) -> None:
+def test_data_that_do_not_describe_a_block_are_refused(data: object) -> None:
     with pytest.raises(ModelError, match="not a block"):
         block_from_data(data)  # type: ignore[arg-type]
 
@@ -215,7 +215,7 @@ def test_filter_frequency_response_and_gain() -> None:
     np.testing.assert_allclose(block.output(tone, np.zeros(2))[200:], expected[200:], atol=1e-12)
 
 
-def test_spline_is_the_natural_one_and_goes_on_as_a_line() -> None:
+def test_spline_is_natural_and_continues_as_a_line() -> None:
     block = CubicSpline(KNOTS, VALUES)
     reference = ScipySpline(KNOTS, VALUES, bc_type="natural")
     x = np.linspace(KNOTS[0], KNOTS[-1], 101)
@@ -249,7 +249,7 @@ def test_a_user_map_is_printed_under_its_name_if_it_has_one() -> None:
     assert UserMap(lambda x, p: x, lambda x, p: x).expression("x") == "f(x)"
 
 
-def test_a_users_map_cannot_change_the_signal_that_it_is_given() -> None:
+def test_a_users_map_cannot_change_its_input() -> None:
     def clipped(x: Array, p: Array) -> Array:
         x[x < 0] = 0
         return x
@@ -291,7 +291,7 @@ def test_dead_zone_is_equation_4_9() -> None:
         (lambda: CoulombLinear(1.0, 1.0, width=-1.0), "width"),
         (lambda: UserMap(np.multiply, np.multiply, None, np.ones(2), ("a", "b")), "derivative with respect"),
         (lambda: UserMap(np.multiply, np.multiply, np.multiply, np.ones(2), ("a",)), "1 names for 2"),
-        (lambda: UserMap(lambda x, p: x[:3], lambda x, p: x).value(signal()), r"function .* shape \(3,\) where"),
+        (lambda: UserMap(lambda x, p: x[:3], lambda x, p: x).value(signal()), r"function .* shape \(3,\) instead"),
         (lambda: UserMap(lambda x, p: x, lambda x, p: 1.0).slope(signal()), "derivative .* shape"),  # type: ignore
         (lambda: UserMap(lambda x, p: x[999], lambda x, p: x).value(signal()), "function .* failed: IndexError: index"),
         (lambda: MAPS["user"].to_data(), "cannot be saved"),
@@ -304,12 +304,12 @@ def test_bad_blocks(make: object, message: str) -> None:
 
 
 @pytest.mark.parametrize("block", [Rational([1.0], [-1.1]), DeadZone(1.0, -1.0), Saturation(1.0, 2.0, 1.0)])
-def test_what_makes_no_working_block_is_infeasible(block: Block) -> None:
+def test_parameters_of_a_block_that_cannot_run_are_infeasible(block: Block) -> None:
     with pytest.raises(Infeasible):
         block.check()
 
 
-def test_a_filter_goes_on_from_the_states_that_it_visits() -> None:
+def test_a_filter_continues_from_its_recorded_states() -> None:
     block = Rational([0.5, 0.2, 0.1], [-1.3, 0.45, -0.1], delay=1)
     x = np.random.default_rng(0).standard_normal(60)
     state, _ = block.resting(x[0])

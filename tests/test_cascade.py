@@ -106,7 +106,7 @@ def test_the_free_coordinates_are_differentiated_exactly(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CASCADES)
-def test_what_is_left_free_can_be_told_apart(name: str) -> None:
+def test_the_free_parameters_are_identifiable(name: str) -> None:
     cascade = unit_gain(CASCADES[name])
     u = excitation(600)
     rows = cascade.gradient(cascade.signals(u, cascade.resting(u[0])))
@@ -127,7 +127,7 @@ def test_normalisation_changes_nothing_outside(name: str, normalisation: Callabl
     np.testing.assert_allclose(moved.output(u, moved_rest), model.output(u, rest), rtol=1e-9, atol=1e-11)
 
 
-def test_normalisations_do_what_they_say() -> None:
+def test_normalisations_give_unit_gain_and_unit_slope() -> None:
     model = CASCADES["wiener-hammerstein"]
     gained = unit_gain(model)
     assert fixed_gains(model) == (0, 2)
@@ -144,7 +144,7 @@ def test_normalisations_do_what_they_say() -> None:
 
 
 @pytest.mark.parametrize("name", [n for n in CASCADES if n not in ("user's", "oversampled")])
-def test_known_blocks_come_back_from_a_start_nearby(name: str) -> None:
+def test_known_blocks_are_recovered_from_a_start_nearby(name: str) -> None:
     truth = unit_gain(CASCADES[name])
     record = record_of(truth, 1500)
     coordinates = freedom(truth)
@@ -156,7 +156,7 @@ def test_known_blocks_come_back_from_a_start_nearby(name: str) -> None:
     np.testing.assert_allclose(fit.model.parameters, truth.parameters, rtol=1e-5, atol=1e-6)
 
 
-def test_an_oversampled_cascade_comes_back_as_far_as_the_input_excites_it() -> None:
+def test_an_oversampled_cascade_is_recovered_where_the_input_excites_it() -> None:
     truth = unit_gain(CASCADES["oversampled"])
     record = record_of(truth, 1500)
     coordinates = freedom(truth)
@@ -178,7 +178,7 @@ def test_several_segments_with_unknown_starts() -> None:
     np.testing.assert_allclose(skipping.model.parameters, truth.parameters, rtol=1e-4, atol=1e-6)
 
 
-def test_hold_keeps_a_parameter_and_a_robust_loss_forgives_outliers() -> None:
+def test_a_fixed_parameter_stays_and_a_robust_loss_ignores_outliers() -> None:
     truth = unit_gain(CASCADES["hammerstein"])
     clean = record_of(truth, 2000, noise=0.01)
     fit = fit_cascade(truth, clean, fixed=["f.b_r"])
@@ -192,7 +192,7 @@ def test_hold_keeps_a_parameter_and_a_robust_loss_forgives_outliers() -> None:
         fit_cascade(truth, clean, fixed=["f.x"])
 
 
-def test_dead_zone_edges_come_back_with_honest_intervals() -> None:
+def test_dead_zone_edges_are_within_their_intervals() -> None:
     truth = unit_gain(Cascade((fir([1.0]), DeadZone(-0.5, 0.4, 1.0, 1.0), SLOW)))
     record = record_of(truth, 4000, noise=0.01)
     start = replace(truth, blocks=(truth.blocks[0], DeadZone(-0.3, 0.2, 1.3, 0.9), truth.blocks[2]))
@@ -273,7 +273,7 @@ def test_a_cascade_is_a_model() -> None:
 
 
 @pytest.mark.parametrize("name", [n for n in CASCADES if n != "user's"])
-def test_a_cascade_survives_its_file(name: str) -> None:
+def test_a_cascade_is_saved_and_loaded(name: str) -> None:
     model, u = CASCADES[name], excitation(50)
     back = Cascade.from_data(model.to_data())
     np.testing.assert_array_equal(back.output(u, np.zeros(back.states)), model.output(u, np.zeros(model.states)))
@@ -319,7 +319,7 @@ def test_linear_parts_as_scipy_systems() -> None:
 
 
 @pytest.mark.parametrize("oversampling", [1, 3])
-def test_linear_parts_as_python_to_control(oversampling: int) -> None:
+def test_linear_parts_as_python_control_systems(oversampling: int) -> None:
     control = pytest.importorskip("control")
     dt = 1e-3
     model = replace(CASCADES["wiener-hammerstein"], delay=2, oversampling=oversampling)
@@ -340,7 +340,7 @@ def test_linear_parts_as_python_to_control(oversampling: int) -> None:
         np.testing.assert_allclose(there, block.output(delayed, np.zeros(block.states)), atol=1e-9)
 
 
-def test_without_python_control_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_python_control_the_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(ModelError, match=r"pip install emsid\[control\]"):
         CASCADES["linear"].to_control(1e-3)
@@ -355,7 +355,7 @@ def test_interruption_keeps_the_best_so_far() -> None:
     assert [(f.code, f.data["steps"]) for f in fit.findings] == [("search-cancelled", 0)]
 
 
-def test_what_the_records_leave_open_is_said_once_and_in_words() -> None:
+def test_what_the_records_do_not_determine_is_reported_once() -> None:
     truth = Cascade((FAST, DeadZone(-0.2, 0.2), SLOW))
     record = record_of(truth, 600, noise=0.01)
     fit = fit_cascade(replace(truth, blocks=(FAST, DeadZone(-0.2, 50.0), SLOW)), record, max_iterations=100)
@@ -410,7 +410,7 @@ def test_bad_input() -> None:
         fit_cascade(Cascade((FAST, wrong, SLOW)), record)
 
 
-def test_a_free_run_is_not_carried_away_by_a_pole_that_its_start_tells_nothing_about() -> None:
+def test_a_free_run_does_not_drift_with_a_pole_that_its_start_does_not_determine() -> None:
     slow = Rational([1.0, 0.0, 0.0], np.poly([0.999, 0.9, 0.85])[1:])
     model = Cascade((slow.amplified(1 / slow.gain),))
     rng = np.random.default_rng(0)
@@ -421,7 +421,7 @@ def test_a_free_run_is_not_carried_away_by_a_pole_that_its_start_tells_nothing_a
     assert np.sqrt(np.mean(error**2)) < 0.15 * np.std(clean)
 
 
-def test_a_start_behind_a_lost_sign_is_found_on_the_right_side() -> None:
+def test_the_initial_state_behind_a_lost_sign_has_the_right_sign() -> None:
     """From rest alone, ten of these eighty starts end on the wrong side of zero."""
     model = Cascade((Rational([0.1], [-0.9]), Abs()))
     u = np.repeat(np.random.default_rng(2).uniform(-1, 1, 40), 25)

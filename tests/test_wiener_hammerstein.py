@@ -164,7 +164,7 @@ def test_the_family_of_the_map_is_chosen_where_none_is_given(
     assert unexplained(fit, record_of(truth, 2000, noise=0.0, seed=1)) < 0.01
 
 
-def test_a_record_is_given_no_more_knots_than_it_can_carry() -> None:
+def test_the_number_of_knots_is_limited_by_the_samples() -> None:
     few, many = (record_of(Cascade((BEND, SLOW)), samples) for samples in (120, 4000))
     sizes = [map_sizes(SPLINE, HAMMERSTEIN, [each], (None, 2), CascadeSearch()) for each in (few, many)]
     assert sizes == [(8, 12, 18), SPLINE.sizes]
@@ -184,7 +184,7 @@ def test_a_pair_of_filters_that_fails_does_not_fail_the_others() -> None:
 
 
 @pytest.mark.parametrize("orders", [(4, 4), (20, 20)])
-def test_poles_are_shared_out_without_looking_at_every_subset(orders: tuple[int, int]) -> None:
+def test_poles_are_divided_without_trying_every_subset(orders: tuple[int, int]) -> None:
     first, second = orders
     groups = [[complex(0.01 * k)] for k in range(first + second - 2)] + [[0.5 + 0.1j, 0.5 - 0.1j]]
     shares = list(islice(_splits(groups, first), 500))
@@ -250,7 +250,7 @@ def test_dead_zone_of_a_motor_within_two_percent_and_inside_its_interval() -> No
     assert advice(fit, record_of(truth, 6000)) == ()
 
 
-def test_a_lost_sign_is_given_back() -> None:
+def test_a_lost_sign_is_recovered() -> None:
     truth = Cascade((Rational([0.0, 0.1], [-0.9]), Abs(), Rational([0.6], [-0.4])))
     fit = wiener_hammerstein(record_of(truth, 1500), (1, 1), replace(AT_RATE, static=ABS))
     assert unexplained(fit, record_of(truth, 1500, noise=0.0, seed=1)) < 0.03
@@ -267,7 +267,7 @@ def test_a_sensor_with_offsets_loses_the_sign_of_a_resonance() -> None:
     assert unexplained(fit, other) < 0.02
 
 
-def test_a_sensor_that_bends_is_given_knots_and_one_that_does_not_is_not() -> None:
+def test_only_a_sensor_with_a_curve_gets_knots() -> None:
     curve = np.linspace(-4, 4, 41)
     bent = CubicSpline(curve, np.sqrt(curve**2 + 0.1) + 0.1 * curve**2)
     drive = Rational([0.0, 0.1], [-0.9])
@@ -336,7 +336,7 @@ def test_a_delay_is_found() -> None:
     assert unexplained(fit, record_of(truth, 2000, noise=0.0, seed=1)) < 0.01
 
 
-def test_the_papers_regression_is_factorised_back_into_blocks() -> None:
+def test_the_papers_regression_is_factorised_into_blocks() -> None:
     curve = Polynomial.from_powers([0.0, 2.0, 0.5], -6, 6)
     truth = Cascade((curve, Rational([0.1, 0.05, 0.02], [-1.3, 0.45])), delay=1)
     found, behind = regression_candidate([record_of(truth, 3000, noise=0.0)], 2, 2, 1)
@@ -345,7 +345,7 @@ def test_the_papers_regression_is_factorised_back_into_blocks() -> None:
     np.testing.assert_allclose(found.powers * behind.numerator[0], [0, 0.2, 0.05], atol=1e-9)
 
 
-def test_frequency_response_and_the_rational_function_through_it() -> None:
+def test_frequency_response_and_the_rational_function_fitted_to_it() -> None:
     record = record_of(Cascade((SLOW,)), 20_000, noise=0.001)
     response = frequency_response([(record.input[:, 0], record.output[:, 0])])
     b, a, cost = fit_rational(response, 2, 2)
@@ -384,7 +384,7 @@ def test_a_cancelled_search_keeps_the_best_so_far() -> None:
         estimate(HAMMERSTEIN, record, (None, 2), AT_RATE, Control(cancelled=lambda: True))
 
 
-def test_a_sampling_rate_at_which_nothing_starts_does_not_undo_what_another_gave(
+def test_a_sampling_rate_without_a_start_does_not_discard_the_result_of_another(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     record = record_of(Cascade((BEND, SLOW)), 800)
@@ -410,7 +410,7 @@ def test_recovering_signs_can_be_cancelled() -> None:
         list(sign_recovery_candidates([(u, y)], (1, None), np.random.default_rng(0), Control(cancelled=lambda: True)))
 
 
-def test_what_the_records_leave_open_is_found() -> None:
+def test_what_the_records_do_not_determine_is_found() -> None:
     record = record_of(Cascade((BEND, SLOW)), 1000)
 
     def about(*blocks: object) -> list[tuple[str, Any]]:
@@ -440,7 +440,7 @@ def test_what_the_records_leave_open_is_found() -> None:
     ]
 
 
-def test_whatever_a_person_gives_for_static_is_understood_or_refused_in_one_line() -> None:
+def test_every_value_of_static_is_accepted_or_refused_in_one_line() -> None:
     for static in ("dead-zone", DeadZone, DeadZone(), DEAD_ZONE, DeadZone(-0.3, 0.4, 2.0, 2.0)):
         assert emsid.wiener_hammerstein((1, 2), static=static).search.families == (DEAD_ZONE,)
     knots = np.linspace(-1, 1, 5)
@@ -477,7 +477,7 @@ def test_whatever_a_person_gives_for_static_is_understood_or_refused_in_one_line
         (lambda r: CascadeStructure(HAMMERSTEIN, (1, 2)), "hammerstein has one filter; give one order"),
     ],
 )
-def test_what_is_given_in_the_wrong_place_is_refused_in_one_line(call: Any, said: str) -> None:
+def test_misplaced_arguments_are_refused_in_one_line(call: Any, said: str) -> None:
     record = record_of(Cascade((BEND, SLOW)), 50)
     with pytest.raises(ModelError, match=said) as refused:
         call(record)
@@ -545,12 +545,12 @@ def test_bad_input(record: Record, orders: tuple[int, int], options: dict[str, o
         ({"transient": -3}, "transient -3"),
     ],
 )
-def test_options_that_are_no_counts(options: dict[str, object], message: str) -> None:
+def test_invalid_numbers_are_refused(options: dict[str, object], message: str) -> None:
     with pytest.raises(ModelError, match=message):
         CascadeSearch(**options)  # type: ignore[arg-type]
 
 
-def test_no_record_and_a_validation_that_is_too_short() -> None:
+def test_no_record_and_unseen_data_that_are_too_short_are_refused() -> None:
     with pytest.raises(ModelError, match="no record"):
         hammerstein([])
     record = record_of(Cascade((BEND, SLOW)), 800)
@@ -558,7 +558,7 @@ def test_no_record_and_a_validation_that_is_too_short() -> None:
         hammerstein(record, 2, replace(AT_RATE, size=6, unseen=record[:5]))
 
 
-def test_a_single_step_tells_no_map_from_a_filter() -> None:
+def test_a_single_step_does_not_separate_a_map_from_a_filter() -> None:
     u = np.repeat([0.0, 1.0], [20, 480])
     step = Record(u, SLOW.output(u, np.zeros(2)), 1.0)
     with pytest.raises(ModelError, match="wiener: the input changes 1 time between two values, too seldom"):
@@ -573,7 +573,7 @@ def test_a_map_of_two_levels_is_equivalent_to_a_gain() -> None:
 
 @pytest.mark.recordings
 @pytest.mark.parametrize(("estimator", "most"), [(hammerstein, 0.12), (wiener, 0.06), (hammerstein_wiener, 0.08)])
-def test_a_drive_with_friction_is_not_given_a_slow_pole_for_its_drift(
+def test_a_drive_with_friction_gets_no_slow_pole_for_its_drift(
     recordings: Path, estimator: Callable[..., Fit[Cascade]], most: float
 ) -> None:
     """A slow pole runs through what it was fitted to and past what it was not; one quarter alone does not tell.
@@ -626,7 +626,7 @@ def test_benchmark_circuit(recordings: Path) -> None:
 
 
 @pytest.mark.parametrize(("excitation", "order"), [("multisine", 6), ("sines", 5)])
-def test_a_pole_that_a_response_puts_on_the_unit_circle_is_no_end(excitation: str, order: int) -> None:
+def test_a_pole_on_the_unit_circle_does_not_end_the_search(excitation: str, order: int) -> None:
     rng = np.random.default_rng(1)
     record = Bench.typical().run(Motor(), SIGNALS[excitation](1400, 0.005, 6.0, rng), 0.005, rng)
     _, a, _ = fit_rational(frequency_response([(record.input[:, 0], record.output[:, 0])]), order + 1, order)
@@ -636,7 +636,7 @@ def test_a_pole_that_a_response_puts_on_the_unit_circle_is_no_end(excitation: st
     assert fit_percent(record.output[run.counted], run.output[run.counted]) > 90
 
 
-def test_of_a_series_of_steps_every_choice_sees_all_heights() -> None:
+def test_every_choice_uses_all_heights_of_a_series_of_steps() -> None:
     steps = [Record(np.repeat([0.0, height], [100, 900]), np.ones(1000), 0.01) for height in np.linspace(-6, 6, 26)]
     series = concatenate(steps)
     _, [(known, unseen)] = held_back([series], CascadeSearch())

@@ -1,12 +1,11 @@
-"""The free run of a model over a record: segments, start, transient and divergence, in one place.
+"""The free run of a model over a record: segments, initial state, transient and divergence.
 
-Every segment is run by itself. Where outputs were measured, its first samples start the model (`Model.initial`); from
-there on the model sees nothing but the input. A record without outputs starts at rest with no input, as an experiment
-does that begins when it is switched on; where another level had stood before, `Model.at_rest` and `Model.run` say so.
+Every segment is run on its own. With measured outputs, its first samples give the initial state (`Model.initial`);
+after them the model sees only the input. Without outputs, a segment starts at rest with zero input; `Model.at_rest` and
+`Model.run` allow another constant input before the start.
 
-A run has diverged where it is `RUNAWAY` times larger than anything measured. Where the measured output is constant, as
-that of a motor that stands still, or missing, there is no such size; then only a run that is no longer finite has
-diverged.
+A run has diverged if it is `RUNAWAY` times larger than the measured output. If that is constant, as for a motor at
+standstill, or missing, only a run that is not finite has diverged.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-# A free run this many times larger than anything measured is outside all that the model describes.
+# A free run has diverged if it is this many times larger than the measured output.
 RUNAWAY = 1e3
-# Sample times that differ by a smaller part are the same, written with other precision.
+# Sample times that differ by a smaller fraction count as equal.
 SAME_DT = 1e-3
 
 
@@ -32,14 +31,14 @@ def free_run(model: Model, record: Record, transient: int | None = None) -> Run:
     """The output of a model over a record, from its inputs alone after the start of every segment.
 
     Args:
-        model: any.
-        record: with the model's channels; its outputs may be missing, then every segment starts at rest.
-        transient: samples at the start of every segment that are not counted; with outputs they start the model, and
-            are at least `Model.memory`, which is the default.
+        model: any model.
+        record: with the channels of the model; without outputs, every segment starts at rest.
+        transient: samples at the start of every segment that are left out of errors; with outputs they give the initial
+            state, and are at least `Model.memory`, which is the default.
 
     Raises:
-        ModelError: for a record of other channels or of another sample time, or without a segment longer than the
-            start.
+        ModelError: for a record with other channels or another sample time, or without a segment longer than the
+            transient.
     """
 
     def run(segment: Record, samples: int) -> Array:
@@ -54,9 +53,9 @@ def predict(model: Model, record: Record, horizon: int = 1, transient: int | Non
     """ŷ(t | t − horizon) of a model over a record with measured outputs.
 
     Args:
-        model: any.
-        record: with the model's channels.
-        horizon: how many samples ahead, at least one.
+        model: any model.
+        record: with the channels of the model.
+        horizon: the number of samples ahead, at least one.
         transient: as in `free_run`.
 
     Raises:
@@ -81,11 +80,11 @@ def mean_squared_error(measured: Array, modelled: Array) -> float:
 
 
 def free_run_error(model: Model, records: Iterable[Record], transient: int | None = None) -> float:
-    """The mean squared error of the free run over all that is counted of some records; infinite where nothing is.
+    """The mean squared error of the free run over all records after their transients; infinite without samples.
 
     Args:
-        model: any.
-        records: with the model's channels.
+        model: any model.
+        records: with the channels of the model.
         transient: as in `free_run`.
 
     Raises:
@@ -100,10 +99,10 @@ def free_run_error(model: Model, records: Iterable[Record], transient: int | Non
 
 
 def as_record(model: Model, data: Record | ArrayLike, dt: float | None = None) -> Record:
-    """A record as it is, or inputs (N,) or (N, nu) as a record without outputs.
+    """A record unchanged, or inputs (N,) or (N, nu) as a record without outputs.
 
     Args:
-        model: whose sample time is taken where none is given.
+        model: its sample time is the default.
         data: a record or inputs.
         dt: sample time in s.
 
@@ -120,10 +119,10 @@ def as_record(model: Model, data: Record | ArrayLike, dt: float | None = None) -
 
 
 def check_sample_time(model: Model, record: Record) -> None:
-    """Refuse a record of another sample time than the model's, where it has one.
+    """Refuse a record with another sample time than the model, if the model has one.
 
     Raises:
-        ModelError: with both.
+        ModelError: with both sample times.
     """
     if model.dt is not None and not np.isclose(model.dt, record.dt, rtol=SAME_DT, atol=0.0):
         raise ModelError(
@@ -133,9 +132,9 @@ def check_sample_time(model: Model, record: Record) -> None:
 
 
 def continued(model: Model, state: object, segment: Record, samples: int) -> Array:
-    """(N − samples, ny) the outputs of a segment from the sample on at which a model is in this state.
+    """(N − samples, ny) the outputs of a segment from sample ``samples`` on, where the model is in this state.
 
-    A model that interpolates its input asks for some beyond the end; there it goes on point-symmetrically.
+    For a model that interpolates its input, the input is continued point-symmetrically beyond its end.
     """
     inputs, late = segment.input, model.latency
     rest = inputs[samples:]
@@ -149,7 +148,7 @@ def continued(model: Model, state: object, segment: Record, samples: int) -> Arr
 def _over_segments(
     model: Model, record: Record, transient: int | None, values_of: Callable[[Record, int], Array]
 ) -> Run:
-    """A run of ``values_of(segment, samples)`` over every segment that is longer than what starts it."""
+    """A run of ``values_of(segment, samples)`` over every segment that is longer than its transient."""
     model.check_record(record)
     check_sample_time(model, record)
     check_samples(model.name, "a transient", transient, 0)
@@ -181,7 +180,7 @@ def _over_segments(
 
 
 def _bound(output: Array) -> float:
-    """What a run may be at most, given the measured output (N, ny)."""
+    """The limit of a free run, given the measured output (N, ny)."""
     if not output.size:
         return float(np.finfo(float).max)
     low, high = output.min(axis=0), output.max(axis=0)
@@ -190,7 +189,7 @@ def _bound(output: Array) -> float:
 
 
 def _first_beyond(values: Array, bound: float) -> int | None:
-    """The first row that is not within ±bound, if any."""
-    if values.max(initial=0.0) <= bound and values.min(initial=0.0) >= -bound:  # NaN is neither
+    """The first row outside ±bound, if any."""
+    if values.max(initial=0.0) <= bound and values.min(initial=0.0) >= -bound:  # false for NaN
         return None
     return int(np.flatnonzero(~(np.abs(values) <= bound).all(axis=1))[0])

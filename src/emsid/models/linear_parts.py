@@ -1,4 +1,4 @@
-"""The linear part of a model, and how it goes to python-control."""
+"""The linear part of a model, and its conversion to python-control."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def python_control() -> Any:
     """The module `control`.
 
     Raises:
-        ModelError: where it is not installed.
+        ModelError: if it is not installed.
     """
     try:
         return import_module("control")

@@ -1,14 +1,14 @@
-"""What every model can do, and what a run of one gives.
+"""The interface of every model, and the result of a run.
 
-A model is a state machine. Its state says all that its outputs from one sample on depend on besides the inputs from
-there on; it is a value that goes in and comes out:
+A model is a state machine. Its state at a sample and the inputs from there on determine its outputs. The state is an
+argument and a result:
 
     state = model.at_rest(0.0)                   # or model.initial(segment, samples)
     y, state = model.advance(state, u)           # one sample
     outputs, state = model.run(state, inputs)    # many, compiled
 
-Sample by sample, in blocks and at once are the same numbers. What begins a run, and when one has diverged, is said in
-`free_run` and nowhere else.
+Sample by sample, in blocks and at once give the same numbers. `free_run` defines how a run starts and when it has
+diverged.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ class Run:
     """The output of a model over a record.
 
     Attributes:
-        output: (N, ny) model output; over the start of every segment, the measured output that started it.
-        counted: (N,) whether the sample belongs to the run and not to the start of a segment; errors are taken there.
-        diverged_at: the first sample at which the run had left all bounds, None for a run that stayed within. From
-            there to the end of its segment the output is NaN.
+        output: (N, ny) model output; in the transient of every segment, the measured output.
+        counted: (N,) whether the sample is after the transient; only these samples enter errors.
+        diverged_at: the first sample at which the run has diverged, or None. From there to the end of its segment the
+            output is NaN.
     """
 
     output: Array
@@ -42,7 +42,7 @@ class Run:
 
 
 def check_samples(model: str, what: str, samples: int | None, least: int) -> None:
-    """Refuse what is no whole number of samples, or too few of them."""
+    """Refuse a number of samples that is not whole, or too small."""
     if samples is not None and not (isinstance(samples, int | np.integer) and samples >= least):
         raise ModelError(f"{model}: {what} of {samples}; give a whole number of samples, at least {least}")
 
@@ -51,7 +51,7 @@ def levels(model: str, level: ArrayLike, inputs: int) -> Array:
     """(nu,) constant inputs from one number or one for each input.
 
     Raises:
-        ModelError: for another number of them.
+        ModelError: for another number of inputs.
     """
     array = np.asarray(level, dtype=float)
     if array.ndim > 1 or (array.ndim == 1 and len(array) != inputs):
@@ -63,41 +63,41 @@ def levels(model: str, level: ArrayLike, inputs: int) -> Array:
 class Model(Protocol):
     """Anything that can be run, compared, saved and reported.
 
-    A model is a value: its parameters are in it. ``memory`` is how many samples of a segment it needs to start; a
-    longer start may be asked for by ``transient``, so that several models are judged on the same samples.
+    A model is a value that includes its parameters. ``memory`` is the number of samples of a segment that give its
+    initial state; a longer ``transient`` makes it possible to compare several models on the same samples.
     """
 
     @property
     def name(self) -> str:
-        """What it is called in tables and files."""
+        """Its name in tables and files."""
         ...
 
     @property
     def dt(self) -> float | None:
-        """The sample time that it is for, in s; None for a model that runs at any."""
+        """Its sample time in s; None for a model that runs at any sample time."""
         ...
 
     @property
     def memory(self) -> int:
-        """How many samples of every segment start it."""
+        """The number of samples of a segment that give its initial state."""
         ...
 
     @property
     def latency(self) -> int:
-        """By how many samples the output of `run` and `advance` is behind their input; zero but where a model
-        interpolates its input between samples, for which it has to see the next ones."""
+        """The delay in samples of the output of `run` and `advance`; zero unless the model interpolates its input,
+        which needs the next samples."""
         ...
 
     def check_record(self, record: Record) -> None:
         """Refuse a record of other channels; its outputs may be missing.
 
         Raises:
-            ModelError, DataError: saying what is different.
+            ModelError, DataError: with the difference.
         """
         ...
 
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> Any:
-        """The state at rest, where a constant input ``level`` has stood for ever.
+        """The steady state for a constant input ``level``.
 
         Args:
             level: one number, or (nu,) one for each input.
@@ -106,10 +106,10 @@ class Model(Protocol):
         ...
 
     def initial(self, segment: Record, samples: int) -> Any:
-        """The state after the first ``samples`` samples of a segment, as their measured outputs suggest it.
+        """The state after the first ``samples`` samples of a segment, estimated from their measured outputs.
 
         Args:
-            segment: without a gap; of the outputs only the first ``samples`` are used, of the inputs perhaps more.
+            segment: without a gap; only the first ``samples`` outputs are used, and perhaps more inputs.
             samples: at least `memory`.
         """
         ...
@@ -131,13 +131,13 @@ class Model(Protocol):
 
         Args:
             record: a record, or inputs (N,) or (N, nu) alone.
-            transient: samples of every segment that start it, at least `memory`, which is the default.
+            transient: samples at the start of every segment, at least `memory`, which is the default.
             dt: sample time in s of inputs alone, for models that have none of their own.
         """
         ...
 
     def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
-        """The output ``horizon`` samples ahead of the measured outputs it may use."""
+        """The output ``horizon`` samples ahead of the last measured output that is used."""
         ...
 
     def equation(self) -> str:
@@ -150,9 +150,9 @@ class Model(Protocol):
 
     @classmethod
     def from_data(cls, data: dict[str, Any]) -> Self:
-        """The model that `to_data` described.
+        """The model described by `to_data`.
 
         Raises:
-            ModelError: for data that describe no model.
+            ModelError: for data that do not describe a model.
         """
         ...

@@ -1,4 +1,4 @@
-"""Numbers, arrays and sums as the blocks check and print them."""
+"""Checks of numbers and arrays, and sums as text, for the blocks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def vector(values: ArrayLike, what: str) -> Array:
-    """A read-only copy of one dimension and finite numbers; ``what`` it is, for the message."""
+    """A read-only one-dimensional copy of finite numbers; ``what`` names it in messages."""
     array = np.array(values, dtype=float)
     if array.ndim != 1:
         raise ModelError(f"{what} of shape {array.shape}; give one dimension")
@@ -24,13 +24,13 @@ def vector(values: ArrayLike, what: str) -> Array:
 
 
 def check_whole(what: str, value: object, least: int, why: str) -> None:
-    """Refuse what is no whole number, or is less than ``least``, and say why."""
+    """Refuse a value that is not a whole number of at least ``least``; ``why`` is the reason in the message."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise ModelError(f"{what} {value}: {why}; give a whole number of at least {least}")
 
 
 def sum_of_terms(terms: Sequence[tuple[float, str]]) -> str:
-    """``1*x + 0.5*x^2`` from (factor, text) pairs, exact zeros left out."""
+    """``1*x + 0.5*x^2`` from (factor, text) pairs, without zeros."""
     parts = [
         f"{'-' if value < 0 else '+'} {abs(value):.6g}{f'*{text}' if text else ''}" for value, text in terms if value
     ]

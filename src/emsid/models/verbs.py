@@ -1,7 +1,7 @@
-"""`fit` and `simulate`: the two verbs that take a model of any kind.
+"""`fit` and `simulate`: the two functions that accept a model of any kind.
 
-What can be fitted is a value: a `Structure`, a cascade, a plant. `FITTED` has one line for every kind; whatever else
-has a method ``fit(records, **options)`` is fitted by that.
+`fit` takes a `Structure`, a cascade or a plant; `FITTED` has one line for every kind. It also accepts any object with a
+method ``fit(records, **options)``.
 """
 
 from __future__ import annotations
@@ -57,15 +57,15 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
         what: a structure, a cascade, a plant, a bare `emsid.Motor`, or anything with a method
             ``fit(records, **options)``.
         records: a record, or several experiments that share one set of parameters.
-        options: what this kind of model takes, by name.
+        options: the options of this kind of model, by name.
 
     Returns:
         The model with its estimates, their covariance, and how the estimation ended.
 
     Raises:
-        ModelError: for something that cannot be fitted, or an option that this kind of model does not have.
-        DataError: for something that is no record, or records that do not fit the model.
-        Stopped: where the option ``control`` stops it before there is a model (`emsid.estimation.Stopped`).
+        ModelError: for an object that cannot be fitted, or an unknown option.
+        DataError: for an object that is not a record, or records that do not suit the model.
+        Stopped: if the option ``control`` stops it before there is a model (`emsid.estimation.Stopped`).
     """
     estimator, subject = _estimator(what)
     return estimator(subject, as_records(records), **_checked(what, estimator, options))
@@ -80,7 +80,7 @@ def _regression(
     history: bool = False,
     threads: int | None = None,
 ) -> Fit[Narx]:
-    """Least squares, or where a forgetting factor or the history is asked for, the recursion."""
+    """Least squares; recursive with a forgetting factor or a history."""
     if forgetting is None and not history:
         return least_squares(structure, records, ridge=ridge, threads=threads)
     if ridge:
@@ -93,16 +93,16 @@ FITTED: dict[type, Estimator] = {
     Cascade: fit_cascade,
     Motor: simulation_error,
 }
-"""How each kind of thing is fitted: an estimator that takes it, the records, and options by name."""
+"""The estimator of each kind of model; it takes the model, the records, and options by name."""
 DRIVEN: dict[type, Callable[[Any], Any]] = {Motor: DrivenMotor}
-"""What needs a drive and a sensor to be simulated, and what puts them around it."""
+"""Types that need a drive and a sensor for a simulation, and the functions that add them."""
 
 
 def _estimator(what: Any) -> tuple[Estimator, Any]:
-    """What fits this kind of thing.
+    """The estimator for this kind of model.
 
     Raises:
-        ModelError: that says what was given and what can be.
+        ModelError: for an object that cannot be fitted, with advice.
     """
     if isinstance(what, type):
         raise ModelError(f"{what.__name__} is a class; make a value of it first: {what.__name__}(…)")
@@ -132,7 +132,7 @@ def _estimator(what: Any) -> tuple[Estimator, Any]:
 
 
 def is_plant(thing: Any) -> bool:
-    """Whether something has what `emsid.plants.Plant` asks for."""
+    """Whether an object implements `emsid.plants.Plant`."""
     return not isinstance(thing, type) and all(
         hasattr(thing, name) for name in ("handles", "usual", "states", "put", "simulate")
     )
@@ -142,7 +142,7 @@ def _checked(what: Any, estimator: Estimator, options: Mapping[str, Any]) -> Map
     """The options, if the estimator takes them all.
 
     Raises:
-        ModelError: that names the one it does not take, and those it does.
+        ModelError: with the unknown option and the known ones.
     """
     parameters = inspect.signature(estimator).parameters.values()
     try:
@@ -164,10 +164,10 @@ def _checked(what: Any, estimator: Estimator, options: Mapping[str, Any]) -> Map
 
 
 def as_records(records: Any) -> Any:
-    """Records, and nothing that looks like them.
+    """The records, checked.
 
     Raises:
-        DataError: that says what to give.
+        DataError: for anything else, with advice.
     """
     if isinstance(records, Record):
         return records
@@ -187,7 +187,7 @@ def as_records(records: Any) -> Any:
 
 
 def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> Record:
-    """The free run of a model over an input, as a record: the outputs are what the model gives.
+    """The free run of a model over an input, as a record with the simulated outputs.
 
     >>> arx = Narx(Structure.parse("y(t-1)", "u(t-1)"), np.array([0.5, 2.0]), dt=0.1)
     >>> simulate(arx, [1.0, 0.0, 0.0, 1.0]).output[:, 0]
@@ -198,15 +198,14 @@ def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> 
         input: (N,) or (N, nu), in the units of the data that the model was fitted to; or a record. Where the record
             has outputs, those at the start of every segment give the initial state and are repeated in the result;
             otherwise every segment starts at rest.
-        dt: sample time of the input in seconds, for a model that runs at any; a record has its own.
+        dt: sample time of the input in seconds, for a model without its own; a record has its own.
 
     Returns:
         A record with the input and the simulated outputs.
 
     Raises:
-        ModelError: for something that cannot be simulated, inputs it does not have, another sample time than its own,
-            or a run that diverges.
-        DataError: for an input that is no array of numbers, a record and another dt.
+        ModelError: for an object that cannot be simulated, wrong inputs, another sample time, or a run that diverges.
+        DataError: for an input that is not an array of numbers, or a record together with another dt.
     """
     if isinstance(input, str | os.PathLike):
         raise DataError(f"{str(input)!r} is a path; read it first: emsid.read({str(input)!r}, input=…, output=…)")
@@ -223,11 +222,11 @@ def simulate(model: Any, input: Record | ArrayLike, dt: float | None = None) -> 
 
 
 def as_model(thing: Any, record: Record | None = None) -> Model:
-    """The model in a fit, or of a plant, or the model itself.
+    """The model of a fit or of a plant, or the model itself.
 
     Args:
-        thing: what to run.
-        record: what it will run on; the units of its outputs say what the outputs of a plant are.
+        thing: the object to run.
+        record: the record to run it on; the units of its outputs select the outputs of a plant.
 
     Raises:
         ModelError: for anything else.

@@ -278,12 +278,12 @@ class Cascade:
 
     def _reachable_states(self, u: Array) -> Array:
         """(s, 2N) the states that an input (N,) produces from zero and from rest."""
-        clouds = []
+        reachable = []
         for states in (np.zeros(self.states), self.resting(float(u[0]))):
             signals = self.signals(u, states)
             visited = [block.visited(x, y) for block, x, y in zip(self.blocks, signals[:-1], signals[1:], strict=True)]
-            clouds.append(np.concatenate(visited))
-        return np.concatenate(clouds, axis=1)
+            reachable.append(np.concatenate(visited))
+        return np.concatenate(reachable, axis=1)
 
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> CascadeState:
         """The steady state for a constant input; see `Model.at_rest`."""

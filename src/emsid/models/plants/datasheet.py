@@ -1,4 +1,4 @@
-"""What is known of a plant beforehand: values, how far they may be off, and what is unknown."""
+"""Datasheets: known values of a plant, their tolerances, and unknown parameters."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from emsid.plant.friction import FrictionLaw, find_law
 from emsid.plant.motor import read_number
 
 UNKNOWN = "unknown"
-"""What a datasheet has instead of a value for a parameter that is to be estimated."""
+"""The entry of a datasheet for a parameter without a known value."""
 
 
 @dataclass(frozen=True)
 class Given:
-    """What a datasheet says of a parameter.
+    """The entry of a datasheet for a parameter.
 
     Args:
-        value: in SI units; None where it is unknown.
-        tolerance: how far from it the parameter may be, as a part of it; None for a value that is only a start.
+        value: in SI units; None if unknown.
+        tolerance: relative tolerance of the value; None for a value that is only a start.
 
     Raises:
-        ModelError: for a value that is not finite, a tolerance that is negative, or one of an unknown value.
+        ModelError: for a value that is not finite, or a tolerance that is negative or has no value.
     """
 
     value: float | None
@@ -43,7 +43,7 @@ class Given:
 
     @property
     def limits(self) -> tuple[float, float] | None:
-        """What the tolerance allows, ascending; None where there is no tolerance."""
+        """The limits of the tolerance, ascending; None without a tolerance."""
         if self.value is None or self.tolerance is None:
             return None
         low, high = sorted((self.value * (1 - self.tolerance), self.value * (1 + self.tolerance)))
@@ -51,21 +51,21 @@ class Given:
 
 
 def datasheet(kind: str, table: Mapping[str, Any]) -> dict[str, Given]:
-    """A datasheet from a table, such as a TOML file holds; what is left out is neither known nor asked for.
+    """A datasheet from a table, for example from a TOML file; parameters may be left out.
 
     >>> sheet = datasheet("motor", {"resistance": {"value": "2 ohm", "tolerance": "10 %"}, "rotor_inertia": "unknown"})
     >>> sheet["resistance"].limits, sheet["rotor_inertia"].value
     ((1.8, 2.2), None)
 
     Args:
-        kind: of plant, a key of `registry.described()`.
+        kind: kind of plant, a key of `registry.described()`.
         table: for every parameter by its name a number in SI units, a text with a unit, ``"unknown"``, or a table
-            ``{value = …, tolerance = "10 %"}``; a list of two is [forward, backward]. Tables nest as names do: what
-            `rotor_friction` holds under `coulomb` is `rotor_friction.coulomb`.
+            ``{value = …, tolerance = "10 %"}``; a list of two is [forward, backward]. Tables may be nested: the
+            entry `coulomb` in the table `rotor_friction` is `rotor_friction.coulomb`.
 
     Raises:
-        ModelError: for a name the plant does not have, a value in another unit or beyond what is physical, a tolerance
-            without value, a parameter given twice.
+        ModelError: for an unknown name, a value with a wrong unit or outside its physical bounds, a tolerance without
+            a value, or a parameter given twice.
     """
     known = described()
     if kind not in known:
@@ -107,9 +107,9 @@ def _sheet(plant: Plant, kind: str, table: Mapping[str, Any]) -> dict[str, Given
 
 
 def applicable(sheet: Mapping[str, Given], plant: Plant) -> dict[str, Given]:
-    """The part of a datasheet that concerns a plant.
+    """The entries of a datasheet that apply to a plant.
 
-    A rigid motor has no shaft and no inductance; a datasheet of another kind of plant says nothing of this one.
+    For example, a rigid motor has no shaft and no inductance.
     """
     kind = next((each.described for each in PLANTS.values() if each.plain.name == plant.name), plant)
     if not set(sheet) <= set(kind.handles) | set(plant.handles):
@@ -149,7 +149,7 @@ def _given(plant: Plant, kind: str, name: str, entry: Any) -> Given:
 
 
 def _part(what: str, tolerance: Any) -> float:
-    """A tolerance as a part: ``"10 %"`` or 0.1."""
+    """A tolerance as a fraction: ``"10 %"`` or 0.1."""
     if isinstance(tolerance, (int, float)) and not isinstance(tolerance, bool) and 0 <= tolerance < 1:
         return float(tolerance)
     text = re.fullmatch(r"\s*[±]?\s*(\d+\.?\d*|\.\d+)\s*%\s*", tolerance) if isinstance(tolerance, str) else None

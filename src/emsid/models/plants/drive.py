@@ -1,16 +1,14 @@
-"""The drive, which is between the command in a log and a plant.
+"""The drive between the command in a log and a plant.
 
-It makes the voltage (or force) from the command: v = gain·(u(t − delay) + offset), limited by the supply.
-Beyond a knee the command may count more: a bridge loses a part of every period to switching, and gets it back near full
-duty, where it no longer switches.
-A bridge that leaves the armature open in the off-time of its PWM brakes only while it conducts. With ρ = |v|/supply
-the duty and λ how far it does so, the armature conducts during
+It converts the command to a voltage (or force): v = gain·(u(t − delay) + offset), limited by the supply. Beyond a knee
+the gain may be larger: a bridge loses a part of every period to switching, except near full duty, where it does not
+switch. A bridge that leaves the armature open in the off-time of its PWM brakes only while it conducts. With the duty
+ρ = |v|/supply and the freewheel factor λ, the armature conducts during the fraction
 
     c = 1 − λ·(1 − ρ)
 
-of a period, with ±supply across it: its mean torque is K_m/R_a·(v − c·K_m·ω) for λ = 1 as for λ = 0, while the back
-electromotive force counts for less the smaller the duty is. Codes among the commands stand for a bridge that brakes
-(c = 1, v = 0) or coasts (c = 0).
+of a period, with ±supply across it. Its mean torque is K_m/R_a·(v − c·K_m·ω), so the effect of the back electromotive
+force decreases with the duty. Codes among the commands stand for a bridge that brakes (c = 1, v = 0) or coasts (c = 0).
 """
 
 from __future__ import annotations
@@ -28,12 +26,12 @@ from emsid.plant.parameter import Measure, Parameter
 
 Array = NDArray[np.float64]
 
-# A delay of more samples than this is not kept between samples.
+# The longest delay in samples that a state can store.
 LONGEST_DELAY = 1_000_000
 
 
 class Feed(Enum):
-    """What a command is when it has been through the drive."""
+    """The quantity that the drive applies to the motor."""
 
     VOLTAGE = "voltage"
     CURRENT = "current"
@@ -41,7 +39,7 @@ class Feed(Enum):
 
 
 class Bridge(Enum):
-    """What a code among the commands tells the bridge to do."""
+    """The state of the bridge for a code among the commands."""
 
     BRAKE = "brake"
     COAST = "coast"
@@ -49,18 +47,18 @@ class Bridge(Enum):
 
 @dataclass(frozen=True)
 class Drive:
-    """What is between the command in a log and the terminals of the motor (or the force on an axis).
+    """The drive between the command in a log and the terminals of the motor (or the force on an axis).
 
     Args:
         gain: volts (newtons) per unit of command.
-        offset: what is added to the command, in its unit.
-        supply: the largest voltage (force) there is, in V (N); infinite for no limit.
+        offset: added to the command, in its unit.
+        supply: the largest voltage (force), in V (N); infinite for no limit.
         delay: from the command to the terminals, in s.
-        knee: voltage (force) above which the command counts differently, in V (N); infinite for none.
-        beyond: how many times more it counts there.
+        knee: voltage (force) above which the gain changes, in V (N); infinite for none.
+        beyond: factor of the gain beyond the knee.
         freewheel: λ, 0 for a bridge that always conducts and 1 for one that leaves the armature open in the off-time.
-        codes: pairs of a value and what the bridge then does: commands that are none; where the input has a second
-            column, values of that one.
+        codes: pairs of a code and the state of the bridge; codes are values of the command, or of the second input
+            column if there is one.
 
     Raises:
         ModelError: for a value that is not physical, or a bridge that coasts without a supply voltage.
@@ -93,7 +91,7 @@ class Drive:
             raise ModelError("a bridge that coasts in its off-time needs its supply voltage: give drive.supply")
 
     def commands(self, inputs: Array) -> Array:
-        """(N,) what the inputs (N, 1), or (N, 2) with the state of the bridge, command; nothing where they are codes.
+        """(N,) the commands in inputs (N, 1), or (N, 2) with the state of the bridge; zero for codes.
 
         Raises:
             DataError: for other inputs.
@@ -111,18 +109,18 @@ class Drive:
         return np.where(coded, 0.0, command) if coded.any() else command
 
     def largest(self, inputs: Array) -> float:
-        """The largest voltage (force) that inputs (N, 1 or 2) command, in V (N), whatever limits it."""
+        """The largest voltage (force) that inputs (N, 1 or 2) command, in V (N), before any limit."""
         return float(np.max(np.abs(self.gain * (self.commands(inputs) + self.offset))))
 
     def bent(self, wanted: Array) -> Array:
-        """What becomes of voltages (forces) beyond the knee, in V (N)."""
+        """Voltages (forces) after the knee, in V (N)."""
         if not isfinite(self.knee):
             return wanted
         extra = wanted - np.clip(wanted, -self.knee, self.knee)
         return wanted + (self.beyond - 1.0) * extra
 
     def made(self, inputs: Array) -> tuple[Array, Array]:
-        """Voltage (N,) and conducting part (N,) that inputs (N, nu) command, before the delay."""
+        """Voltage (N,) and conducting fraction (N,) for inputs (N, nu), before the delay."""
         voltage, conducts = self.bent(self.gain * (self.commands(inputs) + self.offset)), np.ones(len(inputs))
         if isfinite(self.supply):
             voltage = np.clip(voltage, -self.supply, self.supply)
@@ -134,15 +132,15 @@ class Drive:
         return voltage, conducts
 
     def standing(self, command: Array, dt: float, most: int | None = None) -> Array:
-        """(w + 1, 2) voltage and conducting part that are on their way while one command (nu,) stands.
+        """(w + 1, 2) delayed voltages and conducting fractions for a constant command (nu,).
 
         Args:
             command: the inputs of one sample.
             dt: sample time in s.
-            most: samples that the run is going to have; a longer delay is all the same to it.
+            most: number of samples of the run, which limits the stored delay.
 
         Raises:
-            ModelError: for a delay of more than `LONGEST_DELAY` samples, where ``most`` is not given.
+            ModelError: for a delay of more than `LONGEST_DELAY` samples, if ``most`` is not given.
         """
         samples = self.delay / dt
         if most is None and samples > LONGEST_DELAY:
@@ -157,12 +155,12 @@ class Drive:
         return on_their_way
 
     def acting(self, inputs: Array, commands: Array, dt: float) -> tuple[Array, Array, float, Array]:
-        """Voltage (N + 1,) and conducting part (N + 1,) of every sample, the part of a sample they come late by, and
-        the commands (w + 1, 2) that are on their way after the last sample.
+        """Voltage (N + 1,) and conducting fraction (N + 1,) of every sample, their delay as a fraction of a sample, and
+        the delayed commands (w + 1, 2) after the last sample.
 
         Args:
             inputs: (N, nu).
-            commands: (w + 1, 2) those that were on their way before the first sample; the first of them acted last.
+            commands: (w + 1, 2) the delayed commands before the first sample, the oldest first.
             dt: sample time in s.
         """
         voltage, conducts = self.made(inputs)
@@ -173,9 +171,9 @@ class Drive:
         return voltage[: samples + 1], conducts[: samples + 1], late, left
 
     def terminals(self, inputs: Array, dt: float) -> tuple[Array, Array, float]:
-        """Voltage (N + 1,) and conducting part (N + 1,) of every sample, and the part of a sample they come late by.
+        """Voltage (N + 1,) and conducting fraction (N + 1,) of every sample, and their delay as a fraction of a sample.
 
-        The first value is what acted before the first sample; the first command is taken to have stood until then.
+        The first value acts before the first sample, where the first command is assumed.
         """
         return self.acting(inputs, self.standing(inputs[0], dt, len(inputs)), dt)[:3]
 
@@ -184,8 +182,8 @@ def outer_handles(unit: str, word: str, measure: Measure, motion: str, shown: Me
     """The handles of drive and sensor.
 
     Args:
-        unit, word, measure: of what the drive makes.
-        motion, shown: unit and measure of what the sensor shows.
+        unit, word, measure: of the output of the drive.
+        motion, shown: unit and measure of the sensor reading.
     """
 
     def one(
@@ -203,12 +201,12 @@ def outer_handles(unit: str, word: str, measure: Measure, motion: str, shown: Me
     return {
         **one("drive.gain", "k_u", unit, f"{word} per unit of command", measure),
         **one("drive.offset", "u₀", "1", "offset of the command, in its unit", factor, -inf),
-        **one("drive.delay", "t_d", "s", "delay from the command to what it does", time),
-        **one("drive.supply", "V_s", unit, f"most {word} that there are", measure, TINY),
-        **one("drive.knee", "V_k", unit, f"{word} above which the command counts differently", measure, TINY),
-        **one("drive.beyond", "γ", "1", "how many times more the command counts beyond the knee", factor),
-        **one("drive.freewheel", "λ", "1", "how far the bridge coasts in its off-time", factor, 0.0, 1.0),
+        **one("drive.delay", "t_d", "s", "delay from the command to its effect", time),
+        **one("drive.supply", "V_s", unit, f"limit of the supply in {word}", measure, TINY),
+        **one("drive.knee", "V_k", unit, f"{word} above which the gain changes", measure, TINY),
+        **one("drive.beyond", "γ", "1", "factor of the gain beyond the knee", factor),
+        **one("drive.freewheel", "λ", "1", "freewheeling in the off-time of the bridge, 0 to 1", factor, 0.0, 1.0),
         **one("sensor.lag", "t_s", "s", "time constant of the sensor", time),
-        **one("sensor.offset", "y₀", motion, "what the sensor shows at rest", shown, -inf),
+        **one("sensor.offset", "y₀", motion, "sensor reading at rest", shown, -inf),
         **one("sensor.ratio", "n", "1", "turns of the motor per turn measured", factor, -inf),
     }

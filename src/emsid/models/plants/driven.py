@@ -1,4 +1,4 @@
-"""What a motor and an axis have in common: one mass seen through a drive and a sensor."""
+"""The common base of motor and axis: one mass with a drive and a sensor."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 KNEES, SLOPES = (0.45, 0.75, 1.0), (0.5, 0.8, 1.25, 2.0)
-"""Where a knee is looked for, as a part of its usual start, and how the command may count beyond it: less, or more."""
+"""Starts of a search for a knee: fractions of its usual start, and gain factors beyond it."""
 
 
 class Driven(BasePlant):
-    """A plant with a drive in front of it and a sensor behind it.
+    """A plant with a drive before it and a sensor after it.
 
-    An initial state is a speed, a position, and the speed that a sensor with a lag shows.
+    An initial state is a speed, a position, and the reading of a sensor with a lag.
     """
 
     drive: Drive
@@ -40,7 +40,7 @@ class Driven(BasePlant):
 
     @property
     def states(self) -> int:
-        """Speed, position, and the speed that the sensor shows."""
+        """Speed, position, and speed reading of the sensor."""
         return 3
 
     @property
@@ -59,15 +59,15 @@ class Driven(BasePlant):
         """The name of its constant load."""
 
     def largest_force(self, inputs: Array) -> float:
-        """What the drive makes."""
+        """The largest output of the drive."""
         return self.drive.largest(inputs)
 
     @abstractmethod
     def put_motion(self, motion: Motion) -> Self:
-        """The plant that moves like this."""
+        """The plant with this motion."""
 
     def force_scale(self, command: float, output: float) -> float:
-        """By what the command is: what turns it into a force stays as it is."""
+        """The scale of the command; the gain from command to force does not change."""
         return command
 
     @property
@@ -80,19 +80,19 @@ class Driven(BasePlant):
         return self._with(drive=replace(self.drive, **changes))
 
     def turned(self) -> Self:
-        """The same plant with its drive the other way round."""
+        """The same plant with the sign of its drive reversed."""
         return self.with_drive(gain=-self.drive.gain)
 
     def start_samples(self, signals: Sequence[Signal]) -> int:
-        """One sample shows the start of a speed; of a position, or of a speed that the sensor shows late, twenty.
+        """One sample for a speed; twenty for a position, or for a speed measured with a lag.
 
-        A command that is late is taken to have stood before: waiting for more would leave the answer to a step at the
-        start of a record out of the free run.
+        A delayed command is assumed to be constant before the record. More samples would exclude the response to a
+        step at the start of a record from the free run.
         """
         return BEGINNING if Signal.POSITION in signals or self.sensor.lag > 0 else 1
 
     def first_state(self, signals: Sequence[Signal], segment: Record) -> Array:
-        """(speed, position, speed shown) by the first samples."""
+        """(speed, position, speed reading) from the first samples."""
         state, sensor = np.zeros(self.states), self.sensor
         for k, signal in enumerate(signals):
             y = segment.output[:, k]
@@ -108,30 +108,30 @@ class Driven(BasePlant):
         return state
 
     def free_states(self, signals: Sequence[Signal], segment: Record) -> tuple[int, ...]:
-        """What the outputs show and what is not plainly at rest."""
+        """The states that the outputs show and that are not clearly at rest."""
         sensed = [k for k, signal in enumerate(signals) if signal is not Signal.CURRENT]
         moving = not any(starts_at_rest(segment.output[:, k]) for k in sensed)
         lags = moving and sensed and self.sensor.lag > 0
         return ((0,) if moving else ()) + ((1,) if Signal.POSITION in signals else ()) + ((2,) if lags else ())
 
     def ready(self, asked: Sequence[str], segments: Sequence[Record], limits: Limits) -> Self:
-        """The plant with a start for a supply, a knee or a lag that is asked for and has no effect at first."""
+        """The plant with a start for a supply, a knee or a lag that is estimated and has no effect yet."""
         dt = segments[0].dt
         largest = max(self.drive.largest(segment.input) for segment in segments)
         starts = {name: 0.8 * largest for name in asked if not isfinite(self.value(name))}
         if "drive.freewheel" in asked and not isfinite(self.drive.supply):
             starts.setdefault("drive.supply", largest)  # the largest command is full duty
         if "drive.knee" in starts and "drive.beyond" in asked and self.drive.beyond == 1.0:
-            starts["drive.beyond"] = 0.8  # where it bends nothing, nobody can say where it is
+            starts["drive.beyond"] = 0.8  # with a factor of one the knee has no effect
         if "sensor.lag" in asked and self.sensor.lag == 0:
-            starts["sensor.lag"] = min(dt, limits["sensor.lag"][1])  # what it shows at the start is then free too
+            starts["sensor.lag"] = min(dt, limits["sensor.lag"][1])  # the initial reading is then estimated too
         return self.put(starts)
 
     def bent(self, ready: Plant, asked: Sequence[str], limits: Limits) -> list[Plant]:
-        """The plant made ready, or where a knee of which nothing is known is asked for, with it at several places.
+        """The ready plant, or several with different starts of an unknown knee that is estimated.
 
-        No search gets from a command that counts less beyond its knee to one that counts more: between them is one
-        without a knee, which may be anywhere.
+        A search cannot pass from a smaller gain beyond the knee to a larger one: at an equal gain the knee has no
+        effect and is undetermined.
         """
         if "drive.knee" not in asked or isfinite(self.drive.knee):
             return [ready]
@@ -142,11 +142,11 @@ class Driven(BasePlant):
         return [ready.put({n: float(np.clip(v, *limits.get(n, (v, v)))) for n, v in pair.items()}) for pair in pairs]
 
     def motion(self, inputs: Array, dt: float, state: Array) -> Array:
-        """(N,) how fast it moves itself: a sensor that lags or is off never shows a standstill."""
+        """(N,) the true speed: a sensor with lag or offset never reads zero at standstill."""
         return self._with(sensor=Sensor()).simulate(inputs, dt, state, (Signal.SPEED,))[:, 0]
 
     def to_data(self) -> dict[str, Any]:
-        """Parameters, codes, and how it is measured and stepped; a friction law where it is not the usual one."""
+        """Parameters, codes, sensor, steps, and the friction law if it is not the usual one."""
         laws = {name: law_name(law) for name, law in self.frictions.items()}
         unusual = {name: law for name, law in laws.items() if law != USUAL_LAW}
         return {
@@ -158,7 +158,7 @@ class Driven(BasePlant):
         }
 
     def with_data(self, data: Mapping[str, Any]) -> Self:
-        """The plant of this kind that `to_data` described."""
+        """The plant of this kind described by `to_data`."""
         codes = tuple((float(code), Bridge(bridge)) for code, bridge in data["codes"])
         plain = self.with_frictions({name: find_law(law)() for name, law in data.get("friction", {}).items()})
         sensor = Sensor(average=bool(data["average"]))
@@ -172,9 +172,9 @@ class Driven(BasePlant):
 
 
 USUAL_LAW = "coulomb-stribeck"
-"""The friction law of a plant where a file names none."""
+"""The friction law if a file names none."""
 
 
 def starts_at_rest(y: Array) -> bool:
-    """Whether an output stands still over its first three samples, at exactly zero or exactly the same value."""
+    """Whether the first three samples of an output are exactly zero or exactly equal."""
     return len(y) > 3 and float(np.ptp(y[:3])) == 0.0

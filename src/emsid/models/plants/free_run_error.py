@@ -1,17 +1,17 @@
-r"""The least-squares problem of a grey box: the error of its free run as `gauss_newton` wants it.
+r"""The least-squares problem of a grey box: the free-run error as a `Problem` for `gauss_newton`.
 
 The parameters θ of a plant and the initial state x₀ of every segment minimise the simulation error
 
     V(θ, x₀) = ½ Σₜ ‖W·(y(t) − ŷ(t; θ, x₀))‖²,
 
-ŷ being the free run: after x₀ the model sees nothing but the input. That is what makes it honest with friction, whose
-sign a one-step prediction would be given by the measured speed. Every output is divided by its standard deviation
-where there are several, so that rad/s and A count alike. W may weigh errors by their age, see `Recent`.
+where ŷ is the free run: after x₀ the model sees only the input. This matters for friction, because a one-step
+prediction would get its sign from the measured speed. Several outputs are each divided by their standard deviation, so
+that rad/s and A have equal weight. W may weight errors by their age, see `Recent`.
 
-The derivative of ŷ is a difference of free runs, its columns computed in parallel threads: the motion is a continuous
-function of θ, located events included, and a run costs microseconds. It is one-sided as long as the search is far from
-its end, and central there, where intervals are taken from it. The initial states of all segments are moved at once,
-since no segment feels those of another.
+The derivative of ŷ is a difference of free runs, whose columns are computed in parallel threads. The motion is a
+continuous function of θ, because events are located, and a run takes microseconds. Differences are one-sided far from
+the minimum, and central near it, where they give the intervals. The initial states of all segments are changed
+together, because segments are independent.
 
 References:
     Ljung, *System Identification*, 2nd ed., sec. 3.3 and 7.5. Schoukens, Ljung, *Nonlinear System Identification: A
@@ -46,16 +46,16 @@ Weighting = Callable[[Array, float], Array]
 
 
 def all_alike(error: Array, dt: float) -> Array:
-    """Every error counts the same, however long ago its cause: plain output error."""
+    """Equal weights: the plain output error."""
     return error
 
 
 @dataclass(frozen=True)
 class Recent:
-    """Errors count while they grow and are forgotten after a while: ((1 − q⁻¹)/(1 − e^{−dt/τ}·q⁻¹))ⁿ·e.
+    """High-pass weighting with forgetting: ((1 − q⁻¹)/(1 − e^{−dt/τ}·q⁻¹))ⁿ·e.
 
-    A position is an integral of an integral, so its free run keeps for ever what a short disturbance did to it, and
-    plain output error bends the parameters to make up for that. With n = 2 the error is seen as an acceleration of
+    A position is a double integral, so the effect of a short disturbance on its free run never decays, and the plain
+    output error would bias the parameters to compensate for it. With n = 2 the error is measured as an acceleration of
     bandwidth 1/τ, with n = 1 as a drift.
 
     Args:
@@ -84,13 +84,13 @@ class Recent:
 
 
 PRECISION = 1e-11
-"""How exact a free run is, relative to its size: the tolerance of the simulation."""
+"""The relative precision of a free run: the tolerance of the simulation."""
 NEAR = 1e-4
-"""How far, relative to its size, a search may still move where its derivatives begin to count."""
+"""The relative step of a search below which its derivatives are central differences."""
 
 
 class _Linearised(NamedTuple):
-    """A θ, residuals and derivatives there, and whether those are central differences."""
+    """A θ with its residuals and derivatives, and whether these are central differences."""
 
     theta: Array
     blocks: list[Block]
@@ -98,7 +98,7 @@ class _Linearised(NamedTuple):
 
 
 class FreeRunError:
-    """Residuals of free runs and their derivative, as `gauss_newton` wants them; θ then the initial states."""
+    """Residuals of free runs and their derivative with respect to θ and the initial states."""
 
     def __init__(
         self,
@@ -117,18 +117,18 @@ class FreeRunError:
         self._initial = [state.copy() for state in states]
         self._places = [
             (segment, index) for segment, indices in enumerate(free_states) for index in indices
-        ]  # of the initial states in θ
+        ]  # segment and index of the initial states in θ
         whole = np.concatenate([segment.output for segment in segments])
         spread = np.std(whole, axis=0)
         self._scale = np.ones(len(spread)) if len(spread) == 1 else np.where(spread > 0, spread, 1.0)
         self.sizes = self._sizes()
         self.precision = PRECISION * float(np.sqrt(np.mean((whole / self._scale) ** 2)))
-        self._residuals_at: tuple[Array, list[Array]] | None = None  # θ and what is there: a search asks again
+        self._residuals_at: tuple[Array, list[Array]] | None = None  # cache of the last θ
         self._linearised_at: _Linearised | None = None
 
     @property
     def start(self) -> Array:
-        """θ and initial states as they are."""
+        """The present θ and initial states."""
         values = [self.plant.value(name) for name in self.free]
         return np.array([*values, *(self._initial[s][i] for s, i in self._places)])
 
@@ -143,14 +143,14 @@ class FreeRunError:
         return np.array([self.plant.handles[n].upper for n in self.free] + [inf] * len(self._places))
 
     def within(self, limits: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
-        """The smallest and the largest θ, given those of its parameters; initial states have no bounds."""
+        """The bounds of θ, given bounds of its parameters; initial states have no bounds."""
         unbounded = [(-inf, inf)] * len(self._places)
         both = np.array([limits[name] for name in self.free] + unbounded).reshape(-1, 2)
         return both[:, 0], both[:, 1]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """For messages."""
+        """Names for messages."""
         return (*self.free, *(f"initial state {i + 1} of segment {s + 1}" for s, i in self._places))
 
     def plant_at(self, theta: Array) -> Plant:
@@ -165,20 +165,20 @@ class FreeRunError:
         return states
 
     def begun_at(self, theta: Array) -> FreeRunError:
-        """The same problem with θ as its start; what is known there is known still."""
+        """The same problem with θ as its start; cached results are kept."""
         moved = copy(self)
         moved.plant, moved._initial = self.plant_at(theta), self.states(theta)
         moved.sizes = moved._sizes()
         return moved
 
     def residuals(self, theta: Array) -> list[Array]:
-        """W·(ŷ − y) of every segment, its channels one after the other."""
+        """W·(ŷ − y) of every segment, channel after channel."""
         if self._residuals_at is None or not np.array_equal(self._residuals_at[0], theta):
             self._residuals_at = (theta.copy(), self._simulated(theta))
         return self._residuals_at[1]
 
     def linearised(self, theta: Array) -> list[Block]:
-        """Residuals and their derivative: one-sided differences where a search passes, `exactly` where it ends."""
+        """Residuals and their derivative: one-sided differences during a search, `exactly` at its end."""
         known = self._linearised_at
         if known is None or not np.array_equal(known.theta, theta):
             central = known is not None and bool((np.abs(theta - known.theta) <= NEAR * self.sizes).all())
@@ -187,7 +187,7 @@ class FreeRunError:
         return known.blocks
 
     def exactly(self, theta: Array) -> list[Block]:
-        """Residuals and their derivative by central differences, one-sided where only one side has a free run."""
+        """Residuals and their derivative by central differences; one-sided if only one side has a free run."""
         known = self._linearised_at
         if known is None or not (known.central and np.array_equal(known.theta, theta)):
             known = self._linearised_at = self._differentiated(theta, True)
@@ -258,7 +258,7 @@ class FreeRunError:
         return _Linearised(theta.copy(), list(zip(here, jacobians, strict=True)), central)
 
     def _sizes(self) -> Array:
-        """How large θ plausibly is: what it is, or what the plant and the samples suggest."""
+        """The plausible size of θ: its value, or an estimate from the plant and the samples."""
         return np.array([*self._typical(), *(self._state_size(s, i) for s, i in self._places)])
 
     def _typical(self) -> list[float]:

@@ -1,8 +1,7 @@
 r"""The grey box: a physical plant as a model of records.
 
-Given the parameters, all that is to be found is the state at the start of a segment; it is what makes the free run fit
-the first samples best (`problem`). From there on the model sees nothing but the input. How the
-parameters are found is in `estimation`.
+For given parameters, the state at the start of a segment is the one whose free run fits the first samples best. After
+them the model sees only the input. The parameters are estimated in `search.estimation`.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ class GreyBox:
 
     Args:
         plant: with its parameters.
-        signals: what the outputs of a record are, in their order.
+        signals: the signals of the outputs of a record, in their order.
     """
 
     plant: Plant
@@ -45,29 +44,29 @@ class GreyBox:
 
     @property
     def name(self) -> str:
-        """That of the plant."""
+        """The name of the plant."""
         return self.plant.name
 
     @property
     def memory(self) -> int:
-        """As many samples as show the state at the start."""
+        """The number of samples that give the initial state."""
         return self.plant.start_samples(self.signals)
 
     @property
     def dt(self) -> None:
-        """None: a plant runs at any sample time; its state knows which."""
+        """None: a plant runs at any sample time, which is part of its state."""
         return None
 
     @property
     def latency(self) -> int:
-        """None: its input is held between samples."""
+        """Zero: its input is held between samples."""
         return 0
 
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> PlantState:
-        """The state in which the plant stands still at zero, under a command that has stood for ever.
+        """The plant at standstill at position zero, with a constant command in the past.
 
         Args:
-            level: of the command; unless friction or a dead zone holds the plant there, it begins to move.
+            level: of the command; the plant starts to move unless friction or a dead zone prevents it.
             dt: sample time in s.
         """
         if dt is None:
@@ -76,7 +75,7 @@ class GreyBox:
         return self.plant.start(np.zeros(self.plant.states), u, dt, self.signals)
 
     def initial(self, segment: Record, samples: int) -> PlantState:
-        """The state after the first ``samples`` samples of a segment; see `beginning` for how it is found."""
+        """The state after the first ``samples`` samples of a segment, estimated by `beginning`."""
         start = self.plant.start(self.beginning(segment, samples), segment.input[0], segment.dt, self.signals)
         with np.errstate(over="ignore", invalid="ignore"):
             return self.run(start, segment.input[:samples])[1]
@@ -98,15 +97,15 @@ class GreyBox:
         return run
 
     def check_record(self, record: Record) -> None:
-        """Refuse a record of other channels or units; its outputs may be missing."""
+        """Refuse a record with other channels or units; its outputs may be missing."""
         check_channels(self.plant, self.signals, record)
 
     def simulate(self, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None) -> Run:
-        """Free run over every segment, from the state that fits its first samples best; over inputs alone, from rest.
+        """Free run over every segment, from the state that fits its first samples; over inputs alone, from rest.
 
         Args:
             record: a record, or inputs (N,) or (N, nu) alone.
-            transient: samples of every segment that start it, at least `memory`, which is the default.
+            transient: samples at the start of every segment, at least `memory`, which is the default.
             dt: sample time in s of inputs alone.
         """
         return free_run(self, as_record(self, record, dt), transient)
@@ -118,11 +117,11 @@ class GreyBox:
     def to_control(self) -> Any:
         """The plant in motion as a continuous python-control state-space system, from its command to its outputs.
 
-        Dry friction, dead zones, limits and constant loads are left out, as is the delay of the drive, which no state
-        space has: about a steady motion in one direction the rest is all there is.
+        Dry friction, dead zones, limits, constant loads and the delay of the drive are left out. Without the delay, the
+        system describes small changes about a steady motion in one direction.
 
         Raises:
-            ModelError: where python-control is not installed, or the plant has no linear part that is known.
+            ModelError: if python-control is not installed, or the linear part of the plant is not known.
         """
         control = python_control()
         part = self.plant.linearised(self.signals)
@@ -133,7 +132,7 @@ class GreyBox:
         )
 
     def beginning(self, segment: Record, samples: int) -> Array:
-        """The state at the first sample of a segment that its first ``samples`` samples suggest."""
+        """The state at the first sample of a segment, estimated from its first ``samples`` samples."""
         head = segment[: max(samples, 1)]
         first = self.plant.first_state(self.signals, head)
         free = self.plant.free_states(self.signals, head)
@@ -148,7 +147,7 @@ class GreyBox:
             return first
 
     def equation(self) -> str:
-        """Every parameter that is neither nothing nor a factor of one, with its unit; what is alike both ways, once."""
+        """Every parameter with an effect, with its unit; equal values of both directions are given once."""
         values = {name: self.plant.value(name) for name in self.plant.handles}
         alike = {
             whole: some
@@ -169,12 +168,12 @@ class GreyBox:
         return f"{self.name}: " + ", ".join(shown)
 
     def to_data(self) -> dict[str, Any]:
-        """Kind of plant, its parameters, and what the outputs are."""
+        """Kind of plant, its parameters, and the signals of the outputs."""
         return {"plant": plant_to_data(self.plant), "signals": [signal.value for signal in self.signals]}
 
     @classmethod
     def from_data(cls, data: dict[str, Any]) -> GreyBox:
-        """The model that `to_data` described."""
+        """The model described by `to_data`."""
         try:
             signals = tuple(Signal(value) for value in data["signals"])
             return cls(plant_from_data(data["plant"]), signals)
@@ -190,7 +189,7 @@ _BY_UNIT = {
 
 
 def signals_of(plant: Plant, record: Record) -> tuple[Signal, ...]:
-    """What the outputs of a record are, by their units; without one, what the plant usually gives."""
+    """The signals of the outputs of a record, by their units; without a unit, the usual signal of the plant."""
     usual = Signal.SPEED if plant.channels is None else plant.channels.usual
     return tuple(_BY_UNIT.get(unit, usual) for unit in record.output_units)
 
@@ -200,7 +199,7 @@ _NO_VOLTAGE = ("A", "N*m")
 
 
 def check_channels(plant: Plant, signals: Sequence[Signal], record: Record) -> None:
-    """Refuse a record that a plant does not have the channels for, or in units that it does not work in."""
+    """Refuse a record whose channels or units do not match the plant."""
     channels = plant.channels
     if channels is not None:
         _check_command(plant, channels, record)
@@ -222,7 +221,7 @@ def check_channels(plant: Plant, signals: Sequence[Signal], record: Record) -> N
 
 
 def assumptions(plant: Plant, record: Record) -> list[Finding]:
-    """What channels without a unit are taken for."""
+    """Findings on the assumed units of channels without a unit."""
     channels = plant.channels
     if channels is None:
         return []
@@ -242,7 +241,7 @@ def assumptions(plant: Plant, record: Record) -> list[Finding]:
 
 
 def _has_bridge(channels: Channels, record: Record) -> bool:
-    """Whether what drives a plant can short it or leave it open: that is, by a voltage."""
+    """Whether the source of a plant can short it or leave it open, as a voltage source can."""
     return channels.bridge and record.input_units[0] not in _NO_VOLTAGE
 
 

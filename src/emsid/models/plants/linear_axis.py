@@ -2,7 +2,7 @@
 
     M = mass,   F = D_F(f) − offset,   D = viscous friction,
 
-so that it takes the fast loop of `one_mass`.
+simulated by the fast loop of `one_mass`.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def _handles(law: type[FrictionLaw]) -> Mapping[str, Handle]:
 class LinearAxis(Driven):
     """A mass on a guide: M·dv/dt = D_F(f) − F_v·v − T_f(v) − offset; input a force, output position or speed.
 
-    An initial state is a speed in m/s and a position in m; after them may come the speed in m/s that a sensor with a
-    lag shows at the start, by default the true one.
+    An initial state is a speed in m/s and a position in m, and optionally the initial reading in m/s of a sensor with a
+    lag, by default the true speed.
 
     Args:
         mass: in kg.
@@ -59,9 +59,9 @@ class LinearAxis(Driven):
         friction: Coulomb and Stribeck friction (4.7), its levels in N and its rate in s/m.
         offset: constant force in N, such as gravity on an inclined axis.
         dead_zone: on the force, break points in N.
-        drive: what makes the force from the command; its gain is in N per unit.
-        sensor: what makes the log from the motion.
-        steps: steps in a sample for the Stribeck excess.
+        drive: converts the command to a force; its gain is in N per unit.
+        sensor: between the motion and the log.
+        steps: steps per sample for the Stribeck excess.
 
     Raises:
         ModelError: for a value that is not physical.
@@ -109,14 +109,14 @@ class LinearAxis(Driven):
 
     @property
     def channels(self) -> Channels:
-        """Position and speed, for a force, or for anything that the drive makes a force of."""
+        """Position and speed, for a force or a command that the drive converts to a force."""
         units = {Signal.SPEED: "m/s", Signal.POSITION: "m", Signal.ROTOR_SPEED: "rad/s", Signal.CURRENT: "A"}
         commands = ("N", "V", "A", "N*m")
         return Channels(units, Signal.POSITION, commands, "newtons", "", self.drive.codes, nothing="force")
 
     @property
     def frictions(self) -> Mapping[str, FrictionLaw]:
-        """The one of the guide."""
+        """The friction of the guide."""
         return {"friction": self.friction}
 
     def with_frictions(self, laws: Mapping[str, FrictionLaw]) -> Self:
@@ -187,7 +187,7 @@ class LinearAxis(Driven):
         return part.with_lag(self.sensor.lag, tuple(range(len(out))))
 
     def put_motion(self, motion: Motion) -> Self:
-        """The axis that moves like this: the mass follows from the gain, and the rest from the mass."""
+        """The axis with this motion: the gain gives the mass, and the mass gives the rest."""
         mass = max(self.drive.gain / motion.gain, TINY)
         zone = motion.dead_zone * abs(self.drive.gain)
         return replace(
@@ -222,7 +222,7 @@ class LinearAxis(Driven):
         return "M·dv/dt = D(f) − F_v·v − T_f(v) − F₀\ndx/dt = v"
 
     def to_data(self) -> dict[str, Any]:
-        """Parameters and how it is measured; a dead zone that it does not have is left out."""
+        """Parameters and sensor, and the dead zone if there is one."""
         data = super().to_data()
         parameters = data["parameters"]
         if self.dead_zone is None:
@@ -230,7 +230,7 @@ class LinearAxis(Driven):
         return {**data, "parameters": parameters, "feed": Feed.VOLTAGE.value}
 
     def quantities(self) -> tuple[Quantity, ...]:
-        """What is known even where the gain of the drive is not."""
+        """Quantities that do not need the gain of the drive."""
         viscous, (level, _) = self.viscous_friction, self.friction.base
         return (
             Quantity("time constant", "M/F_v", "s", self.mass / max(float(np.mean(viscous)), TINY)),

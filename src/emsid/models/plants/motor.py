@@ -1,10 +1,10 @@
-"""The motor of section IV as a plant: with the drive in front of it and the sensor behind it.
+"""The motor of section IV as a plant, with a drive and a sensor.
 
-The general motor is simulated by `emsid.plant.simulate`. Its rigid form without inductance is one mass,
+`emsid.plant.simulate` simulates the general motor. Its rigid form without inductance is one mass,
 
     M = J_m + J_L,   F = (K_m/R_a)·c·D_v(v) − T_d,   D = c·K_m²/R_a + B_m + B_L,
 
-and takes the fast loop of `one_mass`.
+which the fast loop of `one_mass` simulates.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 LONG_STEPS = Taylor(order=20)
-"""Samples of a log are long beside electrical time constants and resonances: of a higher order, fewer steps do."""
+"""Sample times are long compared with electrical time constants and resonances; a high order needs fewer steps."""
 QUICKEST = 0.05
-"""The shortest electrical time constant that is searched, in samples: less shows in no record and takes for ever."""
+"""The shortest electrical time constant in samples; records do not show a shorter one, and it is slow to simulate."""
 
 
 _MADE = {
@@ -50,7 +50,7 @@ _ZONES = {"voltage_dead_zone": ("voltage", "V", Measure.COMMAND), "torque_dead_z
 
 @cache
 def _handles(rigid: bool, feed: Feed, rotor: type[FrictionLaw], load: type[FrictionLaw]) -> Mapping[str, Handle]:
-    """Those of the fields of `Motor`, then load torque, drive and sensor; a rigid motor has no shaft."""
+    """The handles of the fields of `Motor`, then load torque, drive and sensor; a rigid motor has no shaft."""
     laws = {"rotor_friction": rotor, "load_friction": load}
     found: dict[str, Handle] = {}
     for part in fields(Motor):
@@ -71,16 +71,16 @@ def _handles(rigid: bool, feed: Feed, rotor: type[FrictionLaw], load: type[Frict
 class DrivenMotor(Driven):
     """The motor (4.1)–(4.11) with its drive and its sensor; input a command, outputs speed, position or current.
 
-    An initial state is a speed in rad/s and an angle in rad, of rotor and load alike, the current settled; after them
-    may come the speed in rad/s that a sensor with a lag shows at the start, by default the true one.
+    An initial state is a speed in rad/s and an angle in rad, equal for rotor and load, with the current in steady
+    state, and optionally the initial reading in rad/s of a sensor with a lag, by default the true speed.
 
     Args:
-        motor: the motor; `Motor.rigid` with no inductance is by far the fastest.
-        drive: what makes the voltage from the command.
-        sensor: what makes the log from the motion.
+        motor: the motor; `Motor.rigid` without inductance is by far the fastest.
+        drive: converts the command to a voltage.
+        sensor: between the motion and the log.
         load_torque: constant torque T_d on the load in N·m.
-        steps: steps in a sample for the Stribeck excess of a rigid motor.
-        feed: what the drive makes; fed with a current or a torque, a rigid motor has no back electromotive force.
+        steps: steps per sample for the Stribeck excess of a rigid motor.
+        feed: the output of the drive; with a current or a torque, a rigid motor has no back electromotive force.
 
     Raises:
         ModelError: for a motor with an elastic shaft that is fed with anything but a voltage.
@@ -104,15 +104,15 @@ class DrivenMotor(Driven):
 
     @property
     def handles(self) -> Mapping[str, Handle]:
-        """Those of `Motor.parameters` by their names there, then load torque, drive and sensor."""
+        """The handles of `Motor.parameters` by name, then load torque, drive and sensor."""
         motor = self.motor
         return _handles(motor.is_rigid, self.feed, type(motor.rotor_friction), type(motor.load_friction))
 
     @property
     def usual(self) -> tuple[str, ...]:
-        """Electrical constants, inertia, viscous and Coulomb friction, dead zone; with a shaft, that and the load.
+        """Electrical constants, inertia, viscous and Coulomb friction, dead zone; also shaft and load, if not rigid.
 
-        Of these what makes a difference; a motor that is fed with a current or a torque has no dead zone of its own.
+        Only parameters with an effect are included; with a current or a torque as input there is no dead zone.
         """
         if self.feed is not Feed.VOLTAGE:
             constant = ("motor_constant",) if self.feed is Feed.CURRENT else ()
@@ -126,12 +126,12 @@ class DrivenMotor(Driven):
 
     @property
     def _level(self) -> str:
-        """The name of the level of its friction."""
+        """The name of its friction level."""
         return f"rotor_friction.{self.motor.rotor_friction.parameters[0].name}"
 
     @property
     def fine(self) -> frozenset[str]:
-        """What concerns the shaft, and the inductance: of a motor with an elastic shaft only."""
+        """The parameters of the shaft and the inductance, if the shaft is elastic."""
         late = ("shaft_stiffness", "shaft_damping", "load_inertia", "inductance")
         return frozenset() if self.motor.is_rigid else frozenset(late)
 
@@ -156,7 +156,7 @@ class DrivenMotor(Driven):
 
     @property
     def frictions(self) -> Mapping[str, FrictionLaw]:
-        """On the rotor and on the load."""
+        """The friction on the rotor and on the load."""
         return {"rotor_friction": self.motor.rotor_friction, "load_friction": self.motor.load_friction}
 
     def with_frictions(self, laws: Mapping[str, FrictionLaw]) -> Self:
@@ -175,11 +175,11 @@ class DrivenMotor(Driven):
 
     @property
     def can_coast(self) -> bool:
-        """A motor of one mass that is fed with a voltage."""
+        """True for one mass driven by a voltage."""
         return self.motor.is_rigid and self.feed is Feed.VOLTAGE
 
     def force_scale(self, command: float, output: float) -> float:
-        """Driven by a voltage, such that the resistance stays as it is."""
+        """For a voltage, the scale that keeps the resistance."""
         return command**2 / output if self.feed is Feed.VOLTAGE else command
 
     def largest_force(self, inputs: Array) -> float:
@@ -192,18 +192,18 @@ class DrivenMotor(Driven):
 
     @property
     def lacks(self) -> tuple[str, ...]:
-        """The inductance, of one mass without it."""
+        """The inductance, for one mass without it."""
         return ("inductance",) if self.motor.is_rigid and self.motor.inductance == 0 else ()
 
     def without_effect(self, signals: Sequence[Signal]) -> tuple[str, ...]:
-        """Electrical parameters where what drives it is no voltage."""
+        """Electrical parameters, unless a voltage drives it."""
         if self.feed is Feed.VOLTAGE:
             return ()
         constant = self.feed is Feed.TORQUE and Signal.CURRENT not in signals
         return ("resistance", "inductance", *(("motor_constant",) if constant else ()))
 
     def fed(self, record: Record) -> Self:
-        """A rigid motor driven by a current or a torque, where the command is in A or N·m."""
+        """A rigid motor driven by a current or a torque if the command is in A or N·m."""
         unit = record.input_units[0]
         feed = next((each for each in (Feed.CURRENT, Feed.TORQUE) if unit == _MADE[each][0]), None)
         if self.feed is not Feed.VOLTAGE or feed is None:
@@ -216,7 +216,7 @@ class DrivenMotor(Driven):
         return replace(self, feed=feed, motor=replace(self.motor, voltage_dead_zone=None))
 
     def plausible(self, measure: Measure, sizes: Sizes) -> float:
-        """By the torque that the largest command makes."""
+        """From the torque of the largest command."""
         force = sizes.command * abs(self.drive.gain) * self.motor.motor_constant / self.motor.resistance
         return plausible(measure, force, sizes)
 
@@ -225,9 +225,9 @@ class DrivenMotor(Driven):
         return {"inductance": (QUICKEST * dt * self.motor.resistance, inf)} if "inductance" in asked else {}
 
     def simpler(self, names: Sequence[str]) -> tuple[Plant, list[str]] | None:
-        """One mass without inductance, where a parameter of the shaft is among the names."""
+        """One mass without inductance, if the names include a parameter of the shaft."""
         left = [name for name in names if not name.startswith("shaft_") and name != "inductance"]
-        if "rotor_inertia" in left and "load_inertia" in left:  # only their sum is left
+        if "rotor_inertia" in left and "load_inertia" in left:  # one mass has only their sum
             left.remove("load_inertia")
         if not left or not any(name.startswith("shaft_") for name in names):
             return None
@@ -236,14 +236,14 @@ class DrivenMotor(Driven):
     def start(
         self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
     ) -> PlantState:
-        """The state before the first sample: speed, angle and shown speed, under a command (nu,) that stood till then.
+        """The state before the first sample: speed, angle and reading, for a constant past command (nu,).
 
         Args:
-            state: (2,) speed and angle, or (3,) with the speed that the sensor shows, by default the true one.
-            command: the inputs of the first sample; a code is what the bridge did before.
+            state: (2,) speed and angle, or (3,) with the speed reading of the sensor, by default the true speed.
+            command: the inputs of the first sample; a code gives the past state of the bridge.
             dt: sample time in s.
-            signals: what the outputs are.
-            samples: how long the run is going to be, if that is known; a delay beyond it is not kept.
+            signals: the signals of the outputs.
+            samples: length of the run, if known; it limits the stored delay.
         """
         speed, angle = float(state[0]), float(state[1])
         commands = self.drive.standing(command, dt, samples)
@@ -311,11 +311,11 @@ class DrivenMotor(Driven):
         return self.run(self.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
 
     def linearised(self, signals: Sequence[Signal]) -> StateSpace:
-        """(4.1)–(4.6) without dry friction and dead zones: the armature, two masses and a shaft, or what there is."""
+        """(4.1)–(4.6) without dry friction and dead zones: armature, two masses and shaft, as far as they exist."""
         m, gain = self.motor, self.drive.gain
         names = ["current", "rotor speed", "load speed", "twist", "angle"]
         k, viscous = m.motor_constant, np.array([m.rotor_viscous, m.load_viscous])
-        # The current at once, where there is no inductance, or the torque itself; row: per state, then per command.
+        # The current without inductance, or the torque itself; a row has one element per state, then one per command.
         voltage = self.feed is Feed.VOLTAGE
         settled = np.zeros(6)
         if voltage:
@@ -353,14 +353,14 @@ class DrivenMotor(Driven):
 
     @property
     def _is_one_mass(self) -> bool:
-        """Whether the fast loop of one mass can move it."""
+        """Whether the fast loop of one mass can simulate it."""
         motor = self.motor
         return self.feed is not Feed.VOLTAGE or (
             motor.is_rigid and motor.inductance == 0 and motor.torque_dead_zone is None
         )
 
     def _torque(self, made: Array, conducts: Array) -> tuple[Array, Array]:
-        """What turns one mass at rest, and by how much less per rad/s when it moves, for what the drive makes."""
+        """The torque on one mass at rest, and its decrease per rad/s, for an output of the drive."""
         motor = self.motor
         if self.feed is Feed.VOLTAGE:
             slope = motor.motor_constant / motor.resistance
@@ -370,10 +370,10 @@ class DrivenMotor(Driven):
         return torque if motor.torque_dead_zone is None else motor.torque_dead_zone(torque), np.zeros(len(made))
 
     def put_motion(self, motion: Motion) -> Self:
-        """The motor that moves like one mass, resistance, viscous friction and the ratio of inertias kept.
+        """The motor with this motion of one mass; resistance, viscous friction and the ratio of inertias are kept.
 
-        With R_a given, K_m follows from the damping, J from K_m and the gain, and the friction from J. Fed with a
-        current, K_m is kept and the rest follows from it.
+        With R_a given, K_m follows from the damping, J from K_m and the gain, and the friction from J. For a current
+        input, K_m is kept, and J and the friction follow from it.
         """
         motor = self.motor
         if self.feed is not Feed.VOLTAGE:
@@ -453,18 +453,18 @@ class DrivenMotor(Driven):
         return "\n".join([*electrical, *mechanical])
 
     def to_data(self) -> dict[str, Any]:
-        """Parameters and what it is fed with; a dead zone that it does not have is left out."""
+        """Parameters and input quantity, and the dead zones that exist."""
         data = super().to_data()
         absent = tuple(f"{zone}." for zone in _ZONES if getattr(self.motor, zone) is None)
         kept = {name: value for name, value in data["parameters"].items() if not name.startswith(absent or ("\0",))}
         return {**data, "parameters": kept, "feed": self.feed.value}
 
     def with_data(self, data: Mapping[str, Any]) -> Self:
-        """The motor that `to_data` described."""
+        """The motor described by `to_data`."""
         return super(DrivenMotor, replace(self, feed=Feed(data.get("feed", Feed.VOLTAGE.value)))).with_data(data)
 
     def quantities(self) -> tuple[Quantity, ...]:
-        """What input and speed alone identify of a motor."""
+        """Quantities that input and speed alone identify."""
         m = self.motor
         r, k = m.resistance, m.motor_constant
         inertia, viscous = m.rotor_inertia + m.load_inertia, m.rotor_viscous + m.load_viscous
@@ -505,12 +505,12 @@ class DrivenMotor(Driven):
 
 
 def together(rotor: FrictionLaw, load: FrictionLaw) -> FrictionLaw:
-    """The friction of both sides of a rigid motor, as one law.
+    """The friction of both sides of a rigid motor as one law.
 
-    Of two `Friction` the levels add up, and the rates are the rotor's where it has an excess.
+    The levels of two `Friction` laws are added; the rate is that of the rotor if it has an excess.
 
     Raises:
-        ModelError: for two laws that are not alike and both take part.
+        ModelError: for two different laws that both have an effect.
     """
     if not any(load.breakaway) and isinstance(load, Friction):
         return rotor
@@ -528,7 +528,7 @@ def together(rotor: FrictionLaw, load: FrictionLaw) -> FrictionLaw:
 
 
 def _pieces(voltage: Array, dt: float, late: float) -> tuple[Array, Array]:
-    """Voltages and how long each is held: two to a sample where the delay ends within it."""
+    """Voltages and their durations: two per sample if the delay ends within it."""
     if late <= 0:
         return voltage[1:], np.full(len(voltage) - 1, dt)
     if late >= 1:

@@ -1,25 +1,25 @@
-r"""One mass under a held force and dry friction, sample by sample: the fast motion behind the grey-box models.
+r"""One mass under a sampled force and dry friction: the fast simulation of the grey-box models.
 
-A rigid motor without inductance and a linear axis are the same thing, one mass M with a speed v and a position x,
+A rigid motor without inductance and a linear axis have the same equations, one mass M with speed v and position x,
 
-    M·dv/dt = F − D·v − T_f(v),      dx/dt = v.                     (4.4) with (4.1)–(4.3) and (4.10) put into it
+    M·dv/dt = F − D·v − T_f(v),      dx/dt = v.                     (4.4) with (4.1)–(4.3) and (4.10) inserted
 
-F is all that does not depend on speed (drive, gravity, offsets), D all that brakes in proportion to it (viscous
-friction, and the armature with K²/R), T_f is (4.7). F and D are held from sample to sample. While the mass slides in
-direction s the friction is s·c, and with c constant everything has a closed form over any time h:
+F contains all forces that do not depend on speed (drive, gravity, offsets), D all damping (viscous friction, and K²/R
+of the armature), and T_f is (4.7). F and D are constant between samples. While the mass slides in direction s the
+friction is s·c, and for constant c the solution over any time h is
 
     v(h) = v₀ + (a − r·v₀)·φ₁(h),     x(h) = x₀ + v₀·h + (a − r·v₀)·φ₂(h),       r = D/M,   a = (F − s·c)/M,
     φ₁(h) = (1 − e^{−rh})/r,          φ₂(h) = (h − φ₁(h))/r,
 
-as has the instant at which the mass comes to rest, t = ln(1 − r·v₀/a)/r. There, friction either holds it, its speed
-being exactly zero until |F| exceeds the break-away level, or it slides back. So with Coulomb friction the motion is
-exact, stick included. A law that depends on speed, such as a Stribeck excess, is taken at the speed in the middle
-of the step, which is of second order in h; `emsid.plant.simulate` is what the tests compare it with.
+The mass comes to rest at t = ln(1 − r·v₀/a)/r. Then friction holds it, at exactly zero speed until |F| exceeds the
+break-away level, or it slides back. So with Coulomb friction the motion is exact, including sticking. A law that
+depends on speed, such as a Stribeck excess, is evaluated at the speed in the middle of the step, which is of second
+order in h; the tests compare it with `emsid.plant.simulate`.
 
-There is one loop for every friction law: `loop_for` puts another law in the place of ``level``.
+The loop is the same for every friction law: `loop_for` replaces ``level``.
 
-A command that arrives late by a fraction of a sample splits each sample in two, each part with its own force: the
-delay enters exactly too, and every output is a continuous function of every parameter.
+A delay by a fraction of a sample splits each sample in two parts, each with its own force. So the delay is exact too,
+and every output is a continuous function of every parameter.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 
 class Motion(NamedTuple):
-    """One mass as a regression sees it: dv/dt = gain·D(u) − damping·v − c·sgn(v) − offset, all divided by the mass.
+    """The motion of one mass, divided by the mass: dv/dt = gain·D(u) − damping·v − c·sgn(v) − offset.
 
     Attributes:
         gain: acceleration per unit of command beyond the dead zone.
@@ -58,13 +58,13 @@ class Motion(NamedTuple):
 
 
 class Sliding(NamedTuple):
-    """What resists motion, forward in the first place of every pair and backward in the second.
+    """Friction in both directions; every pair is (forward, backward).
 
     Attributes:
         numbers: (2, n) the parameters of the friction law.
-        breakaway: (2,) what holds the mass at rest, in N or N·m.
+        breakaway: (2,) break-away level, in N or N·m.
         varies: (2,) whether the law depends on speed.
-        viscous: (2,) what is added to D in that direction, in N·s/m or N·m·s/rad.
+        viscous: (2,) added to D in that direction, in N·s/m or N·m·s/rad.
     """
 
     numbers: Array
@@ -96,15 +96,15 @@ def move(
 
     Args:
         mass: M.
-        friction: what T_f and the direction-dependent part of D are made of.
-        force: (N + 1,) F; the first is what acted before the first sample.
-        damping: (N + 1,) D, likewise.
+        friction: T_f and the direction-dependent part of D.
+        force: (N + 1,) F; the first value acts before the first sample.
+        damping: (N + 1,) D, in the same order.
         dt: sample time in s.
-        late: which part of a sample the force before still acts, 0 to 1.
-        steps: steps in a sample, for the Stribeck excess.
+        late: the fraction of a sample during which the previous force still acts, 0 to 1.
+        steps: steps per sample for the Stribeck excess.
         speed: v at the first sample.
         position: x at the first sample.
-        speeds, positions: written to; where they have N + 1 places, the last gets the end of the last sample.
+        speeds, positions: the results; with N + 1 elements, the last one is the end of the last sample.
     """
     v, x = speed, position
     known_rate, known_time, first, second = -1.0, -1.0, 0.0, 0.0
@@ -142,7 +142,7 @@ def move(
                         x += v * left + pull * second
                         v = after
                         break
-                    if v == 0.0:  # a step that did not get going: rounding, or an excess that is gone at once
+                    if v == 0.0:  # no motion in this step: rounding, or an excess that vanishes at once
                         break
                     time = min(np.log1p(-r * v / a) / r if abs(r * left) > 1e-9 else -v / a, left)
                     _, integral = _phi(r, time)
@@ -155,7 +155,7 @@ def move(
 
 @cache
 def loop_for(law: Level) -> Callable[..., None]:
-    """`move` with another friction law in it: compiled where the law is, and in plain Python otherwise."""
+    """`move` with another friction law: compiled if the law is, otherwise in plain Python."""
     if law is level:
         return move
     compiled = hasattr(law, "py_func")

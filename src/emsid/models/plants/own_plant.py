@@ -1,4 +1,4 @@
-"""A plant that a user writes down, as functions of state, input and parameters."""
+"""A plant that a user defines by functions of state, input and parameters."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ Derivative = Callable[[Array, Array, Array], Sequence[float] | Array]
 
 @dataclass(frozen=True)
 class OwnPlant(BasePlant):
-    """A plant of the user's: dx/dt = derivative(x, u, p), y = output(x, u, p).
+    """A user's plant: dx/dt = derivative(x, u, p), y = output(x, u, p).
 
-    Classical Runge–Kutta steps take it through every sample. Functions compiled with ``numba.njit`` run in a compiled
-    loop; they then have to return arrays.
+    It is integrated by the classical Runge–Kutta method. Functions compiled with ``numba.njit`` run in a compiled loop;
+    they must return arrays.
 
     Args:
-        derivative: of the state (n,), given state, input (nu,) held over the sample and parameters (p,).
-        output: (ny,) of the same.
-        table: the parameters, in the order in which the functions get them.
+        derivative: of the state (n,), a function of state, input (nu,) held over the sample, and parameters (p,).
+        output: (ny,), a function of the same arguments.
+        table: the parameters, in the order of p.
         values: (p,) their values.
-        states: n.
+        states: n, the number of states.
         bounds: (name, lower, upper) for every parameter that has bounds.
-        steps: Runge–Kutta steps in a sample.
-        name: what it is called in tables.
+        steps: Runge–Kutta steps per sample.
+        name: its name in tables.
     """
 
     derivative: Derivative
@@ -55,7 +55,7 @@ class OwnPlant(BasePlant):
 
     @property
     def handles(self) -> Mapping[str, Handle]:
-        """One for every row of the table."""
+        """One handle for every row of the table."""
         limits = {name: (lower, upper) for name, lower, upper in self.bounds}
         return {
             p.name: Handle(p, ((("values", k), 1.0),), *limits.get(p.name, (-inf, inf)), _measure(p.unit))
@@ -65,10 +65,10 @@ class OwnPlant(BasePlant):
     def start(
         self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
     ) -> PlantState:
-        """The state before the first sample, (n,) of the user's functions; its outputs need no signal.
+        """The state (n,) before the first sample; signals are not used.
 
         Raises:
-            ModelError: for functions that give something of another shape.
+            ModelError: for functions that return a wrong shape.
         """
         start, parameters = np.array(state, dtype=float), np.array(self.values)
         for what, function, shape in (
@@ -94,12 +94,12 @@ class OwnPlant(BasePlant):
 
 
 def _measure(unit: str) -> Measure:
-    """What a parameter in this unit most likely measures."""
+    """The most likely measure of a parameter with this unit."""
     return next((each for each in Measure if unit and unit in each.value), Measure.OTHER)
 
 
 def _runge_kutta(f: Any, g: Any, inputs: Array, p: Array, state: Array, dt: float, steps: int, out: Array) -> None:
-    """Fill ``out`` (N, ny), and bring ``state`` (n,) to the end of the last sample."""
+    """Fill ``out`` (N, ny), and update ``state`` (n,) to the end of the last sample."""
     x = state.copy()
     h = dt / steps
     for k in range(len(inputs)):

@@ -1,7 +1,7 @@
 """The physical parameters of a plant, read and written by name.
 
-A parameter may stand for several values that move together, such as a friction level for both directions, or the two
-break points of a dead zone; its `Handle` knows where they are kept.
+A parameter may stand for several values that change together, such as a friction level for both directions, or the two
+break points of a dead zone. Its `Handle` has their paths in the plant.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ Array = NDArray[np.float64]
 Path = tuple[str | int, ...]
 
 TINY = 1e-12
-"""A parameter that is positive may get as small as this."""
+"""The lower bound of positive parameters."""
 
 
 class Signal(Enum):
-    """What a channel of a record measures."""
+    """The quantity that a channel of a record measures."""
 
     SPEED = "speed"
     POSITION = "position"
@@ -39,13 +39,13 @@ class Signal(Enum):
 
 
 class Handle(NamedTuple):
-    """A parameter of a plant: what it is, where it is kept and what it may be.
+    """A parameter of a plant: its meaning, its paths and its bounds.
 
     Attributes:
         parameter: name, symbol, SI unit and meaning.
-        paths: where in the plant the value is kept, each with a sign; a parameter for both directions has two places.
-        lower, upper: what is physical.
-        measure: what it measures, from which follows how large it plausibly is.
+        paths: paths of the value in the plant, each with a sign; a parameter for both directions has two.
+        lower, upper: physical bounds.
+        measure: the measured quantity, which gives its plausible size.
     """
 
     parameter: Parameter
@@ -55,7 +55,7 @@ class Handle(NamedTuple):
     measure: Measure = Measure.OTHER
 
     def with_unit(self, value: float, digits: int = 4) -> str:
-        """A value of it as text."""
+        """A value with its unit as text."""
         return with_unit(f"{value:.{digits}g}", self.parameter.unit)
 
     @property
@@ -69,11 +69,11 @@ class Handle(NamedTuple):
 
 
 class Named(Protocol):
-    """What has parameters by name."""
+    """An object with parameters by name."""
 
     @property
     def name(self) -> str:
-        """What it is called in messages."""
+        """Its name in messages."""
         ...
 
     @property
@@ -86,13 +86,13 @@ def read_at(thing: Any, path: tuple[str | int, ...]) -> float:
     """A number in a nested value."""
     for step in path:
         if thing is None:
-            return 0.0 if path[-1] in ("b_l", "b_r") else 1.0  # of a dead zone that is not there
+            return 0.0 if path[-1] in ("b_l", "b_r") else 1.0  # without a dead zone
         thing = thing[step] if isinstance(step, int) else getattr(thing, step)
     return float(thing)
 
 
 def write_at(thing: Any, path: tuple[str | int, ...], value: float) -> Any:
-    """The same nested value with another number in it."""
+    """The nested value with one number replaced."""
     step, *rest = path
     if isinstance(step, int):
         return tuple(value if k == step else kept for k, kept in enumerate(thing))
@@ -102,12 +102,12 @@ def write_at(thing: Any, path: tuple[str | int, ...], value: float) -> Any:
 
 
 def full_name(plant: Named, name: str) -> str:
-    """The name of the parameter that is called so: by its name, or by a symbol that no other parameter has.
+    """The full name of a parameter, given by its name or by a unique symbol.
 
-    A symbol may be written without its index, ``R`` for ``R_a``, where that is clear.
+    A symbol may be written without its index, ``R`` for ``R_a``, if it is unique.
 
     Raises:
-        ModelError: where the plant has no such parameter, or several; the message says which it has.
+        ModelError: if the plant has no such parameter, or several; with a list of its parameters.
     """
     if name in plant.handles:
         return name
@@ -125,7 +125,7 @@ def find_handle(plant: Named, name: str) -> Handle:
     """The handle of a parameter, by its name or its symbol.
 
     Raises:
-        ModelError: where the plant has no parameter of that name; the message says which it has.
+        ModelError: for an unknown name, with a list of the parameters.
     """
     known = plant.handles.get(name)
     return plant.handles[full_name(plant, name)] if known is None else known
@@ -135,7 +135,7 @@ def refuse_overlap(plant: Named, names: Iterable[str]) -> None:
     """Refuse names that stand for the same value of a plant, such as a level for both directions and the forward one.
 
     Raises:
-        ModelError: that names the two.
+        ModelError: with both names.
     """
     places: dict[tuple[str | int, ...], str] = {}
     for name in names:
@@ -146,7 +146,7 @@ def refuse_overlap(plant: Named, names: Iterable[str]) -> None:
 
 
 def parts(plant: Named, name: str) -> tuple[str, ...]:
-    """The names of the values that a parameter moves together, such as its two directions; none for a single value."""
+    """The names of the values that a parameter changes together, such as its two directions; empty for one value."""
     paths = [path for path, _ in find_handle(plant, name).paths]
     if len(paths) == 1:
         return ()
@@ -154,10 +154,10 @@ def parts(plant: Named, name: str) -> tuple[str, ...]:
 
 
 def without_overlap(plant: Named, names: Iterable[str], taken: Iterable[str]) -> tuple[str, ...]:
-    """The names, less what is taken; where one value of a name is taken or named itself, its other values are left.
+    """The names without those taken; if one value of a name is taken or listed itself, its other values remain.
 
     Raises:
-        ModelError: for a name that the plant does not have.
+        ModelError: for an unknown name.
     """
     wanted, spoken_for = tuple(dict.fromkeys(names)), set(taken)
     gone = spoken_for.union(*(parts(plant, name) for name in spoken_for))
@@ -177,21 +177,21 @@ def scalar(
     """The handle of one value, which cannot be negative unless ``lower`` allows it.
 
     Args:
-        path: where in the plant the value is kept.
+        path: path of the value in the plant.
         parameter: name, symbol, unit and meaning.
-        measure: what it measures.
-        lower, upper: what is physical.
+        measure: the measured quantity.
+        lower, upper: physical bounds.
     """
     return {parameter.name: Handle(parameter, ((path, 1.0),), lower, upper, measure)}
 
 
 def by_direction(path: Path, parameter: Parameter, measure: Measure) -> dict[str, Handle]:
-    """The handles of a pair (forward, backward): one that moves both, and one for each direction.
+    """The handles of a pair (forward, backward): one for both, and one for each direction.
 
     Args:
-        path: where in the plant the pair is kept.
+        path: path of the pair in the plant.
         parameter: name, symbol, unit and meaning.
-        measure: what it measures.
+        measure: the measured quantity.
     """
     name, symbol, unit, description = parameter
     both = tuple(((*path, k), 1.0) for k in (0, 1))
@@ -210,7 +210,7 @@ def by_direction(path: Path, parameter: Parameter, measure: Measure) -> dict[str
 def law_handles(
     path: Path, name: str, law: type[FrictionLaw], where: str = "", index: str = "", linear: bool = False
 ) -> dict[str, Handle]:
-    """The handles of a friction law that is kept at a path of a plant, their names beginning with ``name``."""
+    """The handles of a friction law at a path of a plant; their names begin with ``name``."""
     found: dict[str, Handle] = {}
     for parameter, each in zip(law_parameters(law, where, index, linear), law.parameters, strict=True):
         found |= by_direction((*path, each.name), parameter._replace(name=f"{name}.{each.name}"), each.measure)
@@ -218,7 +218,7 @@ def law_handles(
 
 
 def dead_zone_handles(path: Path, name: str, where: str, unit: str, measure: Measure) -> dict[str, Handle]:
-    """The handles of a dead zone: its two break points, half its width, which moves both, and its slopes."""
+    """The handles of a dead zone: its two break points, half its width, which changes both, and its slopes."""
     on = f"of the dead zone on the {where}"
     right, left = (*path, "b_r"), (*path, "b_l")
     half = Parameter(f"{name}.half_width", "b", unit, f"half the width {on}")

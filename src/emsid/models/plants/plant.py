@@ -1,8 +1,8 @@
-"""What a plant is: a frozen value that simulates itself and declares all that the rest of the program asks of it.
+"""The interface of a plant: a frozen value that simulates itself and declares its properties.
 
-It declares its parameters, its channels, its start and its characteristics; nobody asks for its type or its name. A
-plant of a user's derives from `BasePlant`, which answers everything but ``handles`` and ``run`` for a plant of which no
-more is known, or is an `OwnPlant`. `registry` lists the plants that files and candidates know.
+A plant declares its parameters, its channels, its initial state and its characteristics; the program does not test its
+type or its name. A user's plant is an `OwnPlant`, or derives from `BasePlant`, which has defaults for everything but
+``handles`` and ``run``. `registry` lists the plants for files and candidates.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ Array = NDArray[np.float64]
 
 
 class Quantity(NamedTuple):
-    """A combination of parameters that has a meaning of its own, such as a time constant.
+    """A combination of parameters with its own meaning, such as a time constant.
 
     Attributes:
-        name: what it is called.
-        formula: of the parameters' symbols.
+        name: its name.
+        formula: in the symbols of the parameters.
         unit: SI.
         value: in that unit.
     """
@@ -45,17 +45,17 @@ class Quantity(NamedTuple):
 
 
 class Channels(NamedTuple):
-    """What signals a plant gives and what command it takes.
+    """The output signals and the command of a plant.
 
     Attributes:
-        units: the signals that it gives, each with its unit.
-        usual: what an output without a unit is taken for.
-        commands: units that its command may be in.
-        made: what a command without a unit is taken for: ``volts``.
-        source: what drives it, in a word: ``voltage``.
-        codes: values of the input that are no command.
-        bridge: whether what drives it can short it or leave it open.
-        nothing: what is missing where it is left open: ``torque``.
+        units: its output signals, each with its unit.
+        usual: the assumed signal of an output without a unit.
+        commands: possible units of its command.
+        made: the assumed unit of a command without a unit: ``volts``.
+        source: the quantity that drives it: ``voltage``.
+        codes: values of the input that are not commands.
+        bridge: whether the source can short it or leave it open.
+        nothing: the quantity that is zero when it is left open: ``torque``.
     """
 
     units: Mapping[Signal, str]
@@ -69,13 +69,13 @@ class Channels(NamedTuple):
 
 
 class StaticCharacteristic(NamedTuple):
-    """A static characteristic of a plant: what comes out over what goes in.
+    """A static characteristic of a plant: its output over its input.
 
     Attributes:
-        law: (n,) out of (n,) in.
-        x, y: name and unit of what goes in and of what comes out.
-        breakaway: (forward, backward) of a friction, what holds it at rest.
-        edge: of a dead zone, the larger of its break points.
+        law: (n,) output for (n,) input.
+        x, y: name and unit of input and output.
+        breakaway: (forward, backward) break-away level of a friction.
+        edge: the larger break point of a dead zone.
     """
 
     law: Callable[[Array], Array]
@@ -86,7 +86,7 @@ class StaticCharacteristic(NamedTuple):
 
 
 class Sizes(NamedTuple):
-    """How large things are in some records.
+    """The sizes of signals in records.
 
     Attributes:
         command: the largest input.
@@ -103,7 +103,7 @@ Limits = Mapping[str, tuple[float, float]]
 
 
 class Plant(Protocol):
-    """Anything the grey box can fit: a value with named parameters that simulates itself."""
+    """A physical model for a grey box: a value with named parameters that simulates itself."""
 
     @property
     def name(self) -> str:
@@ -112,7 +112,7 @@ class Plant(Protocol):
 
     @property
     def body(self) -> str:
-        """What moves, in a word: ``motor``, ``axis``."""
+        """The moving part in one word: ``motor``, ``axis``."""
         ...
 
     @property
@@ -122,17 +122,17 @@ class Plant(Protocol):
 
     @property
     def usual(self) -> tuple[str, ...]:
-        """The parameters estimated by default, those first that should rather be fixed."""
+        """The parameters estimated by default; those to fix first come first."""
         ...
 
     @property
     def fine(self) -> frozenset[str]:
-        """Parameters that matter only once the others are about right: they join the search later."""
+        """Parameters with small effects; they join the search later."""
         ...
 
     @property
     def frictions(self) -> Mapping[str, FrictionLaw]:
-        """Its friction laws, by the names that their parameters begin with."""
+        """Its friction laws, by the prefix of their parameter names."""
         ...
 
     def with_frictions(self, laws: Mapping[str, FrictionLaw]) -> Self:
@@ -145,7 +145,7 @@ class Plant(Protocol):
         ...
 
     def without_effect(self, signals: Sequence[Signal]) -> tuple[str, ...]:
-        """Parameters that change none of these signals as the plant is driven now."""
+        """Parameters without effect on these signals for the present drive."""
         ...
 
     @property
@@ -155,16 +155,16 @@ class Plant(Protocol):
 
     @property
     def channels(self) -> Channels | None:
-        """What signals it gives and what command it takes; None for a plant that takes any inputs and outputs."""
+        """Its output signals and its command; None for a plant that accepts any inputs and outputs."""
         ...
 
     def linearised(self, signals: Sequence[Signal]) -> StateSpace | None:
-        """The plant in motion, without dry friction, dead zones and delay; None where that is not known."""
+        """The linear plant in motion, without dry friction, dead zones and delay; None if not known."""
         ...
 
     @property
     def driven(self) -> DrivenPlant | None:
-        """The plant itself where a regression on the records can suggest its start, else None."""
+        """The plant itself if a regression on the records can give its start values, else None."""
         ...
 
     def value(self, name: str) -> float:
@@ -178,11 +178,11 @@ class Plant(Protocol):
     def start(
         self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
     ) -> PlantState:
-        """The state before the first sample, from an initial state and a command (nu,) that stood until then."""
+        """The state before the first sample, from an initial state and a constant past command (nu,)."""
         ...
 
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
-        """The output (N, ny) driven by inputs (N, nu), and the state after them: blocks are as good as one run."""
+        """The output (N, ny) for inputs (N, nu), and the state after them; blocks give the same as one run."""
         ...
 
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
@@ -194,73 +194,73 @@ class Plant(Protocol):
         ...
 
     def start_samples(self, signals: Sequence[Signal]) -> int:
-        """How many samples show its state at the start."""
+        """The number of samples that give its initial state."""
         ...
 
     def first_state(self, signals: Sequence[Signal], segment: Record) -> Array:
-        """A first value of the state at the first sample of a record."""
+        """Start values of the state at the first sample of a record."""
         ...
 
     def free_states(self, signals: Sequence[Signal], segment: Record) -> tuple[int, ...]:
-        """Which numbers of the initial state are to be estimated."""
+        """The indices of the initial state to estimate."""
         ...
 
     def plausible(self, measure: Measure, sizes: Sizes) -> float:
-        """How large a parameter that measures this plausibly is in records of these sizes; 0 where nobody knows."""
+        """The plausible size of a parameter of this measure in records of these sizes; 0 if unknown."""
         ...
 
     def unresolved(self, asked: Sequence[str], dt: float) -> dict[str, tuple[float, float]]:
-        """Bounds beyond which a sample time does not resolve what a parameter does, by its name."""
+        """Bounds beyond which the sample time cannot resolve the effect of a parameter, by its name."""
         ...
 
     def ready(self, asked: Sequence[str], segments: Sequence[Record], limits: Limits) -> Self:
-        """The plant with a start for those parameters asked for that would have no effect at their present values."""
+        """The plant with start values for estimated parameters that have no effect at their present values."""
         ...
 
     def simpler(self, names: Sequence[str]) -> tuple[Plant, list[str]] | None:
-        """A plant with fewer parameters to compare the fit with, and which of the names it has; None without one."""
+        """A plant with fewer parameters to compare the fit with, and its part of the names; None without one."""
         ...
 
     def motion(self, inputs: Array, dt: float, state: Array) -> Array | None:
-        """(N,) how fast it moves, whatever a sensor shows, exactly 0 where friction holds it; None if unknown."""
+        """(N,) the true speed, without the sensor, exactly 0 while friction holds it; None if unknown."""
         ...
 
     def friction_characteristic(self) -> StaticCharacteristic | None:
-        """All its friction over speed, the viscous part included; None where it has none that is known."""
+        """All its friction over speed, including the viscous part; None if unknown."""
         ...
 
     def dead_zone_characteristic(self) -> StaticCharacteristic | None:
-        """What comes through its dead zone; None without one."""
+        """The output of its dead zone; None without one."""
         ...
 
     def quantities(self) -> tuple[Quantity, ...]:
-        """Combinations of parameters with a meaning of their own, which may be known better than the parameters."""
+        """Meaningful combinations of parameters, which may be better determined than the parameters."""
         ...
 
     def equations(self) -> str:
-        """Its equations in symbols, a line each; empty where they are not known."""
+        """Its equations in symbols, one per line; empty if not known."""
         ...
 
     def to_data(self) -> dict[str, Any]:
-        """What a model file holds of it besides its kind, in built-in types."""
+        """Its entries in a model file besides its kind, in built-in types."""
         ...
 
     def with_data(self, data: Mapping[str, Any]) -> Self:
-        """The plant of this kind that `to_data` described."""
+        """The plant of this kind described by `to_data`."""
         ...
 
 
 class DrivenPlant(Plant, Protocol):
-    """A plant of one mass behind a drive: a regression on the records suggests its start, and refinements apply."""
+    """A plant of one mass with a drive: a regression on the records gives its start values, and refinements apply."""
 
     @property
     def drive(self) -> Drive:
-        """What makes the force or voltage from the command."""
+        """The drive that converts the command to a force or voltage."""
         ...
 
     @property
     def friction_name(self) -> str:
-        """The name that its friction parameters begin with."""
+        """The prefix of its friction parameters."""
         ...
 
     @property
@@ -278,19 +278,19 @@ class DrivenPlant(Plant, Protocol):
         ...
 
     def force_scale(self, command: float, output: float) -> float:
-        """By what forces are divided where commands and outputs are divided by these; see `scaling`."""
+        """The divisor of forces when commands and outputs are divided by these; see `scaling`."""
         ...
 
     def put_motion(self, motion: Motion) -> Self:
-        """The plant that moves like this."""
+        """The plant with this motion."""
         ...
 
     def turned(self) -> Self:
-        """The same plant with its drive the other way round."""
+        """The same plant with the sign of its drive reversed."""
         ...
 
     def bent(self, ready: Plant, asked: Sequence[str], limits: Limits) -> list[Plant]:
-        """The plant made ready, or where a knee of which nothing is known is asked for, with it at several places."""
+        """The ready plant, or several with different starts of an unknown knee that is estimated."""
         ...
 
     def with_drive(self, **changes: Any) -> Self:
@@ -299,10 +299,10 @@ class DrivenPlant(Plant, Protocol):
 
 
 class BasePlant(ABC):
-    """A plant of which nothing is known but its parameters and its motion: what a plant of a user's derives from.
+    """The base class of a user's plant, with defaults for everything but parameters and motion.
 
-    Such a plant is a frozen dataclass whose fields, or fields of its fields, hold the parameters that ``handles``
-    declares. It has a ``name`` and says how many ``states`` it has.
+    A plant is a frozen dataclass. Its fields, or their fields, hold the parameters that ``handles`` declares. It
+    defines ``name`` and the number of ``states``.
     """
 
     if TYPE_CHECKING:  # fields or properties of the plant
@@ -327,7 +327,7 @@ class BasePlant(ABC):
     def start(
         self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
     ) -> PlantState:
-        """The initial state itself: nothing is delayed or filtered."""
+        """The initial state itself, without delay or filter."""
         return PlantState(dt, np.array(state, dtype=float), NOTHING, NOTHING)
 
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
@@ -384,11 +384,11 @@ class BasePlant(ABC):
 
     @property
     def driven(self) -> DrivenPlant | None:
-        """No regression suggests its start."""
+        """None: no regression gives its start values."""
         return None
 
     def value(self, name: str) -> float:
-        """The value of a parameter in SI units; of one for both directions, the forward one."""
+        """The value of a parameter in SI units; for both directions, the forward value."""
         path, sign = self._handle(name).paths[0]
         return sign * read_at(self, path)
 
@@ -396,7 +396,7 @@ class BasePlant(ABC):
         """The same plant with other parameters, by name, in SI units.
 
         Raises:
-            ModelError: for a name it does not have or a value that is not physical.
+            ModelError: for an unknown name or a value outside its physical bounds.
         """
         plant = self
         for name, value in values.items():
@@ -405,7 +405,7 @@ class BasePlant(ABC):
         return plant
 
     def fed(self, record: Record) -> Self:
-        """The same, whatever drives it."""
+        """The same plant for any drive."""
         return self
 
     def start_samples(self, signals: Sequence[Signal]) -> int:
@@ -421,7 +421,7 @@ class BasePlant(ABC):
         return tuple(range(self.states))
 
     def plausible(self, measure: Measure, sizes: Sizes) -> float:
-        """By force and speed, the force being as large as the input."""
+        """From force and speed, with a force as large as the input."""
         return plausible(measure, sizes.command, sizes)
 
     def unresolved(self, asked: Sequence[str], dt: float) -> dict[str, tuple[float, float]]:
@@ -461,7 +461,7 @@ class BasePlant(ABC):
         return {"parameters": parameters_of(self)}
 
     def with_data(self, data: Mapping[str, Any]) -> Self:
-        """The plant with the parameters that `to_data` described."""
+        """The plant with the parameters described by `to_data`."""
         return self.put(data["parameters"])
 
     def _handle(self, name: str) -> Handle:
@@ -469,7 +469,7 @@ class BasePlant(ABC):
 
 
 BEGINNING = 20
-"""Samples that show the state at the start where one sample does not."""
+"""Samples that give the initial state if one sample is not enough."""
 
 
 def parameters_of(plant: Plant) -> dict[str, float]:
@@ -482,7 +482,7 @@ def parameters_of(plant: Plant) -> dict[str, float]:
 
 
 def plausible(measure: Measure, force: float, sizes: Sizes) -> float:
-    """How large a parameter plausibly is where the largest force is ``force``; 0 where that says nothing."""
+    """The plausible size of a parameter for the largest force ``force``; 0 if unknown."""
     return {
         Measure.FORCE: 0.1 * force,
         Measure.DAMPING: 0.1 * force / sizes.output,

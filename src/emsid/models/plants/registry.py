@@ -1,6 +1,6 @@
-"""The plants that are known by name: to model files, datasheets, `emsid parameters` and candidates.
+"""The registry of plants by name: for model files, datasheets, `emsid parameters` and candidates.
 
-To add a plant: write it, and `register` one of its kind here or in a program of your own.
+To add a plant, define its class and `register` an instance, here or in your own program.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from emsid.plant import Friction, Motor
 
 @dataclass(frozen=True)
 class Kind:
-    """A plant that is known by name.
+    """A registered plant.
 
     Args:
-        plain: one of its kind, without any part that a file may leave out; a model file says how another one differs.
-        start: one to begin a search with where nothing is known: a regression on the record finds its scale.
-        summary: what it is, in a few words.
-        datasheet: the name of its table in a datasheet, whose names are those of ``described``.
-        described: the plant whose parameters such a table may have.
+        plain: an instance without optional parts; a model file has the differences from it.
+        start: an instance to start a search from; a regression on the record gives its scale.
+        summary: its description in a few words.
+        datasheet: the name of its table in a datasheet.
+        described: the plant with all parameters that this table may have.
         refined: whether refinements of it are tried.
     """
 
@@ -50,7 +50,7 @@ def register(
     described: Plant | None = None,
     refined: bool = True,
 ) -> None:
-    """Make a plant known by its name.
+    """Register a plant under its name.
 
     Args:
         plain, summary, refined: see `Kind`.
@@ -58,7 +58,7 @@ def register(
         datasheet: by default the name of the plant.
 
     Raises:
-        ModelError: where another plant has this name.
+        ModelError: if another plant has this name.
     """
     known = PLANTS.get(plain.name)
     if known is not None and type(known.plain).__qualname__ != type(plain).__qualname__:
@@ -90,15 +90,15 @@ register(LinearAxis(), summary="a mass on a rail: force to position, kg and N wi
 
 
 def described() -> dict[str, Plant]:
-    """The plants that datasheets are written for, by the name of their table."""
+    """The plants with datasheets, by the name of their table."""
     return {kind.datasheet: kind.described for kind in PLANTS.values()}
 
 
 def plant_to_data(plant: Plant) -> dict[str, Any]:
-    """Kind and parameters in built-in types; infinite ones are left out, as are parts that are not there.
+    """Kind and parameters in built-in types, without infinite parameters and missing parts.
 
     Raises:
-        ModelError: for a plant of a kind that is not registered, which no file can hold.
+        ModelError: for a plant of a kind that is not registered.
     """
     if plant.name not in PLANTS:
         raise ModelError(
@@ -109,10 +109,10 @@ def plant_to_data(plant: Plant) -> dict[str, Any]:
 
 
 def plant_from_data(data: Mapping[str, Any]) -> Plant:
-    """The plant that `plant_to_data` described.
+    """The plant described by `plant_to_data`.
 
     Raises:
-        ModelError: for data that describe none.
+        ModelError: for data that do not describe a plant.
     """
     if data["kind"] not in PLANTS:
         raise ModelError(f"no plant of kind {data['kind']!r}; there are {', '.join(PLANTS)}")

@@ -1,7 +1,7 @@
-"""The sensor, which is between the motion of a plant and the log.
+"""The sensor between the motion of a plant and the log.
 
-It may lag (first order), be off by a constant, count on the other side of a gear, or average over the sample before it,
-as counting encoder edges does.
+It may have a first-order lag, an offset, a gear ratio, or an average over the previous sample, as from counting encoder
+edges.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Sensor:
-    """What is between the motion and the log.
+    """The sensor between the motion and the log.
 
     Args:
-        ratio: turns of the motor per turn of what is measured.
+        ratio: turns of the motor per measured turn.
         lag: time constant of its filter in s.
-        offset: what it shows at rest, in the unit of the output; not applied to a current.
-        average: whether a speed is the mean over the sample before, as counting encoder edges gives it.
+        offset: its reading at rest, in the unit of the output; not applied to a current.
+        average: whether a speed is the mean over the previous sample, as from counting encoder edges.
 
     Raises:
-        ModelError: for a ratio of zero or a lag that is negative.
+        ModelError: for a ratio of zero or a negative lag.
     """
 
     ratio: float = 1.0
@@ -45,14 +45,14 @@ class Sensor:
             raise ModelError(f"sensor with a lag of {self.lag} s; it cannot be negative and must be finite")
 
     def begins(self, position: bool, motion: Array, dt: float, shown: float) -> Array:
-        """(2,) what it keeps before the first sample: no position seen yet, and the state of its filter.
+        """(2,) its state before the first sample: the last position (NaN) and the state of its filter.
 
         Args:
-            position: whether it shows a position, not a speed.
+            position: whether it measures a position, not a speed.
             motion: (2,) speed and position at the first sample.
             dt: sample time in s.
-            shown: the speed that it shows at the first sample, before ratio and offset; of a position it is
-                lag·shown behind.
+            shown: its speed reading at the first sample, before ratio and offset; a position reading lags by
+                lag·shown.
         """
         if self.lag < 1e-6 * dt:
             return np.array([np.nan, 0.0])
@@ -60,7 +60,7 @@ class Sensor:
         return np.array([np.nan, first - self._weights(dt)[0] * float(motion[1 if position else 0])])
 
     def speed(self, speeds: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
-        """(N,) what it shows of a speed, and what it keeps (2,) then, from what it kept before."""
+        """(N,) its readings of a speed, and its state (2,) after them; ``kept`` is the state before."""
         seen = speeds
         if self.average:
             before = float(kept[0])
@@ -69,7 +69,7 @@ class Sensor:
         return self._shown(seen, positions, dt, kept)
 
     def position(self, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
-        """(N,) what it shows of a position, and what it keeps (2,) then, from what it kept before."""
+        """(N,) its readings of a position, and its state (2,) after them; ``kept`` is the state before."""
         return self._shown(positions, positions, dt, kept)
 
     def _shown(self, values: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
@@ -82,8 +82,8 @@ class Sensor:
         return lagging / self.ratio + self.offset, np.array([float(positions[-1]), state])
 
     def _weights(self, dt: float) -> tuple[float, float, float]:
-        """1/(1 + lag·s) for a value that is a straight line between samples: of the newest value, the one before, and
-        what was shown before."""
+        """The discrete 1/(1 + lag·s) for a piecewise linear signal: weights of the newest value, the previous one, and
+        the previous reading."""
         z = dt / self.lag
         decay, gain = float(np.exp(-z)), float(-np.expm1(-z) / z)
         return 1.0 - gain, gain - decay, decay

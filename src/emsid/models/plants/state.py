@@ -1,4 +1,4 @@
-"""The state of a plant between two samples, as `Plant.run` takes it and hands it on."""
+"""The state of a plant between two samples, an argument and a result of `Plant.run`."""
 
 from __future__ import annotations
 
@@ -11,16 +11,15 @@ Array = NDArray[np.float64]
 
 
 class PlantState(NamedTuple):
-    """All that the outputs of a plant from one sample on depend on, besides its input from there on.
+    """The state that determines the outputs of a plant together with the inputs that follow.
 
     Attributes:
-        dt: sample time in s; commands on their way and filters of sensors are counted in samples.
-        motion: (n,) what moves: speed and position of one mass, the five numbers of `emsid.plant.State`, or the state
-            of a user's own plant.
-        commands: (w + 1, 2) voltage (force) and conducting part of the commands that the drive still delays, the
-            oldest first.
-        sensed: (ny, 2) for every output the position that its sensor saw last (NaN before the first sample) and the
-            state of its filter.
+        dt: sample time in s; delayed commands and sensor filters are in samples.
+        motion: (n,) mechanical state: speed and position of one mass, the five numbers of `emsid.plant.State`, or the
+            state of a user's plant.
+        commands: (w + 1, 2) voltage (force) and conducting fraction of the delayed commands, the oldest first.
+        sensed: (ny, 2) for every output the last position at its sensor (NaN before the first sample) and the state of
+            its filter.
     """
 
     dt: float

@@ -1,4 +1,4 @@
-"""What a user says about the parameters and outputs of a plant, by name or by symbol, made plain at the door."""
+"""Conversion of arguments that name parameters and outputs of a plant, by name or by symbol."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ V = TypeVar("V")
 
 
 def full_names(plant: Named, names: str | Iterable[str] | None) -> tuple[str, ...] | None:
-    """The parameters that are meant by one name or several, or by their symbols; None stays None.
+    """The full names of parameters given by one or several names or symbols; None stays None.
 
     Raises:
-        ModelError: for a name that the plant does not have.
+        ModelError: for an unknown name.
     """
     return None if names is None else tuple(full_name(plant, name) for name in as_names(names))
 
@@ -25,13 +25,12 @@ def by_full_name(plant: Named, what: str, values: Mapping[str, V] | None) -> dic
     """A table by the full names of its parameters.
 
     Args:
-        plant: whose parameters they are.
-        what: which argument it is, for messages.
+        plant: the plant with these parameters.
+        what: the name of the argument, for messages.
         values: by name or symbol.
 
     Raises:
-        ModelError: for something that is no table, a name that the plant does not have, or a parameter that stands in
-            the table under its name and under its symbol.
+        ModelError: for a value that is not a table, an unknown name, or a parameter given by name and by symbol.
     """
     if values is None:
         return {}
@@ -50,7 +49,7 @@ def as_bounds(plant: Named, bounds: Mapping[str, tuple[float, float]] | None) ->
     """Bounds by the full names of their parameters, each a pair of numbers.
 
     Raises:
-        ModelError: as `by_full_name` does, and for bounds that are no pair.
+        ModelError: as `by_full_name`, and for bounds that are not a pair.
     """
     found = by_full_name(plant, "bounds", bounds)
     for name, pair in found.items():
@@ -60,13 +59,13 @@ def as_bounds(plant: Named, bounds: Mapping[str, tuple[float, float]] | None) ->
 
 
 def as_signals(signals: str | Signal | Iterable[str | Signal]) -> tuple[Signal, ...]:
-    """What outputs are, as signals or by their names, one or several.
+    """The signals of outputs, given as one or several signals or names.
 
     >>> as_signals("speed"), as_signals(["position", Signal.CURRENT])
     ((<Signal.SPEED: 'speed'>,), (<Signal.POSITION: 'position'>, <Signal.CURRENT: 'current'>))
 
     Raises:
-        ModelError: for a name that is no signal's.
+        ModelError: for an unknown name.
     """
     several = (signals,) if isinstance(signals, str | Signal) else tuple(signals)
     known = [signal.value for signal in Signal]

@@ -1,10 +1,10 @@
 """Linear-in-the-parameters structures as data, and a structure with its parameters as a model.
 
-A model that is linear in its parameters, ``y(t) = φᵀ(t)θ + e(t)`` (paper, eq. 3.6), is nothing but a list of
-regressors φᵢ, and a regressor is nothing but a product of powers of lagged channels, a channel being an output, an
-input, or a static transform of one. So a `Structure` is a value: it prints its equation, reads it back, saves as text,
-and one compiled kernel builds the regression of any of them. ARX, the paper's Wiener–Hammerstein regression and
-regressions with friction terms are functions that return such a list.
+A model that is linear in its parameters, ``y(t) = φᵀ(t)θ + e(t)`` (paper, eq. 3.6), is a list of regressors φᵢ. A
+regressor is a product of powers of lagged channels, and a channel is an output, an input, or a static transform of one.
+A `Structure` is such a list as a value: it can be printed, parsed and saved as text, and one compiled kernel builds the
+regression of any structure. ARX, the paper's Wiener–Hammerstein regression and regressions with friction terms are
+functions that return a structure.
 
 Sign convention (the paper's and MATLAB's): ``A(q)y = B(q)u + e`` with ``A = 1 + a₁q⁻¹ + …``, so the regressor of a₁ is
 −y(t−1).
@@ -33,23 +33,23 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-# Rows of a regression built at a time: small enough for the second-level cache.
+# Rows of a regression built at a time; they fit into the second-level cache.
 BLOCK = 4096
-# The rest of a nonlinear model is looked for in a free run of this many samples.
+# Samples of the free run that finds the steady state of a nonlinear model.
 SETTLING = 100_000
-# A free run that changes by no more than this part of itself over its memory has come to rest.
+# A free run is in steady state if it changes by no more than this fraction over its memory.
 SETTLED = 1e-12
 
 
 @dataclass(frozen=True)
 class Structure:
-    """A list of regressors: everything about a linear-in-the-parameters model but its parameters.
+    """A list of regressors: a linear-in-the-parameters model without its parameters.
 
     Args:
-        regressors: the list, or their text: ``Structure.parse("y(t-1)", "u(t-1)^2")``.
-        name: what to call it in tables and files.
+        regressors: the list, or from text: ``Structure.parse("y(t-1)", "u(t-1)^2")``.
+        name: name in tables and files.
         parameter_names: a name for every parameter, θ1, θ2, … by default.
-        inputs: how many input channels a record must have; by default as many as are used.
+        inputs: number of input channels that a record must have; by default as many as are used.
     """
 
     regressors: tuple[Regressor, ...]
@@ -79,16 +79,16 @@ class Structure:
 
     @classmethod
     def parse(cls, *texts: str | Iterable[str], name: str = "structure") -> Structure:
-        """The structure whose regressors are written as texts, one by one or in a list.
+        """Parse a structure from regressors as text, one by one or in a list.
 
-        Understood are products and powers of ``y(t-1)``, ``u(t-2)``, ``u2(t)``, ``sign(…)``, ``abs(…)``,
+        A regressor is made of products and powers of ``y(t-1)``, ``u(t-2)``, ``u2(t)``, ``sign(…)``, ``abs(…)``,
         ``tanh(…/0.1)``, ``exp(-abs(…)/0.1)``, ``max(…-0.3, 0)``, ``min(…+0.3, 0)``, a leading minus, and ``1``.
 
         >>> Structure.parse("y(t-1)*u(t-2)^2", "sign(y(t-1))", "max(u(t-1)-0.3, 0)").equation()
         'y(t) = θ1*y(t-1)*u(t-2)^2 + θ2*sign(y(t-1)) + θ3*max(u(t-1)-0.3, 0) + e(t)'
 
         Raises:
-            ModelError: where a text is not understood, with the text and the part at fault.
+            ModelError: for a text that cannot be parsed, with the faulty part.
         """
         written = [text for each in texts for text in as_names(each)]
         return cls(tuple(parse_regressor(text) for text in written), name=name)
@@ -97,7 +97,7 @@ class Structure:
         return len(self.regressors)
 
     def __add__(self, other: Structure) -> Structure:
-        """Both lists of regressors, those of `other` that are already there left out."""
+        """Both lists of regressors, without duplicates."""
         new = [k for k, regressor in enumerate(other.regressors) if regressor not in self.regressors]
         return Structure(
             self.regressors + tuple(other.regressors[k] for k in new),
@@ -107,11 +107,11 @@ class Structure:
 
     @cached_property
     def memory(self) -> int:
-        """How many past samples a prediction needs: the largest lag."""
+        """The largest lag: the number of past samples that a prediction needs."""
         return max((f.lag for r in self.regressors for f in r.factors), default=0)
 
     def equation(self, parameters: Sequence[float] | Array | None = None) -> str:
-        """The difference equation, with names or with numbers for the parameters; what has weight zero is left out."""
+        """The difference equation, with names or numbers for the parameters, without terms of weight zero."""
         terms = []
         for k, regressor in enumerate(self.regressors):
             if parameters is not None and parameters[k] == 0:
@@ -129,14 +129,14 @@ class Structure:
 
     @cached_property
     def tables(self) -> Tables:
-        """The structure as the kernels read it."""
+        """The structure in the form that the kernels use."""
         return tables(self.regressors)
 
     def check(self, record: Record) -> None:
         """Refuse a record that this structure cannot be fitted to or run on.
 
         Raises:
-            ModelError: for other than one output, too few inputs, or no segment longer than the memory.
+            ModelError: if there is not one output, too few inputs, or no segment longer than the memory.
         """
         self.check_channels(record)
         longest = max(len(segment) for segment in record.segments)
@@ -151,7 +151,7 @@ class Structure:
 
         Args:
             record: a record.
-            outputs: how many there may be.
+            outputs: the allowed numbers of outputs.
 
         Raises:
             ModelError: for another number of outputs, or too few inputs.
@@ -186,7 +186,7 @@ class Structure:
             yield block
 
     def rounding(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
-        """What the products in `blocks` have lost by rounding, (n, ≤ `BLOCK`) each; transforms count as exact."""
+        """The rounding errors of the products in `blocks`, (n, ≤ `BLOCK`) each; transforms count as exact."""
         for first in range(start, stop, BLOCK):
             count = min(BLOCK, stop - first)
             lost = np.empty((len(self), count))
@@ -198,7 +198,7 @@ class Structure:
         add_regression(factor, self.tables, *self._window(segment, start, stop), self.memory)
 
     def _window(self, segment: Record, start: int, stop: int) -> tuple[Array, Array]:
-        """y (m,) and u (nu, m) of these samples and of those that they look back to, as the kernels read them."""
+        """y (m,) and u (nu, m) of these samples and of the past that they need, in the form that the kernels use."""
         seen = slice(start - self.memory, stop)
         return read_only(segment.output[seen, 0]), read_only(segment.input[seen].T)
 
@@ -207,7 +207,7 @@ class Structure:
         return Narx(self, parameters, record.dt)
 
     def regression(self, record: Record) -> tuple[Array, Array]:
-        """Φ (N, n) and y (N,) of a whole record, for whoever wants to look at them."""
+        """Φ (N, n) and y (N,) of a whole record, for inspection."""
         self.check(record)
         stacked = np.hstack([b for chunk in self.chunks(record, len(record)) for b in self.blocks(*chunk)])
         return stacked[:-1].T, stacked[-1]
@@ -254,14 +254,14 @@ class Narx:
 
     @property
     def latency(self) -> int:
-        """None: it works on the samples themselves."""
+        """Zero: the model does not interpolate its input."""
         return 0
 
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> Array:
-        """The state where a constant input has stood for ever, (memory, 1 + nu): output and inputs, the newest last.
+        """The steady state for a constant input, (memory, 1 + nu): output and inputs, the newest last.
 
-        Where the output is no linear function of past outputs, it is where a free run from zero comes to rest. A model
-        that comes to rest nowhere, such as an integrator, starts at an output of zero.
+        If the model is nonlinear in past outputs, it is the steady state of a free run from zero. A model without a
+        steady state, such as an integrator, starts at an output of zero.
         """
         u = levels(self.name, level, self.structure.inputs)
         state = np.empty((self.memory, 1 + len(u)))
@@ -270,7 +270,7 @@ class Narx:
         return state
 
     def _rest(self, u: Array) -> float:
-        """The output at rest, or zero."""
+        """The output in steady state, or zero."""
         table = self._recursion
         coefficients = np.empty((2 + len(table.lags) + len(table.outputs.signs), 1))
         weigh(coefficients, read_only(np.repeat(u[:, None], self.memory + 1, axis=1)), table, self.memory, 1)
@@ -327,10 +327,10 @@ class Narx:
     def to_control(self) -> Any:
         """The terms that are linear in past outputs and inputs, as a python-control transfer function.
 
-        Of ARX these are all, B(q)/A(q) from every input; the other terms of a nonlinear structure are left out.
+        For ARX these are all terms, B(q)/A(q) from every input; other terms of a nonlinear structure are left out.
 
         Raises:
-            ModelError: where python-control is not installed, or the model has no linear term in an input.
+            ModelError: if python-control is not installed, or the model has no linear term in an input.
         """
         control = python_control()
         rows = np.zeros((1 + self.structure.inputs, self.memory + 1))
@@ -359,10 +359,10 @@ class Narx:
 
     @classmethod
     def from_data(cls, data: dict[str, Any]) -> Narx:
-        """The model that `to_data` described.
+        """The model described by `to_data`.
 
         Raises:
-            ModelError: for data that describe none.
+            ModelError: for data that do not describe a model.
         """
         try:
             stored = msgspec.convert(data, _Stored)
@@ -374,7 +374,7 @@ class Narx:
             tuple(stored.parameter_names),
             stored.inputs,
         )
-        if structure.inputs != stored.inputs:  # 0, which a structure alone takes for "as many as are used"
+        if structure.inputs != stored.inputs:  # 0 means "as many as are used" for a structure
             raise ModelError(
                 f"{stored.name}: {stored.inputs} inputs, and its regressors use {structure.inputs}; identify it again"
             )
@@ -384,7 +384,7 @@ class Narx:
         """Refuse a record of other channels; its output may be missing.
 
         Raises:
-            ModelError: saying what is different.
+            ModelError: with the difference.
         """
         self.structure.check_channels(record, outputs=(0, 1))
 
@@ -403,7 +403,7 @@ class _Stored(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def free_run_reference(model: Narx, record: Record, start: int) -> Array:
-    """The free run by the definition, one regression row at a time: slow, obvious, compared with `Narx.run`."""
+    """The free run by its definition, one regression row at a time: a slow and simple reference for `Narx.run`."""
     y = record.output[:, 0].copy()
     for t in range(start, len(record)):
         row = np.empty((len(model.structure) + 1, 1))

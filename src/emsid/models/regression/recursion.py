@@ -1,11 +1,11 @@
 """The free run of a structure, compiled.
 
-The model's own past outputs stand where the regressors ask for measured ones. Every regressor is a product of lagged
-inputs times one of lagged outputs, so with the regressors gathered by the latter::
+The past outputs in the regressors are those of the model. Every regressor is a product of lagged inputs and lagged
+outputs. With the regressors grouped by their product ψₖ of lagged outputs::
 
     y(t) = c₀(t) + Σₖ cₖ(t) ψₖ(y(t − 1), y(t − 2), …)        cₖ(t) = Σ of θᵢ · (products of inputs)
 
-the coefficients cₖ are computed for many samples at once, and only the sum is left to the loop from sample to sample.
+the coefficients cₖ are computed for many samples at once, and the loop over samples only evaluates the sum.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ Array = NDArray[np.float64]
 
 
 class Recursion(NamedTuple):
-    """A model as the kernels read it."""
+    """A model in the form that the kernels use."""
 
     weights: Array  # (n,) θ with the signs of the regressors
-    coefficients: Integers  # (n,) k of the cₖ that each belongs to
+    coefficients: Integers  # (n,) the k of its cₖ
     inputs: Tables  # the input part of each regressor
-    lags: Integers  # (p,) ψ₁ … ψₚ are y(t − lag), the newest last: only it has to be waited for
+    lags: Integers  # (p,) ψ₁ … ψₚ are y(t − lag), the newest last
     outputs: Tables  # ψₚ₊₁ …, products of outputs
 
 
 def recursion(regressors: Sequence[Regressor], parameters: Array) -> Recursion:
-    """Regressors with their parameters as the kernels read them."""
+    """Regressors with their parameters in the form that the kernels use."""
     parts = [tuple(f for f in regressor.factors if f.channel == 0) for regressor in regressors]
     plain = sorted({p for p in parts if p and p == (Factor(0, p[0].lag),)}, key=lambda p: -p[0].lag)
     others = sorted({p for p in parts if p}.difference(plain))
@@ -52,11 +52,11 @@ def recursion(regressors: Sequence[Regressor], parameters: Array) -> Recursion:
 
 @numba.njit(cache=True, nogil=True)
 def run_freely(y: Array, u: Array, recursion: Recursion, start: int) -> int:
-    """Overwrite y (N,) from ``start`` on by the model's own output, driven by u (nu, N).
+    """Overwrite y (N,) from ``start`` on with the free run for the input u (nu, N).
 
-    Returns the first sample that is no number, where the run ends, or the number of samples.
+    Returns the first sample that is not a number, where the run ends, or the number of samples.
     """
-    coefficient = _room(recursion, TILE)
+    coefficient = _coefficient_array(recursion, TILE)
     for first in range(start, len(y), TILE):
         count = min(TILE, len(y) - first)
         weigh(coefficient, u, recursion, first, count)
@@ -70,9 +70,9 @@ def run_freely(y: Array, u: Array, recursion: Recursion, start: int) -> int:
 def predict_ahead(
     result: Array, y: Array, u: Array, recursion: Recursion, memory: int, start: int, horizon: int
 ) -> None:
-    """ŷ(t | t − horizon) for every t from ``start`` on: a free run of ``horizon`` steps begun anew for each."""
+    """ŷ(t | t − horizon) for every t from ``start`` on: a free run of ``horizon`` steps for each t."""
     window = np.empty(memory + horizon)
-    coefficient = _room(recursion, TILE + horizon)
+    coefficient = _coefficient_array(recursion, TILE + horizon)
     for first in range(start, len(y), TILE):
         begin, end = max(first - horizon + 1, memory), min(first + TILE, len(y))
         weigh(coefficient, u, recursion, begin, end - begin)
@@ -85,8 +85,8 @@ def predict_ahead(
 
 
 @numba.njit(cache=True, nogil=True)
-def _room(recursion: Recursion, samples: int) -> Array:
-    """An array for c₀, c₁, … of this many samples, with one row to work in."""
+def _coefficient_array(recursion: Recursion, samples: int) -> Array:
+    """An array for c₀, c₁, … of this many samples, with one row as a work array."""
     return np.empty((1 + len(recursion.lags) + len(recursion.outputs.signs) + 1, samples))
 
 
@@ -108,7 +108,7 @@ def weigh(coefficient: Array, u: Array, recursion: Recursion, start: int, count:
 def _advance(y: Array, coefficient: Array, recursion: Recursion, start: int, column: int, count: int) -> int:
     """Overwrite ``count`` samples of y from ``start`` on; their cₖ begin at ``column``.
 
-    Returns the sample after the last, or the first that is no number.
+    Returns the sample after the last, or the first that is not a number.
     """
     lags = recursion.lags
     _, offsets, factors, parameters = recursion.outputs

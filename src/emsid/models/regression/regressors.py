@@ -1,7 +1,7 @@
 """Regressors as data: products of powers of lagged channels.
 
-A channel is an output, an input, or a static transform of one. A regressor prints as text, is read back from it, and is
-a few rows of the tables that the kernels read.
+A channel is an output, an input, or a static transform of one. A regressor can be written as text and read back. The
+kernels use it as rows of tables.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from emsid.models.regression.transforms import Transform, has_parameter, has_sca
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-# A power is multiplied out; beyond this it would only overflow.
+# The largest power, computed by multiplication.
 HIGHEST_POWER = 99
 
 
 @dataclass(frozen=True, order=True)
 class Factor:
-    """A power of a lagged, perhaps transformed, channel.
+    """A power of a lagged channel, with an optional transform.
 
     Attributes:
         channel: 0 for the output y, k for the k-th input.
-        lag: how many samples back, at least 1 for the output.
+        lag: in samples, at least 1 for the output.
         power: exponent, at least 1.
-        transform: what is done to the channel first.
-        parameter: of the transform, in the channel's unit.
+        transform: applied to the channel first.
+        parameter: of the transform, in the unit of the channel.
     """
 
     channel: int
@@ -67,8 +67,8 @@ class Regressor:
     """A product of lagged channels.
 
     Args:
-        factors: what is multiplied; none at all is the constant 1.
-        negative: whether a minus sign stands before it.
+        factors: the factors; without any, the regressor is the constant 1.
+        negative: whether it has a minus sign.
     """
 
     factors: tuple[Factor, ...] = ()
@@ -80,10 +80,10 @@ class Regressor:
 
 
 def parse_regressor(text: str) -> Regressor:
-    """The regressor a text stands for; see `Structure.parse`.
+    """Parse a regressor; see `Structure.parse`.
 
     Raises:
-        ModelError: for a text that stands for none.
+        ModelError: for a text that is not a regressor.
     """
     shown = text if len(text) <= 80 else f"{text[:80]}…"
     try:
@@ -91,7 +91,7 @@ def parse_regressor(text: str) -> Regressor:
         products = list(_products(tree, 1))
     except SyntaxError as problem:
         raise ModelError(f"regressor {shown!r} is not understood: {problem.msg}") from None
-    except (ValueError, RecursionError, MemoryError):  # a null byte, or nested beyond reason
+    except (ValueError, RecursionError, MemoryError):  # a null byte, or too deeply nested
         raise ModelError(f"regressor {shown!r} is not understood") from None
     negative = False
     factors: dict[Factor, int] = {}
@@ -111,7 +111,7 @@ def parse_regressor(text: str) -> Regressor:
 
 
 def _products(node: ast.expr, power: int) -> Iterator[tuple[ast.AST, int]]:
-    """The factors of a product, minus signs among them, with their powers."""
+    """The factors of a product, including minus signs, with their powers."""
     match node:
         case ast.UnaryOp(ast.USub() as minus, operand):
             yield minus, power
@@ -126,7 +126,7 @@ def _products(node: ast.expr, power: int) -> Iterator[tuple[ast.AST, int]]:
 
 
 def _factor(node: ast.AST, text: str) -> Factor:
-    """One lagged channel, perhaps transformed."""
+    """One lagged channel, with an optional transform."""
 
     transform, inner, parameter = read_transform(node)
     match inner:
@@ -145,7 +145,7 @@ def _factor(node: ast.AST, text: str) -> Factor:
 
 
 class Tables(NamedTuple):
-    """A structure as the kernels read it.
+    """A structure in the form that the kernels use.
 
     Attributes:
         signs: (p,) of every regressor.
@@ -161,7 +161,7 @@ class Tables(NamedTuple):
 
 
 def tables(regressors: Sequence[Regressor]) -> Tables:
-    """Regressors as the kernels read them."""
+    """Regressors in the form that the kernels use."""
     factors = [f for r in regressors for f in r.factors]
     return Tables(
         signs=np.array([-1.0 if r.negative else 1.0 for r in regressors]),

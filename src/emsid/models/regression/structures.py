@@ -1,6 +1,6 @@
-"""The structures that the paper and practice ask for: functions that return a list of regressors.
+"""Common structures: functions that return a list of regressors.
 
-ARX, the paper's Wiener–Hammerstein regression, and regressions with friction terms; `narx` says what a structure is.
+ARX, the paper's Wiener–Hammerstein regression, and regressions with friction terms; see `narx` for structures.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-# More coefficients of a kind than this are a slip of the finger, not a model.
+# The largest number of coefficients of a kind; a larger one is a typing error.
 MOST = 1000
 
 
@@ -28,10 +28,10 @@ def arx(na: int, nb: int, nk: int = 1, inputs: int = 1) -> Structure:
     """ARX, ``A(q)y(t) = B(q)u(t − nk) + e(t)``; with na = 4, nb = 4 the paper's linear model (5.12, 5.13).
 
     Args:
-        na: how many coefficients a₁ … a_na.
-        nb: how many coefficients b₁ … b_nb, for every input.
+        na: number of coefficients a₁ … a_na.
+        nb: number of coefficients b₁ … b_nb, for every input.
         nk: delay in samples from the input to its first effect.
-        inputs: how many inputs.
+        inputs: number of inputs.
     """
     _check_counts("arx", na=na, nb=nb, nk=nk, inputs=inputs - 1)
     _check_size("arx", na + nb * inputs, na=na, nb=nb, inputs=inputs)
@@ -52,7 +52,7 @@ def wiener_hammerstein_regression(
     """The paper's expanded Wiener–Hammerstein model (3.5, 3.6): ARX in y, and every monomial in the lagged input.
 
     An FIR filter of ``taps`` taps, a polynomial of this degree without constant term, and a second filter with ``nb``
-    numerator and ``na`` denominator coefficients. Expanded, the term h_l of the second filter brings every product of
+    numerator and ``na`` denominator coefficients. Expanded, the term h_l of the second filter gives every product of
     up to ``degree`` inputs with lags from l to l + taps − 1. With one tap there are no cross terms, and na = 4, nb = 3,
     degree = 2 is the paper's (5.10).
 
@@ -61,13 +61,13 @@ def wiener_hammerstein_regression(
         degree: of the polynomial.
         taps: of the first filter, N_g.
         nk: delay in samples from the input to its first effect.
-        cross_terms: whether products of differently lagged inputs are kept (in full, eq. 3.6) or only powers.
+        cross_terms: whether to keep products of inputs at different lags (in full, eq. 3.6) or only powers.
 
     Raises:
-        ModelError: for counts that are none, or more regressors or higher powers than there may be.
+        ModelError: for invalid counts, too many regressors, or too high powers.
     """
     _check_counts("wiener_hammerstein_regression", na=na, nb=nb - 1, degree=degree - 1, taps=taps - 1, nk=nk)
-    # Every shift after the first adds the products that its newest lag is part of.
+    # Every shift after the first adds the products with its newest lag.
     terms = na + sum(
         comb(taps + p - 1, p) + (nb - 1) * comb(taps + p - 2, p - 1) if cross_terms else taps + nb - 1
         for p in range(1, degree + 1)
@@ -104,23 +104,22 @@ def friction_narx(
     width: float = 0.0,
     speeds: Sequence[float] = (),
 ) -> Structure:
-    """ARX with what dry friction and a dead zone add, all of it linear in the parameters.
+    """ARX with terms for dry friction and a dead zone, all linear in the parameters.
 
-    A dead zone (4.9) of unknown width is a sum of hinges of the input with their knots where its edges may be. Coulomb
-    friction is the sign of the lagged speed, its Stribeck part (4.7) that sign times exp(−|y|/v). A drive at rest is
-    released only by an input beyond break-away, another pair of hinges, so the same knots serve that too. A constant
-    takes up offsets.
+    A dead zone (4.9) of unknown width is a sum of hinge functions of the input with knots at possible edges. Coulomb
+    friction is the sign of the lagged speed, its Stribeck part (4.7) that sign times exp(−|y|/v). Break-away from rest
+    is also a pair of hinge functions, with the same knots. A constant represents offsets.
 
     Args:
         na, nb: coefficients of past outputs and inputs.
-        knots: where hinges are put, in the input's unit: max(u − k, 0) for k ≥ 0, min(u − k, 0) for k < 0.
+        knots: knots of the hinges in the unit of the input: max(u − k, 0) for k ≥ 0, min(u − k, 0) for k < 0.
         nk: delay in samples from the input to its first effect.
-        sign: `Transform.SIGN`, or `Transform.TANH`, smooth over ``width``.
+        sign: `Transform.SIGN`, or `Transform.TANH`, which is smooth over ``width``.
         width: scale of the smooth sign, in the output's unit.
         speeds: Stribeck speeds v, in the output's unit, each a regressor sign(y)·exp(−|y|/v).
 
     Raises:
-        ModelError: for counts that are none, more regressors than there may be, a transform that is no sign.
+        ModelError: for invalid counts, too many regressors, or another transform.
     """
     _check_counts("friction_narx", na=na - 1, nb=nb - 1, nk=nk)
     size = na + nb * (1 + len(knots)) + len(speeds) + 2
@@ -151,18 +150,18 @@ def friction_narx(
 
 
 def input_knots(record: Record, count: int) -> tuple[float, ...]:
-    """Where to put hinges when nothing is known of the dead zone: ``count`` on either side of zero.
+    """Default knots of the hinges for an unknown dead zone: ``count`` on either side of zero.
 
-    They reach to the largest input and are closer together near zero, where dead zones and break-away are:
+    They reach to the largest input and are denser near zero, where dead zone and break-away are:
     ``max|u|·(i/(count + 1))²``.
 
     Args:
-        record: whose first input is looked at.
+        record: its first input is used.
         count: hinges on either side of zero.
     """
     _check_counts("input_knots", count=count)
     reach = float(np.max(np.abs(record.input[:, 0])))
-    positive = [float(f"{reach * (k / (count + 1)) ** 2:.3g}") for k in range(1, count + 1)]  # to be read by people
+    positive = [float(f"{reach * (k / (count + 1)) ** 2:.3g}") for k in range(1, count + 1)]  # short decimals
     return (*(-knot for knot in reversed(positive)), *positive)
 
 
@@ -175,7 +174,7 @@ def _autoregressive(na: int) -> tuple[Regressor, ...]:
 
 
 def _check_counts(name: str, **counts: int) -> None:
-    """Refuse counts, given less what they must at least be, that are no whole numbers within reason."""
+    """Refuse counts, given minus their least value, that are not whole numbers from 0 to `MOST`."""
     for what, value in counts.items():
         fault = (
             "no whole number" if not isinstance(value, (int, np.integer)) else "too small" if value < 0 else "too large"
@@ -185,7 +184,7 @@ def _check_counts(name: str, **counts: int) -> None:
 
 
 def _check_size(name: str, regressors: int, **counts: int) -> None:
-    """Refuse, before they are made, more regressors than there can be data for."""
+    """Refuse more than `MOST` regressors before they are created."""
     if regressors > MOST:
         many = f"{regressors:,}" if regressors < 1e9 else "more than 10^9"
         made_by = ", ".join(f"{what} = {count}" for what, count in counts.items())
@@ -193,7 +192,7 @@ def _check_size(name: str, regressors: int, **counts: int) -> None:
 
 
 def regression_reference(structure: Structure, y: Iterable[float], u: Array) -> Array:
-    """Φ by the definition, sample by sample: slow, obvious, and what `fill` is compared with."""
+    """Φ by its definition, sample by sample: a slow and simple reference for `fill`."""
     signals = [np.asarray(list(y)), *np.asarray(u, dtype=float).T]
     rows = []
     for t in range(structure.memory, len(signals[0])):

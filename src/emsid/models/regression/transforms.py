@@ -1,7 +1,7 @@
-"""Static transforms of a channel: how each is written, and what it computes.
+"""Static transforms of a channel: their notation and their values.
 
-A transform of a channel x has at most one parameter p. To add one: a member of `Transform` and its branch in
-`transformed`, both in this file. Printing, reading, files and kernels follow from them.
+A transform of a channel x has at most one parameter p. To add one, add a member of `Transform` and its branch in
+`transformed`, both in this file. Printing, parsing, files and kernels use these two.
 """
 
 from __future__ import annotations
@@ -21,9 +21,8 @@ Definition = Callable[[float, float], float]
 class Transform(IntEnum):
     """Static transforms of a channel x, with one parameter p.
 
-    The value is the code in the kernels. ``text`` is how a transform is written: a p that something is divided by must
-    be positive, and "x-p" is read with either sign, or without p. ``definition`` is what it is of x and p, slow and
-    obvious, for reference.
+    The value is the code in the kernels. ``text`` is the notation: a divisor p must be positive, and "x-p" can have
+    either sign, or no p. ``definition`` is the function of x and p, as a slow and simple reference.
     """
 
     text: str
@@ -45,7 +44,7 @@ class Transform(IntEnum):
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def transformed(code: int, x: float, p: float) -> float:
-    """A static transform of one value; the codes are `Transform`'s."""
+    """A static transform of one value, by its code in `Transform`."""
     if code == 0:
         return x
     if code == 1:
@@ -62,17 +61,17 @@ def transformed(code: int, x: float, p: float) -> float:
 
 
 def has_parameter(transform: Transform) -> bool:
-    """Whether there is a p."""
+    """Whether it has a parameter p."""
     return re.search(r"\bp\b", transform.text) is not None
 
 
 def has_scale(transform: Transform) -> bool:
-    """Whether something is divided by p, which must be positive then."""
+    """Whether p is a divisor, which must be positive."""
     return re.search(r"/p\b", transform.text) is not None
 
 
 def written(transform: Transform, x: str, parameter: float) -> str:
-    """The transform of a channel as text, with every digit of its parameter, so that the same number is read back."""
+    """The transform of a channel as text, with every digit of its parameter."""
     number = f"{float(parameter)}".removesuffix(".0")
     shift = f"{-float(parameter):+}".removesuffix(".0") if parameter else ""
     texts = {"x": x, "-p": shift, "p": number}
@@ -80,7 +79,7 @@ def written(transform: Transform, x: str, parameter: float) -> str:
 
 
 def read_transform(node: ast.AST) -> tuple[Transform, ast.AST, float]:
-    """The transform, what is transformed, and the parameter; an expression of another form is `Transform.VALUE`."""
+    """The transform, its argument and its parameter; another expression is `Transform.VALUE`."""
     for transform, pattern in _patterns().items():
         found: dict[str, ast.AST | float] = {}
         if _matches(pattern, node, found) and isinstance(inner := found["x"], ast.AST):
@@ -95,7 +94,7 @@ def _patterns() -> dict[Transform, ast.expr]:
 
 
 def _matches(pattern: ast.AST, node: ast.AST, found: dict[str, ast.AST | float]) -> bool:
-    """Whether an expression has the form of a pattern; what stands for its x and its p goes into ``found``."""
+    """Whether an expression matches a pattern; its x and p are put into ``found``."""
     match pattern, node:
         case ast.Name("x"), _:
             found["x"] = node

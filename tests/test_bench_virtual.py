@@ -57,7 +57,7 @@ def test_a_slow_source_holds_between_its_updates():
     np.testing.assert_array_equal(speed, simulate(Motor(), held, DT).load_speed)
 
 
-def test_a_source_off_the_beat_of_the_samples_is_held_between_them():
+def test_a_source_that_is_not_synchronous_with_the_samples():
     voltage, speed = run(Bench(VoltageSource(period=1.5 * DT)), drive(300))
     updates = drive(300)[np.floor(1.5 * np.arange(200)).astype(int)]
     fine = simulate(Motor(), np.repeat(updates, 3), DT / 2)
@@ -96,7 +96,7 @@ def test_noise_has_the_stated_deviation_and_offset():
     assert error.std() == pytest.approx(0.3, rel=4 / np.sqrt(2 * len(error)))
 
 
-def test_gain_noise_grows_with_speed_and_leaves_standstill_alone():
+def test_gain_noise_grows_with_speed_and_is_zero_at_standstill():
     _, clean = run(Bench())
     _, speed = run(Bench(sensor=Tachometer(gain_noise=0.01)))
     np.testing.assert_array_equal(speed[clean == 0], 0.0)
@@ -140,7 +140,7 @@ def test_any_reader_is_a_sensor():
         (lambda: Bench(delay=-1e-3), "bench delay is -0.001"),
     ],
 )
-def test_a_bench_that_cannot_be_is_refused(make, message):
+def test_an_invalid_bench_is_refused(make, message):
     with pytest.raises(ModelError, match=message):
         make()
 

@@ -138,13 +138,13 @@ def test_a_datasheet_names_the_law_whose_parameters_it_gives():
     assert motor.rotor_friction == Exponential(rise=5e-3)
 
 
-def test_a_law_in_plain_python_moves_as_the_compiled_one_does():
+def test_a_law_in_plain_python_gives_the_same_motion_as_a_compiled_one():
     plain = motor_with(Plain(6e-3, 5e-3, 0.06))
     compiled, slow = (each.simulate(VOLTAGE[:200, None], DT, np.zeros(2), (Signal.SPEED,)) for each in (TRUTH, plain))
     assert slow == pytest.approx(compiled, rel=1e-12, abs=1e-12)
 
 
-def test_the_law_of_the_paper_written_anew_moves_as_the_built_in_one_does():
+def test_a_second_definition_of_the_papers_law_gives_the_same_motion():
     @njit
     def same(speed, numbers, side):
         return numbers[side, 0] + numbers[side, 1] * np.exp(-numbers[side, 2] * speed)

@@ -61,7 +61,7 @@ zones = st.builds(DeadZoneLaw, st.floats(-5, 0), st.floats(0, 5), st.floats(0.1,
 
 
 @given(zones, finite)
-def test_dead_zone_is_undone_by_its_inverse(zone, value):
+def test_the_inverse_compensates_the_dead_zone(zone, value):
     assert float(zone(zone.inverse(value))) == pytest.approx(value, rel=1e-9, abs=1e-9)
     assert zone.b_l <= float(zone.inverse(0.0)) <= zone.b_r
 
@@ -91,6 +91,6 @@ def test_dead_zone_keeps_the_shape_of_its_input():
         ({"b_l": -1.0, "b_r": np.nan}, "b_r is nan"),
     ],
 )
-def test_a_dead_zone_that_is_none_is_refused(zone, message):
+def test_an_invalid_dead_zone_is_refused(zone, message):
     with pytest.raises(ModelError, match=message):
         DeadZoneLaw(**zone)

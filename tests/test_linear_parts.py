@@ -75,7 +75,7 @@ def test_two_inputs_have_a_transfer_function_each() -> None:
         np.testing.assert_allclose(np.ravel(there), model.simulate(alone).output[:, 0], rtol=1e-9, atol=1e-12)
 
 
-def test_of_a_nonlinear_structure_the_linear_terms_go() -> None:
+def test_the_linear_terms_of_a_nonlinear_structure_are_converted() -> None:
     model = Narx(Structure.parse("-y(t-1)", "u(t-1)", "u(t-1)^2", "sign(y(t-1))"), np.array([-0.5, 2.0, 7.0, 9.0]), DT)
     assert model.to_control().dcgain() == pytest.approx(4.0)
     with pytest.raises(ModelError, match="no term that is linear in an input"):
@@ -89,13 +89,13 @@ def test_filters_of_a_cascade_take_its_sample_time() -> None:
         replace(model, dt=None).to_control()
 
 
-def test_what_has_no_linear_part_says_so() -> None:
+def test_a_model_without_a_linear_part_is_refused() -> None:
     with pytest.raises(ModelError, match="no linear part"):
         GreyBox(OWN, (Signal.SPEED,)).to_control()
 
 
 @pytest.mark.parametrize("name", ["arx", "hammerstein", "rigid motor", "linear axis"])
-def test_without_python_control_it_is_said_what_to_install(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_python_control_the_message_says_what_to_install(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(ModelError, match=r"pip install emsid\[control\]"):
         ALL[name].to_control()  # type: ignore[attr-defined]

@@ -148,7 +148,7 @@ def test_every_kind_of_model_and_of_block_is_here() -> None:
 
 
 @every_model
-def test_sample_by_sample_and_in_blocks_is_at_once(model: Model) -> None:
+def test_sample_by_sample_and_in_blocks_equals_at_once(model: Model) -> None:
     record = measured(model)
     start = model.initial(record, model.memory)
     driven = record.input[model.memory :]
@@ -171,7 +171,7 @@ def test_sample_by_sample_and_in_blocks_is_at_once(model: Model) -> None:
 
 
 @every_model
-def test_a_run_leaves_the_state_it_was_given_as_it_is(model: Model) -> None:
+def test_a_run_does_not_change_its_initial_state(model: Model) -> None:
     start = model.at_rest(0.0, DT)
     first, _ = model.run(start, inputs()[:, None])
     again, _ = model.run(start, inputs()[:, None])
@@ -240,7 +240,7 @@ def test_segments_run_as_they_do_alone(model: Model) -> None:
 
 
 @every_model
-def test_another_sample_time_is_refused_by_what_has_one(model: Model) -> None:
+def test_a_model_with_a_sample_time_refuses_another(model: Model) -> None:
     record = measured(model)
     other = replace(record, dt=2 * DT, times=())
     for use in (model.simulate, model.predict):

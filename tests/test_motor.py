@@ -50,7 +50,7 @@ def test_a_datasheet_in_its_own_units_is_the_motor_in_si():
 
 
 @pytest.mark.parametrize("motor", [Motor(), Motor().rigid(), Motor(torque_dead_zone=DeadZoneLaw(-0.1, 0.2))])
-def test_a_motor_comes_back_from_its_table(motor):
+def test_a_motor_is_restored_from_its_table(motor):
     assert Motor.from_dict(asdict(motor)) == motor
 
 

@@ -194,7 +194,7 @@ def unstable() -> Narx:
     return Narx(arx(1, 1), np.array([-2.0, 1.0]), 0.01)
 
 
-def test_a_diverged_run_says_where_and_is_nan_from_there_to_the_end_of_its_segment() -> None:
+def test_a_diverged_run_has_its_sample_and_is_nan_to_the_end_of_its_segment() -> None:
     rng = np.random.default_rng(3)
     y = rng.uniform(-0.5, 0.5, 100)
     y[[0, 40, 45]], y[77] = 0.25, 1.0  # bound: RUNAWAY · 1
@@ -225,7 +225,7 @@ def test_predictions_of_an_unstable_model_stay() -> None:
     assert np.isfinite(run.output).all()
 
 
-def test_over_an_output_that_is_not_known_only_an_overflow_is_a_divergence() -> None:
+def test_without_a_known_output_only_an_overflow_is_a_divergence() -> None:
     u = np.ones(3000)
     stable = Narx(arx(1, 1), np.array([-0.5, 1.0]), 0.01).simulate(Record(u, np.zeros(3000), 0.01))
     assert stable.diverged_at is None
@@ -258,7 +258,7 @@ def through_json(model: Narx) -> Narx:
     return Narx.from_data(json.loads(json.dumps(model.to_data(), allow_nan=False)))
 
 
-def test_file_gives_back_the_same_model(structure: Structure) -> None:
+def test_a_model_is_saved_and_loaded(structure: Structure) -> None:
     model = replace(model_of(structure), dt=1 / 3)
     again = through_json(model)
     assert again.structure == model.structure
@@ -305,7 +305,7 @@ VALID = Narx(arx(1, 1), np.array([0.5, 1.0]), 0.01).to_data()
         ({"surprise": 1}, "not a regression model"),
     ],
 )
-def test_data_that_are_no_model_are_refused(change: dict[str, object], message: str) -> None:
+def test_data_that_do_not_describe_a_model_are_refused(change: dict[str, object], message: str) -> None:
     with pytest.raises(ModelError, match=message):
         Narx.from_data({**VALID, **change})
 

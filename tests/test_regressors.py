@@ -46,7 +46,7 @@ structures = st.lists(products, min_size=1, max_size=6, unique=True).map(lambda 
 
 @settings(max_examples=60, derandomize=True, deadline=None)
 @given(structures, st.integers(0, 2**32 - 1))
-def test_kernel_builds_what_the_definition_says(structure: Structure, seed: int) -> None:
+def test_the_kernel_equals_the_definition(structure: Structure, seed: int) -> None:
     rng = np.random.default_rng(seed)
     u, y = rng.uniform(-2, 2, (30, 3)), rng.uniform(-2, 2, 30)
     phi, target = structure.regression(Record(u, y, 0.1))
@@ -82,7 +82,7 @@ def test_blocks_cut_the_regression_anywhere(monkeypatch: pytest.MonkeyPatch, blo
     assert (sum(rows), max(rows)) == (len(y), 11)
 
 
-def test_fill_leaves_the_signals_alone_and_starts_where_it_is_told() -> None:
+def test_fill_does_not_change_the_signals_and_starts_at_its_start() -> None:
     structure = Structure.parse("y(t-1)", "-u(t)^2")
     y, u = np.arange(10.0), -np.arange(10.0)[:, None]
     block = np.empty((3, 4))
@@ -242,7 +242,7 @@ def test_structures_are_values() -> None:
         ("1*u(t-1)", "u(t-1)"),
     ],
 )
-def test_texts_that_are_understood(text: str, canonical: str) -> None:
+def test_texts_that_can_be_parsed(text: str, canonical: str) -> None:
     assert str(parse_regressor(text)) == canonical
 
 
@@ -294,7 +294,7 @@ BAD_TEXTS = {
 
 
 @pytest.mark.parametrize("case", list(BAD_TEXTS))
-def test_texts_that_are_not_understood_are_refused_with_what_is_wrong(case: str) -> None:
+def test_texts_that_cannot_be_parsed_are_refused_with_the_reason(case: str) -> None:
     text, message = BAD_TEXTS[case]
     with pytest.raises(ModelError, match=message) as refusal:
         Structure.parse("u(t-1)", text)
@@ -341,7 +341,7 @@ def test_any_text_is_a_regressor_or_refused(text: str) -> None:
         (lambda: Factor(1, 1, 1, Transform.DECAY, np.inf), "finite"),
     ],
 )
-def test_what_is_no_structure_is_refused(make: object, message: str) -> None:
+def test_invalid_structures_are_refused(make: object, message: str) -> None:
     with pytest.raises(ModelError, match=message):
         make()  # type: ignore[operator]
 
@@ -361,7 +361,7 @@ def test_records_it_cannot_be_built_from_are_refused(record: Record, message: st
             use(record)
 
 
-def test_more_regressors_than_anybody_means_are_refused_before_they_are_made() -> None:
+def test_too_many_regressors_are_refused_before_they_are_created() -> None:
     for size in ({"degree": 5, "taps": 20}, {"degree": 99, "taps": 2}, {"degree": 99, "taps": 1000}):
         with pytest.raises(ModelError, match=r"make .* regressors, and 1,000 are the most; lower some of them"):
             wiener_hammerstein_regression(4, 3, **size)

@@ -121,7 +121,7 @@ drives = st.lists(st.tuples(st.floats(-12, 12), st.floats(-0.05, 0.05)), min_siz
 
 @settings(max_examples=150, deadline=None)
 @given(motors, drives, st.sampled_from([1e-3, 5e-3, 5e-2]))
-def test_energy_is_conserved_and_friction_only_takes(motor, drive, dt):
+def test_energy_is_conserved_and_friction_only_dissipates(motor, drive, dt):
     voltage, torque = np.array(drive).T
     energy = simulate(motor, voltage, dt, disturbance=torque, energy=True).energy
     turnover = sum(abs(getattr(energy, field.name)) for field in fields(energy))
@@ -132,7 +132,7 @@ def test_energy_is_conserved_and_friction_only_takes(motor, drive, dt):
 
 @settings(max_examples=60, deadline=None)
 @given(motors, drives, st.integers(1, 29))
-def test_pieces_are_the_whole(motor, drive, at):
+def test_simulation_in_pieces_equals_the_whole(motor, drive, at):
     voltage, torque = np.array(drive).T
     whole = simulate(motor, voltage, 5e-3, disturbance=torque)
     first = simulate(motor, voltage[:at], 5e-3, disturbance=torque[:at])
@@ -145,7 +145,7 @@ def test_pieces_are_the_whole(motor, drive, at):
 
 @settings(max_examples=60, deadline=None)
 @given(motors, drives)
-def test_holding_longer_is_holding_again(motor, drive):
+def test_a_longer_sample_equals_two_equal_samples(motor, drive):
     voltage, torque = np.array(drive).T
     once = simulate(motor, voltage, 8e-3, disturbance=torque)
     often = simulate(motor, np.repeat(voltage, 8), 1e-3, disturbance=np.repeat(torque, 8))
@@ -173,7 +173,7 @@ def test_rest_below_breakaway_is_exactly_rest():
     assert simulate(motor, np.full(2000, 1.001 * threshold), 1e-3).rotor_speed[-1] > 0
 
 
-def test_breakaway_happens_when_the_current_says_so():
+def test_breakaway_happens_at_the_current_of_the_closed_form():
     motor = replace(Motor(), voltage_dead_zone=None)
     volt, (forward, _) = 3.0, motor.rotor_friction.breakaway
     share = forward / motor.motor_constant * motor.resistance / volt
@@ -183,7 +183,7 @@ def test_breakaway_happens_when_the_current_says_so():
     assert (events.body[0], events.before[0], events.after[0]) == (0, 0, 1)
 
 
-def test_a_coasting_motor_stops_when_the_closed_form_says_so():
+def test_a_coasting_motor_stops_at_the_time_of_the_closed_form():
     level, start = 5e-3, 40.0
     motor = replace(IDEAL, inductance=0.0, rotor_friction=Friction(level)).rigid()
     drag = motor.rotor_viscous + motor.load_viscous + motor.motor_constant**2 / motor.resistance
@@ -222,7 +222,7 @@ def test_friction_on_the_load_is_as_negligible_as_in_the_paper():
     assert 1e-6 < np.mean(difference**2) < 1e-5  # 3.341e-6 in section V
 
 
-def test_an_excess_that_fades_fast_is_followed_when_the_motor_slows_down():
+def test_an_excess_with_a_high_rate_is_accurate_when_the_motor_slows_down():
     """The Stribeck term is nothing at the start of a long step and all of the friction at its end."""
     motor = replace(LOADED, rotor_friction=Friction(1e-3, 2e-2, 20.0), inductance=0.0).rigid()
     start = State(rotor_speed=30.0, load_speed=30.0)
@@ -241,12 +241,12 @@ def test_first_zero_of_a_polynomial(roots, end):
     assert found == (pytest.approx(inside[0], rel=1e-6) if inside else inf)
 
 
-@pytest.mark.parametrize("room", [1, 5, 30])
-def test_more_events_than_there_is_room_for(room, monkeypatch):
+@pytest.mark.parametrize("capacity", [1, 5, 30])
+def test_more_events_than_the_arrays_hold(capacity, monkeypatch):
     voltage = two_sines(500, 2e-3)
     expected = simulate(KINKED, voltage, 2e-3, energy=True)
     assert len(expected.events.time) > 30
-    monkeypatch.setattr("emsid.plant.simulation._ROOM", room - len(voltage))
+    monkeypatch.setattr("emsid.plant.simulation._SPARE_EVENTS", capacity - len(voltage))
     result = simulate(KINKED, voltage, 2e-3, energy=True)
     for mine, theirs in zip(result.events, expected.events, strict=True):
         np.testing.assert_array_equal(mine, theirs)
@@ -270,7 +270,7 @@ except KeyboardInterrupt:
     assert done.stdout == "interrupted\n"
 
 
-def test_no_sample_is_no_motion():
+def test_no_samples_give_no_motion():
     result = simulate(Motor(), [], 1e-3, initial=State(load_angle=2.0))
     assert len(result.time) == 0
     assert result.final == State(load_angle=2.0)
@@ -294,7 +294,7 @@ def test_bad_input_is_refused_in_one_line(arguments, message):
         simulate(**{"motor": Motor(), "voltage": [0.0, 1.0], "dt": 1e-3} | arguments)
 
 
-def test_states_and_methods_that_cannot_be_are_refused():
+def test_impossible_states_and_methods_are_refused():
     with pytest.raises(ModelError, match="not finite"):
         simulate(Motor(), [0.0], 1e-3, initial=State(current=np.nan))
     with pytest.raises(ModelError, match="one speed"):

@@ -1,4 +1,4 @@
-"""The electromechanical system of section IV: its laws, parameters and motion, and a bench to measure it."""
+"""The electromechanical system of section IV: its laws, its parameters, its simulation, and a virtual bench."""
 
 from emsid.plant.bench import Bench, Encoder, SpeedSensor, Tachometer, VoltageSource
 from emsid.plant.dead_zone import DeadZoneLaw

@@ -1,9 +1,9 @@
-"""A virtual bench: a motor between the generator that drives it and the sensor that measures it.
+"""A virtual bench: a motor with a signal generator and a sensor.
 
-The generator limits the commanded voltage in amplitude and slew rate and holds it; after a transport delay it
-acts on the motor; a tachometer or an encoder on the load shaft is read at every sample instant. A reading at
-t knows the voltage up to t only, so that y(t) depends on u(t − 1) and earlier. The record holds what the
-generator gave, before the delay, and what the sensor read.
+The generator limits the amplitude and slew rate of the commanded voltage and holds it. After a transport delay the
+voltage acts on the motor. A tachometer or an encoder on the load shaft is read at every sample instant. A reading at t
+depends on the voltage up to t only, so y(t) depends on u(t − 1) and earlier. The record contains the output of the
+generator, before the delay, and the readings of the sensor.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class VoltageSource:
         _check_sizes(self, "voltage source", "resolution")
 
     def drive(self, command: Array, interval: float) -> Array:
-        """(M,) what it gives in V for commands (M,) that follow each other at ``interval`` seconds, from 0 V."""
+        """(M,) its output in V for commands (M,) at an interval of ``interval`` seconds, starting at 0 V."""
         voltage = np.clip(command, -self.limit, self.limit)
         if isfinite(self.slew_rate):
             change, last = self.slew_rate * interval, 0.0
@@ -79,13 +79,13 @@ class VoltageSource:
 class Tachometer:
     """A tachogenerator on the load shaft: y = round[(1 + ε + a·cos(n·θ_L + φ))·ω_L + offset + noise].
 
-    Ripple and gain noise grow with the speed, offset and noise do not; the ripple repeats with the angle.
+    Ripple and gain noise are proportional to the speed; the ripple is periodic in the angle.
 
     Args:
         noise: standard deviation of the additive noise in rad/s.
         gain_noise: standard deviation of the relative error ε, drawn for every sample.
         ripple: relative amplitude a of the commutation ripple.
-        ripples_per_turn: its number n of periods in a turn.
+        ripples_per_turn: its number n of periods per turn.
         ripple_phase: its phase φ in rad.
         offset: in rad/s.
         resolution: step of the analogue-to-digital converter in rad/s; 0 for a continuous reading.
@@ -118,7 +118,7 @@ class Encoder:
     """An incremental encoder on the load shaft: the speed is the difference of two counts over the sample time.
 
     Args:
-        counts_per_turn: counts in a turn, all edges counted.
+        counts_per_turn: counts per turn, with all edges.
 
     Raises:
         ModelError: for fewer than one count per turn.
@@ -138,11 +138,11 @@ class Encoder:
 
 @dataclass(frozen=True)
 class Bench:
-    """A generator, a transport delay and a sensor; the default is ideal and gives the simulation itself.
+    """A generator, a transport delay and a sensor; the default is ideal and returns the simulation itself.
 
     Args:
         source: the generator.
-        sensor: a `Tachometer`, an `Encoder` or anything else that can ``read`` a trajectory.
+        sensor: a `Tachometer`, an `Encoder` or another object with a method ``read``.
         delay: transport delay from the generator to the armature in s; need not be a multiple of the sample time.
 
     Raises:
@@ -158,10 +158,10 @@ class Bench:
 
     @classmethod
     def typical(cls) -> Bench:
-        """A teaching laboratory: ±15 V generator and 12-bit converters, a noisy tachogenerator, half a millisecond.
+        """A teaching laboratory: ±15 V generator, 12-bit converters, a noisy tachogenerator, a delay of 0.5 ms.
 
-        The tachogenerator ripples by 0.5 % eleven times a turn and is 0.05 rad/s off; its reading carries
-        0.02 rad/s and 0.1 % of noise and goes through a converter of ±200 rad/s.
+        The tachogenerator has a ripple of 0.5 % with eleven periods per turn, an offset of 0.05 rad/s, noise of
+        0.02 rad/s and of 0.1 %, and a converter with a range of ±200 rad/s.
         """
         return cls(
             VoltageSource(limit=15.0, slew_rate=5e3, resolution=30.0 / 4096),
@@ -187,7 +187,7 @@ class Bench:
             motor: the motor on the bench.
             voltage: (N,) commanded voltage in V.
             dt: sample time in s.
-            rng: where the noise comes from; the same state of it gives the same record.
+            rng: source of the noise; the same state gives the same record.
             disturbance: constant disturbance torque T_d on the load in N·m.
             initial: the state of the motor at the first sample.
             method: order and tolerance of the simulation.
@@ -202,7 +202,7 @@ class Bench:
         command, _, _ = check_inputs(voltage, dt, disturbance)
         if len(command) == 0:
             raise DataError("voltage has no sample; the bench needs at least one")
-        # Time counts in samples here, so that whole ones are exact.
+        # Time is in samples, so that whole samples are exact.
         n, period = len(command), (self.source.period or dt) / dt
         updates = _snap(period * np.arange(np.ceil(n / period)))
         given = self.source.drive(command[np.minimum(updates.astype(int), n - 1)], period * dt)
@@ -232,13 +232,13 @@ class Bench:
 
 
 def _snap(instants: Array) -> Array:
-    """Instants in samples, those that miss a whole number by rounding only put onto it."""
+    """Instants in samples; those that differ from a whole number by rounding only are rounded to it."""
     whole = np.rint(instants)
     return np.where(np.abs(instants - whole) < 1e-9, whole, instants)
 
 
 def _held(values: Array, since: Array, instants: Array) -> Array:
-    """What is held at every instant of ``values`` given at the instants ``since``; 0 before the first."""
+    """Zero-order hold of ``values`` given at instants ``since``, at other instants; 0 before the first."""
     latest = np.searchsorted(since, instants, side="right") - 1
     return np.where(latest >= 0, values[np.maximum(latest, 0)], 0.0)
 

@@ -1,4 +1,4 @@
-"""The dead zone (4.9): nothing happens until the input is large enough.
+"""The dead zone (4.9): the output is zero between two break points.
 
 D(v) = m_r·(v − b_r)   v ≥ b_r
        0               b_l < v < b_r
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DeadZoneLaw:
-    """The dead zone (4.9), with its own break points and slopes on either side.
+    """The dead zone (4.9), with a break point and a slope on either side.
 
     >>> zone = DeadZoneLaw(-1.0, 0.5, m_r=2.0)
     >>> zone([-3.0, 0.2, 1.5])
@@ -56,14 +56,14 @@ class DeadZoneLaw:
         return self.m_r * np.maximum(v - self.b_r, 0.0) + self.m_l * np.minimum(v - self.b_l, 0.0)
 
     def derivative(self, value: ArrayLike) -> Array:
-        """dD/dv; at a break point the slope of the side that moves."""
+        """dD/dv; at a break point the slope outside the zone."""
         v = np.asarray(value, dtype=float)
         return np.where(v >= self.b_r, self.m_r, np.where(v <= self.b_l, self.m_l, 0.0))
 
     def inverse(self, value: ArrayLike) -> Array:
-        """The input that gives ``value``; for 0, which any input inside the zone gives, it is 0.
+        """The input whose output is ``value``; 0 for the output 0.
 
-        Putting the inverse before a drive takes the dead zone out of it.
+        The inverse before a drive compensates its dead zone.
         """
         w = np.asarray(value, dtype=float)
         return np.where(w > 0, w / self.m_r + self.b_r, np.where(w < 0, w / self.m_l + self.b_l, 0.0))

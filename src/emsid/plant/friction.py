@@ -1,16 +1,16 @@
-"""Friction of a sliding body: what a friction law is, and the law of the paper.
+"""Friction of a sliding body: the interface of a friction law, and the law of the paper.
 
-A law gives the torque that opposes the motion at a speed, ``level(|ω|)``, and declares its parameters; the simulation,
-datasheets, tables, curves and model files take all else from that. To add one, write a frozen dataclass that derives
-from `FrictionLaw` and register it under a name with `friction_law`.
+A law gives the torque against the motion at a speed, ``level(|ω|)``, and declares its parameters. The simulation,
+datasheets, tables, curves and model files use only these. To add a law, define a frozen dataclass that derives from
+`FrictionLaw` and register it under a name with `friction_law`.
 
-The law of the paper: the torque that friction takes from a body turning at ω is, with sgn(0) = 0 (4.8),
+The law of the paper: the friction torque on a body turning at ω is, with sgn(0) = 0 (4.8),
 
     T_f(ω) = [α₀ + α₁·exp(−α₂·|ω|)]·sgn(ω)                                (4.7)
 
-a Coulomb level α₀ and a Stribeck excess α₁ that fades with speed at the rate α₂. At ω = 0 the law is a set,
-not a number: friction balances any torque up to the break-away level α₀ + α₁. The laws below give the sliding value;
-the simulations hold a body at rest up to `FrictionLaw.breakaway`.
+a Coulomb level α₀ and a Stribeck excess α₁ that decays with speed at the rate α₂. At ω = 0 the law is set-valued:
+friction balances any torque up to the break-away level α₀ + α₁. The laws below give the sliding value; in simulations
+a body stays at rest up to `FrictionLaw.breakaway`.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def stribeck(speed: ArrayLike, excess: ArrayLike, rate: ArrayLike) -> Array:
 
     Args:
         speed: ω in rad/s.
-        excess: α₁ in N·m, what the torque at standstill has beyond the Coulomb level.
+        excess: α₁ in N·m, the torque at standstill above the Coulomb level.
         rate: α₂ in s/rad; 1/α₂ is the speed at which the excess has fallen to 37 %.
     """
     w = np.asarray(speed, dtype=float)
@@ -75,8 +75,8 @@ class OneDirection(NamedTuple):
 
     Attributes:
         coulomb: α₀ in N·m.
-        stribeck: α₁ in N·m, what friction is larger by near rest.
-        stribeck_rate: α₂ in s/rad, how fast that decays with the speed.
+        stribeck: α₁ in N·m, the excess near rest.
+        stribeck_rate: α₂ in s/rad, its decay rate with speed.
     """
 
     coulomb: float
@@ -88,11 +88,11 @@ class LawParameter(NamedTuple):
     """A parameter of a friction law; it has a value for each direction of motion.
 
     Attributes:
-        name: of the field of the law.
+        name: the field of the law.
         symbol: in equations and tables.
-        measure: what it measures; the unit follows from that.
+        measure: the measured quantity, which gives the unit.
         description: its meaning in a few words.
-        linear_symbol: the symbol where a mass slides instead of turning; empty for the same one.
+        linear_symbol: the symbol for linear motion; empty for the same one.
     """
 
     name: str
@@ -108,14 +108,14 @@ Level = Callable[[Any, Any, Any], Any]
 
 @dataclass(frozen=True)
 class FrictionLaw(ABC):
-    """What every friction law has. A law is a frozen dataclass whose fields are its parameters, in order.
+    """The base class of friction laws: a frozen dataclass whose fields are its parameters, in order.
 
-    A field is one number for both directions or a pair (forward, backward); it is kept as a pair.
+    A field is one number for both directions or a pair (forward, backward); it is stored as a pair.
 
     Attributes:
-        parameters: what each field is.
-        level: the law: the torque that opposes the motion at a speed. A function compiled with ``numba.njit`` is as
-            fast as the built-in law; a plain Python function works and is some hundred times slower.
+        parameters: the description of each field.
+        level: the torque against the motion at a speed. A function compiled with ``numba.njit`` is as fast as the
+            built-in law; a plain Python function is some hundred times slower.
 
     Raises:
         ModelError: for a value that is negative or not finite.
@@ -130,22 +130,22 @@ class FrictionLaw(ABC):
 
     @property
     def numbers(self) -> Array:
-        """(2, n) the parameters by direction and in order."""
+        """(2, n) the parameters of each direction, in order."""
         return np.array([getattr(self, field.name) for field in fields(self)]).T.copy()
 
     @property
     def varies(self) -> NDArray[np.bool_]:
-        """(2,) whether the level depends on speed, by direction; a law that never does is simulated exactly."""
+        """(2,) whether the level depends on speed, by direction; a constant level is simulated exactly."""
         return np.ones(2, dtype=bool)
 
     @property
     def reach(self) -> float:
-        """Up to which speed in rad/s a figure of the law should go."""
+        """The largest speed in rad/s in a figure of the law."""
         return 100.0
 
     @property
     def breakaway(self) -> tuple[float, float]:
-        """(forward, backward) in N·m: the net torque that a body at rest holds against."""
+        """(forward, backward) in N·m: the net torque up to which a body stays at rest."""
         numbers, level = self.numbers, type(self).level
         return float(level(0.0, numbers, 0)), float(level(0.0, numbers, 1))
 
@@ -157,33 +157,33 @@ class FrictionLaw(ABC):
 
     @property
     def symmetric(self) -> bool:
-        """Whether it is alike in both directions."""
+        """Whether both directions are equal."""
         return bool(np.array_equal(*self.numbers))
 
     @property
     def base(self) -> tuple[float, float]:
-        """(forward, backward) the first parameter, a level of friction."""
+        """(forward, backward) the first parameter, a friction level."""
         forward, backward = getattr(self, fields(self)[0].name)
         return forward, backward
 
     def sliding_at(self, level: float) -> Self:
-        """The same law with its first parameter, a level of friction, at this value in both directions."""
+        """The same law with its first parameter, a friction level, set to this value in both directions."""
         return replace(self, **{fields(self)[0].name: level})
 
 
 L = TypeVar("L", bound=type[FrictionLaw])
 FRICTION_LAWS: dict[str, type[FrictionLaw]] = {}
-"""Every friction law, by the name that it has in files."""
+"""Every friction law, by its name in files."""
 
 
 def friction_law(name: str) -> Callable[[L], L]:
-    """Register a class as the friction law of this name.
+    """Register a class as a friction law under this name.
 
     Args:
         name: in datasheets and model files: ``law = "exponential"``.
 
     Raises:
-        ModelError: where another law has this name.
+        ModelError: if another law has this name.
     """
 
     def register(law: L) -> L:
@@ -196,10 +196,10 @@ def friction_law(name: str) -> Callable[[L], L]:
 
 
 def find_law(name: object) -> type[FrictionLaw]:
-    """The friction law of a name.
+    """The friction law with this name.
 
     Raises:
-        ModelError: where there is none.
+        ModelError: for an unknown name.
     """
     if not isinstance(name, str) or name not in FRICTION_LAWS:
         raise ModelError(f"no friction law {name!r}; there are {', '.join(FRICTION_LAWS)}")
@@ -207,7 +207,7 @@ def find_law(name: object) -> type[FrictionLaw]:
 
 
 def law_name(law: FrictionLaw) -> str:
-    """The name that a law is registered under.
+    """The registered name of a law.
 
     Raises:
         ModelError: for a law that is not registered.
@@ -265,17 +265,17 @@ class Friction(FrictionLaw):
 
     @property
     def forward(self) -> OneDirection:
-        """The numbers that hold for ω > 0."""
+        """The parameters for ω > 0."""
         return self._sliding(0)
 
     @property
     def backward(self) -> OneDirection:
-        """The numbers that hold for ω < 0."""
+        """The parameters for ω < 0."""
         return self._sliding(1)
 
     @property
     def breakaway(self) -> tuple[float, float]:
-        """α₀ + α₁ (forward, backward) in N·m: the net torque a body at rest holds against."""
+        """α₀ + α₁ (forward, backward) in N·m: the net torque up to which a body stays at rest."""
         forward, backward = self.forward, self.backward
         return forward.coulomb + forward.stribeck, backward.coulomb + backward.stribeck
 

@@ -5,9 +5,8 @@
     J_L·dω_L/dt = T_s − B_L·ω_L − T_f(ω_L) − T_d                           (4.5), (4.11)
     T_s = K_s·φ + B_s·(ω_m − ω_L),   dφ/dt = ω_m − ω_L                     (4.6), φ = θ_m − θ_L
 
-D_v and D_T are dead zones (4.9) on the voltage or on the motor torque. Two limits are exact, not approximated
-by large or small numbers: an infinitely stiff shaft turns both masses as one, and without inductance the
-current follows voltage and speed at once.
+D_v and D_T are dead zones (4.9) on the voltage or on the motor torque. Two limits are exact: with an infinitely stiff
+shaft both masses turn as one, and without inductance the current is an algebraic function of voltage and speed.
 """
 
 from __future__ import annotations
@@ -52,13 +51,13 @@ def _quantity(
 
 
 def _part(default: object, kind: type, description: str, *parameters: tuple[str, str, str, str]) -> Any:
-    """A part with parameters of its own, each (name, symbol, unit, description)."""
+    """A part with its own parameters, each (name, symbol, unit, description)."""
     table = tuple(Parameter(*p) for p in parameters)
     return field(default=default, metadata={"kind": kind, "description": description, "parameters": table})
 
 
 def law_parameters(law: type[FrictionLaw], where: str = "", index: str = "", linear: bool = False) -> list[Parameter]:
-    """The parameters of a friction law where it acts, with symbols that say so."""
+    """The parameters of a friction law, with the place of the friction in symbols and descriptions."""
     place = f" on the {where}" if where else ""
     return [
         Parameter(
@@ -98,17 +97,17 @@ class Motor:
 
     The default is a 24 V motor of some 40 W that turns a disc without a gearbox. Its electrical time constant
     is 1 ms, its mechanical one 40 ms and the shaft rings at 145 Hz, so that sampling at 1 to 5 ms suits it.
-    The drive gives nothing below ±0.5 V, the brushes take another 0.4 V to break away, and the friction on
-    the load side is as small as the paper finds it. `Motor.parameters` lists names, symbols and units.
+    The drive has a dead zone of ±0.5 V, break-away needs another 0.4 V, and the friction on the load side is as
+    small as in the paper. `Motor.parameters` lists names, symbols and units.
 
     Args:
         resistance: armature resistance R_a in Ω.
-        inductance: armature inductance L_a in H; 0 for a current that settles at once.
+        inductance: armature inductance L_a in H; 0 for a current without dynamics.
         motor_constant: K_m in N·m/A, which is V·s/rad.
         rotor_inertia: J_m in kg·m².
         rotor_viscous: B_m in N·m·s/rad.
         shaft_stiffness: K_s in N·m/rad; infinite for a rigid shaft, see `rigid`.
-        shaft_damping: B_s in N·m·s/rad; without effect when the shaft is rigid.
+        shaft_damping: B_s in N·m·s/rad; without effect for a rigid shaft.
         load_inertia: J_L in kg·m².
         load_viscous: B_L in N·m·s/rad.
         rotor_friction: Coulomb and Stribeck friction on the rotor.
@@ -164,16 +163,16 @@ class Motor:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Motor:
-        """A motor from a table, such as a TOML file holds; what is left out keeps its default.
+        """A motor from a table, for example from a TOML file; omitted parameters keep their defaults.
 
         >>> motor = Motor.from_dict({"inductance": "1.5 mH", "load_friction": {"coulomb": "0.2 mN*m"}})
         >>> round(motor.inductance, 6), motor.load_friction.forward.coulomb
         (0.0015, 0.0002)
 
         Args:
-            values: a number in SI units or a text with a unit for every parameter; a table for a friction or
-                a dead zone, in which frictions take a pair [forward, backward] too. An empty table takes the
-                part away; `dataclasses.asdict` gives a table that comes back as the same motor.
+            values: for every parameter a number in SI units or a text with a unit; for a friction or a dead zone a
+                table, where frictions may have pairs [forward, backward]. An empty table removes the part.
+                `dataclasses.asdict` gives such a table of a motor.
 
         Raises:
             ModelError: for an unknown name, a unit of another quantity or a value that is not physical.
@@ -196,8 +195,8 @@ class Motor:
 
         Inputs are the armature voltage v_a in V and the disturbance torque T_d in N·m, outputs the rotor
         speed and the load speed in rad/s. States are the current in A, the rotor speed and the load speed in
-        rad/s and the shaft twist φ in rad; a motor without inductance has no current among them, a rigid one
-        has a single speed. Either way the speeds keep their order, and friction and dead zones are left out.
+        rad/s and the shaft twist φ in rad; a motor without inductance has no current, and a rigid one has a
+        single speed. Friction and dead zones are left out.
         """
         r, k = self.resistance, self.motor_constant
         j_m, j_l, b_m, b_l = self.rotor_inertia, self.load_inertia, self.rotor_viscous, self.load_viscous
@@ -268,7 +267,7 @@ def read_number(what: str, value: Any, unit: str) -> float:
     """A number in SI units, or a text such as ``1.2 ohm`` converted to them.
 
     Args:
-        what: the name of the parameter and whose it is, for messages.
+        what: the name of the parameter and of its owner, for messages.
         value: the number or the text.
         unit: the SI unit.
 

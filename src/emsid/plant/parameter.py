@@ -1,4 +1,4 @@
-"""What a physical parameter is: its name, symbol, unit and meaning, and what it measures."""
+"""Physical parameters: name, symbol, unit, meaning and measured quantity."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class Parameter(NamedTuple):
 
     Attributes:
         name: dotted inside a part, such as ``rotor_friction.coulomb``.
-        symbol: as equations have it, such as ``R_a``.
+        symbol: in equations, such as ``R_a``.
         unit: SI, such as ``N*m``.
         description: its meaning, in a few words.
     """
@@ -23,9 +23,9 @@ class Parameter(NamedTuple):
 
 
 class Measure(Enum):
-    """What a parameter measures, as (unit of a rotation, unit of a translation).
+    """The quantity that a parameter measures, as (unit of a rotation, unit of a translation).
 
-    A search takes from it how large a parameter plausibly is in a record where its start is zero.
+    It gives a search the plausible size of a parameter whose start is zero.
     """
 
     FORCE = ("N*m", "N")

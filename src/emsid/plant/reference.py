@@ -1,8 +1,8 @@
-"""The plant as slow and obvious as can be: the reference that `emsid.plant.simulation` is tested and timed against.
+"""A slow and simple simulation of the plant: the reference for tests and timings of `emsid.plant.simulation`.
 
-SciPy integrates (4.1)–(4.11) as they stand, with any `FrictionLaw` and `DeadZoneLaw`, and is stopped and restarted
-where a sliding body comes to rest, where a held one breaks away and where the voltage changes. Corners of a torque
-dead zone are left to its step-size control. Only a motor with inductance and an elastic shaft is covered.
+SciPy integrates (4.1)–(4.11) directly, with any `FrictionLaw` and `DeadZoneLaw`. It is stopped and restarted where a
+sliding body comes to rest, a stuck one breaks away, or the voltage changes. Its step-size control handles the corners
+of a torque dead zone. The motor must have an inductance and an elastic shaft.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from emsid.plant.motor import Motor
 
 Array = NDArray[np.float64]
 
-_SLACK = 1e-12  # how far beyond break-away, relatively, a torque must be to release a body: above rounding only
+_SLACK = 1e-12  # relative margin above break-away at which a body starts to slide; above rounding
 
 
 def simulate_reference(
@@ -63,7 +63,7 @@ def simulate_reference(
 
 
 def _net_torques(motor: Motor, x: Array) -> Array:
-    """(2,) the torques on rotor and load, all but the friction (4.7)."""
+    """(2,) the torques on rotor and load without the friction (4.7)."""
     current, rotor, load, twist, _ = x
     torque = motor.motor_constant * current
     if motor.torque_dead_zone is not None:
@@ -87,7 +87,7 @@ def _derivative(motor: Motor, x: Array, volt: float, motion: tuple[int, ...]) ->
 
 
 def _acceleration(net: float, friction: FrictionLaw, inertia: float, speed: float, direction: int) -> float:
-    """Of a body held (direction 0) or sliding; trial steps of the integrator beyond standstill keep its direction."""
+    """The acceleration of a stuck (direction 0) or sliding body; trial steps beyond standstill keep its direction."""
     if direction == 0:
         return 0.0
     level = type(friction).level(direction * speed, _numbers(friction), int(direction < 0))
@@ -100,7 +100,7 @@ def _numbers(friction: FrictionLaw) -> Array:
 
 
 def _event(motor: Motor, body: int, direction: int) -> Callable[[float, Array], float]:
-    """A function of time and state that falls through zero where the motion of a body ends."""
+    """A function of time and state that falls through zero when the motion of a body ends."""
     forward, backward = _breakaway(motor, body)
 
     def margin(_: float, x: Array) -> float:

@@ -1,27 +1,25 @@
-"""The only time-stepping loop of the plant: Taylor series between events, friction as a set-valued law.
+"""Simulation of the plant: Taylor series between events, with friction as a set-valued law.
 
-Between two events the motor is described by analytic equations: the input is held, every body either slides
-in a known direction or is held by friction, the torque lies on a known branch of its dead zone. The only term
-that is not linear is the Stribeck exponential e = exp(−α₂·s·ω) of a body sliding in direction s, and that
-obeys ė = −α₂·s·ω̇·e. So the Taylor coefficients x_k of every quantity follow from the equations one order
-after the other, for example
+Between two events the equations of the motor are analytic: the input is constant, every body either slides in a known
+direction or is held by friction, and the torque is on a known branch of its dead zone. The only nonlinear term is the
+Stribeck exponential e = exp(−α₂·s·ω) of a body sliding in direction s, with ė = −α₂·s·ω̇·e. So the Taylor coefficients
+x_k of every quantity follow from the equations order by order, for example
 
     ω_{k+1} = (net torque − friction)_k / [J·(k + 1)],
     e_{k+1} = −α₂·s/(k + 1) · Σ_j (j + 1)·ω_{j+1}·e_{k−j},
 
-to any order and without a further evaluation of the law; the step for which the last terms stay below the
-tolerance is known before it is taken (Jorba and Zou, Experimental Mathematics 14, 2005). The series is the
-dense output too.
+to any order and without another evaluation of the law. The step for which the last terms stay below the tolerance is
+known in advance (Jorba and Zou, Experimental Mathematics 14, 2005). The series is also the dense output.
 
-A step ends early where an event falls into it, each the first zero of a polynomial:
+A step ends at the first event in it, which is the first zero of a polynomial:
 
 - the speed of a sliding body reaches zero: the body is held, its speed is exactly 0;
 - the net torque on a held body exceeds the break-away level α₀ + α₁ of its direction: the body slides;
 - the torque leaves its branch of the dead zone.
 
-First zeros are isolated by bounds on the remaining terms of the polynomial, so that two crossings in one step
-are no more stepped over than one. A torque counts as beyond a level when it is so by `_SLACK` of the torques
-at play; this keeps rounding errors from releasing a body that friction holds.
+First zeros are isolated by bounds on the remaining terms of the polynomial, so two crossings in one step are not
+missed. A torque exceeds a level only if it is larger by `_SLACK` times the acting torques; so rounding errors do not
+release a body that friction holds.
 """
 
 from __future__ import annotations
@@ -45,7 +43,7 @@ Directions = NDArray[np.int64]  # (2,) by body: 1 forward, −1 backward, 0 held
 
 @dataclass(frozen=True)
 class State:
-    """All that the future of a motor depends on; a speed of exactly 0 is one that friction may hold.
+    """The state of a motor; at a speed of exactly 0 friction may hold the body.
 
     Args:
         current: armature current i in A.
@@ -64,13 +62,13 @@ class State:
 
 @dataclass(frozen=True)
 class Taylor:
-    """How the time steps are taken.
+    """Order and tolerance of the time steps.
 
     Args:
         order: order of the Taylor series, 2 to 40.
-        tolerance: error allowed in one step, relative to the state plus what one volt would cause; infinite
-            for steps of fixed length.
-        longest_step: no step is longer, in s.
+        tolerance: error allowed in one step, relative to the state plus the effect of one volt; infinite for steps
+            of fixed length.
+        longest_step: the longest step in s.
     """
 
     order: int = 14
@@ -91,10 +89,9 @@ STANDARD = Taylor()
 
 
 class Events(NamedTuple):
-    """Where friction began or ceased to hold a body, in the order of time.
+    """The instants at which friction begins or ceases to hold a body, in order of time.
 
-    A motion is 1 forward, −1 backward, 0 held. A body that reverses without being held goes from 1 to −1 or
-    back.
+    A motion is 1 forward, −1 backward, 0 held. A body that reverses without being held changes between 1 and −1.
 
     Attributes:
         time: (E,) in s.
@@ -116,7 +113,7 @@ class Events(NamedTuple):
 
 @dataclass(frozen=True)
 class Energy:
-    """Where the electrical energy went, in J, from the first sample to the end of the last.
+    """The energy balance in J, from the first sample to the end of the last.
 
     Args:
         electrical: taken from the supply, ∫ v_a·i dt.
@@ -125,7 +122,7 @@ class Energy:
         rotor_viscous, load_viscous: heat in the viscous friction of either side.
         rotor_friction, load_friction: heat in the friction (4.7) of either side.
         shaft: heat in the damping of the shaft.
-        dead_zones: what the dead zones keep back, ∫ (v_a − D_v)·i dt + ∫ (K_m·i − D_T)·ω_m dt.
+        dead_zones: loss in the dead zones, ∫ (v_a − D_v)·i dt + ∫ (K_m·i − D_T)·ω_m dt.
         disturbance: work done against the disturbance torque, ∫ T_d·ω_L dt.
     """
 
@@ -142,7 +139,7 @@ class Energy:
 
     @property
     def imbalance(self) -> float:
-        """Electrical energy less all the rest, in J: zero but for the error of the simulation."""
+        """Electrical energy minus all other terms, in J: zero up to the error of the simulation."""
         spent = [getattr(self, part.name) for part in fields(self)]
         return float(2 * self.electrical - sum(spent))
 
@@ -158,9 +155,9 @@ class Trajectory:
         load_speed: (N,) in rad/s, exactly 0 where the load is held.
         twist: (N,) θ_m − θ_L in rad.
         load_angle: (N,) θ_L in rad.
-        final: the state at the end of the last sample; the initial state of what comes after.
-        events: where the bodies stuck and broke away.
-        energy: the energy balance, if asked for.
+        final: the state at the end of the last sample, for a following simulation.
+        events: the instants at which bodies stick and break away.
+        energy: the energy balance, if requested.
     """
 
     time: Array
@@ -199,10 +196,9 @@ def simulate(
     method: Taylor = STANDARD,
     energy: bool = False,
 ) -> Trajectory:
-    """The motor driven by a voltage that is held from sample to sample.
+    """Simulate the motor for a voltage that is held from sample to sample.
 
-    Simulating in pieces, each from the `Trajectory.final` of the one before, gives the same numbers as at
-    once.
+    A simulation in pieces, each from the `Trajectory.final` of the previous one, gives the same numbers.
 
     >>> simulate(Motor(), [0.2] * 100, 1e-3).final == State()  # too little to break away
     True
@@ -210,17 +206,16 @@ def simulate(
     Args:
         motor: the motor.
         voltage: (N,) applied voltage v_a in V.
-        dt: how long a sample is held in s, one number or (N,) of them.
-        disturbance: disturbance torque T_d on the load in N·m, one number or (N,) held like the voltage.
+        dt: duration of a sample in s, one number or (N,).
+        disturbance: disturbance torque T_d on the load in N·m, one number or (N,), held like the voltage.
         initial: the state at the first sample.
         method: order and tolerance of the integration.
-        energy: whether to integrate the energy balance too.
+        energy: whether to compute the energy balance.
 
     Raises:
         DataError: for inputs of other shapes or with values that are not finite, for a dt that is not
             positive.
-        ModelError: for an initial state the motor cannot be in, or time constants out of all proportion to
-            dt.
+        ModelError: for an impossible initial state, or time constants that are much too small for dt.
     """
     volts, holds, torques = check_inputs(voltage, dt, disturbance)
     start = np.array([getattr(initial, f.name) for f in fields(State)], dtype=float)
@@ -235,10 +230,10 @@ def simulate(
     states[0] = start
     spent = np.zeros(len(fields(Energy)))
     steps = (method.order, method.tolerance, method.longest_step)
-    happened, room = _ROOM + len(volts), 0
-    while happened > room:  # once more where there was not room for all
-        room, spent[:] = happened, 0.0
-        instant, events, counts = np.empty(room), np.empty((room, 3), np.int64), np.empty(2, np.int64)
+    happened, capacity = _SPARE_EVENTS + len(volts), 0
+    while happened > capacity:  # again, if the arrays were too short
+        capacity, spent[:] = happened, 0.0
+        instant, events, counts = np.empty(capacity), np.empty((capacity, 3), np.int64), np.empty(2, np.int64)
         _run(constants, volts, armature, torques, holds, *steps, energy, states, spent, instant, events, counts)
         happened, reached = counts.tolist()
     instant, events = instant[:happened].copy(), events[:happened].copy()
@@ -259,7 +254,7 @@ def simulate(
 
 
 def check_inputs(voltage: ArrayLike, dt: ArrayLike, disturbance: ArrayLike) -> tuple[Array, Array, Array]:
-    """Voltage, hold times and disturbance as (N,) each, or a `DataError` that says what is wrong with them."""
+    """Voltage, hold times and disturbance as (N,) each, checked."""
     volts = np.array(voltage, dtype=float)
     if volts.ndim != 1:
         raise DataError(f"voltage has shape {volts.shape}; give one value per sample, shape (N,)")
@@ -279,7 +274,7 @@ def check_inputs(voltage: ArrayLike, dt: ArrayLike, disturbance: ArrayLike) -> t
 
 
 class _Constants(NamedTuple):
-    """A motor as the kernels see it; bodies are (rotor, load), directions (forward, backward)."""
+    """A motor in the form that the kernels use; bodies are (rotor, load), directions (forward, backward)."""
 
     resistance: float
     inductance: float
@@ -292,10 +287,10 @@ class _Constants(NamedTuple):
     coulomb: Array  # (2, 2) by body and direction, as the next three
     stribeck: Array
     stribeck_rate: Array
-    breakaway: Array  # of a rigid motor, both bodies together in the first row
-    edge: Array  # (2,) torques between which the torque dead zone lets nothing through
+    breakaway: Array  # for a rigid motor, both bodies together in the first row
+    edge: Array  # (2,) break points of the torque dead zone
     slope: Array  # (3,) of its branches: left, within, right
-    corner: Array  # (3,) torque from which that slope counts
+    corner: Array  # (3,) torque at which the branch is zero
     scale: Array  # (4,) current, speeds and twist that one volt causes
 
 
@@ -349,13 +344,13 @@ def _stored(m: _Constants, x: Array) -> float:
     return float(0.5 * weights @ x[:4] ** 2)
 
 
-# Rows of the table of Taylor coefficients: the five of the state, then those that follow from it. Where rotor
-# and load have a row each, the load's comes second.
+# Rows of the table of Taylor coefficients: the five states, then the derived quantities. If rotor and load have one row
+# each, the row of the load is second.
 _CURRENT, _SPEED, _TWIST, _ANGLE, _DECAY, _NET, _ROWS = 0, 1, 3, 4, 5, 7, 9
 
-_SLACK = 1e-12  # relative; three decades above the rounding of a sum of torques
+_SLACK = 1e-12  # relative; a thousand times the rounding of a sum of torques
 _MOST_STEPS = 100_000  # in one sample
-_ROOM = 64  # for events, beyond one in every sample
+_SPARE_EVENTS = 64  # array elements for events, in addition to one per sample
 
 
 @_kernel
@@ -375,10 +370,10 @@ def _run(
     events: NDArray[np.int64],
     counts: NDArray[np.int64],
 ) -> None:
-    """Every sample from ``states[0]`` on: fill ``states`` (N + 1, 5), ``spent``, and ``instant`` and ``events`` as far
-    as there is room; ``counts`` are events that happened and samples done.
+    """Simulate from ``states[0]``: fill ``states`` (N + 1, 5), ``spent``, and ``instant`` and ``events`` up to their
+    length; ``counts`` are the numbers of events and of samples done.
 
-    Nothing is returned, as Ctrl-C while a kernel makes arrays of its own into objects ends the interpreter.
+    It returns nothing: Ctrl-C while a kernel converts its arrays to objects would end the interpreter.
     """
     s = np.zeros((_ROWS, order + 1))
     centred = np.empty(order + 1)
@@ -387,7 +382,7 @@ def _run(
     x = np.empty(5)
     for row in range(5):
         x[row] = states[0, row]
-    happened, room = 0, len(instant)
+    happened, capacity = 0, len(instant)
     latest = np.full(2, -1)
     clock = 0.0
     for k in range(len(volts)):
@@ -416,10 +411,10 @@ def _run(
                     x[_SPEED + 1] = 0.0
                 now = clock + (holds[k] - left)
                 again = latest[body]
-                if turn != 0 and 0 <= again < room and instant[again] == now and events[again, 2] == 0:
-                    events[again, 2] = turn  # it was not held for any time: a reversal
+                if turn != 0 and 0 <= again < capacity and instant[again] == now and events[again, 2] == 0:
+                    events[again, 2] = turn  # held for no time: a reversal
                 else:
-                    if happened < room:
+                    if happened < capacity:
                         instant[happened] = now
                         events[happened, 0] = body
                         events[happened, 1] = motion[body]
@@ -435,7 +430,7 @@ def _run(
         for row in range(5):
             states[k + 1, row] = x[row]
             check += x[row] - x[row]
-        if check != 0.0:  # time is left, or a state is not finite
+        if check != 0.0:  # time is left over, or a state is not finite
             counts[0], counts[1] = happened, k
             return
         clock += holds[k]
@@ -444,7 +439,7 @@ def _run(
 
 @_kernel
 def _motion_at(m: _Constants, body: int, speed: float) -> int:
-    """The motion that goes with a speed; a body without friction is never held, it slides at speed 0 too."""
+    """The motion for a speed; a body without friction is never held, and slides at speed 0 too."""
     joint = 0 if m.rigid else body
     if speed == 0.0 and m.breakaway[joint, 0] + m.breakaway[joint, 1] == 0.0:
         return 1
@@ -466,7 +461,7 @@ def _expand(
             s[_DECAY + body, k] = 0.0
         if sliding:
             s[_DECAY + body, 0] = np.exp(-rate * motion[body] * x[_SPEED + body])
-    # A division takes as long as many products.
+    # A division is much slower than a product.
     per_ohm = 1.0 / m.resistance
     per_henry = 1.0 / m.inductance if m.inductance > 0.0 else 0.0
     rotor_share = 1.0 / (m.inertia[0] + m.inertia[1] if m.rigid else m.inertia[0])
@@ -535,11 +530,11 @@ def _step_for(m: _Constants, s: Array, tolerance: float) -> float:
 
 @_kernel
 def _decay_error(m: _Constants, s: Array, motion: Directions, step: float) -> float:
-    """How far the Stribeck series are from the exponential of the speed after ``step``, as a relative error
+    """The difference of the Stribeck series from the exponential of the speed after ``step``, as a relative error
     of speed.
 
-    The last terms of a series do not bound its remainder while its terms still grow, as those of an excess do
-    that returns when the body slows down; this does.
+    The last terms of a series do not bound its remainder while the terms grow, as they do for an excess that
+    increases when the body slows down; this difference does.
     """
     worst = 0.0
     for body in range(2):
@@ -604,9 +599,9 @@ def _first_event(
 
 @_kernel
 def _leaves(bound: float, factor: float, series: Array, step: float, margin: Array, centred: Array) -> float:
-    """When ``bound + factor·series`` first falls below zero; infinite if not within ``step``.
+    """The instant at which ``bound + factor·series`` first falls below zero; infinite if not within ``step``.
 
-    A margin that is exactly zero at the start is decided by its first coefficient that is not.
+    If it is exactly zero at the start, the sign of its first nonzero coefficient decides.
     """
     first, n = 0, len(series)
     for k in range(n):
@@ -626,9 +621,8 @@ def _first_zero(p: Array, end: float, c: Array) -> float:
     """The first t in (0, end] where the polynomial ``p``, positive at 0, falls to zero; infinite if there is
     none.
 
-    The interval at hand is decided by bounds around its middle, where ``c`` holds the coefficients: without a
-    zero if the rest cannot outweigh the constant, with one at most if it cannot outweigh the slope. Else it
-    is halved.
+    Bounds around the middle of an interval, with coefficients ``c``, decide about it: it has no zero if the other terms
+    are smaller than the constant, and at most one if they are smaller than the slope. Otherwise it is halved.
     """
     n = len(p)
     rest = 0.0
@@ -666,7 +660,7 @@ def _first_zero(p: Array, end: float, c: Array) -> float:
 
 @_kernel
 def _zero_within(c: Array, r: float) -> float:
-    """The zero in [−r, r] of a polynomial that falls there all the way: Newton, kept inside a bracket."""
+    """The zero in [−r, r] of a polynomial that decreases there: Newton's method inside a bracket."""
     low, high, t = -r, r, 0.0
     for _ in range(100):
         value, slope = 0.0, 0.0
@@ -697,7 +691,7 @@ def _value(c: Array, t: float) -> float:
 
 @_kernel
 def _advance(s: Array, step: float, x: Array) -> None:
-    """The state ``x`` after a step; its five series side by side, as each alone keeps the processor waiting."""
+    """The state ``x`` after a step; its five series are evaluated in parallel for speed."""
     a, b, c, d, e = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(s.shape[1] - 1, -1, -1):
         a = a * step + s[0, k]
@@ -721,7 +715,7 @@ def _spend(
     work: Array,
     spent: Array,
 ) -> None:
-    """Add to ``spent``, in the order of `Energy`, what one step takes: products of two series, integrated."""
+    """Add the energies of one step to ``spent``, in the order of `Energy`: integrals of products of two series."""
     current, rotor, load = s[_CURRENT], s[_SPEED], s[_SPEED + 1]
     unit = np.ones(1)
     charge = _integral(unit, current, step)

@@ -22,7 +22,9 @@ STUDY = "test_study.py::"
 
 ELSEWHERE = {
     "next-use-model": "test_conclusions.py::test_what_to_do_next_follows_from_what_was_found",
-    "residual-independent-of-input": "test_conclusions.py::test_a_residual_depends_on_the_input_where_the_model_misses_something",
+    "residual-independent-of-input": (
+        "test_conclusions.py::test_a_residual_depends_on_the_input_where_the_model_misses_something"
+    ),
     "study-even-terms": f"{STUDY}test_even_terms_are_named_where_the_motor_is_the_same_in_both_directions",
     "study-model-failed": f"{STUDY}test_a_model_that_cannot_be_fitted_is_named",
     "study-rank-deficient": f"{STUDY}test_a_regression_that_the_data_do_not_determine_is_named",

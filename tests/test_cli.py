@@ -763,10 +763,20 @@ def test_codes_for_the_bridge_are_options(run, tmp_path):
 
 def test_a_model_run_on_other_channels_is_reported(result, run):
     words = ("validate", result / "arx.json", result.parent / "log.csv", "--dt", "0.01", "--input")
-    assert "identified with" not in run(*words, "u", "--output", "y")[1]
-    status, out, _ = run(*words, "y", "--output", "u")
+    (same,) = json.loads(run(*words, "u", "--output", "y", "--json")[1])["records"]
+    assert same["findings"] == []
+    status, out, _ = run(*words, "y", "--output", "u", "--json")
     assert status == 0
-    assert "arx.json: identified with the inputs u; log.csv has y\n" in out
+    (other,) = json.loads(out)["records"]
+    assert [(each["code"], each["data"]["what"]) for each in other["findings"]] == [
+        ("channels-differ", "inputs"),
+        ("channels-differ", "outputs"),
+    ]
+    named = [
+        [channel["name"] for channel in other["findings"][0]["data"][side]] for side in ("identified_with", "channels")
+    ]
+    assert named == [["u"], ["y"]]
+    assert "the model was identified with the inputs u; log.csv has y.\n" in run(*words, "y", "--output", "u")[1]
 
 
 def test_named_physical_parameters_are_estimated_and_no_others(run, log, tmp_path):

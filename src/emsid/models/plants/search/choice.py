@@ -36,7 +36,7 @@ from emsid.models.plants.plant import DrivenPlant, Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.refinements import (
-    LEAST_GAIN,
+    EXTRAPOLATES,
     LOOK_ALIKE,
     REFINEMENTS,
     Refined,
@@ -50,6 +50,7 @@ from emsid.models.plants.search.starts import motions, plausible_motions
 from emsid.models.plants.search.task import fixed_values
 from emsid.models.plants.search.trials import Trial, Workshop, gain
 from emsid.record import Record
+from emsid.selection.improvement import Gain, better
 
 STARTS: Mapping[str, Plant] = {name: kind.start for name, kind in PLANTS.items()}
 """A plant of every kind to begin with where nothing is known."""
@@ -64,8 +65,6 @@ FORGOTTEN = 20
 """Errors that are forgotten are so after this part of the longest segment."""
 HALF_AT_LEAST = 400
 """Samples of a half that can say whether errors should be forgotten."""
-CLEARLY = 0.9
-"""By what factor forgetting errors has to lower the mean square error on the other half."""
 
 
 @one_blas_thread()
@@ -215,7 +214,7 @@ class _Choice:
                 fitted = half.fitted([plant], names)
                 error += np.inf if fitted is None else half.unseen_error(fitted, unseen.segments)
             errors.append(error)
-        if errors[1] < CLEARLY * errors[0]:
+        if better(errors[1], errors[0], Gain.PLANT):
             self.drifts = recent.time
             return recent
         return all_alike
@@ -243,7 +242,7 @@ class _Choice:
     def _is_better(self, trial: Trial | None, refine: Refinement) -> TypeGuard[Trial]:
         if trial is None or gain(self.trial, trial) <= 0:
             return False
-        return trial.mean_square <= (1 - LEAST_GAIN.get(refine, 0.0)) * self.trial.mean_square
+        return refine not in EXTRAPOLATES or better(trial.mean_square, self.trial.mean_square, Gain.PLANT)
 
     def _exchange(self, refinements: Sequence[Refinement]) -> None:
         for mine, name in LOOK_ALIKE.items():

@@ -4,20 +4,19 @@ A trial begins with the free run of every start. The best few take a few steps, 
 their budget (successive halving). A trial that has ended may be begun again from points around it, drawn along its
 covariance, for the valleys of a free run are narrow and bent.
 
-Two trials are compared by Schwarz's criterion, n·log V + k·log n, where n is not the number of samples but how many
-independent ones the residual of the richer trial is worth: what a poor model leaves is a slow signal, and its samples
-say nearly the same thing many times over.
+Two trials are compared by Schwarz's criterion (`schwarz_gain`). Its n is not the number of samples but the number of
+independent ones in the residual of the richer trial: a poor model leaves a slow signal, whose samples repeat each other.
 
 References:
-    Schwarz, *Estimating the dimension of a model*, Annals of Statistics 6 (1978). Jamieson, Talwalkar, *Non-stochastic
-    best arm identification and hyperparameter optimization*, AISTATS (2016), on successive halving.
+    Jamieson, Talwalkar, *Non-stochastic best arm identification and hyperparameter optimization*, AISTATS (2016), on
+    successive halving.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf, isfinite, log
+from math import inf, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +30,7 @@ from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alik
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant
 from emsid.record import Record
+from emsid.selection.improvement import schwarz_gain
 
 Array = NDArray[np.float64]
 Limits = Mapping[str, tuple[float, float]]
@@ -72,10 +72,7 @@ class Trial:
 def gain(simple: Trial, rich: Trial) -> float:
     """By how much Schwarz's criterion prefers the richer of two trials; negative for the simpler."""
     samples = effective_samples(rich.residuals)
-    if not simple.cost > 0:
-        return -inf
-    better = samples * log(simple.mean_square / rich.mean_square) if rich.cost > 0 else inf
-    return better - (len(rich.names) - len(simple.names)) * log(samples)
+    return schwarz_gain(rich.mean_square, simple.mean_square, samples, len(rich.names) - len(simple.names))
 
 
 @dataclass(frozen=True, eq=False)

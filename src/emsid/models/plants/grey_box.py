@@ -140,9 +140,8 @@ class GreyBox:
             return first
         problem = FreeRunError(self.plant, self.signals, (head,), (), (first,), (free,), all_alike, 1)
         try:
-            return problem.states(gauss_newton(problem, problem.start, max_iterations=10, covariances=False).estimate)[
-                0
-            ]
+            found = gauss_newton(problem, problem.start, max_iterations=20, tolerance=1e-6, covariances=False)
+            return problem.states(found.estimate)[0]
         except EmsidError:
             return first
 

@@ -5,7 +5,8 @@ their budget (successive halving). A trial that has ended may be begun again fro
 covariance, for the valleys of a free run are narrow and bent.
 
 Two trials are compared by Schwarz's criterion (`schwarz_gain`). Its n is not the number of samples but the number of
-independent ones in the residual of the richer trial: a poor model leaves a slow signal, whose samples repeat each other.
+independent ones in the residual of the richer trial. The residual of a poor model is a slow signal, so its samples are
+nearly the same many times over.
 
 References:
     Jamieson, Talwalkar, *Non-stochastic best arm identification and hyperparameter optimization*, AISTATS (2016), on

@@ -406,7 +406,7 @@ def test_bad_input() -> None:
     with pytest.raises(ModelError, match="not a cascade"):
         Cascade.from_data({"blocks": []})
     wrong = UserMap(lambda x, p: np.ones(7), lambda x, p: x)
-    with pytest.raises(ModelError, match=r"returned shape \(7,\) where"):
+    with pytest.raises(ModelError, match=r"returned shape \(7,\) instead of \(300,\)"):
         fit_cascade(Cascade((FAST, wrong, SLOW)), record)
 
 

@@ -575,7 +575,7 @@ def test_codes_need_no_unit():
     fit = simulation_error(plant, record, free=USUAL)
     assert units_taken(fit) == ""
     said = units_taken(replace(fit, segments=(replace(record, input_units=("", "")),)))
-    assert said.startswith("The record does not say the unit of volts; physical units are right only as far as")
+    assert said.startswith("The record has no unit for volts; it is read as SI.")
 
 
 def test_an_equation_has_no_more_than_there_is():

@@ -509,10 +509,10 @@ def test_fit_fits_a_cascade_that_is_only_described() -> None:
             {"static": "dead zone"},
             "no static map 'dead zone'",
         ),
-        (record_of(Cascade((BEND, SLOW)), 900), (30, 30), {"size": 6}, r"takes 480 samples to start, .* has 225"),
+        (record_of(Cascade((BEND, SLOW)), 900), (30, 30), {"size": 6}, r"takes 480 samples to start, .* have 225"),
         (record_of(Cascade((BEND, SLOW)), 500), (1, 1), {"delay": 500}, "a delay of 500 in a stretch of"),
         (record_of(Cascade((BEND, SLOW)), 45), None, {}, "10 parameters for 45 samples"),
-        (record_of(Cascade((BEND, SLOW)), 70), (1, 2), {}, r"takes 24 samples to start, .* has 17"),
+        (record_of(Cascade((BEND, SLOW)), 70), (1, 2), {}, r"takes 24 samples to start, .* have 17"),
         (record_of(Cascade((BEND, SLOW)), 60), (1, None), {}, "no start value leads to a model"),
         (Record(np.zeros(500), np.random.default_rng(0).standard_normal(500), 1.0), (1, 1), {}, "is constant at 0"),
         (Record(np.ones((500, 2)), np.ones(500), 1.0), (1, 1), {}, "choose one of u1, u2"),
@@ -554,7 +554,7 @@ def test_no_record_and_unseen_data_that_are_too_short_are_refused() -> None:
     with pytest.raises(ModelError, match="no record"):
         hammerstein([])
     record = record_of(Cascade((BEND, SLOW)), 800)
-    with pytest.raises(ModelError, match=r"takes 16 samples to start, .* has 5; give"):
+    with pytest.raises(ModelError, match=r"takes 16 samples to start, .* have 5; give"):
         hammerstein(record, 2, replace(AT_RATE, size=6, unseen=record[:5]))
 
 

@@ -86,15 +86,18 @@ Align = Literal["left", "right"]
 def plain_table(
     title: str, headings: Mapping[str, Align], rows: Iterable[Sequence[str]], folded: Collection[str] = ()
 ) -> Table:
-    """A table of texts without markup; cells of the columns ``folded`` may have several lines."""
+    """A table of texts without markup; headings wrap, and so do cells of the columns ``folded``."""
     from rich.table import Table
     from rich.text import Text
 
     table = Table(title=Text(shown(title)), title_justify="left", box=None, pad_edge=False)
-    for heading, align in headings.items():
-        table.add_column(Text(shown(heading)), justify=align, no_wrap=heading not in folded)
-    for row in rows:
-        table.add_row(*(Text(shown(cell)) for cell in row))
+    lines = [[Text(shown(cell)) for cell in row] for row in rows]
+    for k, (heading, align) in enumerate(headings.items()):
+        widest = 0 if heading in folded else max((line[k].cell_len for line in lines), default=0)
+        head = Text(shown(heading))
+        table.add_column(head, justify=align, min_width=widest, no_wrap=head.cell_len <= widest)
+    for line in lines:
+        table.add_row(*line)
     return table
 
 

@@ -1,8 +1,8 @@
 """Accuracy of physical models in free run on records that they were not fitted to: ``python bench/accuracy.py``.
 
-Simulated plants come from a simulator that is not the program's own (``tests/independent``). Real recordings are looked
-for in the folder that the environment variable EMSID_RECORDINGS names, by default ``../shared/data``; what is missing
-is left out.
+Simulated plants come from a simulator that is not the program's own (``tests/independent``). Real recordings are read
+from the folder that the environment variable EMSID_RECORDINGS names, as in the tests; those that are missing are left
+out. The part ``geared`` takes several minutes; name parts to print only these: ``python bench/accuracy.py emps``.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ BRIDGE = {
 
 
 def bidirectional() -> None:
-    """Every record of the motors on an H-bridge fitted, and judged on every other one."""
+    """Every record of the motors on an H-bridge fitted, and run on every other one."""
     records = {
         name: emsid.read(
             RECORDINGS / "dc_motor_bidirectional" / f"{file}.dat",
@@ -119,7 +119,7 @@ def bidirectional() -> None:
         )
         for name, (file, dt) in BRIDGE.items()
     }
-    matrix("Bidirectional motors: fit of the free run in %, fitted in rows, judged in columns", records)
+    matrix("Bidirectional motors: fit of the free run in %, fitted in rows, run in columns", records)
 
 
 def matrix(title: str, records: dict[str, emsid.Record]) -> None:
@@ -143,7 +143,7 @@ def geared(every: int = 1) -> None:
         fit = choose(rigid_motor(), emsid.concatenate([*records[:k], *records[k + 1 :]]))
         fits.append(fit_percent(fit, records[k]))
     console.print(
-        f"JGA25, one of {len(records)} left out in turn ({len(fits)} judged): median fit {np.median(fits):.1f} %, "
+        f"JGA25, one of {len(records)} left out in turn ({len(fits)} moved): median fit {np.median(fits):.1f} %, "
         f"worst {min(fits):.1f} %"
     )
 

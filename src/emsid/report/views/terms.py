@@ -21,6 +21,3 @@ METHOD = Term(
     "LS: least squares. RLS: recursive least squares, sample by sample. GN: Gauss–Newton, a search for the smallest "
     "error of the free run.",
 )
-TRANSIENT = Term(
-    "Transient", "the samples at the start of a free run, which uses measured values there; no error includes them."
-)

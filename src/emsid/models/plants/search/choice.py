@@ -48,7 +48,7 @@ from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.starts import motions, plausible_motions
 from emsid.models.plants.search.task import fixed_values
-from emsid.models.plants.search.trials import Trial, Workshop, gain
+from emsid.models.plants.search.trials import Trial, Trials, gain
 from emsid.record import Record
 from emsid.selection.improvement import Gain, better
 
@@ -165,7 +165,7 @@ class _Choice:
         self._record = scaled
         sides = {side: both for name, both in plain.limits.items() for side in parts(plant, name)}
         limits = {**physical, **sides, **plain.limits}
-        self._workshop = Workshop(plain.segments, signals, limits, self.weighting, control)
+        self._trials = Trials(plain.segments, signals, limits, self.weighting, control)
         self._rng = np.random.default_rng(0)
         self._starts = [start, *_moving(start, plain.segments, signals)]
         self.trial = Trial(start, plain.names, list(plain.states), plain.cost, [])
@@ -189,28 +189,28 @@ class _Choice:
 
     def _begin(self, weighting: Weighting) -> None:
         self.weighting = weighting
-        self._workshop = replace(self._workshop, weighting=weighting)
-        self._starts = self._workshop.by_cost(self._starts, self.trial.names)
-        found = self._workshop.fitted(self._starts, self.trial.names)
+        self._trials = replace(self._trials, weighting=weighting)
+        self._starts = self._trials.by_cost(self._starts, self.trial.names)
+        found = self._trials.fitted(self._starts, self.trial.names)
         if found is not None:
-            self.trial = self._workshop.around(found, self._rng, RESTARTS)
+            self.trial = self._trials.around(found, self._rng, RESTARTS)
 
     def _chosen_weighting(self) -> Weighting:
         """All errors alike, or forgotten after a while, whichever predicts the other half of the record better."""
-        shop = self._workshop
-        longest = max(len(segment) for segment in shop.segments)
-        if shop.signals != (Signal.POSITION,) or longest < 2 * HALF_AT_LEAST:
+        trials = self._trials
+        longest = max(len(segment) for segment in trials.segments)
+        if trials.signals != (Signal.POSITION,) or longest < 2 * HALF_AT_LEAST:
             return all_alike
         recent = Recent(longest * self._record.dt / FORGOTTEN, 2)
         plant, names = self.trial.plant, self.trial.names
         if not any(name in self._fixed for name in plant.usual):  # the directions may differ, as drift makes them
             plant, names = next(iter(by_direction(plant, names, self._record)), (plant, names))
         errors = []
+        halves = self._record.split(0.5)
         for how in (all_alike, recent):
             error = 0.0
-            halves = self._record.split(0.5)
             for known, unseen in (halves, halves[::-1]):
-                half = replace(shop, segments=known.segments, weighting=how)
+                half = replace(trials, segments=known.segments, weighting=how)
                 fitted = half.fitted([plant], names)
                 error += np.inf if fitted is None else half.unseen_error(fitted, unseen.segments)
             errors.append(error)
@@ -237,7 +237,7 @@ class _Choice:
             )
             if best is None:
                 break
-            self._take(self._workshop.around(best, self._rng, RESTARTS))
+            self._take(self._trials.around(best, self._rng, RESTARTS))
 
     def _is_better(self, trial: Trial | None, refine: Refinement) -> TypeGuard[Trial]:
         if trial is None or gain(self.trial, trial) <= 0:
@@ -263,7 +263,7 @@ class _Choice:
             self._take(min(enough, key=lambda trial: gain(trial, self.trial)))
 
     def _doing(self, what: str, done: int) -> None:
-        self._workshop.control.doing(f"{self._original.name}: {what}", done)
+        self._trials.control.doing(f"{self._original.name}: {what}", done)
 
     def _tried(self, groups: Sequence[Sequence[Refined]]) -> list[Trial | None]:
         """A trial for each group of starts with the same free names; None where there is nothing to fit or simulate."""
@@ -272,7 +272,7 @@ class _Choice:
             names = without_overlap(starts[0][0], starts[0][1], self._fixed) if starts else ()
             if not names:
                 return None
-            return self._workshop.fitted([plant for plant, _ in starts], names, self.trial.states)
+            return self._trials.fitted([plant for plant, _ in starts], names, self.trial.states)
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             return list(pool.map(tried, groups))

@@ -33,7 +33,7 @@ from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, id
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
 from emsid.models.plants.search.starts import starts_of
 from emsid.models.plants.search.task import Task, prepare
-from emsid.models.plants.search.trials import Trial, Workshop
+from emsid.models.plants.search.trials import Trial, Trials
 from emsid.plant import Motor
 from emsid.record import Record
 
@@ -111,8 +111,8 @@ def _starts_agree(task: Task, problem: FreeRunError) -> bool:
     return all(agrees(segment, speed, position) for segment, speed, position in starts)
 
 
-def _workshop(task: Task) -> Workshop:
-    return Workshop(task.segments, task.signals, task.limits, task.weighting, task.control)
+def _trials(task: Task) -> Trials:
+    return Trials(task.segments, task.signals, task.limits, task.weighting, task.control)
 
 
 def _promising(task: Task, starts: Sequence[Plant]) -> Plant:
@@ -123,7 +123,7 @@ def _promising(task: Task, starts: Sequence[Plant]) -> Plant:
     identified = identified_by(task.problem(first, task.asked), task.asked, None)
     names = keep_identifiable(identified, task.asked, task.preference)
     try:
-        return _workshop(task).promising([plant for each in starts if (plant := each.driven) is not None], names)
+        return _trials(task).promising([plant for each in starts if (plant := each.driven) is not None], names)
     except Stopped:
         return first
 
@@ -137,7 +137,7 @@ def _begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
     residuals = reached.problem.residuals(reached.problem.start)
     here = Trial(driven, tuple(reached.names), states, reached.minimum.cost, residuals)
     with suppress(Stopped):
-        there = _workshop(task).around(here, np.random.default_rng(0), RESTARTS)
+        there = _trials(task).around(here, np.random.default_rng(0), RESTARTS)
         if there is not here:
             again = continuation.search(task, there.plant, max_iterations)
             return again if again.minimum.cost < reached.minimum.cost else reached

@@ -15,7 +15,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 
@@ -24,17 +24,17 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.gauss_newton import Infeasible, gauss_newton
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.plants.beginning import starts_from_samples
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.plant import DrivenPlant, Limits
+from emsid.models.plants.search.task import cost_of
 from emsid.record import Record
 from emsid.selection.improvement import schwarz_gain
 
 Array = NDArray[np.float64]
-Limits = Mapping[str, tuple[float, float]]
 
 KEPT, FIRST_STEPS = 5, 5
 """How many starts take steps, and how many steps before all but the best stop."""
@@ -77,8 +77,8 @@ def gain(simple: Trial, rich: Trial) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Workshop:
-    """What all trials share.
+class Trials:
+    """How plants are tried: what all trials share.
 
     Args:
         segments: the records, in units of their own size.
@@ -116,18 +116,18 @@ class Workshop:
     def by_cost(self, starts: Sequence[DrivenPlant], names: Sequence[str]) -> list[DrivenPlant]:
         """The starts that can be simulated, those with the smallest error first."""
         problems = [(k, problem) for k, start in enumerate(starts) if (problem := self._problem(start, names, None))]
-        return [starts[k] for cost, k in sorted((_cost(problem), k) for k, problem in problems) if isfinite(cost)]
+        return [starts[k] for cost, k in sorted((cost_of(problem), k) for k, problem in problems) if isfinite(cost)]
 
     def _under_way(
         self, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None
     ) -> list[tuple[float, int, FreeRunError]]:
         """The best starts after a few steps, as (cost, which start, where it got to)."""
         problems = [(k, problem) for k, start in enumerate(starts) if (problem := self._problem(start, names, states))]
-        ranked = sorted((cost, k, problem) for k, problem in problems if isfinite(cost := _cost(problem)))[:KEPT]
+        ranked = sorted((cost, k, problem) for k, problem in problems if isfinite(cost := cost_of(problem)))[:KEPT]
         if len(ranked) == 1:
             return ranked
         moved = ((k, self._searched(problem, FIRST_STEPS)) for _, k, problem in ranked)
-        return [(_cost(problem), k, problem) for k, problem in moved if problem is not None]
+        return [(cost_of(problem), k, problem) for k, problem in moved if problem is not None]
 
     def around(self, trial: Trial, rng: np.random.Generator, tries: int) -> Trial:
         """The best of a trial and of some more that begin around it."""
@@ -141,7 +141,7 @@ class Workshop:
                 again = self._searched(problem.begun_at(theta), STEPS)
             except EmsidError:
                 continue
-            if again is not None and _cost(again) < 2 * trial.cost * (1 - SLOW):
+            if again is not None and cost_of(again) < 2 * trial.cost * (1 - SLOW):
                 trial = self._trial(again)
         return trial
 
@@ -149,7 +149,7 @@ class Workshop:
         """Mean square error of the free run over other records, from what their first samples show."""
         other = replace(self, segments=tuple(segments), weighting=all_alike)
         problem = other._problem(trial.plant, (), None)
-        return inf if problem is None else _cost(problem) / sum(segment.output.size for segment in segments)
+        return inf if problem is None else cost_of(problem) / sum(segment.output.size for segment in segments)
 
     def _problem(self, plant: DrivenPlant, names: Sequence[str], states: Sequence[Array] | None) -> FreeRunError | None:
         bounds = self._bounds(plant, names)
@@ -186,14 +186,6 @@ class Workshop:
         plant = problem.plant.driven
         assert plant is not None
         return Trial(plant, tuple(problem.free), problem.states(problem.start), cost, residuals)
-
-
-def _cost(problem: FreeRunError) -> float:
-    """The sum of squares at the start of a problem, infinite where it has no free run."""
-    try:
-        return float(sum(residual @ residual for residual in problem.residuals(problem.start)))
-    except Infeasible:
-        return inf
 
 
 def _perturbation(problem: FreeRunError, trial: Trial, rng: np.random.Generator) -> Array:

@@ -354,8 +354,8 @@ def test_identifiability_of_a_product():
     jacobian = np.column_stack([3.0 * x[:, 0], 2.0 * x[:, 0], x[:, 1]])  # a·b and c at a = 2, b = 3, c = 1
     found = identifiability([jacobian], np.array([2.0, 3.0, 1.0]), ("a", "b", "c"), 0.01)
     assert found.groups == (("a", "b"),)
-    assert found.tells(np.array([1.0, 1.0, 0.0]))
-    assert not found.tells(np.array([1.0, 0.0, 0.0]))
+    assert found.determines(np.array([1.0, 1.0, 0.0]))
+    assert not found.determines(np.array([1.0, 0.0, 0.0]))
     assert found.without(["a"]).groups == ()
 
 

@@ -74,7 +74,7 @@ class Identifiability:
         triangle: Array = np.asarray(np.linalg.qr(self.triangle[:, kept], mode="r"))
         return Identifiability(tuple(self.names[k] for k in kept), triangle, self.noise)
 
-    def tells(self, gradient: Array) -> bool:
+    def determines(self, gradient: Array) -> bool:
         """Whether the data determine a function of the parameters with this gradient (p,) for relative changes."""
         return bool(np.all(self._determined(gradient)))
 

@@ -408,7 +408,7 @@ def _assuming(fit: GreyBoxFit, x: Array, law: Callable[[Plant, Array], Array]) -
             size = max(abs(value), 1e-12)
             step = 1e-6 * size * (1 if value < plant.handles[name].upper else -1)
             slopes.append((law(plant.put({name: value + step}), some) - law(plant, some)) * (size / step))
-        if all(identifiability.tells(slope) for slope in np.array(slopes).T if np.any(slope)):
+        if all(identifiability.determines(slope) for slope in np.array(slopes).T if np.any(slope)):
             return ""
     return (
         f" Curve and band depend on kept values: {_values(kept)}. The data determine only combinations with "

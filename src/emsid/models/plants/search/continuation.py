@@ -218,10 +218,10 @@ def identified_by(problem: FreeRunError, names: Sequence[str], minimum: Minimum 
     return identifiability(jacobians, problem.sizes[places], names, noise)
 
 
-def keep_identifiable(told: Identifiability, names: Sequence[str], preference: Sequence[str]) -> list[str]:
+def keep_identifiable(identifiability: Identifiability, names: Sequence[str], preference: Sequence[str]) -> list[str]:
     """The parameters that are left when one after the other is kept at its start until the others are identifiable."""
     kept = list(names)
-    while kept and (groups := told.without([name for name in names if name not in kept]).groups):
+    while kept and (groups := identifiability.without([name for name in names if name not in kept]).groups):
         kept.remove(min(groups[0], key=preference.index))
     return kept
 
@@ -257,8 +257,8 @@ def _with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
 
     To it comes what the free run itself is not sure of, which is all there is where the data are exact.
     """
-    told = np.isfinite(np.diag(minimum.covariance))
-    columns = np.flatnonzero(minimum.free & told)
+    determined = np.isfinite(np.diag(minimum.covariance))
+    columns = np.flatnonzero(minimum.free & determined)
     if minimum.rank < len(columns) or not len(columns):
         return minimum
     pieces, channels = [], len(problem.signals)
@@ -271,6 +271,6 @@ def _with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
     ratio = np.divide(sandwich, found, out=np.ones(len(columns)), where=found > 0)  # nothing is left of exact data
     wider = np.sqrt(np.maximum(ratio, 1.0))
     whole = minimum.covariance.copy()
-    inverse = inverse_triangle(minimum.information.select(np.flatnonzero(told[minimum.free])).factor[:-1, :-1])
+    inverse = inverse_triangle(minimum.information.select(np.flatnonzero(determined[minimum.free])).factor[:-1, :-1])
     whole[within] = covariance * np.outer(wider, wider) + problem.precision**2 * (inverse @ inverse.T)
     return replace(minimum, covariance=whole)

@@ -153,10 +153,10 @@ def _concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     problem, names, minimum, steps = reached
     found, states = problem.plant, problem.states(problem.start)
     whole = problem if len(names) == len(task.asked) else task.problem(found, task.asked, states)
-    told = identified_by(whole, task.asked, minimum)
-    rows = table(task, found, start, names, minimum, told)
-    together = combinations(found, names, task.asked, minimum, told)
-    findings = findings_of(task, found, names, minimum, told, rows, together)
+    identifiability = identified_by(whole, task.asked, minimum)
+    rows = table(task, found, start, names, minimum, identifiability)
+    together = combinations(found, names, task.asked, minimum, identifiability)
+    findings = findings_of(task, found, names, minimum, identifiability, rows, together)
     if minimum.ending is not Ending.INTERRUPTED and _shaft_unseen(task, reached):
         findings = (Finding("no-shaft-seen", found.name, {"simpler": "rigid-motor"}), *findings)
     fit = minimum.fit(GreyBox(found, task.signals), tuple(names), "gn")
@@ -166,7 +166,7 @@ def _concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
         findings=findings,
         table=rows,
         combinations=together,
-        identifiability=told,
+        identifiability=identifiability,
         segments=task.segments,
         states=tuple(states),
         weighting=task.weighting,

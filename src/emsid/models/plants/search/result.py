@@ -145,7 +145,7 @@ def findings_of(
     plant: Plant,
     names: Sequence[str],
     minimum: Minimum,
-    told: Identifiability,
+    identifiability: Identifiability,
     rows: Sequence[Estimate],
     together: Sequence[Combination],
 ) -> tuple[Finding, ...]:
@@ -159,11 +159,11 @@ def findings_of(
         if plant.handles[row.name].lower >= 0 and abs(row.value) < STANDARD_ERRORS * row.standard_error
     ]
     zero = [Finding("intervals-include-zero", plant.name, {"parameters": including_zero})] if including_zero else []
-    return (*ended, *_not_identifiable(task, plant, names, told, together), *zero)
+    return (*ended, *_not_identifiable(task, plant, names, identifiability, together), *zero)
 
 
 def _not_identifiable(
-    task: Task, plant: Plant, names: Sequence[str], told: Identifiability, together: Sequence[Combination]
+    task: Task, plant: Plant, names: Sequence[str], identifiability: Identifiability, together: Sequence[Combination]
 ) -> list[Finding]:
     """Every group of parameters that the records do not identify, and what was done about it."""
     source = "" if plant.channels is None else plant.channels.source
@@ -171,7 +171,7 @@ def _not_identifiable(
     if not names:
         return [Finding("nothing-identifiable", plant.name, {"channels": channels})]
     found = []
-    for group in told.groups:
+    for group in identifiability.groups:
         kept = [[n, plant.value(n), plant.handles[n].parameter.unit] for n in group if n not in names]
         formulas = [each.quantity.formula for each in together if len(set(each.parameters) & set(group)) > 1]
         data = {
@@ -205,7 +205,7 @@ def _at_bounds(task: Task, plant: Plant, names: Sequence[str], minimum: Minimum)
 
 
 def table(
-    task: Task, plant: Plant, start: Plant, names: Sequence[str], minimum: Minimum, told: Identifiability
+    task: Task, plant: Plant, start: Plant, names: Sequence[str], minimum: Minimum, identifiability: Identifiability
 ) -> tuple[Estimate, ...]:
     """A row for every parameter that was asked for or fixed."""
     rows, asked, fixed, sheet = [], task.asked, task.fixed, task.sheet
@@ -220,7 +220,7 @@ def table(
         else:
             k = names.index(name)
             error = float(errors[k])
-            alone = told.tells(np.array([1.0 if n == name else 0.0 for n in told.names]))
+            alone = identifiability.determines(np.array([1.0 if n == name else 0.0 for n in identifiability.names]))
             identified = Status.ESTIMATED if alone else Status.CONDITIONAL
             status = identified if minimum.free[k] else Status.AT_BOUND
         given = sheet.get(name)
@@ -234,7 +234,7 @@ def _described(parameter: Any) -> tuple[str, str, str, str]:
 
 
 def combinations(
-    plant: Plant, names: Sequence[str], asked: Sequence[str], minimum: Minimum, told: Identifiability
+    plant: Plant, names: Sequence[str], asked: Sequence[str], minimum: Minimum, identifiability: Identifiability
 ) -> tuple[Combination, ...]:
     """The quantities of the plant that the data identify, with standard errors to first order."""
 
@@ -255,7 +255,7 @@ def combinations(
     covariance = minimum.covariance[: len(names), : len(names)]
     found = []
     for quantity, whole, part in zip(quantities, relative, direct, strict=True):
-        if np.any(whole) and told.tells(whole) and isfinite(quantity.value):
+        if np.any(whole) and identifiability.determines(whole) and isfinite(quantity.value):
             moving = tuple(name for name, slope in zip(asked, whole, strict=True) if slope != 0)
             found.append(Combination(quantity, float(np.sqrt(max(part @ covariance @ part, 0.0))), moving))
     return tuple(found)

@@ -4,6 +4,9 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
+# Python keeps its compiled bytecode, also where the shell forbids it: every process of the tests would compile it anew.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: study test lint bench coverage clean
 .DELETE_ON_ERROR:
 

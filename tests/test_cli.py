@@ -1,5 +1,6 @@
 """The command line as a user meets it: what it prints, what it writes, and how it refuses."""
 
+import importlib
 import io
 import json
 import os
@@ -8,6 +9,7 @@ import subprocess
 import sys
 from contextlib import nullcontext
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,14 +25,22 @@ from emsid.models.plants.drive import Bridge, Drive
 from emsid.models.plants.parameters import Signal
 
 IDENTIFY = ("--input", "u", "--output", "y", "--dt", "0.01")
+FIRST_ORDER = ("--na", 1, "--nb", 1, "--nk", 1)  # so that none is chosen
 
 
 @pytest.fixture(autouse=True)
 def heard():
     """Ctrl-C is heard, also where the tests run in the background of a shell that has it ignored."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler), signal.getsignal(signal.SIGTERM)
     yield
-    signal.signal(signal.SIGINT, before)
+    signal.signal(signal.SIGINT, before[0])
+    signal.signal(signal.SIGTERM, before[1])
+
+
+@pytest.fixture(autouse=True)
+def undrawn(monkeypatch):
+    """Figures are empty files. The fixture `result`, the README and the tests of the report draw them."""
+    monkeypatch.setattr("emsid.report.figures.draw", lambda _, formats: dict.fromkeys(formats, b""))
 
 
 @pytest.fixture
@@ -439,7 +449,7 @@ def test_a_candidate_that_the_numbers_defeat_is_left_out(run, log, tmp_path, mon
 
 
 def test_errors_on_identification_data_are_reported_as_such(run, log, tmp_path):
-    words = ("-u", "u", "-y", "y", "--dt", 0.01, "--models", "arx, arx", "--out", tmp_path / "out")
+    words = ("-u", "u", "-y", "y", "--dt", 0.01, "--models", "arx, arx", *FIRST_ORDER, "--out", tmp_path / "out")
     status, printed, _ = run("identify", log, "--validate", log, *words)
     assert status == 0
     assert "is among the data the models were fitted to, so these errors say nothing about unseen data" in printed
@@ -462,141 +472,140 @@ def test_a_folder_that_cannot_be_written_to_is_noticed_before_anything_is_done(r
     assert "is not a folder that can be written to" in err
 
 
-# A program that signals its own group at a chosen moment, as a terminal does, so that no test depends on speed.
-SIGNALLED = """
-import os, signal, sys
-from emsid.cli import main
-
-def at(module, name, sent):
-    import importlib
-    home = importlib.import_module(module)
-    real = getattr(home, name)
-    def signalled(*given, **named):
-        setattr(home, name, real)
-        os.killpg(0, sent)
-        return real(*given, **named)
-    setattr(home, name, signalled)
-
-def in_a_callback(module, name, sent):  # where exceptions are lost
-    import importlib
-    home = importlib.import_module(module)
-    real = getattr(home, name)
-    class Lost:
-        def __del__(self):
-            os.killpg(0, sent)
-    def signalled(*given, **named):
-        setattr(home, name, real)
-        sys.unraisablehook = lambda _: None
-        Lost()
-        return real(*given, **named)
-    setattr(home, name, signalled)
-
-def in_turn(package, places, sent):
-    for place in places.split("+"):
-        module, name = place.split(".")
-        at(f"{package}.{module}", name, sent)
-
-def leaving(module, name, sent):
-    import atexit
-    atexit.register(lambda: (os.killpg(0, sent), str(sent)))
-    if name:
-        at(module, name, sent)
-
-def importing(module, name, sent):
-    class Finder:
-        def find_spec(self, wanted, *_):
-            if wanted == f"{module}.{name}":
-                sys.meta_path.remove(self)
-                os.killpg(0, sent)
-    sys.meta_path.insert(0, Finder())
-
-how, module, name, sent, *sys.argv = sys.argv[1:]
-globals()[how](module, name, getattr(signal, sent))
-main()
-"""
-
-
-def signalled(folder, moment, *words):
-    """Run the program with a signal at a moment: (status, standard output, standard error)."""
-    command = [sys.executable, "-c", SIGNALLED, *moment, "emsid", *map(str, words)]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, start_new_session=True)
-    return done.returncode, done.stdout, done.stderr
-
-
 FOUND = "emsid: identification was interrupted; the results so far are printed above and written\n"
-MOMENTS = {
-    "reading": ("at", "emsid.io", "read"),
-    "importing": ("importing", "emsid.models.blocks.search", "estimation"),
-    "the first candidate": ("at", "emsid.identification.candidates", "least_squares"),
-}
+REGRESSIONS = ("--models", "arx, wiener-hammerstein-regression", *FIRST_ORDER, "--degree", 2, "--taps", 1)
 
 
-@pytest.mark.parametrize("moment", MOMENTS)
-def test_ctrl_c_before_anything_is_found(moment, log, tmp_path):
-    words = ("identify", log, *IDENTIFY, "--models", "arx", "--out", "out")
-    status, out, err = signalled(tmp_path, (*MOMENTS[moment], "SIGINT"), *words)
-    assert (status, out, err) == (130, "", "emsid: interrupted before anything was found\n")
+def press():
+    """Ctrl-C, heard at once."""
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+class Lost:
+    """Ctrl-C in a callback, where exceptions are lost."""
+
+    def __del__(self):
+        press()
+
+
+@pytest.fixture
+def pressed_at(monkeypatch):
+    """Ctrl-C the next time each of these functions is called, so that no test depends on speed."""
+
+    def arrange(*places, press=press):
+        for place in places:
+            module, name = place.rsplit(".", 1)
+            home = importlib.import_module(module)
+            real = getattr(home, name)
+
+            def called(*given, home=home, name=name, real=real, **named):
+                monkeypatch.setattr(home, name, real)
+                press()
+                return real(*given, **named)
+
+            monkeypatch.setattr(home, name, called)
+
+    return arrange
+
+
+@pytest.mark.parametrize("place", ["emsid.io.read", "emsid.identification.candidates.least_squares"])
+def test_ctrl_c_before_anything_is_found(place, run, log, tmp_path, pressed_at):
+    pressed_at(place)
+    words = ("identify", log, *IDENTIFY, "--models", "arx", "--out", tmp_path / "out")
+    assert run(*words) == (130, "", "emsid: interrupted before anything was found\n")
     assert not (tmp_path / "out").exists()
 
 
+def assert_whole(folder, drawn):
+    """A model file for every model of the result, and the page with its figures, or neither."""
+    rows = json.loads((folder / "result.json").read_text())["rows"]
+    models = {f"{row['model']}.json" for row in rows}
+    assert {path.name for path in folder.glob("*.json")} == models | {"result.json"}
+    assert {path.name for path in folder.iterdir() if path.suffix != ".json"} == (
+        {"report.html", "figures"} if drawn else set()
+    )
+
+
 @pytest.mark.parametrize(
-    ("moment", "drawn"),
-    {
-        ("at", "emsid.identification.candidates", "wiener_hammerstein_regression"): True,
-        ("in_a_callback", "emsid.identification.candidates", "wiener_hammerstein_regression"): True,
-        ("at", "emsid.identification.workflow", "compare"): True,
-        ("at", "emsid.io", "save"): False,
-        ("importing", "matplotlib", "figure"): False,
-        ("in_a_callback", "emsid.report.figures", "draw"): False,
-    }.items(),
+    ("place", "press", "drawn"),
+    [
+        ("emsid.identification.candidates.wiener_hammerstein_regression", press, True),
+        ("emsid.identification.candidates.wiener_hammerstein_regression", Lost, True),
+        ("emsid.identification.workflow.compare", press, True),
+        ("emsid.io.save", press, False),
+        ("emsid.report.page.page", press, False),
+        ("emsid.report.figures.draw", Lost, False),
+    ],
 )
-def test_ctrl_c_keeps_the_results_so_far(moment, drawn, log, tmp_path):
-    orders = ("--na", 1, "--nb", 1, "--nk", 1, "--degree", 2, "--taps", 1)
-    words = ("identify", log, *IDENTIFY, "--models", "arx, wiener-hammerstein-regression", *orders, "--out", "out")
-    status, out, err = signalled(tmp_path, (*moment, "SIGINT"), *words)
+def test_ctrl_c_keeps_the_results_so_far(place, press, drawn, run, log, tmp_path, pressed_at, monkeypatch):
+    monkeypatch.setattr(sys, "unraisablehook", lambda _: None)
+    pressed_at(place, press=press)
+    status, out, err = run("identify", log, *IDENTIFY, *REGRESSIONS, "--out", tmp_path / "out")
     assert (status, err) == (130, FOUND)
     assert "chosen: " in out
-    rows = json.loads((tmp_path / "out" / "result.json").read_text())["rows"]
-    assert {f"{row['model']}.json" for row in rows} == {p.name for p in (tmp_path / "out").glob("*.json")} - {
-        "result.json"
-    }
-    assert (tmp_path / "out" / "report.html").exists() == drawn
+    assert out.splitlines()[-1].startswith(f"written to {tmp_path / 'out'}/: ")
+    assert ("report.html" in out.splitlines()[-1]) == drawn
+    assert_whole(tmp_path / "out", drawn)
 
 
-REGRESSIONS = ("--models", "arx, wiener-hammerstein-regression", "--na", 1, "--nb", 1, "--nk", 1, "--degree", 2)
-
-
-@pytest.mark.parametrize(
-    "then", ["workflow.built_in_values", "workflow.compare", "workflow.built_in_values+workflow.compare"]
-)
-def test_ctrl_c_twice_within_a_moment_is_ctrl_c_once(then, log, tmp_path):
-    words = ("identify", log, *IDENTIFY, *REGRESSIONS, "--taps", 1, "--out", "out")
-    moments = ("in_turn", "emsid.identification", f"candidates.wiener_hammerstein_regression+{then}")
-    status, out, err = signalled(tmp_path, (*moments, "SIGINT"), *words)
+@pytest.mark.parametrize("then", [("built_in_values",), ("compare",), ("built_in_values", "compare")])
+def test_ctrl_c_twice_within_a_moment_is_ctrl_c_once(then, run, log, tmp_path, pressed_at):
+    places = [f"emsid.identification.workflow.{name}" for name in then]
+    pressed_at("emsid.identification.candidates.wiener_hammerstein_regression", *places)
+    status, out, err = run("identify", log, *IDENTIFY, *REGRESSIONS, "--out", tmp_path / "out")
     assert (status, err) == (130, FOUND)
     assert "chosen: arx" in out
     assert json.loads((tmp_path / "out" / "result.json").read_text())["chosen"] == "arx"
-    assert {path.suffix for path in (tmp_path / "out").rglob("*.*")} == {".json", ".html", ".svg"}
+    assert_whole(tmp_path / "out", drawn=True)
 
 
-def test_a_grey_box_interrupted_twice_keeps_its_search(motor_log, tmp_path):
+def test_a_grey_box_interrupted_twice_keeps_its_search(run, motor_log, tmp_path, pressed_at):
     words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", "--free", "motor_constant,rotor_inertia")
-    moments = ("in_turn", "emsid.estimation.nonlinear", "gauss_newton._promised+gauss_newton._conclude")
-    status, _, err = signalled(tmp_path, (*moments, "SIGINT"), *words, "--out", "out")
+    pressed_at(*(f"emsid.estimation.nonlinear.gauss_newton.{name}" for name in ("_promised", "_conclude")))
+    status, _, err = run(*words, "--out", tmp_path / "out")
     assert (status, err) == (130, FOUND)
     assert json.loads((tmp_path / "out" / "result.json").read_text())["chosen"] == "rigid-motor"
 
 
-def test_ctrl_c_at_exit_prints_no_second_message(log, tmp_path):
-    status, out, err = signalled(tmp_path, ("leaving", "", "", "SIGINT"), "list")
+# A fresh process that is sent Ctrl-C where a module is imported, and again when it ends.
+SIGNALLED = """
+import atexit, os, signal, sys
+
+class Finder:
+    def find_spec(self, name, *_):
+        if name == wanted:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGINT)
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+wanted, *sys.argv = sys.argv[1:]
+sys.meta_path.insert(0, Finder())
+atexit.register(lambda: (os.kill(os.getpid(), signal.SIGINT), str(signal)))
+from emsid.__main__ import main
+main()
+"""
+
+
+def signalled(folder, module, *words):
+    """Run the program with Ctrl-C at an import and at its end: (status, standard output, standard error)."""
+    command = [sys.executable, "-c", SIGNALLED, module, "emsid", *map(str, words)]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_ctrl_c_at_exit_prints_no_second_message(tmp_path):
+    status, out, err = signalled(tmp_path, "", "list")
     assert (status, err) == (130, "")
     assert out.splitlines()[-1].startswith("files written: ")
-    words = ("identify", log, *IDENTIFY, *REGRESSIONS, "--taps", 1, "--out", "out")
-    moment = ("leaving", "emsid.identification.candidates", "wiener_hammerstein_regression", "SIGINT")
-    status, out, err = signalled(tmp_path, moment, *words)
+
+
+def test_ctrl_c_while_the_drawing_library_is_imported(log, tmp_path):
+    status, out, err = signalled(
+        tmp_path, "matplotlib.figure", "identify", log, *IDENTIFY, *REGRESSIONS, "--out", "out"
+    )
     assert (status, err) == (130, FOUND)
-    written = "report.html, result.json, arx.json, wiener-hammerstein-regression.json, figures/"
-    assert out.splitlines()[-1] == f"written to out/: {written}"
+    assert "chosen: " in out
+    assert_whole(tmp_path / "out", drawn=False)
 
 
 def test_ctrl_c_after_a_moment_is_another_one(monkeypatch):
@@ -611,16 +620,14 @@ def test_ctrl_c_after_a_moment_is_another_one(monkeypatch):
         pressed()
 
 
-@pytest.mark.parametrize("module", ["emsid.cli", "typer", "polars", "numpy.linalg"])
+@pytest.mark.parametrize(
+    "module", ["emsid.cli", "typer", "polars", "numpy.linalg", "emsid.models.blocks.search.estimation"]
+)
 def test_ctrl_c_amid_the_first_imports_is_one_line(module, log, tmp_path):
-    program = SIGNALLED.replace("from emsid.cli import main", "from emsid.__main__ import main")
-    words = ("importing", *module.rpartition(".")[::2], "SIGINT", "emsid", "describe", str(log), *IDENTIFY)
-    if "." not in module:
-        program = program.replace('f"{module}.{name}"', "name")
-    command = [sys.executable, "-c", program, *words]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, start_new_session=True)
-    assert (done.returncode, done.stdout) == (130, "")
-    assert done.stderr == "emsid: interrupted before anything was found\n"
+    words = ("describe", log) if "models" not in module else ("identify", log, "--models", "arx", "--out", "out")
+    status, out, err = signalled(tmp_path, module, *words, *IDENTIFY)
+    assert (status, out, err) == (130, "", "emsid: interrupted before anything was found\n")
+    assert not (tmp_path / "out").exists()
 
 
 def test_ctrl_c_in_a_callback_is_not_spoken_of_twice():
@@ -653,9 +660,9 @@ def test_a_study_interrupted_while_it_is_drawn_is_printed_and_written(run, tmp_p
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["study.json"]
 
 
-def test_being_terminated_is_quiet(log, tmp_path):
-    words = ("identify", log, *IDENTIFY, "--models", "arx", "--out", "out")
-    status, _, err = signalled(tmp_path, ("at", "emsid.report.page", "page", "SIGTERM"), *words)
+def test_being_terminated_is_quiet(run, log, tmp_path, pressed_at):
+    pressed_at("emsid.report.page.page", press=partial(os.kill, os.getpid(), signal.SIGTERM))
+    status, _, err = run("identify", log, *IDENTIFY, "--models", "arx", "--out", tmp_path / "out")
     assert (status, err) == (143, "")
 
 
@@ -703,7 +710,7 @@ def test_a_terminal_with_few_characters_gets_what_one_types():
 
 
 def test_units_are_shown_as_they_are_printed_and_without_the_signs_for_it_as_they_are_typed(
-    motor_log, tmp_path, command, monkeypatch
+    motor_log, tmp_path, command, monkeypatch, bare
 ):
     known = ("--fix", "resistance=2", "--free", "motor_constant,rotor_inertia,rotor_friction.coulomb")
     words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", *known, "--out", "out")
@@ -738,7 +745,7 @@ def test_parameters_are_printed_as_files_that_can_be_edited_and_read_back(run, t
     assert all(name in err for name in ("car", "motor", "linear-axis"))
 
 
-def test_codes_for_the_bridge_are_options(run, tmp_path):
+def test_codes_for_the_bridge_are_options(run, tmp_path, bare):
     rng = np.random.default_rng(6)
     command = np.repeat(rng.uniform(-10, 10, 60), 20)
     command[np.repeat(rng.uniform(size=60) < 0.2, 20)] = 1000.0
@@ -779,7 +786,7 @@ def test_a_model_run_on_other_channels_is_reported(result, run):
     assert "the model was identified with the inputs u; log.csv has y.\n" in run(*words, "y", "--output", "u")[1]
 
 
-def test_named_physical_parameters_are_estimated_and_no_others(run, log, tmp_path):
+def test_named_physical_parameters_are_estimated_and_no_others(run, log, tmp_path, bare):
     path, out = tmp_path / "axis.csv", tmp_path / "out"
     rng = np.random.default_rng(4)
     force = np.repeat(rng.uniform(-60, 60, 40), 50)
@@ -829,6 +836,7 @@ def test_options_that_contradict_each_other_are_refused(words, said, run, log, t
 def test_a_constant_unseen_output_has_no_fit(run, log, tmp_path):
     still = table(tmp_path / "still.csv", y=np.full(600, 3.0))
     words = ("identify", log, *IDENTIFY, "--validate", still, "--models", "arx", "--out", tmp_path / "out")
+    words += FIRST_ORDER
     status, out, _ = run(*words)
     assert status == 0
     assert "arx: on unseen data, the free run has no fit, as the measured output is constant; its RMSE is" in out
@@ -842,7 +850,7 @@ def test_a_constant_unseen_output_has_no_fit(run, log, tmp_path):
 def test_every_unseen_record_is_named(run, log, tmp_path):
     others = [table(tmp_path / f"{name}.csv", seed=k) for k, name in enumerate("abcdef", 1)]
     unseen = [word for other in others[:2] for word in ("--validate", other)]
-    words = ("identify", log, *IDENTIFY, "--models", "arx", "--out", tmp_path / "out")
+    words = ("identify", log, *IDENTIFY, "--models", "arx", *FIRST_ORDER, "--out", tmp_path / "out")
     assert "on unseen data (a.csv, b.csv)" in run(*words, *unseen)[1]
     assert "a.csv, b.csv" in (tmp_path / "out" / "report.html").read_text()
     unseen = [word for other in others for word in ("--validate", other)]
@@ -853,7 +861,7 @@ def test_files_of_an_earlier_run_are_listed_separately(run, log, tmp_path, monke
     from emsid.report.page import write_report  # noqa: F401  (loads the module)
 
     out = tmp_path / "out"
-    words = ("identify", log, *IDENTIFY, "--out", out, "--na", 1, "--nb", 1, "--nk", 1, "--models")
+    words = ("identify", log, *IDENTIFY, "--out", out, *FIRST_ORDER, "--models")
     assert "earlier run" not in run(*words, "arx,friction-narx")[1]
     assert run(*words, "arx")[1].endswith("from an earlier run, not from this one: friction-narx.json\n")
     page = sys.modules["emsid.report.page"]

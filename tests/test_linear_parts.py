@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,12 @@ from emsid.models.plants.sensor import Sensor
 from emsid.plant import Friction, Motor
 from test_models_contract import ALL, DT, OWN
 
-control = pytest.importorskip("control")
+
+@pytest.fixture(scope="module")
+def control() -> Any:
+    """python-control, which is imported by a test that runs and not by the collection."""
+    return pytest.importorskip("control")
+
 
 SMOOTH = replace(Motor(), rotor_friction=Friction(), load_friction=Friction(), voltage_dead_zone=None)
 RIGID = SMOOTH.rigid()
@@ -40,7 +46,7 @@ PLANTS: dict[str, tuple[object, tuple[Signal, ...]]] = {
 
 
 @pytest.mark.parametrize("name", PLANTS)
-def test_a_plant_without_dry_friction_is_its_linear_part(name: str) -> None:
+def test_a_plant_without_dry_friction_is_its_linear_part(name: str, control: Any) -> None:
     plant, signals = PLANTS[name]
     model = GreyBox(plant, signals)  # type: ignore[arg-type]
     u = np.repeat(np.random.default_rng(0).uniform(-3, 3, 20), 10)
@@ -56,7 +62,7 @@ def test_a_plant_without_dry_friction_is_its_linear_part(name: str) -> None:
         assert np.max(np.abs(one - other)[late:]) < tolerance * np.max(np.abs(other)), signal
 
 
-def test_arx_is_its_transfer_function() -> None:
+def test_arx_is_its_transfer_function(control: Any) -> None:
     model = ALL["arx"]
     assert isinstance(model, Narx)
     u = np.random.default_rng(1).standard_normal(100)
@@ -64,7 +70,7 @@ def test_arx_is_its_transfer_function() -> None:
     np.testing.assert_allclose(np.ravel(there), model.simulate(u).output[:, 0], rtol=1e-9, atol=1e-12)
 
 
-def test_two_inputs_have_a_transfer_function_each() -> None:
+def test_two_inputs_have_a_transfer_function_each(control: Any) -> None:
     model = Narx(arx(2, 2, inputs=2), np.array([-1.2, 0.4, 0.1, 0.05, 0.2, -0.1]), DT)
     system, u = model.to_control(), np.random.default_rng(2).standard_normal((100, 2))
     assert (system.ninputs, system.noutputs, system.dt) == (2, 1, DT)
@@ -75,21 +81,21 @@ def test_two_inputs_have_a_transfer_function_each() -> None:
         np.testing.assert_allclose(np.ravel(there), model.simulate(alone).output[:, 0], rtol=1e-9, atol=1e-12)
 
 
-def test_the_linear_terms_of_a_nonlinear_structure_are_converted() -> None:
+def test_the_linear_terms_of_a_nonlinear_structure_are_converted(control: Any) -> None:
     model = Narx(Structure.parse("-y(t-1)", "u(t-1)", "u(t-1)^2", "sign(y(t-1))"), np.array([-0.5, 2.0, 7.0, 9.0]), DT)
     assert model.to_control().dcgain() == pytest.approx(4.0)
     with pytest.raises(ModelError, match="no term that is linear in an input"):
         Narx(Structure.parse("y(t-1)", "u(t-1)^2"), np.array([0.5, 1.0]), DT).to_control()
 
 
-def test_filters_of_a_cascade_take_its_sample_time() -> None:
+def test_filters_of_a_cascade_take_its_sample_time(control: Any) -> None:
     model = Cascade((Rational([0.3], [-0.7]),), oversampling=2, dt=DT)
     assert [system.dt for system in model.to_control()] == [DT / 2]
     with pytest.raises(ModelError, match="no sample time"):
         replace(model, dt=None).to_control()
 
 
-def test_a_model_without_a_linear_part_is_refused() -> None:
+def test_a_model_without_a_linear_part_is_refused(control: Any) -> None:
     with pytest.raises(ModelError, match="no linear part"):
         GreyBox(OWN, (Signal.SPEED,)).to_control()
 

@@ -111,7 +111,10 @@ def comparison(record):
 
 
 class Later:
-    """A table or a list that is made when a test first looks into it, and not when the tests are collected."""
+    """A table or a list that is made when a test first looks into it, and not when the tests are collected.
+
+    Only these methods make it: the collection asks every object for attributes.
+    """
 
     def __init__(self, make):
         self._make = cache(make)
@@ -119,8 +122,14 @@ class Later:
     def __getitem__(self, key):
         return self._make()[key]
 
-    def __getattr__(self, name):
-        return getattr(self._make(), name)
+    def keys(self):
+        return self._make().keys()
+
+    def values(self):
+        return self._make().values()
+
+    def items(self):
+        return self._make().items()
 
 
 COMPARISONS = Later(lambda: {"whole": comparison(drive()), "with gaps": comparison(with_gaps())})

@@ -237,7 +237,7 @@ def test_forgetting_without_excitation_neither_explodes_nor_loses_positiveness()
     rng = np.random.default_rng(5)
     n, block, ceiling = 4, 10_000, np.full(4, 1e8)
     theta = np.array([0.5, -0.3, 1.0, 2.0])
-    estimate, factor, diagonal, totals = np.zeros(n), np.eye(n), ceiling.copy(), np.zeros(2)
+    estimate, factor, diagonal, totals = np.zeros(n), np.eye(n), ceiling.copy(), np.zeros(6)
     lowest, highest, largest = np.inf, 0.0, 0.0
     for k in range(100):
         phi = np.zeros((n, block)) if k % 10 else rng.standard_normal((n, block))

@@ -1,5 +1,12 @@
 from .fit import Ending as Ending
 from .fit import Fit as Fit
+from .linear.adaptation import Directional as Directional
+from .linear.adaptation import Drift as Drift
+from .linear.adaptation import Forgetting as Forgetting
+from .linear.adaptation import Frozen as Frozen
+from .linear.adaptation import Gradient as Gradient
+from .linear.adaptation import Rule as Rule
+from .linear.adaptation import Window as Window
 from .linear.information import Information as Information
 from .linear.information import Solution as Solution
 from .linear.least_squares import LinearStructure as LinearStructure

@@ -14,14 +14,17 @@ If only the last estimate is needed, samples can be processed in tiles: P⁻¹ =
 triangular factor like that of `information`. A tile of samples, each with its weight at the end of the tile, is
 reflected into it at a fraction of the cost, and U, D and θ follow from the new factor.
 
+Forgetting is one of several rules of adaptation; see `emsid.estimation.linear.adaptation`. The loop over samples,
+`update`, takes any of them.
+
 The state is an argument and a result, so samples one by one, in blocks, or all at once give the same numbers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from typing import Generic
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Generic
 
 import numba
 import numpy as np
@@ -29,6 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
+from emsid.estimation.linear.adaptation import Code, Forgetting, Gradient, Rule, correct, diffuse, excitation
 from emsid.estimation.linear.information import TILE, add_multiple, copy_square, reflect, workspace
 from emsid.estimation.linear.least_squares import LinearStructure, M_co, check_excitation
 from emsid.record import Record, check_same_channels, concatenate
@@ -37,6 +41,13 @@ Array = NDArray[np.float64]
 
 # The largest ratio of D to its initial value; ordinary data never reach it.
 WINDUP = 1e4
+
+# The totals of the recursion in the kernels.
+_SAMPLES, _SQUARES, _WEIGHTS, _IDLE, _PLACE, _FILLED = range(6)
+
+
+def _no_rows() -> Array:
+    return np.empty((0, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +58,12 @@ class RecursiveState:
         estimate: (n,) θ.
         factor: (n, n) Uᵀ, unit lower triangular.
         diagonal: (n,) of D; P = U D Uᵀ.
-        samples: effective number of samples, Σ λᵏ.
-        residual_sum_of_squares: Σ λᵏ of the squared residuals of the present estimate.
+        samples: effective number of samples, Σ w, with weights w = λᵏ.
+        residual_sum_of_squares: Σ w·ε² of the residuals of the present estimate.
+        squared_weights: Σ w².
+        idle: the number of samples since one that changed the estimate; some rules leave out what has no excitation.
+        window: (m, n + 1) past rows [φ y] of a sliding window, in a ring; without rows for other rules.
+        place, filled: where the next row goes in the ring, and how many rows it has.
         tail: the last samples, as many as the largest lag of the structure.
     """
 
@@ -57,11 +72,16 @@ class RecursiveState:
     diagonal: Array
     samples: float = 0.0
     residual_sum_of_squares: float = 0.0
+    squared_weights: float = 0.0
+    idle: int = 0
+    window: Array = field(default_factory=_no_rows)
+    place: int = 0
+    filled: int = 0
     tail: Record | None = None
 
     @property
     def normalised_covariance(self) -> Array:
-        """(n, n) P, the covariance of the estimate for noise of variance one."""
+        """(n, n) P, the covariance of the estimate for noise of variance one and samples of equal weight."""
         p: Array = self.factor.T @ (self.diagonal[:, None] * self.factor)
         return p
 
@@ -71,9 +91,81 @@ class RecursiveState:
         freedom = self.samples - len(self.estimate)
         return self.residual_sum_of_squares / freedom if freedom > 0 else float("nan")
 
+    @property
+    def covariance(self) -> Array:
+        """(n, n) covariance of the estimate: σ²·P·Σw²/Σw.
+
+        With weights w, the covariance is σ²·P(Σw²φφᵀ)P; regressors of a constant spectrum make it the expression above.
+        It is σ²·P without forgetting, and about half of that with it.
+        """
+        share = self.squared_weights / self.samples if self.samples > 0 else 1.0
+        spread: Array = self.noise_variance * share * self.normalised_covariance
+        return spread
+
+    @property
+    def totals(self) -> Array:
+        """The sums and counts, in the form that the kernels use."""
+        sums = (self.samples, self.residual_sum_of_squares, self.squared_weights)
+        return np.array([*sums, self.idle, self.place, self.filled], dtype=float)
+
+    def after(self, estimate: Array, factor: Array, diagonal: Array, totals: Array, window: Array) -> RecursiveState:
+        """The same with what the kernels have made of it."""
+        idle, place, filled = (int(totals[k]) for k in (_IDLE, _PLACE, _FILLED))
+        sums = (float(totals[k]) for k in (_SAMPLES, _SQUARES, _WEIGHTS))
+        return RecursiveState(estimate, factor, diagonal, *sums, idle, window, place, filled, self.tail)
+
     def cut(self) -> RecursiveState:
         """The state with its estimate but without past samples: the next samples come after a gap."""
         return replace(self, tail=None)
+
+    def to_data(self) -> dict[str, Any]:
+        """Everything that `from_data` needs to restore the state bit for bit, in built-in types."""
+        arrays = {name: getattr(self, name).tolist() for name in ("estimate", "factor", "diagonal", "window")}
+        numbers = {name: getattr(self, name) for name in _NUMBERS}
+        tail = None
+        if self.tail is not None:
+            tail = {name: getattr(self.tail, name).tolist() for name in ("input", "output")}
+            tail |= {name: list(getattr(self.tail, name)) for name in _NAMES}
+            tail |= {"dt": self.tail.dt, "time": self.tail.times[0], "name": self.tail.name}
+        return {**arrays, **numbers, "tail": tail}
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> RecursiveState:
+        """The state described by `to_data`.
+
+        Raises:
+            ModelError: for data that do not describe a state.
+        """
+        try:
+            estimate, factor, diagonal = (np.array(data[name], dtype=float) for name in _ARRAYS)
+            n = len(estimate)
+            window = np.array(data["window"], dtype=float)
+            tail: Any = data["tail"]
+            past = None
+            if tail is not None:
+                samples = (np.array(tail[side], dtype=float) for side in ("input", "output"))
+                names = (tuple(tail[name]) for name in _NAMES)
+                past = Record(*samples, tail["dt"], *names, times=(tail["time"],), name=tail["name"])
+            numbers: dict[str, Any] = {name: kind(data[name]) for name, kind in _NUMBERS.items()}
+        except (KeyError, TypeError, ValueError) as problem:
+            raise ModelError(f"not a state of a recursion ({problem}); save it again") from None
+        window = window.reshape(-1, n + 1) if window.size else _no_rows()
+        finite = all(np.isfinite(each).all() for each in (estimate, factor, diagonal, window))
+        if factor.shape != (n, n) or diagonal.shape != (n,) or not finite or not np.all(diagonal > 0):
+            raise ModelError("not a state of a recursion: its arrays do not fit together; save it again")
+        return cls(estimate, factor, diagonal, window=window, tail=past, **numbers)
+
+
+_ARRAYS = ("estimate", "factor", "diagonal")
+_NAMES = ("input_names", "output_names", "input_units", "output_units")
+_NUMBERS: dict[str, type] = {
+    "samples": float,
+    "residual_sum_of_squares": float,
+    "squared_weights": float,
+    "idle": int,
+    "place": int,
+    "filled": int,
+}
 
 
 @dataclass(frozen=True)
@@ -87,30 +179,41 @@ class RecursiveLeastSquares(Generic[M_co]):
     >>> state.estimate.round(3)
     array([-0.8,  0.5])
 
+    To freeze the estimate, go on with the same state and ``replace(rls, rule=Frozen())``; to resume, with ``rls``.
+
     Args:
         structure: whose parameters are tracked.
         forgetting: λ, 0 < λ ≤ 1; a sample k steps back has weight λᵏ.
         initial_covariance: P(0), a number for a multiple of the identity or (n,) for a diagonal; a large one gives the
             initial estimate no weight.
         initial_estimate: θ(0), zero by default.
+        rule: another rule of `emsid.estimation` in place of ``forgetting``.
     """
 
     structure: LinearStructure[M_co]
     forgetting: float = 1.0
     initial_covariance: float | tuple[float, ...] = 1e8
     initial_estimate: tuple[float, ...] = ()
+    rule: Rule | None = None
 
     def __post_init__(self) -> None:
-        if not 0 < self.forgetting <= 1:
-            raise ModelError(f"forgetting factor {self.forgetting}; it lies above 0 and is at most 1")
+        if self.rule is not None and self.forgetting != 1.0:
+            raise ModelError("forgetting and a rule; give the factor to the rule", arguments=("forgetting", "rule"))
         shape, n = np.shape(self.initial_covariance), len(self.structure.parameter_names)
+        self.adaptation.numbers(n)
         if shape not in ((), (n,)):
             raise ModelError(f"initial covariance of shape {shape}; give a number or one for each of {n} parameters")
-        if not np.all((self._prior > 0) & np.isfinite(self._prior)):
+        if not np.all((self.prior > 0) & np.isfinite(self.prior)):
             raise ModelError(f"initial covariance {self.initial_covariance}; it must be positive and finite")
 
     @property
-    def _prior(self) -> Array:
+    def adaptation(self) -> Rule:
+        """The rule, also where it is constant forgetting."""
+        return Forgetting(self.forgetting) if self.rule is None else self.rule
+
+    @property
+    def prior(self) -> Array:
+        """(n,) the diagonal of P(0)."""
         return np.broadcast_to(
             np.asarray(self.initial_covariance, dtype=float), len(self.structure.parameter_names)
         ).copy()
@@ -125,44 +228,104 @@ class RecursiveLeastSquares(Generic[M_co]):
         estimate = np.asarray(self.initial_estimate or np.zeros(n), dtype=float)
         if estimate.shape != (n,):
             raise ModelError(f"{len(estimate)} initial values for the {n} parameters of {self.structure.name}")
-        return RecursiveState(estimate, np.eye(n), self._prior)
+        return self.reset(RecursiveState(estimate, np.eye(n), self.prior))
 
-    def update(self, state: RecursiveState, record: Record, history: list[Array] | None = None) -> RecursiveState:
+    def reset(self, state: RecursiveState) -> RecursiveState:
+        """The state with its estimate and past samples, and without any knowledge: P is P(0) again."""
+        n, rows = len(state.estimate), self.adaptation.rows
+        window = np.zeros((rows, n + 1)) if rows else _no_rows()
+        return RecursiveState(state.estimate, np.eye(n), self.prior, window=window, tail=state.tail)
+
+    def forget(self, state: RecursiveState, weight: float) -> RecursiveState:
+        """The state in which all samples so far have another weight, as after a change of the system.
+
+        Args:
+            state: any state.
+            weight: 0 < weight < 1, multiplies the weight of every sample. A sliding window is emptied.
+
+        Raises:
+            ModelError: for another weight.
+        """
+        if not 0 < weight < 1:
+            raise ModelError(f"weight {weight} of past samples; it lies between 0 and 1")
+        if self.adaptation.rows:
+            return self.reset(state)
+        return replace(
+            state,
+            diagonal=np.minimum(state.diagonal / weight, WINDUP * self.prior),
+            samples=weight * state.samples,
+            residual_sum_of_squares=weight * state.residual_sum_of_squares,
+            squared_weights=weight**2 * state.squared_weights,
+        )
+
+    def update(
+        self,
+        state: RecursiveState,
+        record: Record,
+        history: list[Array] | None = None,
+        residuals: list[Array] | None = None,
+    ) -> RecursiveState:
         """The state after the samples of ``record``, which follow the earlier samples.
 
         Args:
             state: from `start` or an earlier update.
             record: further samples, one or many; its later segments start without past samples.
             history: a list to which the estimates after every sample, (m, n), are appended.
+            residuals: a list to which (m, 3) is appended: the residual of every sample by the estimate before it
+                (a priori), by the estimate after it (a posteriori), and ζ = φᵀPφ before it, which makes the variance
+                of the first σ²(1 + ζ).
 
         Raises:
             DataError: for other channels than before, or where the recursion overflows.
+            ModelError: for a state of another structure or rule.
         """
-        ceiling = WINDUP * self._prior
+        self._check(state)
+        n, ceiling = len(state.estimate), WINDUP * self.prior
+        rule = self.adaptation.numbers(n)
+        by_tiles = history is None and residuals is None and rule[0] == Code.FORGETTING
         for k, piece in enumerate(record.segments):
             if k:
                 state = state.cut()
             if state.tail is not None:
                 check_same_channels(state.tail, piece)
             joined = piece if state.tail is None else replace(concatenate([state.tail, piece]), breaks=(), times=())
-            estimate, factor, diagonal = (np.array(values) for values in (state.estimate, state.factor, state.diagonal))
-            totals = np.array([state.samples, state.residual_sum_of_squares])
+            estimate, factor, diagonal, window = (
+                np.array(values) for values in (state.estimate, state.factor, state.diagonal, state.window)
+            )
+            totals = state.totals
             for _, start, stop in self.structure.chunks(joined, len(joined)):
-                trace = np.empty((0 if history is None else stop - start, len(estimate)))
-                if history is not None:
-                    history.append(trace)
+                trace = np.empty((0 if history is None else stop - start, n))
+                errors = np.empty((0 if residuals is None else stop - start, 3))
+                for kept, new in ((history, trace), (residuals, errors)):
+                    if kept is not None:
+                        kept.append(new)
                 for block in self.structure.blocks(joined, start, stop):
-                    if history is None:
-                        update_by_tiles(estimate, factor, diagonal, totals, block, self.forgetting, ceiling)
-                    else:
-                        now, trace = np.split(trace, [block.shape[1]])
-                        update(estimate, factor, diagonal, totals, block, self.forgetting, ceiling, now)
+                    if by_tiles:
+                        update_by_tiles(estimate, factor, diagonal, totals, block, float(rule[1]), ceiling)
+                        continue
+                    now, trace = np.split(trace, [block.shape[1]])
+                    seen, errors = np.split(errors, [block.shape[1]])
+                    update(estimate, factor, diagonal, totals, window, block, rule, ceiling, now, seen)
             if not np.isfinite(estimate).all():
                 raise DataError(f"{record.name}: the recursion overflowed; scale the channels or raise the forgetting")
             memory = self.structure.memory
             tail = joined[max(0, len(joined) - memory) :] if memory else None
-            state = RecursiveState(estimate, factor, diagonal, float(totals[0]), float(totals[1]), tail)
+            state = replace(state.after(estimate, factor, diagonal, totals, window), tail=tail)
         return state
+
+    def covariance(self, state: RecursiveState) -> Array:
+        """(n, n) covariance of the estimate, at any moment; NaN for a rule that has none."""
+        if isinstance(self.rule, Gradient):
+            return np.full((len(state.estimate),) * 2, np.nan)
+        return state.covariance
+
+    def _check(self, state: RecursiveState) -> None:
+        """Refuse a state of another structure, or without the window of the rule."""
+        n, rows = len(self.structure.parameter_names), self.adaptation.rows
+        if len(state.estimate) != n:
+            raise ModelError(f"a state of {len(state.estimate)} parameters for the {n} of {self.structure.name}")
+        if rows and state.window.shape != (rows, n + 1):
+            raise ModelError(f"the state has no window of {rows} samples; begin with reset(state)")
 
     def fit(self, state: RecursiveState, like: Record, history: Array | None = None) -> Fit[M_co]:
         """The state as a fit, with a model for records like ``like``."""
@@ -173,7 +336,7 @@ class RecursiveLeastSquares(Generic[M_co]):
             model=self.structure.model(state.estimate, like),
             names=self.structure.parameter_names,
             estimate=state.estimate,
-            covariance=state.noise_variance * state.normalised_covariance,
+            covariance=self.covariance(state),
             noise_variance=state.noise_variance,
             samples=state.samples,
             condition=float(singular[0] / singular[-1]),
@@ -249,53 +412,132 @@ def update(
     factor: Array,
     diagonal: Array,
     totals: Array,
+    window: Array,
     block: Array,
-    forgetting: float,
+    rule: Array,
     ceiling: Array,
     trace: Array,
+    residuals: Array,
 ) -> None:
-    """Bierman's update of θ, Uᵀ and D, in place, by every row of a block of columns [Φ y].
+    """Update θ, Uᵀ and D, in place, by every row of a block of columns [Φ y]: the loop of every rule.
 
     Args:
         estimate, factor, diagonal: θ (n,), Uᵀ (n, n), D (n,).
-        totals: (2,) effective samples and residual sum of squares.
+        totals: (6,) of `RecursiveState.totals`.
+        window: (m, n + 1) past rows, for a sliding window.
         block: (n + 1, m).
-        forgetting: λ.
+        rule: of `Rule.numbers`.
         ceiling: (n,) the limit of D.
         trace: (m, n) to be filled with the estimates, or (0, n).
+        residuals: (m, 3) to be filled, see `RecursiveLeastSquares.update`, or (0, 3).
     """
-    n, rows = len(estimate), block.shape[1]
+    n, code = len(estimate), int(rule[0])
     phi, gain = np.empty(n), np.empty(n)
-    for t in range(rows):
+    for t in range(block.shape[1]):
         error = block[n, t]
         for i in range(n):
             phi[i] = block[i, t]
             error -= phi[i] * estimate[i]
-        alpha = forgetting
-        for j in range(n):
-            row = factor[j]
-            f = phi[j]
-            for i in range(j):
-                f += row[i] * phi[i]
-            g = diagonal[j] * f
-            before = alpha
-            alpha += f * g
-            diagonal[j] = min(diagonal[j] * before / (alpha * forgetting), ceiling[j])
-            # Column j of U moves along the gain of the columns before it, and adds to that gain.
-            step = -f / before
-            for i in range(j):
-                u = row[i]
-                row[i] = u + step * gain[i]
-                gain[i] += g * u
-            gain[j] = g
-        weight = error / alpha
-        for i in range(n):
-            estimate[i] += weight * gain[i]
-        totals[0] = forgetting * totals[0] + 1.0
-        totals[1] = forgetting * (totals[1] + error * weight)
+        if len(residuals):
+            residuals[t, 0], residuals[t, 2] = error, excitation(factor, diagonal, phi)
+        alpha, used = 1.0, True
+        if code == Code.FORGETTING:
+            alpha = correct(factor, diagonal, phi, gain, rule[1], rule[1], ceiling)
+        elif code == Code.DIRECTIONAL:
+            zeta = excitation(factor, diagonal, phi)
+            used = zeta > rule[2]
+            if used:
+                kept = rule[1] - (1.0 - rule[1]) / zeta
+                correct(factor, diagonal, phi, gain, 1.0 / kept if kept != 0.0 else 1e300, 1.0, ceiling)
+                alpha = 1.0 + zeta
+        elif code == Code.DRIFT:
+            diffuse(factor, diagonal, rule[5:], gain)
+            alpha = correct(factor, diagonal, phi, gain, 1.0, 1.0, ceiling)
+        elif code == Code.WINDOW:
+            slide(estimate, factor, diagonal, totals, window, phi, block[n, t], gain, ceiling)
+        elif code == Code.GRADIENT:
+            alpha = rule[2]
+            for i in range(n):
+                alpha += phi[i] * phi[i]
+                gain[i] = rule[1] * phi[i]
+        else:
+            used = False
+        if used and code != Code.WINDOW:
+            weight = error / alpha
+            for i in range(n):
+                estimate[i] += weight * gain[i]
+            totals[0] = rule[3] * totals[0] + 1.0
+            totals[1] = rule[3] * (totals[1] + error * (error if code == Code.GRADIENT else weight))
+            totals[2] = rule[4] * totals[2] + 1.0
+        totals[3] = 0.0 if used else totals[3] + 1.0
+        if len(residuals):
+            after = block[n, t]
+            for i in range(n):
+                after -= phi[i] * estimate[i]
+            residuals[t, 1] = after
         if len(trace):
             for i in range(n):
                 trace[t, i] = estimate[i]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def slide(
+    estimate: Array,
+    factor: Array,
+    diagonal: Array,
+    totals: Array,
+    window: Array,
+    phi: Array,
+    output: float,
+    gain: Array,
+    ceiling: Array,
+) -> None:
+    """Add a row to a sliding window and subtract the one that leaves it; compute anew after every full window."""
+    n, place = len(estimate), int(totals[4])
+    if totals[5] == len(window):
+        add_row(estimate, factor, diagonal, totals, window[place, :n].copy(), window[place, n], -1.0, gain, ceiling)
+    else:
+        totals[5] += 1.0
+    for i in range(n):
+        window[place, i] = phi[i]
+    window[place, n] = output
+    place = (place + 1) % len(window)
+    totals[4] = place
+    if place:
+        add_row(estimate, factor, diagonal, totals, phi, output, 1.0, gain, ceiling)
+        return
+    totals[:3] = 0.0
+    for j in range(n):
+        diagonal[j] = ceiling[j] / WINDUP
+        for i in range(n):
+            factor[j, i] = 1.0 if i == j else 0.0
+    for k in range(len(window)):
+        add_row(estimate, factor, diagonal, totals, window[k, :n].copy(), window[k, n], 1.0, gain, ceiling)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def add_row(
+    estimate: Array,
+    factor: Array,
+    diagonal: Array,
+    totals: Array,
+    phi: Array,
+    output: float,
+    sign: float,
+    gain: Array,
+    ceiling: Array,
+) -> None:
+    """Add a row of weight 1 (sign 1), or subtract it again (sign −1)."""
+    error = output
+    for i in range(len(phi)):
+        error -= phi[i] * estimate[i]
+    alpha = correct(factor, diagonal, phi, gain, sign, 1.0, ceiling)
+    weight = error / alpha
+    for i in range(len(phi)):
+        estimate[i] += weight * gain[i]
+    totals[0] += sign
+    totals[1] = max(totals[1] + error * weight, 0.0)
+    totals[2] += sign
 
 
 @numba.njit(cache=True, nogil=True)
@@ -309,7 +551,8 @@ def update_by_tiles(
     n, rows = len(estimate), block.shape[1]
     top, tile = workspace(np.empty((n + 1, n + 1)))
     weight = np.sqrt(forgetting) ** np.arange(TILE - 1, -1, -1)
-    none = np.empty((0, n))
+    rule = np.array([0.0, forgetting, 0.0, forgetting, forgetting**2])  # of `Forgetting`
+    none, unwatched = np.empty((0, n)), np.empty((0, 3))
     for first in range(0, rows, TILE):
         height = min(TILE, rows - first)
         for j in range(n + 1):
@@ -318,7 +561,8 @@ def update_by_tiles(
         if height > n and np.all(diagonal <= ceiling * forgetting**height):
             _add_tile(estimate, factor, diagonal, totals, tile, height, weight[TILE - height :], forgetting, top)
         else:
-            update(estimate, factor, diagonal, totals, tile[: n + 1, :height].copy(), forgetting, ceiling, none)
+            block_now = tile[: n + 1, :height].copy()
+            update(estimate, factor, diagonal, totals, none, block_now, rule, ceiling, none, unwatched)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -354,6 +598,8 @@ def _add_tile(
             row[i] *= weight[i]
     for _ in range(height):
         totals[0] = forgetting * totals[0] + 1.0
+        totals[2] = forgetting**2 * totals[2] + 1.0
+    totals[3] = 0.0
     reflect(top, tile, height)
 
     change = top[:n, n].copy()

@@ -68,7 +68,7 @@ _TOO_WIDE_MEANS = f"{_INTERVAL_TOO_WIDE}: the parameter may be zero"
 
 
 def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]:
-    """Every physical parameter with its unit, interval, start and datasheet value; then the identifiable combinations.
+    """Every physical parameter with its unit, interval and datasheet value; then the identifiable combinations.
 
     Args:
         fit: of a physical model.
@@ -92,7 +92,6 @@ def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]
             "Status",
             "Estimate",
             "±\u00a0[%]",
-            "Start",
             *(("Datasheet",) if sheet else ()),
         ),
         tuple(cells),
@@ -317,7 +316,7 @@ def _parameter_row(row: Estimate, factor: float, sheet: bool) -> tuple[str, ...]
     too_wide = identified and factor * (row.standard_error or 0.0) > abs(row.value)
     status = f"{row.status}, {_INTERVAL_TOO_WIDE}" if too_wide else str(row.status)
     words = (row.name, _first_up(row.description), row.symbol, readable_unit(row.unit), status)
-    return (*words, *value, _plain(row.start), *((given,) if sheet else ()))
+    return (*words, *value, *((given,) if sheet else ()))
 
 
 def _with_interval(value: float, half: float) -> tuple[str, str]:

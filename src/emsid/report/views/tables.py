@@ -48,7 +48,7 @@ def results_table(
     """
     several, outputs = len({row.experiment for row in rows}) > 1, any(row.outputs for row in rows)
     words = ("Experiment",) * several + ("Model", "Method", "Data") + ("Output", "Unit") * outputs
-    numbers = ("One-step MSE", "Free-run MSE", "Free-run RMSE", "Free-run fit %", "Parameters")
+    numbers = ("Free-run fit %", "Free-run RMSE", "Free-run MSE", "One-step MSE", "Parameters")
     cells: list[tuple[str, ...]] = []
     emphasised: set[int] = set()
     best = _best_unseen(rows)
@@ -63,10 +63,10 @@ def results_table(
                 (
                     *named,
                     *of,
-                    number(errors.one_step_mse),
-                    number(errors.simulation_mse),
-                    number(errors.simulation_rmse),
                     f"{errors.fit_percent:.2f}" if isfinite(errors.fit_percent) else "–",
+                    number(errors.simulation_rmse),
+                    number(errors.simulation_mse),
+                    number(errors.one_step_mse),
                     str(row.parameters),
                     *((_published(reference, row),) if reference else ()),
                 )

@@ -11,6 +11,7 @@ from emsid.identification.candidates import CANDIDATES, Options, Regression, str
 from emsid.identification.workflow import identify
 from emsid.models.plants.datasheet import Given
 from emsid.selection.coordinate_search import coordinate_search
+from emsid.selection.improvement import StretchErrors
 
 
 def system(samples, seed, noise=0.01):
@@ -292,12 +293,15 @@ def test_a_profile_may_be_asked_for_by_the_name_of_both_directions_where_one_is_
 
 
 def test_coordinate_search_prefers_the_simpler_of_equals():
+    def everywhere(mse):
+        return StretchErrors.of(np.full(160, mse))
+
     def error(choice):
-        return abs(choice["a"] - 2) + 0.001 * choice["b"]
+        return everywhere(1 + abs(choice["a"] - 2) - 0.001 * choice["b"])
 
     assert coordinate_search(error, {"a": (1, 2, 3), "b": (1, 5, 9)}) == {"a": 2, "b": 1}
-    assert coordinate_search(lambda choice: 1.0, {"a": (1, 2), "b": (3, 4)}) == {"a": 1, "b": 3}
-    assert coordinate_search(lambda choice: float("inf"), {"a": (1, 2)}) == {"a": 1}
+    assert coordinate_search(lambda choice: everywhere(1.0), {"a": (1, 2), "b": (3, 4)}) == {"a": 1, "b": 3}
+    assert coordinate_search(lambda choice: everywhere(np.inf), {"a": (1, 2)}) == {"a": 1}
 
 
 def test_models_of_one_input_leave_none_of_several_out_in_silence():

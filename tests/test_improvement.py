@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import emsid
 from emsid import Cascade, Narx, Record, arx, concatenate
@@ -14,31 +15,68 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.free_run import free_run_error, mean_squared_error
 from emsid.record import hold_back
 from emsid.record.holding_back import FOLDS, hold_back_records, validation_splits
-from emsid.selection.improvement import Gain, as_good, better
+from emsid.selection.improvement import CHANCE, NEGLIGIBLE, StretchErrors, better
 
 SOURCES = Path(emsid.__file__).parent
 
 
-@pytest.mark.parametrize("gain", Gain)
-def test_only_more_than_the_gain_counts(gain: Gain) -> None:
-    edge = 1.0 - gain.value
-    assert better(0.999 * edge, 1.0, gain)
-    assert not better(1.001 * edge, 1.0, gain)
-    assert as_good(1.0, 1.001 * edge, gain)
-    assert not as_good(1.0, 0.999 * edge, gain)
+def coloured(rng: np.random.Generator, samples: int, pole: float) -> np.ndarray:
+    """Noise of variance 1 with this pole."""
+    return lfilter([np.sqrt(1 - pole**2)], [1, -pole], rng.standard_normal(samples))
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.9, 0.99])
+def test_models_of_equal_merit_are_called_better_as_rarely_as_stated(pole: float) -> None:
+    """Two models whose errors share the noise of the output and differ by their own deviations of equal size."""
+    rng, trials, passed = np.random.default_rng(1), 2000, 0
+    for _ in range(trials):
+        noise, one, other = (coloured(rng, 3200, pole) for _ in range(3))
+        passed += better(StretchErrors.of((noise + one) ** 2), StretchErrors.of((noise + other) ** 2))
+    assert passed / trials <= CHANCE + 2.5 * np.sqrt(CHANCE * (1 - CHANCE) / trials)
+
+
+def test_a_small_gain_that_lasts_is_found_and_a_large_one_of_a_moment_is_not() -> None:
+    rng = np.random.default_rng(2)
+    noise, extra = rng.standard_normal((2, 16_000))
+    simple = StretchErrors.of((noise + 0.25 * extra) ** 2)
+    assert better(StretchErrors.of(noise**2), simple)  # 6 % of the mean square, everywhere
+    shock = np.zeros(16_000)
+    shock[7000:7100] = 5.0
+    assert StretchErrors.of((noise + shock) ** 2).mean > 1.1 * StretchErrors.of(noise**2).mean
+    assert not better(StretchErrors.of(noise**2), StretchErrors.of((noise + shock) ** 2))
+
+
+def test_a_negligible_gain_does_not_count_however_sure_it_is() -> None:
+    flat = np.ones(1600)
+    assert better(StretchErrors.of((1 - 1.01 * NEGLIGIBLE) * flat), StretchErrors.of(flat))
+    assert not better(StretchErrors.of((1 - 0.99 * NEGLIGIBLE) * flat), StretchErrors.of(flat))
+
+
+def test_the_unit_of_the_output_does_not_matter() -> None:
+    rng = np.random.default_rng(3)
+    one, other = rng.standard_normal((2, 400)) ** 2
+    for scale in (1.0, 0.8, 0.6):
+        answers = {better(StretchErrors.of(k * scale * one), StretchErrors.of(k * other)) for k in (1e-12, 1.0, 1e12)}
+        assert len(answers) == 1
+
+
+def test_samples_of_a_transient_do_not_count() -> None:
+    squares = np.array([np.nan] * 300 + [4.0] * 100 + [1.0] * 400)
+    errors = StretchErrors.of(squares)
+    assert errors.mean == pytest.approx(1.6)
+    assert errors.samples.sum() == 500
+    longer = StretchErrors.of(np.where(np.arange(800) < 400, np.nan, 0.5 * squares))
+    assert longer.mean == 0.5
+    assert better(longer, errors)  # of the stretches that both have
+    joined = StretchErrors.joined([errors, longer])
+    assert joined.mean == pytest.approx((500 * 1.6 + 400 * 0.5) / 900)
 
 
 def test_a_model_that_diverges_is_worse_than_any_other() -> None:
-    assert better(1.0, np.inf, Gain.PLANT)
-    assert not better(np.inf, 1.0, Gain.PLANT)
-    assert as_good(np.inf, np.inf, Gain.REGRESSION)
-    assert not as_good(np.inf, 1.0, Gain.REGRESSION)
-
-
-def test_the_three_thresholds_have_their_values() -> None:
-    assert 1 / (1 - Gain.REGRESSION.value) == pytest.approx(1.01)
-    assert np.sqrt(1 - Gain.CASCADE.value) == pytest.approx(0.98)
-    assert Gain.PLANT.value == 0.1
+    fine, lost = StretchErrors.of(np.ones(100)), StretchErrors.of(np.where(np.arange(100) > 90, np.inf, 1.0))
+    assert better(fine, lost)
+    assert not better(lost, fine)
+    assert not better(lost, lost)
 
 
 def test_every_kind_of_model_is_chosen_by_this_rule() -> None:

@@ -28,6 +28,7 @@ from emsid.models.blocks.search.topologies import (
     CascadeSearch,
     Topology,
 )
+from emsid.models.free_run import squared_errors
 from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.drive import Bridge
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
@@ -42,7 +43,7 @@ from emsid.models.regression.narx import Structure
 from emsid.models.regression.structures import arx, friction_narx, input_knots, wiener_hammerstein_regression
 from emsid.record import Record, hold_back
 from emsid.selection.coordinate_search import coordinate_search
-from emsid.validation.comparison import assess
+from emsid.selection.improvement import StretchErrors
 
 
 @dataclass(frozen=True)
@@ -146,13 +147,13 @@ class Regression:
             exact = 1e-20 * float(np.var(rest.output))  # smaller differences are rounding
             problems: list[Exception] = []
 
-            def error(choice: Mapping[str, int]) -> float:
+            def error(choice: Mapping[str, int]) -> StretchErrors:
                 try:
                     fit = options.estimate(self.build(record, choice), train)
-                    return max(assess(fit, rest, start).row.simulation_mse, exact)
+                    return StretchErrors.of(np.maximum(squared_errors(fit.model, [rest], start), exact))
                 except (EmsidError, ValueError, ArithmeticError) as problem:  # leave out a choice that cannot be fitted
                     problems.append(problem)
-                    return np.inf
+                    return StretchErrors.of(np.full(len(rest), np.inf))
 
             total = ROUNDS * sum(map(len, choices.values()))
             chosen = coordinate_search(
@@ -161,7 +162,7 @@ class Regression:
                 ROUNDS,
                 progress=lambda fraction: control.doing("choosing orders", round(fraction * total), total),
             )
-            if problems and np.isinf(error(chosen)):
+            if problems and np.isinf(error(chosen).mean):
                 raise problems[0]
         return options.estimate(self.build(record, chosen), record)
 

@@ -79,6 +79,29 @@ def mean_squared_error(measured: Array, modelled: Array) -> float:
     return float(np.mean(error**2)) if np.isfinite(error).all() else float("inf")
 
 
+def squared_errors(model: Model, records: Iterable[Record], transient: int | None = None) -> Array:
+    """(N,) the squared free-run error of every sample of all records, the mean over their outputs.
+
+    Args:
+        model: any model.
+        records: with the channels of the model.
+        transient: as in `free_run`.
+
+    Returns:
+        NaN for samples of a transient, and infinity from where a run diverges.
+
+    Raises:
+        ModelError: as `free_run` does.
+    """
+    found = []
+    for record in records:
+        run = free_run(model, record, transient)
+        squares = np.mean((record.output - run.output) ** 2, axis=1)
+        squares[~np.isfinite(squares)] = np.inf
+        found.append(np.where(run.counted, squares, np.nan))
+    return np.concatenate(found)
+
+
 def free_run_error(model: Model, records: Iterable[Record], transient: int | None = None) -> float:
     """The mean squared error of the free run over all records after their transients; infinite without samples.
 
@@ -90,12 +113,9 @@ def free_run_error(model: Model, records: Iterable[Record], transient: int | Non
     Raises:
         ModelError: as `free_run` does.
     """
-    pairs = []
-    for record in records:
-        run = free_run(model, record, transient)
-        pairs.append((record.output[run.counted], run.output[run.counted]))
-    measured, modelled = (np.concatenate(part) for part in zip(*pairs, strict=True))
-    return mean_squared_error(measured, modelled) if measured.size else float("inf")
+    squares = squared_errors(model, records, transient)
+    counted = squares[~np.isnan(squares)]
+    return float(np.mean(counted)) if counted.size else float("inf")
 
 
 def as_record(model: Model, data: Record | ArrayLike, dt: float | None = None) -> Record:

@@ -10,19 +10,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from itertools import chain, repeat
 
-from emsid.selection.improvement import Gain, as_good
+from emsid.selection.improvement import StretchErrors, better
 
 
 def coordinate_search(
-    error: Callable[[Mapping[str, int]], float],
+    error: Callable[[Mapping[str, int]], StretchErrors],
     choices: Mapping[str, Sequence[int]],
     rounds: int = 2,
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, int]:
-    """Choose a value for every name, one name at a time, so that the error is small.
+    """Choose a value for every name, one name at a time, so that the free-run error is small.
 
     Args:
-        error: of a model with these choices on unseen data; may be infinite.
+        error: of the free run of a model with these choices on unseen data; may be infinite.
         choices: the allowed values of every name, from simple to complex; the search starts in the middle.
         rounds: the number of passes over all names.
         progress: called with the fraction that is done.
@@ -30,9 +30,9 @@ def coordinate_search(
     Returns:
         The chosen value of every name.
     """
-    known: dict[tuple[int, ...], float] = {}
+    known: dict[tuple[int, ...], StretchErrors] = {}
 
-    def error_of(choice: Mapping[str, int]) -> float:
+    def error_of(choice: Mapping[str, int]) -> StretchErrors:
         key = tuple(choice.values())
         if key not in known:
             known[key] = error(choice)
@@ -47,6 +47,6 @@ def coordinate_search(
             done += 1
             if progress is not None:
                 progress(done / total)
-        least = min(errors)
-        chosen[name] = next(v for v, e in zip(choices[name], errors, strict=True) if as_good(e, least, Gain.REGRESSION))
+        best = min(errors, key=lambda each: each.mean)
+        chosen[name] = next(v for v, e in zip(choices[name], errors, strict=True) if e is best or not better(best, e))
     return chosen

@@ -1,50 +1,103 @@
 """Whether a model is better by more than noise. Every choice between models uses this rule.
 
-Models are compared, from simple to complex, by the mean square error of their free run on unseen data. A more complex
-model is chosen only if it lowers that error by more than chance explains. The threshold depends on the number of
-independent errors in the unseen data, and so on the correlation time of the free-run errors of this kind of model. The
-three thresholds are defined here only.
+Models are compared, from simple to complex, by their free runs over the same samples. The samples are divided into
+stretches of equal length, and the mean square errors of two models are paired, stretch by stretch, since both models
+meet the same noise in each. A more complex model is chosen if it saves at least `NEGLIGIBLE` of the mean square error,
+and if the mean of the paired differences is larger than chance explains: Student's t, one-sided, at the level `CHANCE`,
+which is one standard error. Free-run errors last for many samples, and so stretches are long; a correlation ρ that
+remains between neighbouring differences multiplies their variance by (1 + ρ)/(1 - ρ).
 
 Refinements of a plant are compared on the record that they were fitted to, by Schwarz's criterion, since the end of a
 record shows little of what a refinement changes; the number of samples in it is that of independent errors.
 
 References:
+    Diebold, Mariano, *Comparing predictive accuracy*, Journal of Business & Economic Statistics 13 (1995), on paired
+    differences of squared errors.
+    Breiman, Friedman, Olshen, Stone, *Classification and Regression Trees* (1984), on one standard error.
     Schwarz, *Estimating the dimension of a model*, Annals of Statistics 6 (1978).
 """
 
 from __future__ import annotations
 
-from enum import Enum
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import inf, log
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
 
-class Gain(Enum):
-    """The relative reduction of the mean square error that a more complex model must reach, by kind of model."""
+Array = NDArray[np.float64]
 
-    REGRESSION = 1 / 101  # errors of a difference equation last a few samples: up to 1.01 times the smallest is as good
-    CASCADE = 1 - 0.98**2  # errors last as long as the impulse responses: 2 % of the root mean square
-    PLANT = 0.1  # a free run drifts, and its errors last for seconds: a gain of a few percent is chance
-
-
-def limit(error: float, gain: Gain) -> float:
-    """The mean square error below which a more complex model replaces one with this error."""
-    return (1.0 - gain.value) * error
+STRETCHES = 16
+"""The number of stretches that the samples are divided into."""
+NEGLIGIBLE = 0.02
+"""A smaller relative reduction of the mean square error (1 % of its root) is not worth another parameter."""
+CHANCE = 0.16
+"""The probability that a model without a real advantage passes the test of paired differences."""
 
 
-def better(error: float, than: float, gain: Gain) -> bool:
-    """Whether a mean square error is smaller than another one by more than noise.
+@dataclass(frozen=True, eq=False)
+class StretchErrors:
+    """The free-run error of a model, stretch by stretch.
+
+    Attributes:
+        means: (s,) mean square error of every stretch; infinite where the run diverged, zero where no sample counts.
+        samples: (s,) how many samples of each stretch count.
+    """
+
+    means: Array
+    samples: Array
+
+    @classmethod
+    def of(cls, squares: Array, stretches: int = STRETCHES) -> StretchErrors:
+        """From squared errors.
+
+        Args:
+            squares: (N,) of every sample in order; NaN for samples that do not count, such as a transient.
+            stretches: the number of stretches to divide them into.
+        """
+        counted = [part[~np.isnan(part)] for part in np.array_split(squares, stretches)]
+        means = [float(np.mean(part)) if len(part) else 0.0 for part in counted]
+        return cls(np.array(means), np.array([float(len(part)) for part in counted]))
+
+    @classmethod
+    def joined(cls, several: Sequence[StretchErrors]) -> StretchErrors:
+        """The stretches of several parts of the data."""
+        return cls(np.concatenate([each.means for each in several]), np.concatenate([each.samples for each in several]))
+
+    @property
+    def mean(self) -> float:
+        """The mean square error over all samples; infinite without any."""
+        return float(np.average(self.means, weights=self.samples)) if self.samples.any() else inf
+
+
+def better(model: StretchErrors, than: StretchErrors) -> bool:
+    """Whether a more complex model is better than a simpler one by more than noise.
 
     Args:
-        error: of the more complex model.
-        than: of the simpler one.
-        gain: the threshold for this kind of model.
+        model: the errors of the more complex model.
+        than: those of the simpler one on the same samples.
     """
-    return error < limit(than, gain)
+    if not np.isfinite(than.mean):
+        return bool(np.isfinite(model.mean))
+    if not matters(model.mean, than.mean):
+        return False
+    saved = (than.means - model.means)[(than.samples > 0) & (model.samples > 0)]
+    return len(saved) < 2 or float(np.mean(saved)) > stdtrit(len(saved) - 1, 1 - CHANCE) * _deviation_of_mean(saved)
 
 
-def as_good(error: float, smallest: float, gain: Gain) -> bool:
-    """Whether a simpler model is as good as the best: the best is not better by more than noise."""
-    return error <= smallest or not better(smallest, error, gain)
+def matters(error: float, than: float) -> bool:
+    """Whether one mean square error is smaller than another by more than a negligible part of it."""
+    return error < (1.0 - NEGLIGIBLE) * than
+
+
+def _deviation_of_mean(values: Array) -> float:
+    """The standard deviation of the mean of a series whose neighbours may be correlated."""
+    rest = values - values.mean()
+    power = float(rest @ rest)
+    correlation = max(float(rest[1:] @ rest[:-1]) / power, 0.0) if power > 0 else 0.0
+    return float(np.sqrt(power / (len(values) - 1) / len(values) * (1 + correlation) / (1 - correlation)))
 
 
 def schwarz_gain(error: float, than: float, samples: float, parameters: int) -> float:

@@ -36,10 +36,10 @@ from emsid.models.blocks.search.starts import (
     started,
 )
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
-from emsid.models.free_run import free_run_error
+from emsid.models.free_run import free_run_error, squared_errors
 from emsid.record import Record
 from emsid.record.holding_back import Split
-from emsid.selection.improvement import Gain, better
+from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters
 
 T = TypeVar("T")
 
@@ -52,6 +52,8 @@ REFINED_MAPS = 2
 CHOICE_STEPS, CHOICE_TOLERANCE, CHOICE_SAVING = 25, 0.2, 1e-3
 # Random starts are tried unless the error of another start is below this fraction of the output.
 LINEAR_SUFFICES = 0.5
+# The error of a model that has not been run on unseen data.
+UNKNOWN = StretchErrors.of(np.array([np.inf]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,17 +62,22 @@ class Choice:
 
     Attributes:
         model: the model with all its parameters.
-        error: root mean square of its free-run error on unseen data.
+        unseen: its free-run error on unseen data.
         known: the same on the data that it was refined on.
         size: the size of its map.
         family: the family of its map; None for a trial map.
     """
 
     model: Cascade
-    error: float
+    unseen: StretchErrors
     known: float
     size: int = 0
     family: Family | None = None
+
+    @property
+    def error(self) -> float:
+        """Root mean square of its free-run error on unseen data."""
+        return float(np.sqrt(self.unseen.mean))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +121,7 @@ def improving(
             refined = _refined(placed, part, rounds, settings.threads, control, best)
         if refined:
             choice = _simplest(refined, _complexity)
-            if best is None or improves(choice.error, best.error):
+            if best is None or better(choice.unseen, best.unseen):
                 best = choice
                 yield best
     assert best is not None
@@ -134,13 +141,13 @@ def improving(
 
 
 def _simplest(choices: Sequence[Choice], complexity: Callable[[Choice], int]) -> Choice:
-    """The simplest choice that no more complex one improves by more than noise, see `improves`.
+    """The simplest choice that no more complex one improves by more than noise, see `better`.
 
     A complex model with a larger free-run error than a simpler one on the data that it was refined on is not chosen.
     """
     chosen, *others = sorted(choices, key=lambda choice: (complexity(choice), choice.error))
     for choice in others:
-        if improves(choice.error, chosen.error) and choice.known < chosen.known:
+        if better(choice.unseen, chosen.unseen) and choice.known < chosen.known:
             chosen = choice
     return chosen
 
@@ -230,16 +237,17 @@ def _refined(
 
     def refine(plan: Plan) -> Choice:
         found = searched(plan.model, part, **budget)
-        return Choice(found.model, np.inf, found.error, plan.size, plan.family)
+        return Choice(found.model, UNKNOWN, found.error, plan.size, plan.family)
 
     def compare(choice: Choice) -> Choice:
         models = [
             choice.model if len(rounds) == 1 else searched(choice.model, rest, **budget).model for rest, _ in rounds
         ]
-        held = [free_run_error(model, unseen) for model, (_, unseen) in zip(models, rounds, strict=True)]
-        if not np.isfinite(held).all():
+        parts = [squared_errors(model, unseen) for model, (_, unseen) in zip(models, rounds, strict=True)]
+        unseen = StretchErrors.joined([StretchErrors.of(part, STRETCHES // len(rounds)) for part in parts])
+        if not np.isfinite(unseen.mean):
             raise ModelError(f"{choice.model.name}: the free run diverges on the data held back")
-        return replace(choice, error=float(np.sqrt(np.mean(held))))
+        return replace(choice, unseen=unseen)
 
     problems: list[Exception] = []
     refined = _successes(refine, plans, threads, control, problems)
@@ -251,7 +259,7 @@ def _refined(
             ranked, refined = _successes(compare, refined[:1], threads, control, problems), refined[1:]
         # A choice that is worse than this on the data that it was refined on cannot be the best on unseen data.
         best = min((choice.error for choice in (*ranked, rival) if choice), default=np.inf)
-        refined = [choice for choice in refined if not improves(best, choice.known)]
+        refined = [choice for choice in refined if not matters(best**2, choice.known**2)]
     ranked = sorted(
         [*ranked, *_successes(compare, refined, threads, control, problems)], key=lambda choice: choice.error
     )
@@ -353,11 +361,6 @@ def with_spread_knots(choice: Choice, records: Sequence[Record], settings: Casca
     if family is None or not family.sizes or len(choice.model.blocks) < 2:
         return choice.model
     return started(choice.model, lambda x, z: family.start(x, z, choice.size), as_arrays(records))
-
-
-def improves(error: float, than: float) -> bool:
-    """Whether one root mean square error is smaller than another by more than noise."""
-    return better(error**2, than**2, Gain.CASCADE)
 
 
 def _through(order: int | None) -> Rational:

@@ -50,7 +50,7 @@ from emsid.models.plants.search.starts import motions, plausible_motions
 from emsid.models.plants.search.task import fixed_values
 from emsid.models.plants.search.trials import Trial, Trials, gain
 from emsid.record import Record
-from emsid.selection.improvement import Gain, better
+from emsid.selection.improvement import StretchErrors, better
 
 STARTS: Mapping[str, Plant] = {name: kind.start for name, kind in PLANTS.items()}
 """A plant of every kind to begin with where nothing is known."""
@@ -208,13 +208,12 @@ class _Choice:
         errors = []
         halves = self._record.split(0.5)
         for how in (all_alike, recent):
-            error = 0.0
+            parts = []
             for known, unseen in (halves, halves[::-1]):
                 half = replace(trials, segments=known.segments, weighting=how)
-                fitted = half.fitted([plant], names)
-                error += np.inf if fitted is None else half.unseen_error(fitted, unseen.segments)
-            errors.append(error)
-        if better(errors[1], errors[0], Gain.PLANT):
+                parts.append(half.unseen_error(half.fitted([plant], names), unseen.segments))
+            errors.append(StretchErrors.joined(parts))
+        if better(errors[1], errors[0]):
             self.drifts = recent.time
             return recent
         return all_alike
@@ -242,7 +241,7 @@ class _Choice:
     def _is_better(self, trial: Trial | None, refine: Refinement) -> TypeGuard[Trial]:
         if trial is None or gain(self.trial, trial) <= 0:
             return False
-        return refine not in EXTRAPOLATES or better(trial.mean_square, self.trial.mean_square, Gain.PLANT)
+        return refine not in EXTRAPOLATES or better(trial.errors, self.trial.errors)
 
     def _exchange(self, refinements: Sequence[Refinement]) -> None:
         for mine, name in LOOK_ALIKE.items():

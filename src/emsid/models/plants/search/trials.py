@@ -32,7 +32,7 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant, Limits
 from emsid.models.plants.search.task import cost_of
 from emsid.record import Record
-from emsid.selection.improvement import schwarz_gain
+from emsid.selection.improvement import StretchErrors, schwarz_gain
 
 Array = NDArray[np.float64]
 
@@ -63,6 +63,11 @@ class Trial:
     states: list[Array]
     cost: float
     residuals: list[Array]
+
+    @property
+    def errors(self) -> StretchErrors:
+        """The weighted free-run error, stretch by stretch."""
+        return StretchErrors.of(np.concatenate(self.residuals) ** 2)
 
     @property
     def mean_square(self) -> float:
@@ -145,11 +150,13 @@ class Trials:
                 trial = self._trial(again)
         return trial
 
-    def unseen_error(self, trial: Trial, segments: Sequence[Record]) -> float:
-        """Mean square error of the free run over other records, from what their first samples show."""
+    def unseen_error(self, trial: Trial | None, segments: Sequence[Record]) -> StretchErrors:
+        """Error of the free run over other records, from what their first samples show; infinite where it fails."""
         other = replace(self, segments=tuple(segments), weighting=all_alike)
-        problem = other._problem(trial.plant, (), None)
-        return inf if problem is None else cost_of(problem) / sum(segment.output.size for segment in segments)
+        problem = None if trial is None else other._problem(trial.plant, (), None)
+        if problem is None:
+            return StretchErrors.of(np.full(sum(segment.output.size for segment in segments), inf))
+        return StretchErrors.of(np.concatenate(problem.residuals(problem.start)) ** 2)
 
     def _problem(self, plant: DrivenPlant, names: Sequence[str], states: Sequence[Array] | None) -> FreeRunError | None:
         bounds = self._bounds(plant, names)

@@ -143,9 +143,9 @@ class RecursiveState:
             tail: Any = data["tail"]
             past = None
             if tail is not None:
-                samples = (np.array(tail[side], dtype=float) for side in ("input", "output"))
-                names = (tuple(tail[name]) for name in _NAMES)
-                past = Record(*samples, tail["dt"], *names, times=(tail["time"],), name=tail["name"])
+                u, y = np.array(tail["input"], dtype=float), np.array(tail["output"], dtype=float)
+                past = Record(u, y, tail["dt"], times=(tail["time"],), name=tail["name"])
+                past = replace(past, **{name: tuple(tail[name]) for name in _NAMES})
             numbers: dict[str, Any] = {name: kind(data[name]) for name, kind in _NUMBERS.items()}
         except (KeyError, TypeError, ValueError) as problem:
             raise ModelError(f"not a state of a recursion ({problem}); save it again") from None

@@ -673,7 +673,7 @@ EMSID = [sys.executable, "-c", "from emsid.cli import main; main()"]
     ("words", "said"),
     [
         (("identif",), "no such command 'identif'. Did you mean 'identify'?; see emsid --help"),
-        (("identify",), "missing argument 'FILE...'; see emsid identify --help"),
+        (("identify",), "missing argument 'FILE...'; give a file, or columns of files"),
         (("identify", "a.csv", "--na", "x"), "invalid value for '--na': "),
         (("study", "--bogus"), "no such option: --bogus"),
         (("study", "--step", "nan"), "sample time of nan s; give a finite number"),

@@ -98,6 +98,23 @@ def test_text_in_a_column_of_decimal_commas_stays_and_the_numbers_are_read() -> 
     assert columns_of("t;u\n0;1,234.5\n1;2.5\n").series["u"].to_list() == ["1,234.5", "2.5"]  # thousands: not guessed
 
 
+@pytest.mark.parametrize(
+    ("content", "where"),
+    [
+        (b"t,u,y\n0,1,2\n1,2,3\n2,3\n", ["row 4 of the file has 2 values where the others have 3 ('2 3')"]),
+        (b"t,u\n0,1\n1,2,3\n2,3\n3,4\n", ["row 3 of the file has 3 values where the others have 2 ('1 2 3')"]),
+        (b"t u\n0 1\n# x\n1\n2 3\n3 4\n", ["row 4 of the file has 1 value where the others have 2 ('1')"]),
+        (b"t u\n0 1\n# x\n2 3\n3 4\n", []),
+    ],
+)
+def test_lines_of_another_width_are_kept_apart(content: bytes, where: list[str]) -> None:
+    columns = read_table(content)
+    assert [str(row) for row in columns.damaged] == where
+    for row in columns.damaged:
+        assert row.is_sample
+        assert all(series[row.row] is None for series in columns.series.values())
+
+
 def test_data_that_begin_with_missing_values() -> None:
     columns = columns_of("t,u\nNA,NA\nNA,NA\n1,2\n3,4\n")
     assert list(columns.series) == ["t", "u"]
@@ -109,9 +126,7 @@ def test_data_that_begin_with_missing_values() -> None:
     [
         (b"# only\n# comments\n\n", "no table in this file, only comments or blank lines"),
         (b"Dear reader,\nhow are you?\n", "no numbers in this file"),
-        (b"t,u,y\n0,1,2\n1,2,3\n2,3\n", "row 4 of the file has 2 values where the others have 3; the file is cut off"),
-        (b"t,u\n0,1\n1,2,3\n2,3\n3,4\n", "row 3 of the file has 3 values where the others have 2"),
-        (b"t u\n0 1\n# x\n1\n2 3\n3 4\n", "row 4 of the file has 1 value where"),
+        (b"t,u\n0,1\n2\n3\n4\n5,6\n7,8\n9,1,2\n9,1,3\n", "row 3 of the file has 1 value where the others have 2"),
         (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "not a text table; it looks like a PNG image"),
         (b"PK\x03\x04 spreadsheet", "it looks like a ZIP archive"),
         (b"MATLAB 5.0 MAT-file, Platform: X", "it looks like a MAT file"),

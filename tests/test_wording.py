@@ -170,6 +170,14 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("next-physical-model", "arx"),
     Finding("next-other-experiment", "log.csv, unseen part"),
     Finding("next-use-model", "arx"),
+    # files and the quality of data
+    Finding("sample-time-implausible", "log.csv", {"dt": 10.048}),
+    Finding("sample-time-implausible", "log.csv", {"dt": 1e-8}),
+    *(
+        Finding("rows-skipped", "log.csv", {"count": count, "rows": 9000, "line": 8253, "text": text, "messages": 1})
+        for count, text in ((1, "[RxCallback]Communication Status #: 6"), (3, ""))
+    ),
+    *(Finding("clock-reset", "log.csv", {"count": count, "column": "t", "line": 32}) for count in (1, 2)),
     # the study
     Finding("study-load-friction", data={"mse": 0.012, "share": 0.001, "paper": 0.01, "negligible": True}),
     Finding("study-load-friction", data={"mse": 12.0, "share": 0.2, "paper": 0.01, "negligible": False}),

@@ -1,7 +1,7 @@
 """The options for reading files, shared by all commands that read records."""
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -34,6 +34,24 @@ class Reader:
         from emsid.io import read
 
         return read(path, **self.given)
+
+    def files(self, files: Sequence[Path]) -> list[Path]:
+        """The given files, or the one of the output where that is a column of a named file: ``y.csv:1``.
+
+        Raises:
+            DataError: where there is no file, or no input or output is named.
+        """
+        from emsid.io import file_and_column
+
+        for name in ("input", "output"):
+            if not self.given.get(name) and files:
+                shown = f"`emsid describe {files[0]}` shows the columns"
+                raise DataError(f"name the {name} column; {shown}", arguments=(name,))
+        found = [file_and_column(name) for name in self.given.get("output", ())]
+        files = list(files) or [each[0] for each in found if each][:1]
+        if not files:
+            raise DataError("missing argument 'FILE...'; give a file, or columns of files, such as --output y.csv:1")
+        return files
 
     @property
     def typed(self) -> list[str]:
@@ -74,11 +92,12 @@ def _rows(text: str) -> slice:
 
 
 Input = Annotated[
-    list[str], typer.Option("--input", "-u", metavar="COL", help="Input column, such as the voltage; may be repeated.")
+    list[str],
+    typer.Option("--input", "-u", metavar="COL", help="Input column, or FILE:COL; may be repeated."),
 ]
 Output = Annotated[
     list[str],
-    typer.Option("--output", "-y", metavar="COL", help="Output column, or d(COL) for the derivative of a column."),
+    typer.Option("--output", "-y", metavar="COL", help="Output column, or FILE:COL; d(COL) for a derivative."),
 ]
 Dt = Annotated[
     float | None, typer.Option(metavar="S", parser=quantity("s"), help="Sample time: 0.001 (seconds) or 1ms.")
@@ -109,12 +128,25 @@ DerivativeWindow = Annotated[
     int | None,
     typer.Option(metavar="N", help="Samples (odd) in the filter of d(COL).  [default: 9]", show_default=False),
 ]
+SkipBadRows = Annotated[
+    bool, typer.Option("--skip-bad-rows", help="Leave out damaged rows and messages of the logger, at most 2 %.")
+]
+Filter = Annotated[
+    float | None,
+    typer.Option(metavar="HZ", parser=quantity("Hz"), help="Low-pass filter all channels, forwards and backwards."),
+]
+Decimate = Annotated[
+    int | None, typer.Option(metavar="N", help="Keep every N-th sample, after an anti-alias filter.", min=1)
+]
+Detrend = Annotated[
+    int | None, typer.Option(metavar="ORDER", help="Subtract the mean (0) or a line (1) from every channel.", min=0)
+]
 
 
 def _reader(
     *,
-    input: Input,
-    output: Output,
+    input: Input = [],  # noqa: B006
+    output: Output = [],  # noqa: B006
     dt: Dt = None,
     time: Time = None,
     time_unit: TimeUnit = None,
@@ -128,6 +160,10 @@ def _reader(
     supply_voltage: SupplyVoltage = None,
     pwm_full_scale: PwmFullScale = None,
     derivative_window: DerivativeWindow = None,
+    skip_bad_rows: SkipBadRows = False,
+    filter: Filter = None,
+    decimate: Decimate = None,
+    detrend: Detrend = None,
 ) -> dict[str, Any]:
     """Convert the options to arguments of `emsid.io.read`."""
     given = {
@@ -146,6 +182,10 @@ def _reader(
         "pwm_full_scale": pwm_full_scale,
         "resample": resample or None,
         "derivative_window": derivative_window,
+        "skip_bad_rows": skip_bad_rows or None,
+        "filter": filter,
+        "decimate": decimate,
+        "detrend": detrend,
     }
     return {name: value for name, value in given.items() if value not in (None, {}, [])}
 

@@ -183,12 +183,19 @@ def unused_requests(
     return findings + _about_codes(plants, models, options, record)
 
 
+def codes_of_channel(options: Options, record: Record) -> Options:
+    """The options with codes as values of the channel; they are given as the numbers of the file, as in a mask."""
+    channel = record.input_names[-1]
+    return replace(options, codes=tuple((record.converted(channel, code), state) for code, state in options.codes))
+
+
 def _about_codes(plants: Mapping[str, Plant], models: Sequence[str], options: Options, record: Record) -> list[Finding]:
     """Values given as codes that never occur, and models that have no codes."""
     if not options.codes:
         return []
     values = [float(value) for value, _ in options.codes]
-    absent = [value for value in values if value not in record.input[:, -1]]
+    channel = record.input_names[-1]
+    absent = [value for value in values if record.converted(channel, value) not in record.input[:, -1]]
     return [
         *(Finding("code-never-occurs", record.input_names[-1], {"value": value}) for value in absent),
         *(

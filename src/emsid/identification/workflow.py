@@ -26,7 +26,14 @@ from emsid.identification.observations import (
     profile_failure,
 )
 from emsid.identification.records import Records, given_records
-from emsid.identification.requests import check_physics, model_names, plants_of, understood, unused_requests
+from emsid.identification.requests import (
+    check_physics,
+    codes_of_channel,
+    model_names,
+    plants_of,
+    understood,
+    unused_requests,
+)
 from emsid.identification.result import Identification
 from emsid.models.plants.grey_box import assumptions
 from emsid.models.plants.parameters import parts
@@ -78,9 +85,10 @@ def identify(
     others = () if isinstance(unseen, (int, float)) else given_records(unseen, reading)
     record = as_one(several)
     options = understood(options, names)
+    given, options = options, codes_of_channel(options, record)
     plants = plants_of(names, options)
     check_physics(plants, names, options)
-    findings = unused_requests(plants, names, options, record)
+    findings = [*record.findings, *unused_requests(plants, names, given, record)]
     findings += [each.about(name) for name, plant in plants.items() for each in assumptions(plant, record)]
 
     train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)

@@ -15,6 +15,12 @@ if TYPE_CHECKING:
     import polars as pl
 
 
+MOST_SHOWN = 60
+"""Characters of a damaged line that a message shows."""
+
+HALF_A_DAY = 12 * 3600 * 10**9
+"""In nanoseconds, in which times of day are counted."""
+
 UNITS = "emsid.units"
 """Under this name, formats without a header line hold the units of their columns, a JSON table by name."""
 
@@ -36,6 +42,33 @@ def units_from_json(text: str) -> dict[str, str]:
 
 
 @dataclass(frozen=True)
+class DamagedRow:
+    """A line among the data with another number of values than the rest.
+
+    Attributes:
+        row: the data row that it is, or before which it stands, counted from 0.
+        line: of the file, 1-based.
+        text: the line.
+        values: the number of its values, and ``expected``, that of the rest.
+        is_sample: whether it takes the place of a sample, as a line that was cut off does. A line without any number,
+            such as a message of the logger, does not.
+    """
+
+    row: int
+    line: int
+    text: str
+    values: int
+    expected: int
+    is_sample: bool
+
+    def __str__(self) -> str:
+        return (
+            f"row {self.line} of the file has {self.values} value{'s' * (self.values != 1)} where the others have "
+            f"{self.expected} ({self.text[:MOST_SHOWN]!r})"
+        )
+
+
+@dataclass(frozen=True)
 class Columns:
     """The content of one file.
 
@@ -46,6 +79,9 @@ class Columns:
         units: the unit of a column, from a row under the header or from `UNITS`, if the file has one.
         preamble: the lines above the header, for hints.
         lines: the line of the file that each row was read from, 1-based; None for formats without lines.
+        damaged: the lines among the data that are no row of the table. Where such a line takes the place of a sample,
+            every column has a missing value there.
+        clocks: the time column of each column, for formats in which columns have times of their own.
     """
 
     series: Mapping[str, pl.Series]
@@ -53,6 +89,8 @@ class Columns:
     units: Mapping[str, str] = field(default_factory=dict)
     preamble: tuple[str, ...] = ()
     lines: Sequence[int] | None = None
+    damaged: tuple[DamagedRow, ...] = ()
+    clocks: Mapping[str, str] = field(default_factory=dict)
 
     def number(self, row: int) -> int:
         """The number under which the user finds row ``row`` (counted from 0)."""
@@ -66,6 +104,25 @@ class Columns:
     def place(self, row: int) -> str:
         """Where the user finds row ``row`` (counted from 0)."""
         return self.placed.format(self.number(row))
+
+
+def as_numbers(series: pl.Series) -> NDArray[np.float64]:
+    """(N,) the values as real numbers, NaN where there is none; dates and durations become seconds.
+
+    Times of day that fall by more than half a day have passed midnight.
+    """
+    import polars as pl
+
+    if series.dtype == pl.Date:
+        series = series.cast(pl.Datetime("ms"))
+    if series.dtype.is_temporal():
+        physical = series.to_physical()
+        if series.dtype == pl.Time:
+            nights = (physical.diff() < -HALF_A_DAY).fill_null(False).cum_sum()
+            physical = physical + 2 * HALF_A_DAY * nights.cast(pl.Int64)
+        per_second = {"ms": 1e3, "us": 1e6, "ns": 1e9}[getattr(series.dtype, "time_unit", None) or "ns"]
+        series = (physical - physical.min()).cast(pl.Float64) / per_second
+    return series.cast(pl.Float64, strict=False).fill_null(np.nan).to_numpy().astype(np.float64)
 
 
 def nearest(name: str, candidates: Iterable[str]) -> str:

@@ -13,26 +13,24 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError, FormatError, some
-from emsid.io.columns import Columns, nearest
+from emsid.findings import Finding
+from emsid.io.columns import MOST_SHOWN, Columns, DamagedRow, as_numbers, nearest
 from emsid.io.derivative import check_window, derivative
 from emsid.io.files import read_bytes
 from emsid.io.mask import left_out
 from emsid.io.mat import read_mat
 from emsid.io.npz import read_npz
+from emsid.io.other_files import with_other_files
 from emsid.io.parquet import read_parquet
 from emsid.io.table import read_table
 from emsid.record import Record, concatenate, time_axis
 from emsid.record import resample as resampled
 from emsid.units import SI
-
-if TYPE_CHECKING:
-    import polars as pl
 
 Array = NDArray[np.float64]
 
@@ -50,12 +48,18 @@ READERS: dict[str, Callable[[bytes], Columns]] = {
 BRIDGED = 10
 """Resampling interpolates over gaps shorter than this many sample times; a longer gap ends a segment."""
 
-HALF_A_DAY = 12 * 3600 * 10**9
-"""In nanoseconds, in which times of day are counted."""
+MOST_SKIPPED = 0.02
+"""At most this share of the rows of a file are skipped as bad."""
+
+SHORTEST, LONGEST = 1e-6, 1.0
+"""Sample times in seconds outside this range are questioned."""
+
+_RESET = 10
+"""A time column that goes back has been reset if at least this many rows follow each other between the resets."""
 
 _AGREEMENT = 0.01  # allowed relative difference between a given sample time and that of the time column
 
-_SECONDS = {
+SECONDS = {
     "ns": 1e-9,
     "us": 1e-6,
     "µs": 1e-6,  # the micro sign
@@ -120,13 +124,18 @@ def read(
     pwm_full_scale: float = 255.0,
     resample: bool = False,
     derivative_window: int = 9,
+    skip_bad_rows: bool = False,
+    filter: float | None = None,
+    decimate: int = 1,
+    detrend: int | None = None,
 ) -> Record:
     """Read a record from a file.
 
     Args:
         path: a CSV, TSV, ``.dat`` or ``.txt`` table, a MAT file (version 5 to 7.3), Parquet or NPZ.
         input: the column, or columns, that drive the system. ``d(name)`` is the derivative of column
-            ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name.
+            ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name. ``x.csv:1`` is the first
+            column of another file, and ``x.csv:name`` one by name.
         output: the column, or columns, that answer; likewise.
         dt: sample time in seconds (the first data row of the file is then at time 0); with ``resample``, the sample
             time to bring the record to.
@@ -143,22 +152,29 @@ def read(
             outputs). A gap of 10 sample times or more ends a segment.
         derivative_window: number of samples (odd) of the derivative's filter; segments shorter than it are
             left out of a record with a derivative.
+        skip_bad_rows: leave out rows that are no numbers: damaged lines, messages of the logger, texts and missing
+            values in the columns used. At most `MOST_SKIPPED` of all rows are left out; the record has a finding about
+            them.
+        filter: the cutoff frequency in Hz of a low-pass filter without delay for every channel, `Record.lowpass`.
+        decimate: keep every n-th sample after an anti-alias filter, `Record.decimate`.
+        detrend: subtract a polynomial in time of this order from every channel, 0 for the mean, `Record.detrend`.
 
     Raises:
         FormatError: where the file cannot be read.
         DataError: where a column, sample, sample time, mask or unit cannot be used; the message says which.
     """
     file = Path(path)
-    columns = read_columns(file)
+    columns, rename = with_other_files(read_columns(file), file, [*_as_tuple(input), *_as_tuple(output)], read_columns)
     try:
-        return _record(
+        record = _record(
             columns,
             name=file.name,
-            inputs=_as_tuple(input),
-            outputs=_as_tuple(output),
+            inputs=[rename.get(name, name) for name in _as_tuple(input)],
+            outputs=[rename.get(name, name) for name in _as_tuple(output)],
             clock=_Clock(dt, time, time_unit, resample),
             rows=rows or slice(None),
             mask=mask,
+            skip_bad_rows=skip_bad_rows,
             scale=scale or {},
             offset=offset or {},
             units=units or {},
@@ -169,6 +185,10 @@ def read(
                 "pwm_full_scale": pwm_full_scale,
             },
         )
+        if filter is not None:
+            record = record.lowpass(filter)
+        record = record.decimate(decimate)
+        return record if detrend is None else record.detrend(detrend)
     except DataError as problem:
         message = str(problem)
         message = message.removeprefix(f"{file.name}: ")
@@ -193,11 +213,13 @@ class _Selection:
         columns: the file.
         start: the first data row, counted from 0.
         kept: (N,) true for the rows to use.
+        findings: about rows that were skipped.
     """
 
     columns: Columns
     start: int
     kept: NDArray[np.bool_]
+    findings: tuple[Finding, ...] = ()
 
     @property
     def rows(self) -> NDArray[np.intp]:
@@ -221,13 +243,14 @@ class _Selection:
             DataError: at the first text, missing value, NaN or infinity among them.
         """
         series = self.columns.series[name].gather(self.rows)
-        values = _as_numbers(series)
+        values = as_numbers(series)
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             found = "no value" if series[int(bad[0])] is None else repr(series[int(bad[0])])
             raise DataError(
                 f"column {name!r} has {found} in {self.columns.place(int(self.rows[bad[0]]))}, not a number; repair "
-                "it or leave it out with rows or a mask"
+                "it or leave it out with rows, a mask or skip_bad_rows",
+                arguments=("skip_bad_rows",),
             )
         return values
 
@@ -252,6 +275,7 @@ def _record(
     clock: _Clock,
     rows: slice,
     mask: str | None,
+    skip_bad_rows: bool,
     scale: Mapping[str, float],
     offset: Mapping[str, float],
     units: Mapping[str, str],
@@ -261,7 +285,8 @@ def _record(
     """The record in ``columns`` with the options of `read`; the module docstring has the order of the steps."""
     signals = _signals(inputs, outputs, columns)
     _check_options({"scale": scale, "offset": offset, "units": units}, signals)
-    selection = _select(columns, [*(s.column for s in signals), *([clock.time] if clock.time else [])], rows, mask)
+    used = [*(s.column for s in signals), *([clock.time] if clock.time else [])]
+    selection = _select(columns, used, rows, mask, skip_bad_rows, name)
     with np.errstate(all="ignore"):  # a number that overflows is refused below, or by the record
         values = [selection.scaled(s.column, scale.get(s.column, 1.0), offset.get(s.column, 0.0)) for s in signals]
         record = _sampled(
@@ -276,10 +301,20 @@ def _record(
                 input_units=tuple(_unit(s, units, columns.units) for s in signals[: len(inputs)]),
                 output_units=tuple(_unit(s, units, columns.units) for s in signals[len(inputs) :]),
                 name=name,
+                findings=selection.findings,
+                conversions={s.name: (scale.get(s.column, 1.0), offset.get(s.column, 0.0)) for s in signals},
             ),
         )
         record = _differentiated(record, [s.name for s in signals if s.is_derivative], derivative_window)
-        return record.convert(None, **{key: value for key, value in meanings.items() if value is not None})
+        record = record.convert(None, **{key: value for key, value in meanings.items() if value is not None})
+        return replace(record, findings=(*record.findings, *about_sample_time(record.dt, name)))
+
+
+def about_sample_time(dt: float, name: str) -> list[Finding]:
+    """A finding where a sample time is implausible for an electromechanical system."""
+    if SHORTEST <= dt <= LONGEST:
+        return []
+    return [Finding("sample-time-implausible", name, {"dt": float(dt)})]
 
 
 def _signals(inputs: Sequence[str], outputs: Sequence[str], columns: Columns) -> list[_Signal]:
@@ -323,7 +358,9 @@ def _check_options(options: Mapping[str, Mapping[str, object]], signals: Sequenc
                 )
 
 
-def _select(columns: Columns, used: Sequence[str], rows: slice, mask: str | None) -> _Selection:
+def _select(
+    columns: Columns, used: Sequence[str], rows: slice, mask: str | None, skip_bad_rows: bool, file: str
+) -> _Selection:
     for name in used:
         _check_column(name, columns)
     lengths = {name: len(columns.series[name]) for name in used}
@@ -339,13 +376,46 @@ def _select(columns: Columns, used: Sequence[str], rows: slice, mask: str | None
     if stop <= start:
         first, last = ("" if edge is None else edge for edge in (rows.start, rows.stop))
         raise DataError(f"rows {first}:{last} select nothing of {length} rows; give A:B with 0 ≤ A < B ≤ {length}")
+    damaged = [row for row in columns.damaged if start <= row.row < stop + (not row.is_sample and stop == length)]
+    if damaged and not skip_bad_rows:
+        raise DataError(
+            f"{damaged[0]}; the file is cut off or damaged there: repair or delete that row, or leave it out with "
+            "rows or skip_bad_rows",
+            arguments=("skip_bad_rows",),
+        )
     kept = np.ones(stop - start, dtype=bool)
     if mask is not None:
         same = {name: series[start:stop] for name, series in columns.series.items() if len(series) == length}
         kept = ~left_out(mask, same)
         if not kept.any():
             raise DataError(f"the mask {mask!r} leaves none of {len(kept)} samples; relax it")
+    if skip_bad_rows:
+        good = np.all([np.isfinite(as_numbers(columns.series[name][start:stop])) for name in used], axis=0)
+        findings = _skipped(columns, start, kept & ~good, [row for row in damaged if not row.is_sample], file)
+        return _Selection(columns, start, kept & good, findings)
     return _Selection(columns, start, kept)
+
+
+def _skipped(
+    columns: Columns, start: int, bad: NDArray[np.bool_], messages: Sequence[DamagedRow], file: str
+) -> tuple[Finding, ...]:
+    """The finding about rows that are skipped: those that are bad, and messages between the rows.
+
+    Raises:
+        DataError: where these are too many.
+    """
+    count, rows = int(np.count_nonzero(bad)) + len(messages), len(bad) + len(messages)
+    if not count:
+        return ()
+    if count > max(1, MOST_SKIPPED * rows):
+        raise DataError(
+            f"{count} of {rows} rows are no numbers ({100 * count / rows:.2g} %); at most {100 * MOST_SKIPPED:g} % are "
+            "skipped: check how the file was exported, or select rows"
+        )
+    texts = {row.line: row.text[:MOST_SHOWN] for row in columns.damaged}
+    first = min([*(columns.number(start + int(k)) for k in np.flatnonzero(bad)[:1]), *(row.line for row in messages)])
+    data = {"count": count, "rows": rows, "line": first, "text": texts.get(first, ""), "messages": len(messages)}
+    return (Finding("rows-skipped", file, data),)
 
 
 def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
@@ -361,10 +431,13 @@ def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
 
     column = f"time column {clock.time!r}"
     seconds = _time_unit(clock, selection.columns) * selection.numbers(clock.time)
-    rows = np.arange(1, len(seconds))[selection.follows]  # rows whose time step is used
+    resets = clock_resets(seconds)
+    breaks = np.union1d(breaks, resets).astype(int)
+    follows = selection.follows & ~np.isin(np.arange(1, len(seconds)), resets)
+    rows = np.arange(1, len(seconds))[follows]  # rows whose time step is used
     try:
         axis = time_axis(
-            seconds if len(rows) == len(seconds) - 1 else np.append(0.0, np.cumsum(np.diff(seconds)[selection.follows]))
+            seconds if len(rows) == len(seconds) - 1 else np.append(0.0, np.cumsum(np.diff(seconds)[follows]))
         )
     except DataError as problem:
         raise DataError(f"{column}: {problem}", arguments=problem.arguments) from None
@@ -375,16 +448,11 @@ def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
         place=selection.columns.placed,
     )
 
+    if len(resets):
+        data = {"count": len(resets), "column": clock.time, "line": selection.number(resets[0])}
+        record = replace(record, findings=(*record.findings, Finding("clock-reset", record.name, data)))
     if clock.resample:
-        gaps = 1 + np.flatnonzero(np.diff(seconds) >= BRIDGED * axis.dt)
-        breaks = np.union1d(breaks, gaps)
-        edges = (0, *breaks, len(seconds))
-        pieces = replace(record, breaks=tuple(map(int, breaks)), times=()).segments
-        whole = concatenate(
-            resampled(seconds[a:b], piece, clock.dt or axis.dt)
-            for (a, b), piece in zip(pairwise(edges), pieces, strict=True)
-        )
-        return replace(whole, time_axis=axis)
+        return replace(_resampled(record, seconds, breaks, axis.dt, clock.dt), time_axis=axis)
     if not axis.regular:
         raise DataError(
             f"{column} is not regular: {axis}; give resample to interpolate it to an equidistant one, or "
@@ -405,6 +473,24 @@ def _sampled(selection: _Selection, clock: _Clock, record: Record) -> Record:
         times=tuple(map(float, starts)),
         time_axis=axis,
     )
+
+
+def _resampled(record: Record, seconds: Array, breaks: NDArray[np.intp], step: float, dt: float | None) -> Record:
+    """The samples at the given times (N,), brought to equidistant ones; a long gap ends a segment."""
+    gaps = 1 + np.flatnonzero(np.diff(seconds) >= BRIDGED * step)
+    breaks = np.union1d(breaks, gaps)
+    edges = (0, *breaks, len(seconds))
+    pieces = replace(record, breaks=tuple(map(int, breaks)), times=()).segments
+    return concatenate(
+        resampled(seconds[a:b], piece, dt or step) for (a, b), piece in zip(pairwise(edges), pieces, strict=True)
+    )
+
+
+def clock_resets(time: Array) -> NDArray[np.intp]:
+    """The samples (M,) at which a time column (N,) begins again; none where it goes back for another reason."""
+    resets = 1 + np.flatnonzero(np.diff(time) < 0)
+    pieces = np.diff([0, *resets, len(time)])
+    return resets if np.all(pieces >= _RESET) else resets[:0]
 
 
 def _differentiated(record: Record, names: Collection[str], window: int) -> Record:
@@ -442,25 +528,6 @@ def _as_tuple(names: str | Sequence[str]) -> tuple[str, ...]:
     return (names,) if isinstance(names, str) else tuple(names)
 
 
-def _as_numbers(series: pl.Series) -> Array:
-    """(N,) the values as real numbers, NaN where there is none; dates and durations become seconds.
-
-    Times of day that fall by more than half a day have passed midnight.
-    """
-    import polars as pl
-
-    if series.dtype == pl.Date:
-        series = series.cast(pl.Datetime("ms"))
-    if series.dtype.is_temporal():
-        physical = series.to_physical()
-        if series.dtype == pl.Time:
-            nights = (physical.diff() < -HALF_A_DAY).fill_null(False).cum_sum()
-            physical = physical + 2 * HALF_A_DAY * nights.cast(pl.Int64)
-        per_second = {"ms": 1e3, "us": 1e6, "ns": 1e9}[getattr(series.dtype, "time_unit", None) or "ns"]
-        series = (physical - physical.min()).cast(pl.Float64) / per_second
-    return series.cast(pl.Float64, strict=False).fill_null(np.nan).to_numpy().astype(np.float64)
-
-
 def _unit(signal: _Signal, units: Mapping[str, str], in_file: Mapping[str, str]) -> str:
     """The unit given for a channel, else the one under the name of its column where that is an SI unit."""
     if not signal.is_derivative or signal.name in units:
@@ -475,12 +542,12 @@ def _time_unit(clock: _Clock, columns: Columns) -> float:
     if columns.series[clock.time].dtype.is_temporal():
         return 1.0
     if clock.time_unit is not None:
-        if clock.time_unit not in _SECONDS:
-            raise DataError(f"time unit {clock.time_unit!r} is not understood; give one of {', '.join(_SECONDS)}")
-        return _SECONDS[clock.time_unit]
+        if clock.time_unit not in SECONDS:
+            raise DataError(f"time unit {clock.time_unit!r} is not understood; give one of {', '.join(SECONDS)}")
+        return SECONDS[clock.time_unit]
     written = _UNIT_IN_NAME.search(clock.time)
     unit = columns.units.get(clock.time) or (written and (written["bracketed"] or written["suffix"])) or "s"
-    return _SECONDS.get(unit, 1.0)
+    return SECONDS.get(unit, 1.0)
 
 
 def _no_sample_time(columns: Columns) -> str:

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from emsid.errors import FormatError
-from emsid.io.columns import Columns
+from emsid.io.columns import Columns, DamagedRow
 from emsid.io.files import looks_like
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def read_table(content: bytes) -> Columns:
     """The columns of a text table.
 
     Raises:
-        FormatError: for binary content, no data, or a line with another number of values than the rest.
+        FormatError: for binary content, no data, or lines of differing numbers of values.
     """
     comments: list[_Line] = []
     numbers: list[int] = []
@@ -101,17 +101,18 @@ def read_table(content: bytes) -> Columns:
     width = _width(texts[-_TAIL:])
     start = _first_data_line(texts, width)
     header = _header(texts, start, width) or _commented_header(comments, numbers[start], separator, width)
-    _check_widths(numbers[start:], texts[start:], width)
-    names = _distinct(header.names if header else [""] * width)
     above = header.at if header and header.at is not None else start
     preamble = sorted(
         [*map(_Line, numbers[:above], texts[:above]), *(c for c in comments if c.number < numbers[start])]
     )
+    numbers, texts, damaged = _without_messages(numbers[start:], texts[start:], width)
+    names = _distinct(header.names if header else [""] * width)
     return Columns(
-        series=_parse(texts[start:], names),
+        series=_parse(texts, names),
         units={name: unit for name, unit in zip(names, header.units, strict=True) if unit} if header else {},
         preamble=tuple(line.text.replace(_CELL, " ").strip().lstrip("#% ") for line in preamble),
-        lines=numbers[start:],
+        lines=numbers,
+        damaged=damaged,
     )
 
 
@@ -153,15 +154,36 @@ def _cells(text: str) -> list[str]:
     return [cell.strip() for cell in text.split(_CELL)]
 
 
-def _check_widths(numbers: Sequence[int], texts: Sequence[str], width: int) -> None:
-    """Refuse a line with another number of cells than the rest."""
+def _without_messages(
+    numbers: Sequence[int], texts: Sequence[str], width: int
+) -> tuple[list[int], list[str], tuple[DamagedRow, ...]]:
+    """The data without lines of another number of cells than the rest.
+
+    A line without a number, such as a message, is removed. Another one becomes a row of missing values, because a
+    sample is missing there.
+
+    Raises:
+        FormatError: where most lines are such lines.
+    """
     counts = [text.count(_CELL) + 1 for text in texts]
-    if counts.count(width) < len(counts):
-        number, found = next((n, count) for n, count in zip(numbers, counts, strict=True) if count != width)
-        raise FormatError(
-            f"row {number} of the file has {found} value{'s' * (found != 1)} where the others have {width}; the file "
-            "is cut off or damaged there: repair or delete that row"
-        )
+    if counts.count(width) == len(counts):
+        return list(numbers), list(texts), ()
+    kept_numbers: list[int] = []
+    kept: list[str] = []
+    damaged: list[DamagedRow] = []
+    for number, text, count in zip(numbers, texts, counts, strict=True):
+        if count != width:
+            is_sample = any(map(_is_number, _cells(text)))
+            shown = " ".join(text.replace(_CELL, " ").split())
+            damaged.append(DamagedRow(len(kept), number, shown, count, width, is_sample))
+            if not is_sample:
+                continue
+            text = _CELL * (width - 1)
+        kept_numbers.append(number)
+        kept.append(text)
+    if 2 * len(damaged) > len(counts):
+        raise FormatError(f"{damaged[0]}, and so have most rows; check how the file was exported")
+    return kept_numbers, kept, tuple(damaged)
 
 
 def _numeric_share(sample: Sequence[str], separator: str) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import nan
 from numbers import Real
@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.arguments import as_names
 from emsid.errors import DataError
+from emsid.findings import Finding
 from emsid.presentation import Presented
 from emsid.record.frames import numbers, seconds
 from emsid.units import readable_unit
@@ -46,6 +47,9 @@ class Record(Presented):
         times: the time in seconds of the first sample of every segment; by default the segments follow each other.
         name: the source of the record, for messages and figures.
         time_axis: the regularity of the time column in the file; None if the sample time was given instead.
+        findings: what was noticed when the file was read.
+        conversions: by channel, gain and offset from the numbers of the file to the values of the channel; empty for a
+            record that was not read from a file.
 
     Raises:
         DataError: for arrays of other shapes, unequal lengths, no sample, values that are not finite, a bad sample
@@ -63,6 +67,8 @@ class Record(Presented):
     times: tuple[float, ...] = ()
     name: str = "record"
     time_axis: TimeAxis | None = None
+    findings: tuple[Finding, ...] = ()
+    conversions: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         def put(field: str, value: object) -> None:
@@ -311,6 +317,38 @@ class Record(Presented):
             pieces.append(replace(segment, input=slow[0], output=slow[1], dt=self.dt * factor, time_axis=None))
         return concatenate(pieces, name=self.name)
 
+    def lowpass(self, cutoff: float) -> Record:
+        """Every channel through a Butterworth low-pass filter of order 4, forwards and backwards, segment by segment.
+
+        The filter has no delay. It is the same for inputs and outputs, so that linear relations between them remain.
+
+        Args:
+            cutoff: frequency in Hz at which the amplitude is halved.
+
+        Raises:
+            DataError: for a frequency that is not between 0 and half the sampling frequency, or a segment that is too
+                short for the filter.
+        """
+        if not 0 < cutoff < 0.5 / self.dt:
+            raise DataError(
+                f"{self.name}: a cutoff of {cutoff:g} Hz; give one between 0 and {0.5 / self.dt:g} Hz, half the "
+                "sampling frequency",
+                arguments=("filter",),
+            )
+        from scipy.signal import butter, sosfiltfilt
+
+        sections = butter(4, cutoff, fs=1 / self.dt, output="sos")
+        shortest = min(map(len, self.segments))
+        if shortest <= 15:  # samples with which the filter extends a segment at its ends
+            raise DataError(f"{self.name}: a segment of {shortest} samples is too short to filter; 16 are needed")
+
+        def filtered(side: str) -> Array:
+            pieces = [sosfiltfilt(sections, getattr(piece, side), axis=0) for piece in self.segments]
+            return np.concatenate(pieces)
+
+        output = filtered("output") if self.output.shape[1] else self.output
+        return replace(self, input=filtered("input"), output=output)
+
     def scale(self, name: str, gain: float, offset: float = 0.0, unit: str | None = None) -> Record:
         """Channel ``name`` replaced by gain·x + offset, with its new unit."""
         self.channel(name)
@@ -323,7 +361,20 @@ class Record(Presented):
                 values[:, k] = gain * values[:, k] + offset
                 units[k] = units[k] if unit is None else unit
                 changes |= {side: values, f"{side}_units": tuple(units)}
+        if name in self.conversions:
+            before = self.conversions[name]
+            changes["conversions"] = {**self.conversions, name: (gain * before[0], gain * before[1] + offset)}
         return replace(self, **changes)
+
+    def converted(self, name: str, number: float) -> float:
+        """The value of channel ``name`` where the file has this number.
+
+        The sample closest to the result is returned if it differs by rounding only, so that values can be compared.
+        """
+        gain, offset = self.conversions.get(name, (1.0, 0.0))
+        value, samples = gain * number + offset, self.channel(name)
+        closest = float(samples[np.argmin(np.abs(samples - value))])
+        return closest if np.isclose(closest, value, rtol=1e-9, atol=1e-12 * float(np.ptp(samples))) else value
 
     def convert(self, units: Mapping[str, str] | None = None, **scales: float) -> Record:
         """Convert every channel with a unit to SI, or the named channels to the given units.
@@ -373,7 +424,16 @@ def concatenate(records: Iterable[Record], name: str | None = None) -> Record:
         times=tuple(time for piece in pieces for time in piece.times),
         name=name or first.name,
         time_axis=first.time_axis if all(piece.time_axis == first.time_axis for piece in pieces) else None,
+        findings=_of_all(pieces),
     )
+
+
+def _of_all(pieces: Sequence[Record]) -> tuple[Finding, ...]:
+    """The findings of all pieces; those that the pieces have in common once."""
+    found: list[Finding] = []
+    for piece in pieces:
+        found += [each for each in piece.findings if each not in found]
+    return tuple(found)
 
 
 def check_same_channels(first: Record, other: Record) -> None:

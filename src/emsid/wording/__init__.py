@@ -13,6 +13,7 @@ Each file holds the sentences of one subject. Each code has a function, register
 from emsid.wording import agreement as agreement
 from emsid.wording import blocks as blocks
 from emsid.wording import conclusions as conclusions
+from emsid.wording import data as data
 from emsid.wording import identification as identification
 from emsid.wording import linear as linear
 from emsid.wording import plants as plants

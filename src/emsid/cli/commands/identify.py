@@ -41,7 +41,10 @@ if TYPE_CHECKING:
     from emsid.models.blocks.search.map_families import Family
 
 
-Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records to identify from.")]
+Files = Annotated[
+    list[Path],
+    typer.Argument(metavar="[FILE]...", help="Records; none where --output is FILE:COL.", show_default=False),
+]
 Validate = Annotated[list[Path], typer.Option(metavar="FILE", help="Unseen record to rank on; repeat for more.")]
 Models = Annotated[
     str | None,
@@ -100,8 +103,8 @@ Profile = Annotated[
 @app.command()
 @reads_records()
 def identify(
-    files: Files,
     reader: Any,
+    files: Files = [],  # noqa: B006
     validate: Validate = [],  # noqa: B006
     models: Models = None,
     unseen: Unseen = 0.3,
@@ -172,7 +175,7 @@ def identify(
     if not 0 < unseen < 1:
         raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
     check_folder(out)
-    records, tests = [reader(path) for path in files], [reader(path) for path in validate]
+    records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
     given: dict[str, Any] = {"models": asked, "options": options, "transient": transient}
     search = partial(identification.identify, records, tests or unseen, **given)
     _run(search, reader, out, json, pdf)

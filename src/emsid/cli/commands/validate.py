@@ -62,7 +62,7 @@ def validate(
     assessed = [assess_model(loaded, record, transient) for record in map(reader, files)]
     documents = []
     for each in assessed:
-        differences = [] if source is None else source.differences(each.record)
+        differences = [*each.record.findings, *([] if source is None else source.differences(each.record))]
         document = {
             "record": each.record.name,
             **each.row.to_data(),

@@ -1,0 +1,69 @@
+"""Channels that are columns of other files: ``x.csv:1``, the first column of ``x.csv``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from emsid.errors import DataError, some
+from emsid.io.columns import Columns, nearest
+
+
+def file_and_column(name: str, beside: Path | None = None) -> tuple[Path, str] | None:
+    """The file and the column in a name such as ``x.csv:1``; None where there is no such file.
+
+    Args:
+        name: of a channel.
+        beside: a file, in whose folder the other one may be.
+    """
+    file, colon, column = name.rpartition(":")
+    if not (colon and file and column):
+        return None
+    places = [Path(file), *([beside.parent / file] if beside is not None else [])]
+    found = next((place for place in places if place.is_file()), None)
+    return None if found is None else (found, column)
+
+
+def with_other_files(
+    columns: Columns, path: Path, names: Sequence[str], read_columns: Callable[[Path], Columns]
+) -> tuple[Columns, dict[str, str]]:
+    """The columns of a file with those that the names take from other files, and the new name of each of these.
+
+    A column is called as in its file, or after the file if that has no header. It has its full name, ``x.csv:1``,
+    where another column has that name.
+
+    Args:
+        columns: of the file ``path``.
+        path: the file.
+        names: of channels.
+        read_columns: reads the columns of another file.
+
+    Raises:
+        DataError: for a column that the other file does not have.
+    """
+    series, units = dict(columns.series), dict(columns.units)
+    renamed: dict[str, str] = {}
+    for name in dict.fromkeys(names):
+        found = None if name in series else file_and_column(name, path)
+        if found is None:
+            continue
+        file, wanted = found
+        others = columns if file.resolve() == path.resolve() else read_columns(file)
+        column = _column(others, wanted, file)
+        own = column if column != f"c{list(others.series).index(column) + 1}" else file.stem
+        own = name if own in renamed.values() or (own in series and others is not columns) else own
+        renamed[name], series[own] = own, others.series[column].alias(own)
+        units[own] = others.units.get(column, "")
+    return replace(columns, series=series, units=units), renamed
+
+
+def _column(columns: Columns, wanted: str, file: Path) -> str:
+    """A column by its name, or by its number, counted from 1."""
+    if wanted in columns.series:
+        return wanted
+    if wanted.isdigit() and 1 <= int(wanted) <= len(columns.series):
+        return list(columns.series)[int(wanted) - 1]
+    raise DataError(
+        f"{file}: there is no column {wanted!r}{nearest(wanted, columns.series)}; there are {some(columns.series)}"
+    )

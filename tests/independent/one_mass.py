@@ -57,13 +57,14 @@ class OneMass:
         """Speed and position (N + 1,) from a state, for a command (N,) held over every sample.
 
         Args:
-            u: (N,) command.
+            u: (N,) command, or (N, FINE) its values within every sample.
             dt: sample time in s.
             drift: (N,) deceleration besides the offset.
             state: speed and position at the start.
         """
         late = round(self.delay / dt * FINE)
-        command = np.concatenate([np.full(late, u[0]), np.repeat(u, FINE)])[: len(u) * FINE]
+        within = np.repeat(u, FINE) if u.ndim == 1 else u.ravel()
+        command = np.concatenate([np.full(late, within[0]), within])[: len(u) * FINE]
         through = np.sign(command) * np.maximum(np.abs(command) - self.dead_zone, 0.0)
         conducting = 1.0 - self.coasting * (1.0 - np.minimum(np.abs(command) / self.full, 1.0))
         offset = np.repeat(self.offset + np.broadcast_to(drift, len(u)), FINE)

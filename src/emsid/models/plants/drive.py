@@ -9,6 +9,11 @@ switch. A bridge that leaves the armature open in the off-time of its PWM brakes
 
 of a period, with ±supply across it. Its mean torque is K_m/R_a·(v − c·K_m·ω), so the effect of the back electromotive
 force decreases with the duty. Codes among the commands stand for a bridge that brakes (c = 1, v = 0) or coasts (c = 0).
+
+**Between the samples** a command is held, as that of a digital output is, or it goes straight from one sample to the
+next, as a signal that was only sampled nearly does. A straight command is simulated in `PIECES` pieces of every sample,
+each with the voltage at its middle. So dead zones, limits and a delay by any part of a sample act where they do, and
+the force on a linear plant is exact in its mean over every piece.
 """
 
 from __future__ import annotations
@@ -16,6 +21,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from math import inf, isfinite
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +34,8 @@ Array = NDArray[np.float64]
 
 # The longest delay in samples that a state can store.
 LONGEST_DELAY = 1_000_000
+PIECES = 4
+"""Pieces of a sample in which a straight command is simulated."""
 
 
 class Feed(Enum):
@@ -45,6 +53,34 @@ class Bridge(Enum):
     COAST = "coast"
 
 
+class Hold(Enum):
+    """How a command goes on between its samples; the names are those of zero-order and first-order hold."""
+
+    ZERO = "zero"  # it keeps its value
+    FIRST = "first"  # it goes straight to the next sample
+
+
+class Acting(NamedTuple):
+    """The output of a drive over a run of N samples, in M pieces in which it is constant.
+
+    Attributes:
+        voltage, conducts: (M + 1,) voltage and conducting fraction of every piece; the first acts before the first one.
+        dt: duration of a piece in s.
+        late: the part of a piece during which the value before it still acts.
+        samples: which of the M + 1 ends of pieces are the N samples.
+        now: (N,) voltage and conducting fraction at the samples; None where they keep their values after them.
+        left: the commands that a state keeps after the run.
+    """
+
+    voltage: Array
+    conducts: Array
+    dt: float
+    late: float
+    samples: slice
+    now: tuple[Array, Array] | None
+    left: Array
+
+
 @dataclass(frozen=True)
 class Drive:
     """The drive between the command in a log and the terminals of the motor (or the force on an axis).
@@ -59,9 +95,11 @@ class Drive:
         freewheel: λ, 0 for a bridge that always conducts and 1 for one that leaves the armature open in the off-time.
         codes: pairs of a code and the state of the bridge; codes are values of the command, or of the second input
             column if there is one.
+        hold: how the command goes on between its samples.
 
     Raises:
-        ModelError: for a value that is not physical, or a bridge that coasts without a supply voltage.
+        ModelError: for a value that is not physical, a bridge that coasts without a supply voltage, or codes in a
+            command that is not held.
     """
 
     gain: float = 1.0
@@ -72,8 +110,11 @@ class Drive:
     beyond: float = 1.0
     freewheel: float = 0.0
     codes: tuple[tuple[float, Bridge], ...] = ()
+    hold: Hold = Hold.ZERO
 
     def __post_init__(self) -> None:
+        if self.codes and self.hold is not Hold.ZERO:
+            raise ModelError("a command with codes is held between its samples; give hold='zero'", arguments=("hold",))
         if not (isfinite(self.gain) and self.gain != 0 and isfinite(self.offset)):
             raise ModelError(f"drive with gain {self.gain} and offset {self.offset}; give finite ones, the gain not 0")
         if not (isfinite(self.delay) and self.delay >= 0):
@@ -134,6 +175,9 @@ class Drive:
     def standing(self, command: Array, dt: float, most: int | None = None) -> Array:
         """(w + 1, 2) delayed voltages and conducting fractions for a constant command (nu,).
 
+        For a straight command there are two rows more: one for the sample before, and last one of NaN, which says that
+        no sample has been simulated yet.
+
         Args:
             command: the inputs of one sample.
             dt: sample time in s.
@@ -148,34 +192,58 @@ class Drive:
                 f"drive with a delay of {self.delay:g} s, {samples:.3g} samples of {dt:g} s; a model can keep "
                 f"{LONGEST_DELAY:,} of them"
             )
+        straight = self.hold is Hold.FIRST
         whole = int(samples) if most is None else int(min(samples, most))
         voltage, conducts = self.made(command[None, :])
-        on_their_way = np.empty((whole + 1, 2))
+        on_their_way = np.empty((whole + 1 + 2 * straight, 2))
         on_their_way[:, 0], on_their_way[:, 1] = voltage[0], conducts[0]
+        if straight:
+            on_their_way[-1] = np.nan
         return on_their_way
 
-    def acting(self, inputs: Array, commands: Array, dt: float) -> tuple[Array, Array, float, Array]:
-        """Voltage (N + 1,) and conducting fraction (N + 1,) of every sample, their delay as a fraction of a sample, and
-        the delayed commands (w + 1, 2) after the last sample.
+    def acting(self, inputs: Array, commands: Array, dt: float) -> Acting:
+        """What the drive does over a run.
 
         Args:
             inputs: (N, nu).
-            commands: (w + 1, 2) the delayed commands before the first sample, the oldest first.
+            commands: the delayed commands before the first sample, the oldest first; see `standing`.
             dt: sample time in s.
         """
+        if self.hold is Hold.FIRST:
+            return self._straight(inputs, commands, dt)
         voltage, conducts = self.made(inputs)
         voltage, conducts = np.concatenate([commands[:, 0], voltage]), np.concatenate([commands[:, 1], conducts])
         late = min(self.delay / dt - (len(commands) - 1), 1.0)
         samples = len(inputs)
         left = np.column_stack([voltage[samples:], conducts[samples:]])
-        return voltage[: samples + 1], conducts[: samples + 1], late, left
+        kept = voltage[: samples + 1], conducts[: samples + 1]
+        return Acting(*kept, dt, late, slice(None, -1), None, left)
+
+    def _straight(self, inputs: Array, commands: Array, dt: float) -> Acting:
+        """The same for a command that goes straight from sample to sample, simulated up to the last one."""
+        first = bool(np.isnan(commands[-1, 0]))
+        past = commands[:-1] if first else commands
+        rows = np.concatenate([past, np.column_stack(self.made(inputs))])
+        times = np.arange(-len(past), len(inputs), dtype=float)
+        begin = 0 if first else -1
+        middles = begin + (np.arange((len(inputs) - 1 - begin) * PIECES) + 0.5) / PIECES
+
+        def at(instants: Array) -> tuple[Array, Array]:
+            late = instants - self.delay / dt
+            return np.interp(late, times, rows[:, 0]), np.interp(late, times, rows[:, 1])
+
+        now = at(times[len(past) :])
+        voltage, conducts = (np.concatenate([ends[:1], each]) for ends, each in zip(now, at(middles), strict=True))
+        samples = slice(None if first else PIECES, None, PIECES)
+        return Acting(voltage, conducts, dt / PIECES, 0.0, samples, now, rows[len(rows) - len(past) :])
 
     def terminals(self, inputs: Array, dt: float) -> tuple[Array, Array, float]:
-        """Voltage (N + 1,) and conducting fraction (N + 1,) of every sample, and their delay as a fraction of a sample.
+        """Voltage (M + 1,) and conducting fraction (M + 1,) of every piece, and their delay as a fraction of a piece.
 
         The first value acts before the first sample, where the first command is assumed.
         """
-        return self.acting(inputs, self.standing(inputs[0], dt, len(inputs)), dt)[:3]
+        on = self.acting(inputs, self.standing(inputs[0], dt, len(inputs)), dt)
+        return on.voltage, on.conducts, on.late
 
 
 def outer_handles(unit: str, word: str, measure: Measure, motion: str, shown: Measure) -> dict[str, Handle]:
@@ -208,5 +276,6 @@ def outer_handles(unit: str, word: str, measure: Measure, motion: str, shown: Me
         **one("drive.freewheel", "λ", "1", "freewheeling in the off-time of the bridge, 0 to 1", factor, 0.0, 1.0),
         **one("sensor.lag", "t_s", "s", "time constant of the sensor", time),
         **one("sensor.offset", "y₀", motion, "sensor reading at rest", shown, -inf),
+        **one("sensor.average", "ν", "1", "share of the mean over the sample before in a speed", factor, 0.0, 1.0),
         **one("sensor.ratio", "n", "1", "turns of the motor per turn measured", factor, -inf),
     }

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.models.plants.beginning import beginning
-from emsid.models.plants.drive import Bridge, Drive
+from emsid.models.plants.drive import Bridge, Drive, Hold
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import BEGINNING, BasePlant, DrivenPlant, Limits, Plant, parameters_of
@@ -78,6 +78,15 @@ class Driven(BasePlant):
     def with_drive(self, **changes: Any) -> Self:
         """The plant with another drive."""
         return self._with(drive=replace(self.drive, **changes))
+
+    @property
+    def hold(self) -> Hold:
+        """That of its drive."""
+        return self.drive.hold
+
+    def held(self, hold: Hold) -> Self:
+        """The plant with a command that goes on like this between its samples."""
+        return self.with_drive(hold=hold)
 
     def turned(self) -> Self:
         """The same plant with the sign of its drive reversed."""
@@ -146,14 +155,15 @@ class Driven(BasePlant):
         return self._with(sensor=Sensor()).simulate(inputs, dt, state, (Signal.SPEED,))[:, 0]
 
     def to_data(self) -> dict[str, Any]:
-        """Parameters, codes, sensor, steps, and the friction law if it is not the usual one."""
+        """Parameters, codes, sensor, steps, and what is not usual: a command that is not held, a friction law."""
         laws = {name: law_name(law) for name, law in self.frictions.items()}
         unusual = {name: law for name, law in laws.items() if law != USUAL_LAW}
         return {
             "parameters": parameters_of(self),
             "codes": [[code, bridge.value] for code, bridge in self.drive.codes],
-            "average": self.sensor.average,
+            "average": bool(self.sensor.average),
             "steps": self.steps,
+            **({} if self.hold is Hold.ZERO else {"hold": self.hold.value}),
             **({"friction": unusual} if unusual else {}),
         }
 
@@ -162,7 +172,8 @@ class Driven(BasePlant):
         codes = tuple((float(code), Bridge(bridge)) for code, bridge in data["codes"])
         plain = self.with_frictions({name: find_law(law)() for name, law in data.get("friction", {}).items()})
         sensor = Sensor(average=bool(data["average"]))
-        plain = plain._with(drive=replace(plain.drive, codes=codes), sensor=sensor, steps=data["steps"])
+        drive = replace(plain.drive, codes=codes, hold=Hold(data.get("hold", Hold.ZERO.value)))
+        plain = plain._with(drive=drive, sensor=sensor, steps=data["steps"])
         parameters = dict(data["parameters"])
         late = {name: parameters.pop(name) for name in ("drive.freewheel",) if name in parameters}  # needs the supply
         return plain.put(parameters).put(late)

@@ -148,7 +148,8 @@ class LinearAxis(Driven):
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
         """The outputs (N, ny) for a command (N, 1), and the state after them."""
         dt, sensor = state.dt, self.sensor
-        force, _, late, commands = self.drive.acting(inputs, state.commands, dt)
+        on = self.drive.acting(inputs, state.commands, dt)
+        force = on.voltage
         if self.dead_zone is not None:
             force = self.dead_zone(force)
         speeds, positions = moved(
@@ -157,14 +158,14 @@ class LinearAxis(Driven):
             Sliding.of(self.friction, self.viscous_friction),  # type: ignore[arg-type]
             force - self.offset,
             np.zeros(len(force)),
-            dt,
-            late,
+            on.dt,
+            on.late,
             self.steps,
             float(state.motion[0]),
             float(state.motion[1]),
         )
         motion = np.array([speeds[-1], positions[-1]])
-        speeds, positions = speeds[:-1], positions[:-1]
+        speeds, positions = speeds[on.samples], positions[on.samples]
         columns = [
             sensor.position(positions, dt, kept)
             if signal is Signal.POSITION
@@ -172,7 +173,7 @@ class LinearAxis(Driven):
             for signal, kept in zip(signals, state.sensed, strict=True)
         ]
         sensed = np.array([kept for _, kept in columns])
-        return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, commands, sensed)
+        return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, on.left, sensed)
 
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
         """The outputs (N, ny) for a command (N, 1), from a speed and a position."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
-from emsid.models.plants.drive import Drive, Feed, outer_handles
+from emsid.models.plants.drive import Acting, Drive, Feed, outer_handles
 from emsid.models.plants.driven import Driven
 from emsid.models.plants.one_mass import Motion, Sliding, moved
 from emsid.models.plants.parameters import TINY, Handle, Signal, dead_zone_handles, law_handles, scalar
@@ -259,42 +259,10 @@ class DrivenMotor(Driven):
 
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
         """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), and the state after them."""
-        dt, motor = state.dt, self.motor
-        made, conducts, late, commands = self.drive.acting(inputs, state.commands, dt)
-        if self._is_one_mass:
-            torque, braking = self._torque(made, conducts)
-            law = together(motor.rotor_friction, motor.load_friction)
-            speeds, positions = moved(
-                motor.rotor_inertia + motor.load_inertia,
-                type(law).level,
-                Sliding.of(law),
-                torque - self.load_torque,
-                braking + (motor.rotor_viscous + motor.load_viscous),
-                dt,
-                late,
-                self.steps,
-                float(state.motion[0]),
-                float(state.motion[1]),
-            )
-            motion = np.array([speeds[-1], positions[-1]])
-            speeds, positions = speeds[:-1], positions[:-1]
-            rotor_speeds, rotor_positions = speeds, positions
-            torque, braking = (late * each[:-1] + (1 - late) * each[1:] for each in (torque, braking))
-            current = (torque - braking * speeds) / motor.motor_constant
-        else:
-            if np.any(conducts != 1.0):
-                raise ModelError(
-                    "a bridge that coasts is simulated for a rigid motor without inductance only; choose rigid-motor, "
-                    "or leave out these samples with a mask",
-                    arguments=("mask",),
-                )
-            pieces = _pieces(made, dt, late)
-            start = State(*state.motion.tolist())
-            whole = simulate(motor, *pieces, disturbance=self.load_torque, initial=start, method=LONG_STEPS)
-            motion = np.array(astuple(whole.final))
-            every = slice(None, None, 2 if 0 < late < 1 else 1)
-            speeds, positions, current = whole.load_speed[every], whole.load_angle[every], whole.current[every]
-            rotor_speeds, rotor_positions = whole.rotor_speed[every], whole.rotor_angle[every]
+        dt = state.dt
+        on = self.drive.acting(inputs, state.commands, dt)
+        simulated = self._one_mass if self._is_one_mass else self._two_masses
+        (current, rotor_speeds, speeds, rotor_positions, positions), motion = simulated(on, state.motion)
         sensor = self.sensor
         shown: dict[Signal, Callable[[Array], tuple[Array, Array]]] = {
             Signal.SPEED: lambda kept: sensor.speed(speeds, positions, dt, kept),
@@ -304,7 +272,54 @@ class DrivenMotor(Driven):
         }
         columns = [shown[signal](kept) for signal, kept in zip(signals, state.sensed, strict=True)]
         sensed = np.array([kept for _, kept in columns])
-        return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, commands, sensed)
+        return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, on.left, sensed)
+
+    def _one_mass(self, on: Acting, motion: Array) -> tuple[tuple[Array, ...], Array]:
+        """Current, rotor and load speed, rotor and load position (N,) at the samples, and the motion after the run."""
+        motor, law = self.motor, together(self.motor.rotor_friction, self.motor.load_friction)
+        torque, braking = self._torque(on.voltage, on.conducts)
+        speeds, positions = moved(
+            motor.rotor_inertia + motor.load_inertia,
+            type(law).level,
+            Sliding.of(law),
+            torque - self.load_torque,
+            braking + (motor.rotor_viscous + motor.load_viscous),
+            on.dt,
+            on.late,
+            self.steps,
+            float(motion[0]),
+            float(motion[1]),
+        )
+        motion = np.array([speeds[-1], positions[-1]])
+        speeds, positions = speeds[on.samples], positions[on.samples]
+        if on.now is None:
+            torque, braking = (on.late * each[:-1] + (1 - on.late) * each[1:] for each in (torque, braking))
+        else:
+            torque, braking = self._torque(*on.now)
+        current = (torque - braking * speeds) / motor.motor_constant
+        return (current, speeds, speeds, positions, positions), motion
+
+    def _two_masses(self, on: Acting, motion: Array) -> tuple[tuple[Array, ...], Array]:
+        """The same for a motor that one mass does not describe."""
+        if np.any(on.conducts != 1.0):
+            raise ModelError(
+                "a bridge that coasts is simulated for a rigid motor without inductance only; choose rigid-motor, "
+                "or leave out these samples with a mask",
+                arguments=("mask",),
+            )
+        ends = motion[:, None]
+        volts, durations = _pieces(on.voltage, on.dt, on.late)
+        if len(volts):
+            start = State(*motion.tolist())
+            whole = simulate(
+                self.motor, volts, durations, disturbance=self.load_torque, initial=start, method=LONG_STEPS
+            )
+            motion = np.array(astuple(whole.final))
+            every = slice(None, None, 2 if 0 < on.late < 1 else 1)
+            rows = (whole.current, whole.rotor_speed, whole.load_speed, whole.twist, whole.load_angle)
+            ends = np.column_stack([np.array(rows)[:, every], motion])
+        current, rotor_speeds, speeds, twist, positions = ends[:, on.samples]
+        return (current, rotor_speeds, speeds, positions + twist, positions), motion
 
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
         """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), from speed and angle."""

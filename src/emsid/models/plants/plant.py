@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
-from emsid.models.plants.drive import Bridge, Drive
+from emsid.models.plants.drive import Bridge, Drive, Hold
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Handle, Signal, find_handle, read_at, write_at
 from emsid.models.plants.state import NOTHING, PlantState
@@ -191,6 +191,15 @@ class Plant(Protocol):
 
     def fed(self, record: Record) -> Self:
         """The plant as the command of a record drives it."""
+        ...
+
+    @property
+    def hold(self) -> Hold:
+        """How its inputs go on between their samples."""
+        ...
+
+    def held(self, hold: Hold) -> Self:
+        """The plant with inputs that go on like this between their samples."""
         ...
 
     def start_samples(self, signals: Sequence[Signal]) -> int:
@@ -406,6 +415,21 @@ class BasePlant(ABC):
 
     def fed(self, record: Record) -> Self:
         """The same plant for any drive."""
+        return self
+
+    @property
+    def hold(self) -> Hold:
+        """They are held."""
+        return Hold.ZERO
+
+    def held(self, hold: Hold) -> Self:
+        """The same plant.
+
+        Raises:
+            ModelError: for inputs that are not held.
+        """
+        if hold is not Hold.ZERO:
+            raise ModelError(f"{self.name} holds its inputs between the samples; give hold='zero'", arguments=("hold",))
         return self
 
     def start_samples(self, signals: Sequence[Signal]) -> int:

@@ -25,16 +25,17 @@ class Sensor:
         ratio: turns of the motor per measured turn.
         lag: time constant of its filter in s.
         offset: its reading at rest, in the unit of the output; not applied to a current.
-        average: whether a speed is the mean over the previous sample, as from counting encoder edges.
+        average: the share of the mean over the previous sample in a speed: 1 (True) where it comes from counting
+            encoder edges, 0 (False) for a tachometer. A mean is half a sample late.
 
     Raises:
-        ModelError: for a ratio of zero or a negative lag.
+        ModelError: for a ratio of zero, a negative lag, or a share outside 0 to 1.
     """
 
     ratio: float = 1.0
     lag: float = 0.0
     offset: float = 0.0
-    average: bool = False
+    average: float = 0.0
 
     def __post_init__(self) -> None:
         if not (isfinite(self.ratio) and self.ratio != 0 and isfinite(self.offset)):
@@ -43,6 +44,8 @@ class Sensor:
             )
         if not (isfinite(self.lag) and self.lag >= 0):
             raise ModelError(f"sensor with a lag of {self.lag} s; it cannot be negative and must be finite")
+        if not 0 <= self.average <= 1:
+            raise ModelError(f"sensor with average {self.average}; give 0 (a tachometer) to 1 (an encoder)")
 
     def begins(self, position: bool, motion: Array, dt: float, shown: float) -> Array:
         """(2,) its state before the first sample: the last position (NaN) and the state of its filter.
@@ -65,7 +68,8 @@ class Sensor:
         if self.average:
             before = float(kept[0])
             start = speeds[:1] if np.isnan(before) else (positions[:1] - before) / dt
-            seen = np.concatenate([start, np.diff(positions) / dt])
+            mean = np.concatenate([start, np.diff(positions) / dt])
+            seen = mean if self.average == 1 else self.average * mean + (1 - self.average) * speeds
         return self._shown(seen, positions, dt, kept)
 
     def position(self, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:

@@ -65,6 +65,8 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("map-is-straight", data={"block": 2}),
     Finding("parameters-without-interval", data={"parameters": ["f.b_r", "f.m_r"]}),
     # plants
+    Finding("input-between-samples", "voltage", {"hold": "first"}),
+    Finding("speed-is-a-mean", "speed"),
     Finding("unit-assumed", "rigid-motor", {"channel": "y", "signal": "speed", "unit": "rad/s"}),
     Finding("command-unit-assumed", "rigid-motor", {"channel": "u", "unit": "volts"}),
     Finding("codes-without-bridge", "rigid-motor", {"codes": [999.0], "nothing": "torque"}),

@@ -6,7 +6,7 @@
 """
 
 from emsid.models.plants.datasheet import Given, datasheet
-from emsid.models.plants.drive import Bridge, Drive, Feed
+from emsid.models.plants.drive import Acting, Bridge, Drive, Feed, Hold
 from emsid.models.plants.free_run_error import Recent
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.linear_axis import LinearAxis
@@ -27,6 +27,7 @@ from emsid.plant.friction import FrictionLaw, LawParameter, friction_law
 from emsid.plant.parameter import Measure, Parameter
 
 __all__ = [
+    "Acting",
     "BasePlant",
     "Bridge",
     "Channels",
@@ -41,6 +42,7 @@ __all__ = [
     "GreyBox",
     "GreyBoxFit",
     "Handle",
+    "Hold",
     "LawParameter",
     "LinearAxis",
     "Measure",

@@ -71,7 +71,7 @@ class Setting:
     def record(self, seed: int, samples: int = 1500) -> Record:
         """One record."""
         rng = np.random.default_rng([3, seed])
-        within = _sines(rng, samples) if self.continuous else _levels(rng, samples)
+        command, within = _sines(rng, samples) if self.continuous else _levels(rng, samples)
         speed, position = (each[:samples] for each in mass_of(self.truth).run(within, DT))
         if self.counts:
             counted = np.round((position + self.noise / self.counts * rng.standard_normal(samples)) * self.counts)
@@ -81,23 +81,27 @@ class Setting:
             speed = speed + self.noise * lfilter([1.0], [1.0, -self.pole], white)[200:]
         if self.quantum:
             speed = self.quantum * np.round(speed / self.quantum)
-        command = within[:, 0] if self.continuous else within
         return Record(command, speed, DT, input_units=("V",), output_units=("rad/s",))
 
 
-def _levels(rng: np.random.Generator, samples: int) -> Array:
-    """(N,) volts, held over every sample: levels with a sine on them."""
+def _levels(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
+    """(N,) volts held over every sample: levels and a sine on them."""
     t = np.arange(samples) * DT
-    return 3 * np.sin(2 * np.pi * 0.4 * t + rng.uniform(0, 6)) + 2 * np.repeat(rng.uniform(-1, 1, samples // 50 + 1), 50)[:samples]
+    levels = np.repeat(rng.uniform(-2, 2, samples // 50 + 1), 50)[:samples]
+    volts = 3 * np.sin(2 * np.pi * 0.4 * t + rng.uniform(0, 6)) + levels
+    return volts, volts
 
 
-def _sines(rng: np.random.Generator, samples: int) -> Array:
-    """(N, FINE) volts within every sample."""
-    t = (np.arange(samples * FINE) + 0.5) / FINE * DT  # the middle of what is held
+def _sines(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
+    """(N,) volts at the samples, and (N, FINE) in the middle of every part of a sample."""
     frequency, phase = rng.uniform(0.2, 4.0, 6), rng.uniform(0, 6.28, 6)
-    start = np.minimum(t / 0.2, 1.0)
-    waves = np.sin(2 * np.pi * frequency[:, None] * t + phase[:, None])
-    return (start * 1.6 * waves.sum(axis=0)).reshape(samples, FINE)
+
+    def volts(t: Array) -> Array:
+        waves = np.sin(2 * np.pi * frequency[:, None] * t + phase[:, None])
+        return np.minimum(t / 0.2, 1.0) * 1.6 * waves.sum(axis=0)
+
+    t = np.arange(samples * FINE) + 0.5
+    return volts(np.arange(samples) * DT), volts(t / FINE * DT).reshape(samples, FINE)
 
 
 SETTINGS: Mapping[str, Setting] = {

@@ -30,12 +30,13 @@ from emsid.models.blocks.search.topologies import (
 )
 from emsid.models.free_run import squared_errors
 from emsid.models.plants.datasheet import applicable
-from emsid.models.plants.drive import Bridge
+from emsid.models.plants.drive import Bridge, Hold
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
 from emsid.models.plants.grey_box import signals_of
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS
+from emsid.models.plants.search.between_samples import as_hold
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.refinements import REFINEMENTS, Refinement
@@ -69,6 +70,8 @@ class Options:
         free: exactly the physical parameters to estimate; by default those that the plant usually has unknown, with
             refinements.
         recent: time in s after which errors of physical models are forgotten; see `Recent`. By default, never.
+        hold: how the input goes on between its samples: ``"zero"`` (held) or ``"first"`` (straight to the next one); by
+            default decided from the data.
         profile: physical parameters whose likelihood profiles are computed.
         held_back: fraction of the record that is selection data; see `emsid.record.hold_back`.
     """
@@ -88,6 +91,7 @@ class Options:
     codes: tuple[tuple[float, Bridge], ...] = ()
     free: tuple[str, ...] = ()
     recent: float | None = None
+    hold: Hold | str | None = None
     profile: tuple[str, ...] = ()
     held_back: float = 0.25
 
@@ -96,6 +100,8 @@ class Options:
             object.__setattr__(self, name, as_names(getattr(self, name)))
         if self.static is not None:
             object.__setattr__(self, "static", family_of(self.static))
+        if self.hold is not None:
+            object.__setattr__(self, "hold", as_hold(self.hold))
         if self.ridge and self.forgetting is not None:
             raise ModelError("ridge is for a batch estimate and forgetting for a recursive one; choose one of them")
 
@@ -229,11 +235,12 @@ class Blocks:
 
     summary: str
     topology: Topology
-    uses: ClassVar[tuple[str, ...]] = ("nk", "knots", "orders", "static")
+    uses: ClassVar[tuple[str, ...]] = ("nk", "knots", "orders", "static", "hold")
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose orders, knots and delay on selection data, then fit to the free run over the whole record."""
-        settings = CascadeSearch(static=options.static, size=options.knots, delay=options.nk)
+        rate = 1 if options.hold is Hold.ZERO else None  # more steps per sample are for inputs that go on in between
+        settings = CascadeSearch(static=options.static, size=options.knots, delay=options.nk, oversampling=rate)
         return CascadeStructure(self.topology, self._orders(options), settings).fit(record, control=control)
 
     def _orders(self, options: Options) -> tuple[int | None, int | None]:
@@ -264,7 +271,7 @@ class Physical:
     summary: str
     plant: Plant
     refinements: tuple[Refinement, ...] = REFINEMENTS
-    uses: ClassVar[tuple[str, ...]] = ("fixed", "datasheet", "codes", "free", "recent", "profile")
+    uses: ClassVar[tuple[str, ...]] = ("fixed", "datasheet", "codes", "free", "recent", "hold", "profile")
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose the refinements unless ``free`` is given, then fit to the whole record."""
@@ -282,6 +289,7 @@ class Physical:
                 fixed=options.fixed,
                 datasheet=applicable(options.datasheet, plant),
                 weighting=weighting,
+                hold=options.hold,
                 control=control,
             )
         return choose(
@@ -290,6 +298,7 @@ class Physical:
             fixed=options.fixed,
             datasheet=options.datasheet,
             weighting=None if options.recent is None else weighting,
+            hold=options.hold,
             refinements=self.refinements,
             control=control,
         )

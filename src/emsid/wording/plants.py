@@ -34,6 +34,22 @@ def codes_without_bridge(f: Finding, argument: Spelling) -> str:
     return f"{f.subject} has no bridge here, so the code {codes} means zero {f.data['nothing']}"
 
 
+@words("input-between-samples")
+def input_between_samples(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: hold."""
+    how = "goes straight from sample to sample" if f.data["hold"] == "first" else "is held between its samples"
+    return f"the data show that {f.subject} {how}, and it is simulated so; {argument('hold')} sets this"
+
+
+@words("speed-is-a-mean")
+def speed_is_a_mean(f: Finding, argument: Spelling) -> str:
+    """Subject: the output."""
+    return (
+        f"the data show that {f.subject} is the mean over the sample before it, as from counting the edges of an "
+        f"encoder, and it is simulated so; {argument('average')} sets this"
+    )
+
+
 @words("no-shaft-seen", Severity.WARNING)
 def no_shaft_seen(f: Finding, argument: Spelling) -> str:
     return (

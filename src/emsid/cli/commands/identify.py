@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from emsid.identification import Identification
     from emsid.identification.candidates import Physical
     from emsid.models.blocks.search.map_families import Family
+    from emsid.models.plants.datasheet import Given
+    from emsid.models.plants.drive import Bridge
 
 
 Files = Annotated[
@@ -94,6 +96,17 @@ Recent = Annotated[
         metavar="S", parser=quantity("s"), help="Forget errors of a physical model's free run after this time."
     ),
 ]
+HoldInput = Annotated[
+    str | None,
+    typer.Option(
+        "--hold",
+        metavar="zero|first",
+        help="Input between the samples: zero (held) or first (straight to the next); by default from the data.",
+    ),
+]
+Average = Annotated[
+    bool, typer.Option("--average", help="The speed is the mean over the sample before it, as an encoder counts it.")
+]
 Profile = Annotated[
     str | None,
     typer.Option(metavar="NAME,...", help="Compute likelihood profiles of these physical parameters."),
@@ -125,6 +138,8 @@ def identify(
     coast: Coast = [],  # noqa: B006
     free: Free = None,
     recent: Recent = None,
+    hold: HoldInput = None,
+    average: Average = False,
     profile: Profile = None,
     out: Out = Path("emsid-result"),
     json: Json = False,
@@ -147,10 +162,7 @@ def identify(
       emsid identify arm.mat -u vir -y "d(qm)" --time t --scale vir=35.15065 --models friction-narx --knots 8
       emsid identify arm.csv -u force -y x --time t --models linear-axis --free mass,offset --datasheet arm.toml
     """
-    from emsid.identification import candidates
-    from emsid.identification import workflow as identification
-    from emsid.io import read_datasheet
-    from emsid.models.plants.drive import Bridge
+    from emsid.identification import candidates, workflow
 
     asked = names(models, "--models") or candidates.USUAL
     plants = [each.plant for each in _physical_first(asked)]
@@ -165,19 +177,19 @@ def identify(
         static=_family(static),
         ridge=ridge,
         forgetting=forgetting,
-        fixed=physical_values(fix, "--fix", plants),
-        datasheet={} if datasheet is None else read_datasheet(datasheet),
-        codes=(*((code, Bridge.BRAKE) for code in brake), *((code, Bridge.COAST) for code in coast)),
+        fixed=physical_values([*fix, *(["sensor.average=1"] if average else [])], "--fix", plants),
+        datasheet=_sheet(datasheet),
+        codes=_codes(brake, coast),
         free=physical_names(free, "--free", plants),
         recent=recent,
+        hold=hold,
         profile=physical_names(profile, "--profile", plants),
     )
     if not 0 < unseen < 1:
         raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
     check_folder(out)
-    records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
-    given: dict[str, Any] = {"models": asked, "options": options, "transient": transient}
-    search = partial(identification.identify, records, tests or unseen, **given)
+    records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate] or unseen
+    search = partial(workflow.identify, records, tests, models=asked, options=options, transient=transient)
     _run(search, reader, out, json, pdf)
 
 
@@ -200,6 +212,20 @@ def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: 
         possible = [f"{name}.json" for name in candidates.CANDIDATES]
         say_where(out, drawn, "result.json", *written, possible=possible)
     INTERRUPTION.end(result.interrupted or not drawn)
+
+
+def _sheet(path: Path | None) -> "dict[str, Given]":
+    """The datasheet in a file, empty without one."""
+    from emsid.io import read_datasheet
+
+    return {} if path is None else read_datasheet(path)
+
+
+def _codes(brake: Sequence[float], coast: Sequence[float]) -> "tuple[tuple[float, Bridge], ...]":
+    """The values of the input that are no commands, with the state of the bridge."""
+    from emsid.models.plants.drive import Bridge
+
+    return (*((code, Bridge.BRAKE) for code in brake), *((code, Bridge.COAST) for code in coast))
 
 
 def _family(static: str | None) -> "Family | None":

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.frequency_response import fit_rational, frequency_response
+from emsid.excitation.between_samples import repeats
 from emsid.models.blocks.search.cross_validation import as_arrays
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
@@ -29,8 +30,6 @@ LOWER = 2
 SIGNLESS_FIRST, SIGNLESS_SECOND = (1, 2, 3, 4), (0, 1)
 # The longest delay tried, and the fraction of the squared error within which two delays are equally good.
 LONGEST_DELAY, DELAY_SLACK = 20, 0.1
-# An input that repeats its value at more than this fraction of the samples is held between samples.
-HOLD_FRACTION = 0.5
 # The least number of samples for every parameter.
 SAMPLES_PER_PARAMETER = 5
 
@@ -73,8 +72,7 @@ def _least(topology: Topology, orders: Orders) -> int:
 
 def oversamplings(records: Sequence[Record]) -> tuple[int, ...]:
     """Multiples of the sampling rate to try: only one for an input that is held between samples, like a drive's."""
-    held = np.mean(np.concatenate([np.diff(u) == 0 for u, _ in as_arrays(records)]))
-    return (1,) if held > HOLD_FRACTION else (1, 2)
+    return (1,) if repeats([u for u, _ in as_arrays(records)]) else (1, 2)
 
 
 def order_shares(topology: Topology, orders: Orders, total: int) -> list[Orders]:

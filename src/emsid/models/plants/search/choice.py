@@ -29,11 +29,13 @@ from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.plants.datasheet import Given, applicable
+from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Signal, parts, without_overlap
 from emsid.models.plants.plant import DrivenPlant, Plant
 from emsid.models.plants.registry import PLANTS
+from emsid.models.plants.search.between_samples import is_open
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.refinements import (
     EXTRAPOLATES,
@@ -75,6 +77,7 @@ def choose(
     fixed: Mapping[str, float | str] | None = None,
     datasheet: Mapping[str, Given] | None = None,
     weighting: Weighting | None = None,
+    hold: Hold | str | None = None,
     refinements: Sequence[Refinement] = REFINEMENTS,
     control: Control = FREE,
 ) -> GreyBoxFit:
@@ -86,6 +89,7 @@ def choose(
         fixed: as in `simulation_error`; they hold for every trial.
         datasheet: likewise, as far as it is `applicable` to the plant.
         weighting: how errors count by their age; chosen where it is None.
+        hold: as in `simulation_error`.
         refinements: what is tried.
         control: when to stop; the best plant so far is then the answer.
     """
@@ -97,9 +101,9 @@ def choose(
     if not refinements:
         how = weighting or all_alike
         return simulation_error(
-            plant, record, free=usual, fixed=values, datasheet=sheet, weighting=how, control=control
+            plant, record, free=usual, fixed=values, datasheet=sheet, weighting=how, hold=hold, control=control
         )
-    search = _Choice(plant, record, usual, values, sheet, control)
+    search = _Choice(plant, record, usual, values, sheet, hold, control)
     stopped = search.run(weighting, refinements)
     fit = simulation_error(
         search.found,
@@ -108,6 +112,7 @@ def choose(
         fixed=values,
         datasheet=sheet,
         weighting=search.weighting,
+        hold=hold if hold is None and search.found.hold is Hold.FIRST else search.found.hold,
         look_around=False,
         **({"max_iterations": 0} if stopped else {"control": control}),
     )
@@ -134,6 +139,7 @@ class _Choice:
         usual: tuple[str, ...],
         fixed: Mapping[str, float],
         sheet: Mapping[str, Given],
+        hold: Hold | str | None,
         control: Control,
     ) -> None:
         signals = signals_of(plant, record)
@@ -155,8 +161,10 @@ class _Choice:
             },
             bounds={name: physical[name] for name in usual},
             signals=signals,
+            hold=hold,
             control=control,
         )
+        self._may_be_straight = hold is None and is_open(plant, record.segments)
         start = plain.model.plant.driven
         assert start is not None
         self.asked, self._fixed = usual, tuple(fixed)
@@ -252,6 +260,12 @@ class _Choice:
                     if exchanged is not None and exchanged.cost < self.trial.cost:
                         self._take(exchanged)
 
+        if self._may_be_straight:
+            hold = Hold.ZERO if self.trial.plant.hold is Hold.FIRST else Hold.FIRST
+            exchanged = self._tried([[(self.trial.plant.held(hold), self.trial.names)]])[0]
+            if exchanged is not None and exchanged.cost < self.trial.cost:
+                self._take(exchanged)
+
     def _remove(self) -> None:
         for done in range(MOST):
             self._doing("removing refinements", done)
@@ -267,7 +281,10 @@ class _Choice:
     def _tried(self, groups: Sequence[Sequence[Refined]]) -> list[Trial | None]:
         """A trial for each group of starts with the same free names; None where there is nothing to fit or simulate."""
 
+        known = {name: self.trial.plant.value(name) for name in self._fixed}
+
         def tried(starts: Sequence[Refined]) -> Trial | None:
+            starts = [each for each in starts if all(each[0].value(name) == known[name] for name in known)]
             names = without_overlap(starts[0][0], starts[0][1], self._fixed) if starts else ()
             if not names:
                 return None

@@ -23,12 +23,14 @@ from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.plants.beginning import agrees, starts_from_samples
+from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
+from emsid.models.plants.search.between_samples import as_hold, is_open, promises_more
 from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, identified_by, keep_identifiable
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
 from emsid.models.plants.search.starts import starts_of
@@ -49,6 +51,7 @@ def simulation_error(
     datasheet: Mapping[str, Any] | None = None,
     signals: str | Signal | Sequence[str | Signal] | None = None,
     weighting: Weighting = all_alike,
+    hold: Hold | str | None = None,
     look_around: bool = True,
     max_iterations: int = 60,
     threads: int | None = None,
@@ -67,6 +70,8 @@ def simulation_error(
             ``"unknown"``, or a `Given`.
         signals: what the outputs of the records are, `Signal` or its name, by default judged by their units.
         weighting: how errors count by their age: `all_alike`, `Recent`, or any other linear filter (error, dt) → error.
+        hold: how the command goes on between its samples: ``"zero"`` (held) or ``"first"`` (straight to the next). By
+            default it is held where it repeats its values or jumps; else what simulates the records better is taken.
         look_around: whether to begin at the datasheet, or where a regression on the records says if that simulates
             better; otherwise the search begins with the plant as it is given.
         max_iterations: of the search, all its rounds together; a parameter that is kept only in the end adds a few.
@@ -78,8 +83,9 @@ def simulation_error(
             itself.
         DataError: for records without motion, with other channels, in other units, or with an output of the wrong sign.
     """
+    plant = DrivenMotor(plant) if isinstance(plant, Motor) else plant
     task = prepare(
-        DrivenMotor(plant) if isinstance(plant, Motor) else plant,
+        plant if hold is None else plant.held(as_hold(hold)),
         records,
         free=free,
         fixed=fixed,
@@ -91,8 +97,7 @@ def simulation_error(
         threads=threads,
         control=control,
     )
-    if starts_from_samples(task.plant, task.signals):
-        task = replace(task, free_starts=False)
+    task = replace(task, hold_given=hold is not None, free_starts=not starts_from_samples(task.plant, task.signals))
     start = _promising(task, starts_of(task)) if look_around else task.plant
     reached = _begun_again(task, continuation.search(task, start, max_iterations), max_iterations)
     if not task.free_starts and reached.unended:
@@ -101,7 +106,19 @@ def simulation_error(
             again = continuation.search(freed, reached.problem.plant, max_iterations)
             if _starts_agree(freed, again.problem):
                 task, reached = freed, again
+    if not task.hold_given and reached.unended and is_open(task.plant, task.segments):
+        reached = _straight_if_better(task, reached, max_iterations)
     return _concluded(task, start, reached)
+
+
+def _straight_if_better(task: Task, reached: Reached, max_iterations: int) -> Reached:
+    """Where the search ends with a command that goes straight from sample to sample, if that simulates better."""
+    straight = promises_more(task, reached.problem, reached.minimum.cost)
+    if straight is not None:
+        with suppress(Stopped):
+            again = continuation.search(task, straight, max_iterations)
+            return again if again.minimum.cost < reached.minimum.cost else reached
+    return reached
 
 
 def _starts_agree(task: Task, problem: FreeRunError) -> bool:

@@ -45,6 +45,14 @@ def slow_sensor(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Se
     return [(plant.put({"sensor.lag": lag * record.dt}), (*free, "sensor.lag")) for lag in (0.5, 2.0, 6.0)]
 
 
+def averaging_sensor(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
+    """The speed is the mean over the sample before it, as from counting the edges of an encoder."""
+    shown = signals_of(plant, record)
+    if not {Signal.SPEED, Signal.ROTOR_SPEED} & set(shown) or "sensor.average" in free or plant.value("sensor.average"):
+        return []
+    return [(plant.put({"sensor.average": 1.0}), free)]
+
+
 def stribeck(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
     """Friction is larger near rest."""
     excess, rate = f"{plant.friction_name}.stribeck", f"{plant.friction_name}.stribeck_rate"
@@ -98,7 +106,8 @@ def constant_load(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> 
 
 
 REFINEMENTS: tuple[Refinement, ...] = (
-    coasting_bridge, late_command, slow_sensor, stribeck, by_direction, viscous_by_direction, constant_load,
+    coasting_bridge, late_command, slow_sensor, averaging_sensor, stribeck, by_direction, viscous_by_direction,
+    constant_load,
 )  # fmt: skip
 EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge,)
 """Refinements that do great harm on another record where they are wrong: they must lower the error clearly."""

@@ -15,6 +15,7 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.gauss_newton import Minimum
 from emsid.estimation.uncertainty.identifiability import Identifiability
 from emsid.findings import Finding, plain
+from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
@@ -159,7 +160,22 @@ def findings_of(
         if plant.handles[row.name].lower >= 0 and abs(row.value) < STANDARD_ERRORS * row.standard_error
     ]
     zero = [Finding("intervals-include-zero", plant.name, {"parameters": including_zero})] if including_zero else []
-    return (*ended, *_not_identifiable(task, plant, names, identifiability, together), *zero)
+    return (
+        *ended,
+        *_as_simulated(task, plant),
+        *_not_identifiable(task, plant, names, identifiability, together),
+        *zero,
+    )
+
+
+def _as_simulated(task: Task, plant: Plant) -> list[Finding]:
+    """What was decided about the input between its samples and about the sensor, which is not among the parameters."""
+    found = []
+    if plant.hold is not Hold.ZERO and not task.hold_given:
+        found.append(Finding("input-between-samples", task.segments[0].input_names[0], {"hold": plant.hold.value}))
+    if plant.driven is not None and plant.value("sensor.average") == 1 and "sensor.average" not in task.fixed:
+        found.append(Finding("speed-is-a-mean", task.segments[0].output_names[0]))
+    return found
 
 
 def _not_identifiable(

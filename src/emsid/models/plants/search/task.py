@@ -46,6 +46,7 @@ class Task:
         weighting: how errors count by their age.
         threads: how many.
         control: when to stop.
+        hold_given: whether somebody has said how the input goes on between its samples.
         free_starts: whether initial states are estimated, and not taken from the first samples; see `beginning`.
     """
 
@@ -61,6 +62,7 @@ class Task:
     weighting: Weighting
     threads: int
     control: Control
+    hold_given: bool = False
     free_starts: bool = True
 
     @property

@@ -1,0 +1,34 @@
+"""What an input shows of how it goes on between its samples.
+
+An input that often repeats its value is held, as that of a digital output is. One that changes at every sample, and
+much from sample to sample, was not sampled from a signal that goes on in between: half of its power would lie above a
+sixth of the sampling frequency. A smooth one may be either; only the output shows which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+HOLD_FRACTION = 0.5
+"""An input that repeats its value at more than this fraction of the samples is held between samples."""
+ROUGH = 0.5
+"""The second differences of a smooth input have less than this part of its variance."""
+
+
+def repeats(inputs: Sequence[Array]) -> bool:
+    """Whether inputs (Nᵢ,) repeat their value so often that they are held."""
+    return bool(np.mean(np.concatenate([np.diff(u) == 0 for u in inputs])) > HOLD_FRACTION)
+
+
+def may_be_continuous(inputs: Sequence[Array]) -> bool:
+    """Whether inputs (Nᵢ,) may be samples of a signal that goes on between them."""
+    if repeats(inputs):
+        return False
+    power = sum(len(u) * float(np.var(u)) for u in inputs)
+    bends = sum(float(np.sum(np.diff(u, 2) ** 2)) for u in inputs)
+    return bends < ROUGH * power

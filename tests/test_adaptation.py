@@ -155,6 +155,11 @@ def test_the_gradient_has_no_covariance() -> None:
     np.testing.assert_allclose(state.estimate, TRUE, atol=0.15)
 
 
+def _totals(parameters: int) -> np.ndarray:
+    """Before the first sample, with peaks that no regressor exceeds, so that the limit of D stays as it is given."""
+    return np.append(np.zeros(7), np.full(parameters, np.inf))
+
+
 @pytest.mark.parametrize("silence", ["nothing at all", "constant", "small noise"])
 def test_directional_forgetting_without_excitation(silence: str) -> None:
     """The short form of 10⁹ samples in ``bench/run.py``: 90 % of the samples have no excitation."""
@@ -166,14 +171,19 @@ def test_directional_forgetting_without_excitation(silence: str) -> None:
         "constant": np.ones((n, size)),
         "small noise": 1e-3 * rng.standard_normal((n, size)),
     }[silence]
-    estimate, factor, diagonal, totals = np.zeros(n), np.eye(n), np.full(n, 1e8), np.zeros(6)
+    estimate, factor, diagonal, totals = (
+        np.zeros(n),
+        np.eye(n),
+        np.full(n, 1e8),
+        np.append(np.zeros(7), np.full(n, np.inf)),
+    )
     none, rule = np.empty((0, n)), Directional(0.98).numbers(n)
     largest = 0.0
     for k in range(40):
         phi = quiet if k % 10 else rng.standard_normal((n, size))
         block = np.vstack([phi, theta @ phi + 1e-3 * rng.standard_normal(size)])
         kept = estimate.copy()
-        update(estimate, factor, diagonal, totals, none, block, rule, np.full(n, 1e12), none, np.empty((0, 3)))
+        update(estimate, factor, diagonal, totals, none, block, rule, np.full((2, n), 1e12), none, np.empty((0, 3)))
         covariance = factor.T @ (diagonal[:, None] * factor)
         largest = max(largest, float(np.abs(covariance).max())) if k else 0.0
         assert np.linalg.eigvalsh(covariance).min() > 0

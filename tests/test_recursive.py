@@ -23,7 +23,7 @@ from emsid import (
     recursive_least_squares,
     wiener_hammerstein_regression,
 )
-from emsid.estimation.linear.recursive import WINDUP, RecursiveState, paper_recursion, update_by_tiles
+from emsid.estimation.linear.recursive import GROWTH, WINDUP, RecursiveState, paper_recursion, update_by_tiles
 
 Array = NDArray[np.float64]
 
@@ -232,18 +232,29 @@ def test_a_step_of_the_parameters_is_tracked() -> None:
     assert np.abs(constant - after).min() > 0.05  # without forgetting it rests between the two
 
 
+def _totals(parameters: int) -> np.ndarray:
+    """Before the first sample, with peaks that no regressor exceeds, so that the limit of D stays as it is given."""
+    return np.append(np.zeros(7), np.full(parameters, np.inf))
+
+
 def test_forgetting_without_excitation_neither_explodes_nor_loses_positiveness() -> None:
     """A million samples of which nine in ten say nothing, at λ = 0.98: unbounded, P would overflow."""
     rng = np.random.default_rng(5)
     n, block, ceiling = 4, 10_000, np.full(4, 1e8)
     theta = np.array([0.5, -0.3, 1.0, 2.0])
-    estimate, factor, diagonal, totals = np.zeros(n), np.eye(n), ceiling.copy(), np.zeros(6)
+    estimate, factor, diagonal, totals = (
+        np.zeros(n),
+        np.eye(n),
+        ceiling.copy(),
+        np.append(np.zeros(7), np.full(n, np.inf)),
+    )
+    limits = np.stack([ceiling, ceiling])
     lowest, highest, largest = np.inf, 0.0, 0.0
     for k in range(100):
         phi = np.zeros((n, block)) if k % 10 else rng.standard_normal((n, block))
         if k % 20 == 10:
             phi[2:] = phi[:2]  # half of what does excite excites two directions only
-        update_by_tiles(estimate, factor, diagonal, totals, np.vstack([phi, theta @ phi]), 0.98, ceiling)
+        update_by_tiles(estimate, factor, diagonal, totals, np.vstack([phi, theta @ phi]), 0.98, limits)
         lowest, highest = min(lowest, diagonal.min()), max(highest, diagonal.max())
         covariance = factor.T @ (diagonal[:, None] * factor)
         largest = max(largest, float(np.abs(covariance).max()))
@@ -251,9 +262,10 @@ def test_forgetting_without_excitation_neither_explodes_nor_loses_positiveness()
         assert np.isfinite(estimate).all()
     assert lowest > 0
     assert highest == 1e8  # reached, and not passed
+    assert totals[6] > 800_000  # and counted
     assert largest < 1e9
     phi = rng.standard_normal((n, 2000))
-    update_by_tiles(estimate, factor, diagonal, totals, np.vstack([phi, theta @ phi]), 0.98, ceiling)
+    update_by_tiles(estimate, factor, diagonal, totals, np.vstack([phi, theta @ phi]), 0.98, limits)
     np.testing.assert_allclose(estimate, theta, rtol=1e-12)
 
 
@@ -263,9 +275,38 @@ def test_covariance_and_estimate_stay_bounded_without_input() -> None:
     recursion = RecursiveLeastSquares(structure, 0.95, 10.0)
     state = recursion.update(recursion.start(), record)
     silent = recursion.update(state.cut(), Record(np.zeros(5000), np.zeros(5000), 0.01))
-    np.testing.assert_array_equal(silent.diagonal, WINDUP * 10.0)
+    np.testing.assert_array_equal(silent.diagonal, np.maximum(WINDUP / state.peak**2, GROWTH * 10.0))
+    np.testing.assert_array_equal(silent.peak, state.peak)
+    assert silent.limited > 4000
     np.testing.assert_array_equal(silent.estimate, state.estimate)
     assert silent.samples == pytest.approx(1 / (1 - 0.95), rel=1e-12)
+
+
+def changing(scale: float) -> Record:
+    """A first-order system whose gain and pole change in the middle; both channels in a unit 1/scale times as large."""
+    rng = np.random.default_rng(3)
+    u, y = rng.standard_normal(2000), np.zeros(2000)
+    for t in range(1, 2000):
+        y[t] = (0.8 * y[t - 1] + 0.5 * u[t - 1]) if t < 1000 else (0.3 * y[t - 1] + 2.0 * u[t - 1])
+    return Record(scale * u, scale * y, 0.01)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-3, 1e6])
+@pytest.mark.parametrize("history", [True, False])
+def test_forgetting_works_in_any_unit_of_the_channels(scale: float, history: bool) -> None:
+    fit = recursive_least_squares(arx(1, 1), changing(scale), forgetting=0.98, history=history)
+    np.testing.assert_allclose(fit.estimate, [-0.3, 2.0], rtol=1e-6)
+    assert not fit.findings
+
+
+def test_where_nothing_is_forgotten_the_fit_says_so() -> None:
+    record = changing(1.0)
+    silent = replace(record, input=np.where(np.arange(2000) < 500, record.input[:, 0], 0.0))
+    (finding,) = recursive_least_squares(arx(1, 2), silent, forgetting=0.9).findings
+    assert (finding.code, finding.subject) == ("forgetting-limited", "arx")
+    assert 1000 < finding.data["samples"] < 1500
+    assert finding.data["parameters"] == ["b1", "b2"]
+    assert not recursive_least_squares(arx(1, 2), silent).findings  # without forgetting there is nothing to limit
 
 
 def test_exact_parameters_come_back_as_a_model(structure: Structure) -> None:

@@ -46,6 +46,8 @@ EXAMPLES: tuple[Finding, ...] = (
         },
     ),
     Finding("few-samples", data={"samples": 16.0, "parameters": 8}),
+    Finding("forgetting-limited", data={"samples": 1200, "parameters": ["b1", "b2"]}),
+    Finding("forgetting-limited", data={"samples": 3, "parameters": []}),
     # searches
     Finding("search-stalled", data=SO_FAR),
     Finding("steps-used-up", data=SO_FAR | {"steps": 1}),

@@ -30,3 +30,15 @@ def few_samples(f: Finding, argument: Spelling) -> str:
         f"{f.data['parameters']} parameters were estimated from only {f.data['samples']:g} samples; record longer, or "
         "choose a smaller structure"
     )
+
+
+@words("forgetting-limited", Severity.WARNING)
+def forgetting_limited(f: Finding, argument: Spelling) -> str:
+    """Data: samples, parameters (those at the limit in the end)."""
+    at_limit = f.data["parameters"]
+    return (
+        f"in {f.data['samples']:,} samples the input did not excite all parameters, so the recursion forgot nothing in "
+        "the directions without excitation"
+        + (f"; at the end of the record these are directions of {shortened(at_limit)}" if at_limit else "")
+        + ". Excite the system all the time, or use a larger forgetting factor"
+    )

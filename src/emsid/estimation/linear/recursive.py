@@ -8,7 +8,10 @@ In this form rounding makes P lose symmetry and finally positiveness. The factor
 P = U D Uᵀ, with U unit upper triangular and D diagonal (Bierman, *Factorization Methods for Discrete Sequential
 Estimation*, 1977, ch. V; with forgetting, Ljung, *System Identification*, 2nd ed., sec. 11.7). D stays positive by
 construction, at n²·3/2 multiplications per sample. In a direction without excitation, forgetting would let D grow
-without bound; D is limited to a multiple of its initial value, which already stands for no knowledge.
+without bound. So D_j is limited to `WINDUP` divided by the square of the largest value of regressor j so far, or to
+`GROWTH` times its initial value where that is larger. At this limit one such value outweighs all earlier samples, in
+any unit of the channels. The samples at which the limit was active are counted and reported, because not all directions
+are forgotten there.
 
 If only the last estimate is needed, samples can be processed in tiles: P⁻¹ = RᵀR with ``R = D^(−1/2) U⁻¹`` is a
 triangular factor like that of `information`. A tile of samples, each with its weight at the end of the tile, is
@@ -35,15 +38,20 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.linear.adaptation import Code, Forgetting, Gradient, Rule, correct, diffuse, excitation
 from emsid.estimation.linear.information import TILE, add_multiple, copy_square, reflect, workspace
 from emsid.estimation.linear.least_squares import LinearStructure, M_co, check_excitation
+from emsid.findings import Finding
 from emsid.record import Record, check_same_channels, concatenate
 
 Array = NDArray[np.float64]
 
-# The largest ratio of D to its initial value; ordinary data never reach it.
-WINDUP = 1e4
+# The largest D_j·φ_j²: directions that are excited 1e8 times less than the regressor's peak are not forgotten.
+WINDUP = 1e16
+# The largest ratio of D to its initial value, where that allows more.
+GROWTH = 1e4
+# The largest D, so that its products do not overflow.
+HIGHEST = 1e150
 
 # The totals of the recursion in the kernels.
-_SAMPLES, _SQUARES, _WEIGHTS, _IDLE, _PLACE, _FILLED = range(6)
+_SAMPLES, _SQUARES, _WEIGHTS, _IDLE, _PLACE, _FILLED, _LIMITED, _PEAKS = range(8)
 
 
 def _no_rows() -> Array:
@@ -61,6 +69,8 @@ class RecursiveState:
         samples: effective number of samples, Σ w, with weights w = λᵏ.
         residual_sum_of_squares: Σ w·ε² of the residuals of the present estimate.
         squared_weights: Σ w².
+        peak: (n,) the largest absolute value of every regressor so far.
+        limited: the number of samples after which D was at its limit, so that not all directions were forgotten.
         idle: the number of samples since one that changed the estimate; some rules leave out what has no excitation.
         window: (m, n + 1) past rows [φ y] of a sliding window, in a ring; without rows for other rules.
         place, filled: where the next row goes in the ring, and how many rows it has.
@@ -73,6 +83,8 @@ class RecursiveState:
     samples: float = 0.0
     residual_sum_of_squares: float = 0.0
     squared_weights: float = 0.0
+    peak: Array = field(default_factory=lambda: np.zeros(0))
+    limited: int = 0
     idle: int = 0
     window: Array = field(default_factory=_no_rows)
     place: int = 0
@@ -106,13 +118,14 @@ class RecursiveState:
     def totals(self) -> Array:
         """The sums and counts, in the form that the kernels use."""
         sums = (self.samples, self.residual_sum_of_squares, self.squared_weights)
-        return np.array([*sums, self.idle, self.place, self.filled], dtype=float)
+        return np.array([*sums, self.idle, self.place, self.filled, self.limited, *self.peak], dtype=float)
 
     def after(self, estimate: Array, factor: Array, diagonal: Array, totals: Array, window: Array) -> RecursiveState:
         """The same with what the kernels have made of it."""
-        idle, place, filled = (int(totals[k]) for k in (_IDLE, _PLACE, _FILLED))
+        idle, place, filled, limited = (int(totals[k]) for k in (_IDLE, _PLACE, _FILLED, _LIMITED))
         sums = (float(totals[k]) for k in (_SAMPLES, _SQUARES, _WEIGHTS))
-        return RecursiveState(estimate, factor, diagonal, *sums, idle, window, place, filled, self.tail)
+        peak = np.array(totals[_PEAKS:])
+        return RecursiveState(estimate, factor, diagonal, *sums, peak, limited, idle, window, place, filled, self.tail)
 
     def cut(self) -> RecursiveState:
         """The state with its estimate but without past samples: the next samples come after a gap."""
@@ -120,7 +133,7 @@ class RecursiveState:
 
     def to_data(self) -> dict[str, Any]:
         """Everything that `from_data` needs to restore the state bit for bit, in built-in types."""
-        arrays = {name: getattr(self, name).tolist() for name in ("estimate", "factor", "diagonal", "window")}
+        arrays = {name: getattr(self, name).tolist() for name in (*_ARRAYS, "window")}
         numbers = {name: getattr(self, name) for name in _NUMBERS}
         tail = None
         if self.tail is not None:
@@ -137,7 +150,7 @@ class RecursiveState:
             ModelError: for data that do not describe a state.
         """
         try:
-            estimate, factor, diagonal = (np.array(data[name], dtype=float) for name in _ARRAYS)
+            estimate, factor, diagonal, peak = (np.array(data[name], dtype=float) for name in _ARRAYS)
             n = len(estimate)
             window = np.array(data["window"], dtype=float)
             tail: Any = data["tail"]
@@ -150,18 +163,20 @@ class RecursiveState:
         except (KeyError, TypeError, ValueError) as problem:
             raise ModelError(f"not a state of a recursion ({problem}); save it again") from None
         window = window.reshape(-1, n + 1) if window.size else _no_rows()
-        finite = all(np.isfinite(each).all() for each in (estimate, factor, diagonal, window))
-        if factor.shape != (n, n) or diagonal.shape != (n,) or not finite or not np.all(diagonal > 0):
+        finite = all(np.isfinite(each).all() for each in (estimate, factor, diagonal, peak, window))
+        together = factor.shape == (n, n) and diagonal.shape == peak.shape == (n,)
+        if not together or not finite or not np.all(diagonal > 0):
             raise ModelError("not a state of a recursion: its arrays do not fit together; save it again")
-        return cls(estimate, factor, diagonal, window=window, tail=past, **numbers)
+        return cls(estimate, factor, diagonal, peak=peak, window=window, tail=past, **numbers)
 
 
-_ARRAYS = ("estimate", "factor", "diagonal")
+_ARRAYS = ("estimate", "factor", "diagonal", "peak")
 _NAMES = ("input_names", "output_names", "input_units", "output_units")
 _NUMBERS: dict[str, type] = {
     "samples": float,
     "residual_sum_of_squares": float,
     "squared_weights": float,
+    "limited": int,
     "idle": int,
     "place": int,
     "filled": int,
@@ -228,13 +243,13 @@ class RecursiveLeastSquares(Generic[M_co]):
         estimate = np.asarray(self.initial_estimate or np.zeros(n), dtype=float)
         if estimate.shape != (n,):
             raise ModelError(f"{len(estimate)} initial values for the {n} parameters of {self.structure.name}")
-        return self.reset(RecursiveState(estimate, np.eye(n), self.prior))
+        return self.reset(RecursiveState(estimate, np.eye(n), self.prior, peak=np.zeros(n)))
 
     def reset(self, state: RecursiveState) -> RecursiveState:
         """The state with its estimate and past samples, and without any knowledge: P is P(0) again."""
         n, rows = len(state.estimate), self.adaptation.rows
         window = np.zeros((rows, n + 1)) if rows else _no_rows()
-        return RecursiveState(state.estimate, np.eye(n), self.prior, window=window, tail=state.tail)
+        return RecursiveState(state.estimate, np.eye(n), self.prior, peak=state.peak, window=window, tail=state.tail)
 
     def forget(self, state: RecursiveState, weight: float) -> RecursiveState:
         """The state in which all samples so far have another weight, as after a change of the system.
@@ -252,7 +267,7 @@ class RecursiveLeastSquares(Generic[M_co]):
             return self.reset(state)
         return replace(
             state,
-            diagonal=np.minimum(state.diagonal / weight, WINDUP * self.prior),
+            diagonal=np.minimum(state.diagonal / weight, self.limits(state)[1]),
             samples=weight * state.samples,
             residual_sum_of_squares=weight * state.residual_sum_of_squares,
             squared_weights=weight**2 * state.squared_weights,
@@ -280,7 +295,7 @@ class RecursiveLeastSquares(Generic[M_co]):
             ModelError: for a state of another structure or rule.
         """
         self._check(state)
-        n, ceiling = len(state.estimate), WINDUP * self.prior
+        n = len(state.estimate)
         rule = self.adaptation.numbers(n)
         by_tiles = history is None and residuals is None and rule[0] == Code.FORGETTING
         for k, piece in enumerate(record.segments):
@@ -292,7 +307,7 @@ class RecursiveLeastSquares(Generic[M_co]):
             estimate, factor, diagonal, window = (
                 np.array(values) for values in (state.estimate, state.factor, state.diagonal, state.window)
             )
-            totals = state.totals
+            totals, limits = state.totals, self.limits(state)
             for _, start, stop in self.structure.chunks(joined, len(joined)):
                 trace = np.empty((0 if history is None else stop - start, n))
                 errors = np.empty((0 if residuals is None else stop - start, 3))
@@ -301,17 +316,24 @@ class RecursiveLeastSquares(Generic[M_co]):
                         kept.append(new)
                 for block in self.structure.blocks(joined, start, stop):
                     if by_tiles:
-                        update_by_tiles(estimate, factor, diagonal, totals, block, float(rule[1]), ceiling)
+                        update_by_tiles(estimate, factor, diagonal, totals, block, float(rule[1]), limits)
                         continue
                     now, trace = np.split(trace, [block.shape[1]])
                     seen, errors = np.split(errors, [block.shape[1]])
-                    update(estimate, factor, diagonal, totals, window, block, rule, ceiling, now, seen)
+                    update(estimate, factor, diagonal, totals, window, block, rule, limits, now, seen)
             if not np.isfinite(estimate).all():
                 raise DataError(f"{record.name}: the recursion overflowed; scale the channels or raise the forgetting")
             memory = self.structure.memory
             tail = joined[max(0, len(joined) - memory) :] if memory else None
             state = replace(state.after(estimate, factor, diagonal, totals, window), tail=tail)
         return state
+
+    def limits(self, state: RecursiveState) -> Array:
+        """(2, n) the floor of the limit of D, and the limit: `WINDUP` over the squared peak, at least the floor."""
+        floor = GROWTH * self.prior
+        with np.errstate(divide="ignore", over="ignore"):
+            allowed = np.where(state.peak > 0, WINDUP / state.peak**2, 0.0)
+        return np.stack([floor, np.maximum(np.minimum(allowed, HIGHEST), floor)])
 
     def covariance(self, state: RecursiveState) -> Array:
         """(n, n) covariance of the estimate, at any moment; NaN for a rule that has none."""
@@ -343,7 +365,17 @@ class RecursiveLeastSquares(Generic[M_co]):
             rank=len(state.estimate),
             method="rls",
             history=history,
+            findings=self._findings(state),
         )
+
+    def _findings(self, state: RecursiveState) -> tuple[Finding, ...]:
+        """Whether the limit of D kept directions from being forgotten."""
+        if not state.limited:
+            return ()
+        highest, names = self.limits(state)[1], self.structure.parameter_names
+        at_limit = [each for each, d, most in zip(names, state.diagonal, highest, strict=True) if d >= most]
+        data = {"model": self.structure.name, "samples": state.limited, "parameters": at_limit}
+        return (Finding("forgetting-limited", self.structure.name, data),)
 
 
 def recursive_least_squares(
@@ -415,7 +447,7 @@ def update(
     window: Array,
     block: Array,
     rule: Array,
-    ceiling: Array,
+    limits: Array,
     trace: Array,
     residuals: Array,
 ) -> None:
@@ -423,21 +455,24 @@ def update(
 
     Args:
         estimate, factor, diagonal: θ (n,), Uᵀ (n, n), D (n,).
-        totals: (6,) of `RecursiveState.totals`.
+        totals: (7 + n,) of `RecursiveState.totals`.
         window: (m, n + 1) past rows, for a sliding window.
         block: (n + 1, m).
         rule: of `Rule.numbers`.
-        ceiling: (n,) the limit of D.
+        limits: (2, n) of `RecursiveLeastSquares.limits`; the second row follows the peaks of the regressors.
         trace: (m, n) to be filled with the estimates, or (0, n).
         residuals: (m, 3) to be filled, see `RecursiveLeastSquares.update`, or (0, 3).
     """
-    n, code = len(estimate), int(rule[0])
+    n, code, ceiling = len(estimate), int(rule[0]), limits[1]
     phi, gain = np.empty(n), np.empty(n)
     for t in range(block.shape[1]):
         error = block[n, t]
         for i in range(n):
             phi[i] = block[i, t]
             error -= phi[i] * estimate[i]
+            if abs(phi[i]) > totals[_PEAKS + i]:
+                totals[_PEAKS + i] = abs(phi[i])
+                ceiling[i] = max(limits[0, i], min(WINDUP / phi[i] ** 2, HIGHEST))
         if len(residuals):
             residuals[t, 0], residuals[t, 2] = error, excitation(factor, diagonal, phi)
         alpha, used = 1.0, True
@@ -454,7 +489,7 @@ def update(
             diffuse(factor, diagonal, rule[5:], gain)
             alpha = correct(factor, diagonal, phi, gain, 1.0, 1.0, ceiling)
         elif code == Code.WINDOW:
-            slide(estimate, factor, diagonal, totals, window, phi, block[n, t], gain, ceiling)
+            slide(estimate, factor, diagonal, totals, window, phi, block[n, t], gain, limits)
         elif code == Code.GRADIENT:
             alpha = rule[2]
             for i in range(n):
@@ -470,6 +505,7 @@ def update(
             totals[1] = rule[3] * (totals[1] + error * (error if code == Code.GRADIENT else weight))
             totals[2] = rule[4] * totals[2] + 1.0
         totals[3] = 0.0 if used else totals[3] + 1.0
+        totals[_LIMITED] += np.any(diagonal >= ceiling)
         if len(residuals):
             after = block[n, t]
             for i in range(n):
@@ -490,10 +526,10 @@ def slide(
     phi: Array,
     output: float,
     gain: Array,
-    ceiling: Array,
+    limits: Array,
 ) -> None:
     """Add a row to a sliding window and subtract the one that leaves it; compute anew after every full window."""
-    n, place = len(estimate), int(totals[4])
+    n, place, ceiling = len(estimate), int(totals[4]), limits[1]
     if totals[5] == len(window):
         add_row(estimate, factor, diagonal, totals, window[place, :n].copy(), window[place, n], -1.0, gain, ceiling)
     else:
@@ -508,7 +544,7 @@ def slide(
         return
     totals[:3] = 0.0
     for j in range(n):
-        diagonal[j] = ceiling[j] / WINDUP
+        diagonal[j] = limits[0, j] / GROWTH
         for i in range(n):
             factor[j, i] = 1.0 if i == j else 0.0
     for k in range(len(window)):
@@ -542,27 +578,36 @@ def add_row(
 
 @numba.njit(cache=True, nogil=True)
 def update_by_tiles(
-    estimate: Array, factor: Array, diagonal: Array, totals: Array, block: Array, forgetting: float, ceiling: Array
+    estimate: Array, factor: Array, diagonal: Array, totals: Array, block: Array, forgetting: float, limits: Array
 ) -> None:
-    """Like `update` without a trace, up to rounding; by tiles where that is faster and D stays below its ceiling.
+    """Like `update` without a trace, up to rounding; by tiles where that is faster and D stays below its limit.
 
-    A sample raises D by a factor of at most 1/λ, so it is known before a tile whether D can reach the ceiling.
+    A sample raises D by a factor of at most 1/λ, so it is known before a tile whether D can reach the limit.
     """
     n, rows = len(estimate), block.shape[1]
     top, tile = workspace(np.empty((n + 1, n + 1)))
     weight = np.sqrt(forgetting) ** np.arange(TILE - 1, -1, -1)
     rule = np.array([0.0, forgetting, 0.0, forgetting, forgetting**2])  # of `Forgetting`
-    none, unwatched = np.empty((0, n)), np.empty((0, 3))
+    none, unwatched, peak = np.empty((0, n)), np.empty((0, 3)), np.empty(n)
     for first in range(0, rows, TILE):
         height = min(TILE, rows - first)
         for j in range(n + 1):
             for i in range(height):
                 tile[j, i] = block[j, first + i]
-        if height > n and np.all(diagonal <= ceiling * forgetting**height):
+        below = height > n
+        for j in range(n):
+            peak[j] = max(totals[_PEAKS + j], np.max(np.abs(tile[j, :height])))
+            limit = max(limits[0, j], min(WINDUP / peak[j] ** 2, HIGHEST)) if peak[j] > 0 else limits[0, j]
+            below = below and diagonal[j] < limit * forgetting**height
+        if below:
+            for j in range(n):
+                if peak[j] > totals[_PEAKS + j]:
+                    totals[_PEAKS + j] = peak[j]
+                    limits[1, j] = max(limits[0, j], min(WINDUP / peak[j] ** 2, HIGHEST))
             _add_tile(estimate, factor, diagonal, totals, tile, height, weight[TILE - height :], forgetting, top)
         else:
             block_now = tile[: n + 1, :height].copy()
-            update(estimate, factor, diagonal, totals, none, block_now, rule, ceiling, none, unwatched)
+            update(estimate, factor, diagonal, totals, none, block_now, rule, limits, none, unwatched)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emsid.estimation.linear.recursive import WINDUP, RecursiveLeastSquares, RecursiveState, update
+from emsid.estimation.linear.recursive import RecursiveLeastSquares, RecursiveState, update
 from emsid.models.regression.kernels import fill
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.regressors import Integers, Tables
@@ -43,11 +43,11 @@ class SampleBySample:
         state = recursion.start() if state is None else state
         self._recursion, self._dt, self._like = recursion, dt, state.tail
         n, memory = len(structure), structure.memory
-        self._rule, self._ceiling = recursion.adaptation.numbers(n), WINDUP * recursion.prior
+        self._rule, self._limits = recursion.adaptation.numbers(n), recursion.limits(state)
         self._window = np.array(state.window)
         self._tables: Tables = structure.tables
         # θ, D, Uᵀ, totals, the number of past samples, and the last samples of y and of every input
-        self._sizes = np.cumsum([0, n, n, n * n, 6, 1, memory + 1, structure.inputs * (memory + 1)])
+        self._sizes = np.cumsum([0, n, n, n * n, 7 + n, 1, memory + 1, structure.inputs * (memory + 1)])
         self._flat = np.zeros(self._sizes[-1])
         for k, part in enumerate((state.estimate, state.diagonal, state.factor.ravel(), state.totals)):
             self._part(k)[:] = part
@@ -78,7 +78,7 @@ class SampleBySample:
                 factors,
                 parameters,
                 self._rule,
-                self._ceiling,
+                self._limits,
                 self._u,
                 y,
             )
@@ -127,17 +127,18 @@ def take(
     factors: Integers,
     parameters: Array,
     rule: Array,
-    ceiling: Array,
+    limits: Array,
     u: Array,
     y: float,
 ) -> float:
     """Update the arrays of `SampleBySample` with one sample; returns its prediction."""
     n, inputs = len(signs), len(u)
-    memory = (len(flat) - 2 * n - n * n - 7) // (1 + inputs) - 1
-    ends = 2 * n + n * n
-    totals, count = flat[ends : ends + 6], flat[ends + 6 : ends + 7]
-    past_y = flat[ends + 7 : ends + 8 + memory]
-    past_u = flat[ends + 8 + memory :].reshape(inputs, memory + 1)
+    begun = 2 * n + n * n
+    ends = begun + 7 + n
+    memory = (len(flat) - ends - 1) // (1 + inputs) - 1
+    totals, count = flat[begun:ends], flat[ends : ends + 1]
+    past_y = flat[ends + 1 : ends + 2 + memory]
+    past_u = flat[ends + 2 + memory :].reshape(inputs, memory + 1)
     for i in range(memory):
         past_y[i] = past_y[i + 1]
         for k in range(inputs):
@@ -150,6 +151,6 @@ def take(
         return np.nan
     block, residuals = np.empty((n + 1, 1)), np.empty((1, 3))
     fill(block, Tables(signs, offsets, factors, parameters), past_y, past_u, memory, 1)
-    factor = flat[2 * n : ends].reshape(n, n)
-    update(flat[:n], factor, flat[n : 2 * n], totals, window, block, rule, ceiling, np.empty((0, n)), residuals)
+    factor = flat[2 * n : begun].reshape(n, n)
+    update(flat[:n], factor, flat[n : 2 * n], totals, window, block, rule, limits, np.empty((0, n)), residuals)
     return float(y - residuals[0, 0])

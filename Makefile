@@ -26,10 +26,12 @@ bench: $(VENV)/measured-with
 	$(BIN)/python bench/run.py
 	$(BIN)/python bench/accuracy.py
 
-# Whether 95 % intervals contain the true values, on 300 simulated records each; the tests use fewer records.
+# Whether 95 % intervals contain the true values, on 300 simulated records each (the tests use fewer records), and the
+# tests that search real recordings.
 coverage: $(VENV)/tested-with
 	cd tests && ../$(BIN)/python coverage_cascade.py 300
 	cd tests && ../$(BIN)/python coverage_grey_box.py 300
+	$(BIN)/pytest -m long
 
 clean:
 	rm -rf $(VENV)

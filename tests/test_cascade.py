@@ -205,9 +205,9 @@ def test_dead_zone_edges_are_within_their_intervals() -> None:
 
 @pytest.mark.parametrize("name", COVERED)
 def test_intervals_cover_the_truth(name: str) -> None:
-    """The short form of ``tests/coverage_cascade.py``: 30 data sets, and half as many where it takes more samples."""
+    """The short form of ``tests/coverage_cascade.py``: 20 data sets, and half as many where it takes more samples."""
     case = COVERED[name]
-    shares = case.coverage(30 if case.system is case.model else 15)
+    shares = case.coverage(20 if case.system is case.model else 10)
     assert 0.89 <= np.mean(list(shares.values())) <= 0.995
     assert min(shares.values()) >= 0.7
 

@@ -377,7 +377,7 @@ def test_the_covariance_of_rows_is_their_product(samples, channels, n):
 
 @pytest.mark.parametrize("name", SIGNALS)
 def test_the_fast_computation_of_the_order_equals_the_exact_one(name, monkeypatch):
-    u = SIGNALS[name](3000, 5e-3, 6.0, seeded())
+    u = SIGNALS[name](1500, 5e-3, 6.0, seeded())
     fast = [persistent_excitation_order(u, tolerance=tolerance) for tolerance in (1e-4, 1e-3, 1e-2)]
     monkeypatch.setattr("emsid.excitation.persistence._COARSE", 1.0)
     assert [persistent_excitation_order(u, tolerance=tolerance) for tolerance in (1e-4, 1e-3, 1e-2)] == fast

@@ -6,6 +6,7 @@ The records come from simulators of the tests' own, which share nothing with `em
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from emsid.models.plants.beginning import agrees, beginning
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.choice import choose
+from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from independent.cases import CASES
 
@@ -28,6 +30,12 @@ RIGID, AXIS = PLANTS["rigid-motor"].start, PLANTS["linear-axis"].start
 def known(name: str) -> Record:
     case = CASES[name]()
     return replace(case.fitted, output_units=("m" if case.shows_position else "rad/s",))
+
+
+@cache
+def chosen(name: str, samples: int | None = None) -> GreyBoxFit:
+    """The plant chosen for the first samples of a record."""
+    return choose(AXIS if CASES[name]().shows_position else RIGID, known(name)[:samples])
 
 
 # --- units ----------------------------------------------------------------------------------------------------------
@@ -68,7 +76,7 @@ def test_a_plant_in_units_of_its_record_moves_in_them(name, signal, values):
 def test_a_choice_does_not_depend_on_the_units_of_channels(command, output):
     record = known("motor 4")[:1200]
     other = replace(record, input=command * record.input, output=output * record.output)
-    here, there = choose(RIGID, record), choose(RIGID, other)
+    here, there = chosen("motor 4", 1200), choose(RIGID, other)
     assert there.names == here.names
     runs = [fit.model.simulate(each) for fit, each in ((here, record), (there, other))]
     counted = runs[0].counted
@@ -112,8 +120,7 @@ def test_samples_that_hang_together_count_for_fewer(pole):
     "name", ["motor 0", "motor 1", "motor 4", "motor 9", "axis 1", "axis 6", "axis with drift 4", "axis with drift 8"]
 )
 def test_a_chosen_plant_is_as_good_as_the_truth_on_another_kind_of_input(name):
-    case = CASES[name]()
-    fit = choose(AXIS if case.shows_position else RIGID, known(name))
+    case, fit = CASES[name](), chosen(name)
     run = fit.model.plant.simulate(case.unseen.input, case.unseen.dt, np.zeros(3), fit.model.signals)
     error = float(np.sqrt(np.mean((case.unseen.output - run) ** 2)))
     assert error < 1.3 * case.error_of_truth(case.unseen)
@@ -121,12 +128,12 @@ def test_a_chosen_plant_is_as_good_as_the_truth_on_another_kind_of_input(name):
 
 @pytest.mark.parametrize(("name", "drifts"), [("axis with drift 8", True), ("axis 6", False)])
 def test_errors_are_forgotten_where_the_free_run_drifts(name, drifts):
-    fit = choose(AXIS, known(name))
+    fit = chosen(name)
     assert ("free-run-drifts" in [finding.code for finding in fit.findings]) is drifts
 
 
 def test_a_plant_without_a_refinement_does_not_get_it():
-    fit = choose(RIGID, known("motor 1"))
+    fit = chosen("motor 1")
     assert not {"drive.freewheel", "drive.delay", "sensor.lag", "load_torque"} & set(fit.names)
     assert fit.model.plant.value("voltage_dead_zone.half_width") == pytest.approx(
         CASES["motor 1"]().truth.dead_zone, rel=0.2

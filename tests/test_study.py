@@ -140,12 +140,19 @@ def found(result, code):
     return [finding for finding in findings(result) if finding.code == code]
 
 
+def without_searches(patch):
+    """Studies fit their regressions only."""
+    patch.setattr("emsid.study.workflow.searches", lambda *_, **__: {})
+
+
 @pytest.fixture(scope="module")
 def heavy():
     """A study of a motor with friction on the load that matters, and more friction forward than backward."""
     rotor = Friction((0.012, 0.008), stribeck=0.002, stribeck_rate=0.3)
     motor = replace(Motor(), load_friction=Friction(5e-3), rotor_friction=rotor)
-    return study(Settings(motor=motor, duration=5.0))
+    with pytest.MonkeyPatch.context() as patch:
+        without_searches(patch)
+        return study(Settings(motor=motor, duration=5.0))
 
 
 def test_friction_on_the_load_is_negligible_for_the_one_motor_and_not_for_another(result, heavy):
@@ -224,7 +231,7 @@ def test_seed_decides_the_noise_and_nothing_else():
 @pytest.fixture
 def regressions_only(monkeypatch):
     """A study without the models that need a search, for tests of what happens around the models."""
-    monkeypatch.setattr("emsid.study.workflow.searches", lambda *_, **__: {})
+    without_searches(monkeypatch)
 
 
 def test_records_of_the_user_take_the_place_of_the_bench(regressions_only):

@@ -310,7 +310,7 @@ def test_an_order_that_is_given_is_kept_where_the_other_is_open() -> None:
     assert order_shares(WIENER_HAMMERSTEIN, (None, 2), 3) == [(1, 2)]
     assert order_shares(WIENER_HAMMERSTEIN, (0, None), 3) == [(0, 3)]
     assert order_shares(WIENER_HAMMERSTEIN, (2, 0), 2) == [(2, 0)]
-    record = record_of(Cascade((FAST, BEND, SLOW)), 1000)
+    record = record_of(Cascade((FAST, BEND, SLOW)))
     for orders in ((None, 2), (1, None)):
         fit = wiener_hammerstein(record, orders, replace(AT_RATE, size=9, delay=0))  # type: ignore[arg-type]
         first, second = (len(block.denominator) for block in fit.model.blocks if isinstance(block, Rational))
@@ -571,6 +571,7 @@ def test_a_map_of_two_levels_is_equivalent_to_a_gain() -> None:
         hammerstein(Record(u, SLOW.output(u, np.zeros(2)), 1.0), 2, AT_RATE)
 
 
+@pytest.mark.long
 @pytest.mark.recordings
 @pytest.mark.parametrize(("estimator", "most"), [(hammerstein, 0.12), (wiener, 0.06), (hammerstein_wiener, 0.08)])
 def test_a_drive_with_friction_gets_no_slow_pole_for_its_drift(
@@ -593,6 +594,7 @@ def test_a_drive_with_friction_gets_no_slow_pole_for_its_drift(
     assert unexplained(fit, second) < most
 
 
+@pytest.mark.long
 @pytest.mark.recordings
 @pytest.mark.parametrize(("channel", "most"), [(0, 0.4), (1, 0.35)])
 def test_drives_whose_sensor_loses_the_sign(recordings: Path, channel: int, most: float) -> None:
@@ -602,6 +604,7 @@ def test_drives_whose_sensor_loses_the_sign(recordings: Path, channel: int, most
     assert unexplained(fit, second) < most
 
 
+@pytest.mark.long
 @pytest.mark.recordings
 def test_orders_of_the_benchmark_circuit_are_found(recordings: Path) -> None:
     """Two filters of third order; the response alone asks for eight poles."""
@@ -612,6 +615,7 @@ def test_orders_of_the_benchmark_circuit_are_found(recordings: Path) -> None:
     assert unexplained(fit, record[85_000:]) < 0.0015
 
 
+@pytest.mark.long
 @pytest.mark.recordings
 def test_benchmark_circuit(recordings: Path) -> None:
     """The circuit of 2009 from orders and a number of knots, on a part of the data short enough for a test."""

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 # The largest number of coefficients of a kind; a larger one is a typing error.
 MOST = 1000
+# The largest number of regressors in a dictionary to select from.
+LARGEST_DICTIONARY = 20_000
 
 
 def arx(na: int, nb: int, nk: int = 1, inputs: int = 1) -> Structure:
@@ -149,6 +151,42 @@ def friction_narx(
     )
 
 
+def polynomial_narx(na: int, nb: int, degree: int, nk: int = 1, inputs: int = 1, constant: bool = True) -> Structure:
+    """Every product of up to ``degree`` lagged outputs and inputs: a dictionary to select terms from.
+
+    The linear terms come first, so that the structure contains ARX with the same counts; then the constant; then the
+    products, by degree. Fitted whole, it follows noise and diverges outside its data; see `select_terms`.
+
+    Args:
+        na, nb: number of lagged outputs, and of lagged values of every input.
+        degree: the largest number of factors of a product, at least 1.
+        nk: delay in samples from the input to its first effect.
+        inputs: number of inputs.
+        constant: whether to include the constant 1.
+
+    Raises:
+        ModelError: for invalid counts, or too many regressors.
+    """
+    _check_counts("polynomial_narx", na=na, nb=nb, degree=degree - 1, nk=nk, inputs=inputs - 1)
+    channels = [(0, i + 1) for i in range(na)] + [(k, nk + i) for k in range(1, inputs + 1) for i in range(nb)]
+    _check_size(
+        "polynomial_narx",
+        comb(len(channels) + degree, degree) - (not constant),
+        most=LARGEST_DICTIONARY,
+        na=na,
+        nb=nb,
+        degree=degree,
+        inputs=inputs,
+    )
+    products = [
+        Regressor(tuple(Factor(channel, lag, chosen.count((channel, lag))) for channel, lag in dict.fromkeys(chosen)))
+        for power in range(2, degree + 1)
+        for chosen in combinations_with_replacement(channels, power)
+    ]
+    linear = [_lagged(channel, lag) for channel, lag in channels]
+    return Structure((*linear, *[Regressor()] * constant, *products), name="polynomial-narx", inputs=inputs)
+
+
 def input_knots(record: Record, count: int) -> tuple[float, ...]:
     """Default knots of the hinges for an unknown dead zone: ``count`` on either side of zero.
 
@@ -183,12 +221,12 @@ def _check_counts(name: str, **counts: int) -> None:
             raise ModelError(f"{name}: {what} is {fault}; it counts coefficients (or samples), at most {MOST}")
 
 
-def _check_size(name: str, regressors: int, **counts: int) -> None:
-    """Refuse more than `MOST` regressors before they are created."""
-    if regressors > MOST:
+def _check_size(name: str, regressors: int, most: int = MOST, **counts: int) -> None:
+    """Refuse more than ``most`` regressors before they are created."""
+    if regressors > most:
         many = f"{regressors:,}" if regressors < 1e9 else "more than 10^9"
         made_by = ", ".join(f"{what} = {count}" for what, count in counts.items())
-        raise ModelError(f"{name}: {made_by} make {many} regressors, and {MOST:,} are the most; lower some of them")
+        raise ModelError(f"{name}: {made_by} make {many} regressors, and {most:,} are the most; lower some of them")
 
 
 def regression_reference(structure: Structure, y: Iterable[float], u: Array) -> Array:

@@ -1,7 +1,7 @@
 """Static transforms of a channel: their notation and their values.
 
-A transform of a channel x has at most one parameter p. To add one, add a member of `Transform` and its branch in
-`transformed`, both in this file. Printing, parsing, files and kernels use these two.
+A transform of a channel x has at most one parameter p. To add one, add a member of `Transform` and its branches in
+`transformed` and `slope`, all in this file. Printing, parsing, files and kernels use these three.
 """
 
 from __future__ import annotations
@@ -58,6 +58,24 @@ def transformed(code: int, x: float, p: float) -> float:
     if code == 5:
         return abs(x)
     return float(np.exp(-abs(x) / p))
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def slope(code: int, x: float, p: float) -> float:
+    """The derivative of a static transform with respect to x; at a kink, of the side where it is zero or smaller."""
+    if code == 0:
+        return 1.0
+    if code == 1:
+        return 0.0
+    if code == 2:
+        return float((1.0 - np.tanh(x / p) ** 2) / p)
+    if code == 3:
+        return 1.0 if x > p else 0.0
+    if code == 4:
+        return 1.0 if x < p else 0.0
+    if code == 5:
+        return float(np.sign(x))
+    return float(-np.sign(x) * np.exp(-abs(x) / p) / p)
 
 
 def has_parameter(transform: Transform) -> bool:

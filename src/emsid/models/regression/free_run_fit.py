@@ -1,0 +1,180 @@
+r"""A structure fitted to its free run, by Gauss–Newton steps with exact derivatives.
+
+Least squares minimises the error one step ahead (equation error). Noise of the measured output enters its regressors
+and biases it, the more the shorter the sample time is. Here
+
+    V(θ) = ½ Σₜ (y(t) − ŷ(t; θ))²
+
+is minimised, where ŷ is the free run: after the start of every segment it sees the inputs only (output error).
+For ARX this is the output-error model of the textbooks. The derivative is exact, see `sensitivities`.
+
+The search starts from least squares. Where the free run of that estimate diverges or explains nothing, it goes from
+prediction to simulation in steps, see `SHARES`. A trial step whose free run is not finite is shortened.
+
+References:
+    Ljung, *System Identification*, 2nd ed., sec. 4.2 and 10.2. Piroddi, Spinelli, *An identification algorithm for
+    polynomial NARX models based on simulation error minimization*, International Journal of Control 76 (2003).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.fit import Fit
+from emsid.estimation.linear.least_squares import check_excitation, least_squares
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible, Minimum, gauss_newton
+from emsid.models.model import check_samples
+from emsid.models.regression.kernels import read_only
+from emsid.models.regression.narx import Narx, Structure
+from emsid.models.regression.sensitivities import parts, run_with_derivative
+from emsid.record import Record, check_same_channels
+
+Array = NDArray[np.float64]
+
+# Shares of the model's own output in its past, on the way from prediction to simulation.
+SHARES = (0.5, 0.8, 0.9, 0.95, 0.98, 1.0)
+# Steps at each share before the last.
+STEPS = 15
+
+
+class FreeRunError:
+    """Residuals ŷ − y of the free runs of a structure, and their exact derivative; see `Problem`.
+
+    Args:
+        structure: its regressors.
+        segments: without gaps, each longer than ``start``.
+        start: samples of every segment that give the initial state.
+        share: of the model's own output in its past; 1 for the free run.
+    """
+
+    def __init__(self, structure: Structure, segments: Sequence[Record], start: int, share: float = 1.0) -> None:
+        self.structure, self.start, self.share = structure, start, share
+        self.segments = tuple((read_only(s.output[:, 0]), read_only(s.input.T)) for s in segments)
+        self._parts = parts(structure)
+
+    def residuals(self, theta: Array) -> list[Array]:
+        """(N − start,) ŷ − y of every segment."""
+        return [self._run(y, u, theta, np.empty((0, 0)))[self.start :] - y[self.start :] for y, u in self.segments]
+
+    def linearised(self, theta: Array) -> list[Block]:
+        """The residuals, and their derivative (N − start, n)."""
+        blocks = []
+        for y, u in self.segments:
+            derivative = np.zeros((len(theta), len(y)))
+            residual = self._run(y, u, theta, derivative)[self.start :] - y[self.start :]
+            blocks.append((residual, derivative[:, self.start :].T))
+        return blocks
+
+    def _run(self, measured: Array, u: Array, theta: Array, derivative: Array) -> Array:
+        y = measured.copy()
+        reached = run_with_derivative(
+            y, derivative, u, self._parts, theta, self.structure.memory, self.start, self.share
+        )
+        if reached < len(y):
+            raise Infeasible(f"the free run of {self.structure.name} diverges; scale the channels or lower powers")
+        return y
+
+
+def fit_free_run(
+    structure: Structure,
+    records: Record | Iterable[Record],
+    *,
+    start: ArrayLike | None = None,
+    transient: int | None = None,
+    max_iterations: int = 100,
+    tolerance: float = 1e-3,
+    control: Control = FREE,
+) -> Fit[Narx]:
+    """The parameters that minimise the error of the free run over one or several records.
+
+    Args:
+        structure: what to fit, for instance ``emsid.arx(na=2, nb=2)``, which gives an output-error model.
+        records: a record, or several experiments; every segment is run on its own.
+        start: (n,) parameters to begin with; by default the least-squares estimate.
+        transient: samples at the start of every segment that are left out; the last of them give the initial state. At
+            least the largest lag, which is the default.
+        max_iterations: the largest number of Gauss–Newton steps.
+        tolerance: see `gauss_newton`.
+        control: when to stop.
+
+    Returns:
+        A fit with intervals that allow for coloured residuals and model error.
+
+    Raises:
+        ModelError, DataError: for records that the structure cannot be fitted to, or a structure whose free run
+            diverges wherever the search begins.
+    """
+    several = [records] if isinstance(records, Record) else list(records)
+    if start is None:
+        begin = least_squares(structure, several).estimate
+    else:
+        begin = np.array(start, dtype=float)
+        for record in several:
+            structure.check(record)
+            check_excitation(record)
+            check_same_channels(several[0], record)
+    check_samples(structure.name, "a transient", transient, 0)
+    skipped = max(structure.memory, transient or 0)
+    segments = [segment for record in several for segment in record.segments if len(segment) > skipped]
+    if not segments:
+        raise ModelError(
+            f"{several[0].name}: no segment is longer than {skipped} samples; choose a shorter transient or fewer lags"
+        )
+    problem = FreeRunError(structure, segments, skipped)
+    if not _explains_something(problem, begin):
+        begin = _towards_free_run(structure, segments, skipped, begin, control)
+    found = gauss_newton(
+        problem,
+        begin,
+        max_iterations=max_iterations,
+        tolerance=tolerance,
+        names=structure.parameter_names,
+        control=control,
+    )
+    return fit_of(structure, found, several[0])
+
+
+def fit_of(structure: Structure, found: Minimum, record: Record) -> Fit[Narx]:
+    """The model at a minimum."""
+    return found.fit(structure.model(found.estimate, record), structure.parameter_names)
+
+
+def _explains_something(problem: FreeRunError, theta: Array) -> bool:
+    """Whether the free run is better than the mean of the output."""
+    try:
+        with np.errstate(over="ignore"):
+            error = sum(float(np.sum(r**2)) for r in problem.residuals(theta))
+    except Infeasible:
+        return False
+    return error < sum(float(np.sum((y - y.mean()) ** 2)) for y, _ in problem.segments)
+
+
+def _towards_free_run(
+    structure: Structure, segments: Sequence[Record], start: int, theta: Array, control: Control
+) -> Array:
+    """A start for the free run: the minimum for every share, each from the one before.
+
+    Where the next share diverges, the step towards it is halved a few times, and then the search starts there at the
+    last minimum with a finite run.
+    """
+    share = 0.0
+    for target in SHARES[:-1]:
+        for following in (target, 0.5 * (share + target)):
+            try:
+                found = gauss_newton(
+                    FreeRunError(structure, segments, start, following),
+                    theta,
+                    max_iterations=STEPS,
+                    control=control,
+                    covariances=False,
+                )
+            except ModelError:  # infeasible at the start
+                continue
+            theta, share = found.estimate, following
+            break
+    return theta

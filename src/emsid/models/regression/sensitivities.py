@@ -1,0 +1,165 @@
+r"""The free run of a structure together with its derivative with respect to the parameters, compiled.
+
+A free run ŷ(t) = Σⱼ θⱼ φⱼ(t; x) uses its own past, x = ŷ, so its derivative obeys a recursion of its own::
+
+    ∂ŷ(t)/∂θⱼ = φⱼ(t) + Σₗ gₗ(t) ∂x(t − l)/∂θⱼ        gₗ(t) = Σᵢ θᵢ ∂φᵢ(t)/∂x(t − l)
+
+The kernel also runs between prediction and simulation, with the past x = y + s·(ŷ − y), where y is measured. With a
+share s = 0 it is the one-step prediction, which is linear in θ, and with s = 1 the free run. A search that goes from
+one to the other has a start even where the free run of the first estimate diverges.
+
+References:
+    Ljung, *System Identification*, 2nd ed., sec. 5.3 (pseudolinear regressions of output-error models). Farina, Piroddi,
+    *Simulation error minimization identification based on multi-stage prediction*, IJACSP 25 (2011).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.estimation.linear.information import TILE
+from emsid.models.regression.kernels import multiply
+from emsid.models.regression.narx import Structure
+from emsid.models.regression.regressors import Regressor, Tables, tables
+from emsid.models.regression.transforms import slope, transformed
+
+Array = NDArray[np.float64]
+
+
+class Parts(NamedTuple):
+    """Every regressor as the product of its part in the inputs, which has its sign, and its part in the outputs."""
+
+    inputs: Tables
+    outputs: Tables
+
+
+def parts(structure: Structure) -> Parts:
+    """The regressors of a structure in the form that `run_with_derivative` uses."""
+    return Parts(
+        tables([Regressor(tuple(f for f in r.factors if f.channel), r.negative) for r in structure.regressors]),
+        tables([Regressor(tuple(f for f in r.factors if not f.channel)) for r in structure.regressors]),
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def run_with_derivative(
+    y: Array, derivative: Array, u: Array, regressors: Parts, theta: Array, memory: int, start: int, share: float
+) -> int:
+    """Overwrite y (N,) from ``start`` on with the free run, and ``derivative`` (n, N) with its derivative.
+
+    Args:
+        y: measured; its samples before ``start`` give the initial state, which does not depend on θ.
+        derivative: zero before ``start``.
+        u: (nu, N).
+        regressors: of the structure.
+        theta: (p,) parameters of all regressors. Of these the derivative has all n = p rows; with no rows at all, only
+            the run is computed.
+        memory: the largest lag.
+        start: at least ``memory``.
+        share: s of the past x = y + s·(ŷ − y).
+
+    Returns:
+        The first sample that is not finite, where the run ends, or the number of samples.
+    """
+    signs, offsets, factors, parameters = regressors.inputs
+    count, wanted = len(theta), len(derivative) > 0
+    past = y.copy()
+    product = np.empty((count, TILE))
+    phi, gain = np.empty(count), np.empty(memory + 1)
+    recent = np.zeros((memory + 1, count))  # derivatives of the last outputs, in turn
+    for first in range(start, len(y), TILE):
+        height = min(TILE, len(y) - first)
+        for j in range(count):
+            row = product[j, :height]
+            row[:] = signs[j]
+            for f in range(offsets[j], offsets[j + 1]):
+                channel, lag, power, code = factors[f]
+                multiply(row, u[channel - 1, first - lag : first - lag + height], code, parameters[f], power)
+        for i in range(height):
+            t = first + i
+            total = _regressors(phi, gain, product[:, i], past, regressors.outputs, theta, t, wanted)
+            if not np.isfinite(total):
+                return t
+            past[t] += share * (total - past[t])
+            y[t] = total
+            if wanted:
+                newest = recent[t % (memory + 1)]
+                newest[:] = phi
+                for lag in range(1, memory + 1):
+                    if gain[lag] != 0.0:
+                        by, older = share * gain[lag], recent[(t - lag) % (memory + 1)]
+                        for j in range(count):
+                            newest[j] += by * older[j]
+                for j in range(count):
+                    derivative[j, t] = newest[j]
+    return len(y)
+
+
+@numba.njit(cache=True, nogil=True)
+def _regressors(
+    phi: Array, gain: Array, product: Array, past: Array, outputs: Tables, theta: Array, t: int, wanted: bool
+) -> float:
+    """Σ θⱼφⱼ(t), with φ (n,) and, where wanted, the gains gₗ written in place."""
+    _, offsets, factors, parameters = outputs
+    total = 0.0
+    gain[:] = 0.0
+    for j in range(len(theta)):
+        value = product[j]
+        for f in range(offsets[j], offsets[j + 1]):
+            value *= _power(past[t - factors[f, 1]], factors[f], parameters[f])
+        phi[j] = value
+        total += theta[j] * value
+        if not wanted or theta[j] == 0.0:
+            continue
+        for f in range(offsets[j], offsets[j + 1]):
+            lag, power, code = factors[f, 1], factors[f, 2], factors[f, 3]
+            x = past[t - lag]
+            inner = power * slope(code, x, parameters[f])
+            base = transformed(code, x, parameters[f])
+            for _ in range(power - 1):
+                inner *= base
+            for other in range(offsets[j], offsets[j + 1]):
+                if other != f:
+                    inner *= _power(past[t - factors[other, 1]], factors[other], parameters[other])
+            gain[lag] += theta[j] * product[j] * inner
+    return total
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _power(x: float, factor: NDArray[np.int64], parameter: float) -> float:
+    """A factor's power of its transform of x."""
+    base = transformed(factor[3], x, parameter)
+    value = base
+    for _ in range(factor[2] - 1):
+        value *= base
+    return value
+
+
+def derivative_reference(structure: Structure, theta: Array, y: Array, u: Array, start: int) -> Array:
+    """∂ŷ/∂θ (n, N) by its definition, for regressors of outputs without transforms: slow and simple.
+
+    Args:
+        structure: its regressors.
+        theta: (n,).
+        y: (N,) the free run itself, with the measured start.
+        u: (nu, N).
+        start: the first sample of the free run.
+    """
+    signals = [y, *u]
+    derivative = np.zeros((len(structure), len(y)))
+    for t in range(start, len(y)):
+        for j, regressor in enumerate(structure.regressors):
+            sign = -1.0 if regressor.negative else 1.0
+            values = [signals[f.channel][t - f.lag] for f in regressor.factors]
+            powers = [v**f.power for v, f in zip(values, regressor.factors, strict=True)]
+            derivative[j, t] += sign * float(np.prod(powers))
+            for k, f in enumerate(regressor.factors):
+                if f.channel == 0:
+                    others = float(np.prod(powers[:k] + powers[k + 1 :]))
+                    inner = theta[j] * sign * others * f.power * values[k] ** (f.power - 1)
+                    derivative[:, t] += inner * derivative[:, t - f.lag]
+    return derivative

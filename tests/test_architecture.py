@@ -55,8 +55,8 @@ STRANGERS = {
     "models.plants": ("models.regression", "models.blocks"),
 }
 # A search fits a model; the model does not know it. Besides itself, a search is known to these only.
-SEARCHES = ("models.blocks.search", "models.plants.search")
-SEARCHERS = ("models.verbs", "identification", "study", "report", "cli", "blocks", "plants")
+SEARCHES = ("models.regression.search", "models.blocks.search", "models.plants.search")
+SEARCHERS = ("models.verbs", "identification", "study", "report", "cli", "blocks", "plants", "regression")
 # What users reach as `emsid.blocks` and so on: modules that pass on names of `models` and define nothing. They stand at
 # the end of the layers, so no module of the package can import them.
 FACES = ("blocks", "plants", "regression")

@@ -9,7 +9,7 @@ from coverage_grey_box import EXCESS, FREE, MOTOR, STICTION, coverage_of_an_exce
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Ending
 from emsid.findings import Finding
-from emsid.identification.candidates import Options
+from emsid.identification.options import Options
 from emsid.identification.workflow import identify
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Bridge, Drive, Feed

@@ -6,7 +6,7 @@ import pytest
 import emsid
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.findings import Finding
-from emsid.identification.candidates import Options
+from emsid.identification.options import Options
 from emsid.identification.requests import plants_of, unused_requests
 from emsid.models.model import Run
 from emsid.models.plants.datasheet import Given

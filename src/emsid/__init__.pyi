@@ -24,7 +24,7 @@ from .excitation import largest_order as largest_order
 from .excitation import persistent_excitation_order as persistent_excitation_order
 from .identification import Identification as Identification
 from .identification import identify as identify
-from .identification.candidates import Options as Options
+from .identification.options import Options as Options
 from .io import load as load
 from .io import read as read
 from .io import read_datasheet as read_datasheet
@@ -47,6 +47,7 @@ from .models.regression.narx import Narx as Narx
 from .models.regression.narx import Structure as Structure
 from .models.regression.structures import arx as arx
 from .models.regression.structures import friction_narx as friction_narx
+from .models.regression.structures import polynomial_narx as polynomial_narx
 from .models.regression.structures import wiener_hammerstein_regression as wiener_hammerstein_regression
 from .models.verbs import fit as fit
 from .models.verbs import simulate as simulate

@@ -11,6 +11,7 @@ from emsid.models.regression.structures import (
     arx,
     friction_narx,
     input_knots,
+    polynomial_narx,
     wiener_hammerstein_regression,
 )
 from emsid.models.regression.transforms import Transform
@@ -26,5 +27,6 @@ __all__ = [
     "friction_narx",
     "input_knots",
     "parse_regressor",
+    "polynomial_narx",
     "wiener_hammerstein_regression",
 ]

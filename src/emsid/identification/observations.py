@@ -10,7 +10,7 @@ import numpy as np
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
 from emsid.findings import Finding, finite
-from emsid.identification.candidates import Options
+from emsid.identification.options import Options
 from emsid.identification.result import holds_some_of
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.search.diagnostics import advice

@@ -14,7 +14,8 @@ import numpy as np
 from emsid.arguments import as_names_with_commas, did_you_mean
 from emsid.errors import ModelError
 from emsid.findings import Finding
-from emsid.identification.candidates import CANDIDATES, Blocks, Options, Physical
+from emsid.identification.candidates import CANDIDATES, Blocks, Physical
+from emsid.identification.options import Options
 from emsid.models.plants.datasheet import Given, applicable, as_datasheet
 from emsid.models.plants.parameters import find_handle, full_name, parts, without_overlap
 from emsid.models.plants.plant import Plant

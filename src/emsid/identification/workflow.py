@@ -17,7 +17,7 @@ from emsid.errors import DataError, EmsidError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.findings import Finding
-from emsid.identification.candidates import CANDIDATES, USUAL, Options, fit_or_problem
+from emsid.identification.candidates import CANDIDATES, USUAL, fit_or_problem
 from emsid.identification.observations import (
     built_in_values,
     failure,
@@ -25,6 +25,7 @@ from emsid.identification.observations import (
     observations,
     profile_failure,
 )
+from emsid.identification.options import Options
 from emsid.identification.records import Records, given_records
 from emsid.identification.requests import (
     check_physics,

@@ -20,6 +20,7 @@ from emsid.errors import DataError, ModelError, listed
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.linear.recursive import recursive_least_squares
+from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.fitting import fit_cascade
 from emsid.models.free_run import as_record
@@ -27,6 +28,7 @@ from emsid.models.model import Model
 from emsid.models.plants.grey_box import GreyBox, signals_of
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.narx import Narx, Structure
 from emsid.plant import Motor
 from emsid.record import Record
@@ -41,13 +43,15 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
     ==================================================  ===============================================================
     what                                                options
     ==================================================  ===============================================================
-    a structure: `emsid.arx`, `emsid.friction_narx`, …  ``ridge``, ``forgetting`` (then by recursion), ``history``
+    a structure: `emsid.arx`, `emsid.friction_narx`, …  ``ridge``, ``forgetting`` (then by recursion), ``history``;
+                                                        ``free_run=True``, ``start``, ``transient``, ``control``
     a cascade: `emsid.wiener_hammerstein`, …            ``control``; orders and static map are given to the cascade
     a plant: `emsid.plants.rigid_motor`, …              ``fixed``, ``free``, ``bounds``, ``datasheet``, ``signals``, …
     ==================================================  ===============================================================
 
-    A structure is linear in its parameters and fitted to the one-step prediction error by least squares; a cascade and
-    a plant are fitted to the error of the free run by Gauss–Newton steps.
+    A structure is linear in its parameters and fitted to the one-step prediction error by least squares, or with
+    ``free_run=True`` to the error of the free run, which noise of the output does not bias: ``arx`` then is an
+    output-error model. A cascade and a plant are always fitted to the free run, by Gauss–Newton steps.
 
     >>> record = Record([1.0, 0.0, 2.0, 1.0, 0.0, 1.0], [0.0, 2.0, 1.0, 4.5, 4.25, 2.125], dt=0.1)
     >>> fit(Structure.parse("y(t-1)", "u(t-1)"), record).estimate.round(6)
@@ -79,8 +83,20 @@ def _regression(
     forgetting: float | None = None,
     history: bool = False,
     threads: int | None = None,
+    free_run: bool = False,
+    start: ArrayLike | None = None,
+    transient: int | None = None,
+    control: Control = FREE,
 ) -> Fit[Narx]:
-    """Least squares; recursive with a forgetting factor or a history."""
+    """Least squares; recursive with a forgetting factor or a history; Gauss–Newton steps for the free run."""
+    if free_run:
+        if ridge or forgetting is not None or history:
+            raise ModelError(
+                "ridge, forgetting and history are for the one-step prediction error; leave them out with free_run"
+            )
+        return fit_free_run(structure, records, start=start, transient=transient, control=control)
+    if start is not None or transient is not None:
+        raise ModelError("start and transient are for a fit to the free run; give free_run=True, or leave them out")
     if forgetting is None and not history:
         return least_squares(structure, records, ridge=ridge, threads=threads)
     if ridge:

@@ -8,7 +8,7 @@ from typing import Any
 
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.identification.candidates import stribeck_speeds
+from emsid.identification.regressions import stribeck_speeds
 from emsid.models.blocks.search.estimation import estimate as estimate_cascade
 from emsid.models.blocks.search.topologies import WIENER_HAMMERSTEIN, CascadeSearch
 from emsid.models.plants.motor import DrivenMotor

@@ -162,11 +162,11 @@ def identify(
       emsid identify arm.mat -u vir -y "d(qm)" --time t --scale vir=35.15065 --models friction-narx --knots 8
       emsid identify arm.csv -u force -y x --time t --models linear-axis --free mass,offset --datasheet arm.toml
     """
-    from emsid.identification import candidates, workflow
+    from emsid.identification import Options, candidates, workflow
 
     asked = names(models, "--models") or candidates.USUAL
     plants = [each.plant for each in _physical_first(asked)]
-    options = candidates.Options(
+    options = Options(
         na=na,
         nb=nb,
         nk=nk,

@@ -8,6 +8,9 @@ and biases it, the more the shorter the sample time is. Here
 is minimised, where ŷ is the free run: after the start of every segment it sees the inputs only (output error).
 For ARX this is the output-error model of the textbooks. The derivative is exact, see `sensitivities`.
 
+The outputs at the start of every segment are estimated too, unless there are many segments: measured ones carry noise,
+which a slow or lightly damped model would keep for long.
+
 The search starts from least squares. Where the free run of that estimate diverges or explains nothing, it goes from
 prediction to simulation in steps, see `SHARES`. A trial step whose free run is not finite is shortened.
 
@@ -27,7 +30,7 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import check_excitation, least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible, Minimum, gauss_newton
+from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible, gauss_newton
 from emsid.models.model import check_samples
 from emsid.models.regression.kernels import read_only
 from emsid.models.regression.narx import Narx, Structure
@@ -40,44 +43,77 @@ Array = NDArray[np.float64]
 SHARES = (0.5, 0.8, 0.9, 0.95, 0.98, 1.0)
 # Steps at each share before the last.
 STEPS = 15
+# The largest number of initial outputs that are estimated.
+MOST_STATES = 40
 
 
 class FreeRunError:
     """Residuals ŷ − y of the free runs of a structure, and their exact derivative; see `Problem`.
 
+    θ holds the parameters of the structure and, if they are estimated, the outputs from which every segment starts. The
+    residuals then include those of these outputs, which are measured as all others are.
+
     Args:
         structure: its regressors.
         segments: without gaps, each longer than ``start``.
-        start: samples of every segment that give the initial state.
+        start: samples of every segment that give the initial state, at least the largest lag.
         share: of the model's own output in its past; 1 for the free run.
+        states: whether the initial outputs are estimated.
     """
 
-    def __init__(self, structure: Structure, segments: Sequence[Record], start: int, share: float = 1.0) -> None:
+    def __init__(
+        self, structure: Structure, segments: Sequence[Record], start: int, share: float = 1.0, states: bool = False
+    ) -> None:
         self.structure, self.start, self.share = structure, start, share
         self.segments = tuple((read_only(s.output[:, 0]), read_only(s.input.T)) for s in segments)
+        self.depth = depth(structure) if states else 0
         self._parts = parts(structure)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names for messages."""
+        segments = range(1, len(self.segments) + 1)
+        states = (f"initial output {i + 1} of segment {k}" for k in segments for i in range(self.depth))
+        return (*self.structure.parameter_names, *states)
+
+    def with_states(self, theta: Array) -> Array:
+        """θ with the measured initial outputs."""
+        return np.concatenate([theta, *(y[self.start - self.depth : self.start] for y, _ in self.segments)])
+
     def residuals(self, theta: Array) -> list[Array]:
-        """(N − start,) ŷ − y of every segment."""
-        return [self._run(y, u, theta, np.empty((0, 0)))[self.start :] - y[self.start :] for y, u in self.segments]
+        """(N − start + depth,) ŷ − y of every segment, where depth is the number of estimated initial outputs."""
+        first = self.start - self.depth
+        runs = (self._run(k, theta, np.empty((0, 0))) for k in range(len(self.segments)))
+        return [run[first:] - y[first:] for run, (y, _) in zip(runs, self.segments, strict=True)]
 
     def linearised(self, theta: Array) -> list[Block]:
-        """The residuals, and their derivative (N − start, n)."""
-        blocks = []
-        for y, u in self.segments:
-            derivative = np.zeros((len(theta), len(y)))
-            residual = self._run(y, u, theta, derivative)[self.start :] - y[self.start :]
-            blocks.append((residual, derivative[:, self.start :].T))
+        """The residuals, and their derivative (N − start + depth, n)."""
+        blocks, first, n = [], self.start - self.depth, len(self.structure)
+        for k, (y, _) in enumerate(self.segments):
+            derivative = np.zeros((n + self.depth, len(y)))
+            derivative[n:, first : self.start] = np.eye(self.depth)
+            residual = self._run(k, theta, derivative)[first:] - y[first:]
+            among_all = np.zeros((len(theta), len(y) - first))
+            among_all[:n] = derivative[:n, first:]
+            among_all[n + k * self.depth : n + (k + 1) * self.depth] = derivative[n:, first:]
+            blocks.append((residual, among_all.T))
         return blocks
 
-    def _run(self, measured: Array, u: Array, theta: Array, derivative: Array) -> Array:
-        y = measured.copy()
-        reached = run_with_derivative(
-            y, derivative, u, self._parts, theta, self.structure.memory, self.start, self.share
-        )
+    def _run(self, segment: int, theta: Array, derivative: Array) -> Array:
+        measured, u = self.segments[segment]
+        y, n, start = measured.copy(), len(self.structure), self.start
+        y[start - self.depth : start] = theta[n + segment * self.depth : n + (segment + 1) * self.depth]
+        own = np.ascontiguousarray(theta[:n])
+        memory = self.structure.memory
+        reached = run_with_derivative(y, derivative, u, self._parts, own, memory, start, self.share)
         if reached < len(y):
             raise Infeasible(f"the free run of {self.structure.name} diverges; scale the channels or lower powers")
         return y
+
+
+def depth(structure: Structure) -> int:
+    """The largest lag of an output: the number of outputs from which a run starts."""
+    return max((f.lag for r in structure.regressors for f in r.factors if f.channel == 0), default=0)
 
 
 def fit_free_run(
@@ -89,6 +125,7 @@ def fit_free_run(
     max_iterations: int = 100,
     tolerance: float = 1e-3,
     control: Control = FREE,
+    covariances: bool = True,
 ) -> Fit[Narx]:
     """The parameters that minimise the error of the free run over one or several records.
 
@@ -101,6 +138,7 @@ def fit_free_run(
         max_iterations: the largest number of Gauss–Newton steps.
         tolerance: see `gauss_newton`.
         control: when to stop.
+        covariances: whether they are computed; otherwise they are infinite.
 
     Returns:
         A fit with intervals that allow for coloured residuals and model error.
@@ -125,23 +163,21 @@ def fit_free_run(
         raise ModelError(
             f"{several[0].name}: no segment is longer than {skipped} samples; choose a shorter transient or fewer lags"
         )
-    problem = FreeRunError(structure, segments, skipped)
-    if not _explains_something(problem, begin):
+    if not _explains_something(FreeRunError(structure, segments, skipped), begin):
         begin = _towards_free_run(structure, segments, skipped, begin, control)
+    states = depth(structure) * len(segments)
+    problem = FreeRunError(structure, segments, skipped, states=states <= MOST_STATES)
     found = gauss_newton(
         problem,
-        begin,
+        problem.with_states(begin),
         max_iterations=max_iterations,
         tolerance=tolerance,
-        names=structure.parameter_names,
+        names=problem.names,
         control=control,
+        covariances=covariances,
     )
-    return fit_of(structure, found, several[0])
-
-
-def fit_of(structure: Structure, found: Minimum, record: Record) -> Fit[Narx]:
-    """The model at a minimum."""
-    return found.fit(structure.model(found.estimate, record), structure.parameter_names)
+    model = structure.model(found.estimate[: len(structure)], several[0])
+    return found.fit(model, structure.parameter_names)
 
 
 def _explains_something(problem: FreeRunError, theta: Array) -> bool:

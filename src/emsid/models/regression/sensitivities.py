@@ -9,7 +9,7 @@ share s = 0 it is the one-step prediction, which is linear in θ, and with s = 1
 one to the other has a start even where the free run of the first estimate diverges.
 
 References:
-    Ljung, *System Identification*, 2nd ed., sec. 5.3 (pseudolinear regressions of output-error models). Farina, Piroddi,
+    Ljung, *System Identification*, 2nd ed., sec. 10.3 (derivatives of output-error models). Farina, Piroddi,
     *Simulation error minimization identification based on multi-stage prediction*, IJACSP 25 (2011).
 """
 
@@ -52,12 +52,12 @@ def run_with_derivative(
     """Overwrite y (N,) from ``start`` on with the free run, and ``derivative`` (n, N) with its derivative.
 
     Args:
-        y: measured; its samples before ``start`` give the initial state, which does not depend on θ.
-        derivative: zero before ``start``.
+        y: measured; its samples before ``start`` give the initial state.
+        derivative: zero before ``start``, except in rows after the first p: these are derivatives with respect to the
+            initial outputs, and have what they are before ``start``.
         u: (nu, N).
         regressors: of the structure.
-        theta: (p,) parameters of all regressors. Of these the derivative has all n = p rows; with no rows at all, only
-            the run is computed.
+        theta: (p,) parameters of all regressors. The derivative has n ≥ p rows; with no rows, only the run is computed.
         memory: the largest lag.
         start: at least ``memory``.
         share: s of the past x = y + s·(ŷ − y).
@@ -66,11 +66,13 @@ def run_with_derivative(
         The first sample that is not finite, where the run ends, or the number of samples.
     """
     signs, offsets, factors, parameters = regressors.inputs
-    count, wanted = len(theta), len(derivative) > 0
+    count, rows, wanted = len(theta), len(derivative), len(derivative) > 0
     past = y.copy()
     product = np.empty((count, TILE))
     phi, gain = np.empty(count), np.empty(memory + 1)
-    recent = np.zeros((memory + 1, count))  # derivatives of the last outputs, in turn
+    recent = np.zeros((memory + 1, rows))  # derivatives of the last outputs, in turn
+    for t in range(start - memory, start):
+        recent[t % (memory + 1)] = derivative[:, t]
     for first in range(start, len(y), TILE):
         height = min(TILE, len(y) - first)
         for j in range(count):
@@ -88,13 +90,14 @@ def run_with_derivative(
             y[t] = total
             if wanted:
                 newest = recent[t % (memory + 1)]
-                newest[:] = phi
+                newest[:count] = phi
+                newest[count:] = 0.0
                 for lag in range(1, memory + 1):
                     if gain[lag] != 0.0:
                         by, older = share * gain[lag], recent[(t - lag) % (memory + 1)]
-                        for j in range(count):
+                        for j in range(rows):
                             newest[j] += by * older[j]
-                for j in range(count):
+                for j in range(rows):
                     derivative[j, t] = newest[j]
     return len(y)
 

@@ -26,7 +26,7 @@ MOST = 1000
 LARGEST_DICTIONARY = 20_000
 
 
-def arx(na: int, nb: int, nk: int = 1, inputs: int = 1) -> Structure:
+def arx(na: int, nb: int, nk: int = 1, inputs: int = 1, constant: bool = False) -> Structure:
     """ARX, ``A(q)y(t) = B(q)u(t − nk) + e(t)``; with na = 4, nb = 4 the paper's linear model (5.12, 5.13).
 
     Args:
@@ -34,22 +34,28 @@ def arx(na: int, nb: int, nk: int = 1, inputs: int = 1) -> Structure:
         nb: number of coefficients b₁ … b_nb, for every input.
         nk: delay in samples from the input to its first effect.
         inputs: number of inputs.
+        constant: whether to add a constant, for channels with offsets: a record away from its operating point at zero.
     """
     _check_counts("arx", na=na, nb=nb, nk=nk, inputs=inputs - 1)
     _check_size("arx", na + nb * inputs, na=na, nb=nb, inputs=inputs)
     return Structure(
-        _autoregressive(na) + tuple(_lagged(k, nk + i) for k in range(1, inputs + 1) for i in range(nb)),
+        (
+            *_autoregressive(na),
+            *(_lagged(k, nk + i) for k in range(1, inputs + 1) for i in range(nb)),
+            *_constant(constant),
+        ),
         name="arx",
         parameter_names=(
             *(f"a{i + 1}" for i in range(na)),
             *(f"b{i + 1}" if inputs == 1 else f"b{k}_{i + 1}" for k in range(1, inputs + 1) for i in range(nb)),
+            *["offset"] * constant,
         ),
         inputs=inputs,
     )
 
 
 def wiener_hammerstein_regression(
-    na: int, nb: int, degree: int, taps: int = 1, nk: int = 1, cross_terms: bool = True
+    na: int, nb: int, degree: int, taps: int = 1, nk: int = 1, cross_terms: bool = True, constant: bool = False
 ) -> Structure:
     """The paper's expanded Wiener–Hammerstein model (3.5, 3.6): ARX in y, and every monomial in the lagged input.
 
@@ -64,6 +70,7 @@ def wiener_hammerstein_regression(
         taps: of the first filter, N_g.
         nk: delay in samples from the input to its first effect.
         cross_terms: whether to keep products of inputs at different lags (in full, eq. 3.6) or only powers.
+        constant: whether the polynomial has a constant term, for channels with offsets.
 
     Raises:
         ModelError: for invalid counts, too many regressors, or too high powers.
@@ -88,11 +95,12 @@ def wiener_hammerstein_regression(
             factors = tuple(Factor(1, lag, lags.count(lag)) for lag in dict.fromkeys(lags))
             regressors.append(Regressor(factors))
     return Structure(
-        tuple(regressors),
+        (*regressors, *_constant(constant)),
         name="wiener-hammerstein-regression",
         parameter_names=(
             *(f"a{i + 1}" for i in range(na)),
             *(f"s{i + 1}" for i in range(len(regressors) - na)),
+            *["offset"] * constant,
         ),
     )
 
@@ -184,27 +192,42 @@ def polynomial_narx(na: int, nb: int, degree: int, nk: int = 1, inputs: int = 1,
         for chosen in combinations_with_replacement(channels, power)
     ]
     linear = [_lagged(channel, lag) for channel, lag in channels]
-    return Structure((*linear, *[Regressor()] * constant, *products), name="polynomial-narx", inputs=inputs)
+    return Structure((*linear, *_constant(constant), *products), name="polynomial-narx", inputs=inputs)
 
 
 def input_knots(record: Record, count: int) -> tuple[float, ...]:
     """Default knots of the hinges for an unknown dead zone: ``count`` on either side of zero.
 
     They reach to the largest input and are denser near zero, where dead zone and break-away are:
-    ``max|u|·(i/(count + 1))²``.
+    ``max|u|·(i/(count + 1))²``. Where the input goes less far on one side, the knots of that side follow its own
+    extreme; where it never changes its sign, all of them lie within its range, denser at the end near zero.
 
     Args:
         record: its first input is used.
         count: hinges on either side of zero.
     """
     _check_counts("input_knots", count=count)
-    reach = float(np.max(np.abs(record.input[:, 0])))
-    positive = [float(f"{reach * (k / (count + 1)) ** 2:.3g}") for k in range(1, count + 1)]  # short decimals
-    return (*(-knot for knot in reversed(positive)), *positive)
+    low, high = float(record.input[:, 0].min()), float(record.input[:, 0].max())
+    reach = max(-low, high)
+    outermost = reach * (count / (count + 1)) ** 2
+
+    def knots(start: float, end: float, number: int) -> list[float]:
+        shares = [(k / (number + 1)) ** 2 for k in range(1, number + 1)]
+        return [float(f"{start + (end - start) * share:.3g}") for share in shares]  # short decimals
+
+    if low >= 0 or high <= 0:
+        near, far = (low, high) if low >= 0 else (high, low)
+        return tuple(sorted(set(knots(near, far, 2 * count))))
+    below = knots(0.0, -reach if -low > outermost else low, count)
+    return (*reversed(below), *knots(0.0, reach if high > outermost else high, count))
 
 
 def _lagged(channel: int, lag: int) -> Regressor:
     return Regressor((Factor(channel, lag),))
+
+
+def _constant(wanted: bool) -> tuple[Regressor, ...]:
+    return (Regressor(),) if wanted else ()
 
 
 def _autoregressive(na: int) -> tuple[Regressor, ...]:

@@ -1,0 +1,110 @@
+"""Options of the models that `emsid identify` knows by name, and the interface of such a model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, Protocol
+
+from emsid.arguments import as_names
+from emsid.errors import ModelError
+from emsid.estimation.fit import Fit
+from emsid.estimation.linear.least_squares import least_squares
+from emsid.estimation.linear.recursive import recursive_least_squares
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.models.blocks.search.map_families import Family, family_of
+from emsid.models.plants.drive import Bridge, Hold
+from emsid.models.plants.search.between_samples import as_hold
+from emsid.models.regression.narx import Narx, Structure
+from emsid.record import Record
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of candidates; those that are None are chosen on selection data.
+
+    Args:
+        na: coefficients of past outputs.
+        nb: coefficients of past inputs.
+        nk: delay in samples.
+        degree: of the polynomial of a Wiener–Hammerstein regression.
+        taps: of its first filter.
+        knots: hinges on each side of zero in a friction regression; knots or degree of a static map.
+        orders: of the filters of a cascade of blocks, as many as it has.
+        static: family of its static map, or the name of one; by default a spline where knots are given, or chosen with
+            everything else.
+        ridge: weight of the squared parameters.
+        forgetting: forgetting factor; recursive least squares is used where it is given.
+        fixed: physical parameters that are known, by name or symbol, in SI units or as texts with a unit.
+        datasheet: starting values and tolerances of other parameters. By name or symbol a number in SI units, a text
+            with a unit, ``{"value": "2 ohm", "tolerance": "10 %"}``, or a `Given`.
+        codes: values of an input that are not a command, and the state of the motor bridge that they mean.
+        free: exactly the physical parameters to estimate; by default those that the plant usually has unknown, with
+            refinements.
+        recent: time in s after which errors of physical models are forgotten; see `Recent`. By default, never.
+        hold: how the input goes on between its samples: ``"zero"`` (held) or ``"first"`` (straight to the next one); by
+            default decided from the data.
+        profile: physical parameters whose likelihood profiles are computed.
+        held_back: fraction of the record that is selection data; see `emsid.record.hold_back`.
+    """
+
+    na: int | None = None
+    nb: int | None = None
+    nk: int | None = None
+    degree: int | None = None
+    taps: int | None = None
+    knots: int | None = None
+    orders: tuple[int, ...] = ()
+    static: Family | None = None
+    ridge: float = 0.0
+    forgetting: float | None = None
+    fixed: Mapping[str, Any] = field(default_factory=dict)
+    datasheet: Mapping[str, Any] = field(default_factory=dict)
+    codes: tuple[tuple[float, Bridge], ...] = ()
+    free: tuple[str, ...] = ()
+    recent: float | None = None
+    hold: Hold | str | None = None
+    profile: tuple[str, ...] = ()
+    held_back: float = 0.25
+
+    def __post_init__(self) -> None:
+        for name in ("free", "profile"):
+            object.__setattr__(self, name, as_names(getattr(self, name)))
+        if self.static is not None:
+            object.__setattr__(self, "static", family_of(self.static))
+        if self.hold is not None:
+            object.__setattr__(self, "hold", as_hold(self.hold))
+        if self.ridge and self.forgetting is not None:
+            raise ModelError("ridge is for a batch estimate and forgetting for a recursive one; choose one of them")
+
+    @property
+    def given(self) -> list[str]:
+        """The names of options that differ from their defaults."""
+        return [each.name for each in fields(self) if getattr(self, each.name) != getattr(_DEFAULTS, each.name)]
+
+    def estimate(self, structure: Structure, records: Record | Sequence[Record], history: bool = False) -> Fit[Narx]:
+        """Fit a structure with these options."""
+        if self.forgetting is None:
+            return least_squares(structure, records, ridge=self.ridge)
+        return recursive_least_squares(structure, records, forgetting=self.forgetting, history=history)
+
+
+_DEFAULTS = Options()
+
+
+class ModelKind(Protocol):
+    """A kind of model that can be fitted to a record."""
+
+    @property
+    def summary(self) -> str:
+        """What it is, in a few words."""
+        ...
+
+    @property
+    def uses(self) -> tuple[str, ...]:
+        """The options that make a difference to it."""
+        ...
+
+    def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
+        """Choose options that are not given on selection data, then fit to the whole record."""
+        ...

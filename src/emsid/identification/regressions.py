@@ -1,0 +1,291 @@
+"""Regressions as candidates: fitted one step ahead by least squares, or to the free run, or with selected terms.
+
+Orders, delay, knots and terms that are not given are chosen by the free run on selection data, see `Judge`. Then the
+model is fitted to the whole record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from emsid.errors import EmsidError, ModelError
+from emsid.estimation.fit import Fit
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.identification.options import Options
+from emsid.models.regression.free_run_fit import fit_free_run
+from emsid.models.regression.narx import Narx, Structure
+from emsid.models.regression.search.judge import Judge, fit_to_compare
+from emsid.models.regression.search.terms import Trial, prune, select_terms, simplest
+from emsid.models.regression.structures import (
+    arx,
+    friction_narx,
+    input_knots,
+    polynomial_narx,
+    wiener_hammerstein_regression,
+)
+from emsid.record import Record
+from emsid.selection.coordinate_search import coordinate_search
+from emsid.selection.improvement import STRETCHES, StretchErrors, better
+
+ROUNDS = 2
+"""The number of passes over all orders and delays when they are chosen."""
+DEGREE = 3
+"""The largest degree of the products that terms are selected from, unless it is given."""
+
+Choice = Mapping[str, int]
+Choices = Mapping[str, Sequence[int]]
+Build = Callable[[Record, Choice], Structure]
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A family of linear-in-the-parameters structures as a candidate, fitted by least squares.
+
+    Args:
+        summary: what it is, in a few words.
+        build: the structure for a record and choices.
+        choices: the values to try for every option of the family, from simple to complex.
+    """
+
+    summary: str
+    build: Build
+    choices: Choices
+
+    @property
+    def uses(self) -> tuple[str, ...]:
+        """The options that make a difference to it."""
+        return (*_options_among(self.choices), "ridge", "forgetting", "held_back")
+
+    def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
+        """Choose options that are not given on selection data, then fit to the whole record."""
+        structure = chosen_structure(self.build, self.choices, record, options, options.estimate, control)
+        return options.estimate(structure, record)
+
+
+@dataclass(frozen=True)
+class OutputError:
+    """A linear model fitted to the free run as a candidate: ARX without the bias of its equation error."""
+
+    summary: str
+    choices: Choices
+
+    @property
+    def uses(self) -> tuple[str, ...]:
+        """The options that make a difference to it."""
+        return (*_options_among(self.choices), "held_back")
+
+    def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
+        """Choose options that are not given on selection data, then fit to the free run over the whole record."""
+        return fit_free_run(self.structure(record, options, control), record, control=control)
+
+    def structure(self, record: Record, options: Options, control: Control) -> Structure:
+        """The structure whose free run is best, every choice fitted to it."""
+
+        def estimate(structure: Structure, records: Record | Sequence[Record]) -> Fit[Narx]:
+            return fit_to_compare(structure, records, None, control)
+
+        structure = chosen_structure(linear, self.choices, record, options, estimate, control)
+        return replace(structure, name="output-error")
+
+
+@dataclass(frozen=True)
+class FreeRunRegression:
+    """A family of structures as a candidate: chosen by least squares, then fitted to the free run, without idle terms.
+
+    Args:
+        summary: what it is, in a few words.
+        name: of the model.
+        like: the family that is fitted by least squares.
+    """
+
+    summary: str
+    name: str
+    like: Regression
+
+    @property
+    def uses(self) -> tuple[str, ...]:
+        """The options that make a difference to it."""
+        return (*_options_among(self.like.choices), "held_back")
+
+    def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
+        """Choose options that are not given on selection data, then fit to the free run over the whole record."""
+        plain = replace(options, ridge=0.0, forgetting=None)
+        like = self.like
+        structure = chosen_structure(like.build, like.choices, record, options, plain.estimate, control)
+        structure = replace(structure, name=self.name)
+        judge = Judge.of(record, options.held_back, structure.memory, control)
+        fit = fit_to_compare(structure, judge.fitted, None, control)
+        first = Trial(fit, judge.refitted(fit))
+        return refit_to(simplest([first, *prune(first, judge)]).fit, record, control)
+
+
+@dataclass(frozen=True)
+class PolynomialNarx:
+    """Products of lagged outputs and inputs as a candidate, selected from a dictionary by the free run.
+
+    It begins with an output-error model. The dictionary has its lags; if products help, lags one sample longer are
+    tried too.
+    """
+
+    summary: str
+    linear: OutputError
+    uses: ClassVar[tuple[str, ...]] = ("na", "nb", "nk", "degree", "held_back")
+
+    def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
+        """Select terms on selection data, then fit to the free run over the whole record."""
+        structure = replace(self.linear.structure(record, options, control), name="polynomial-narx")
+        lags = [[f.lag for r in structure.regressors for f in r.factors if (f.channel > 0) == k] for k in (False, True)]
+        na, nk = max(lags[0], default=1), min(lags[1], default=1)
+        nb, degree = max(lags[1], default=nk) - nk + 1, options.degree or DEGREE
+        inputs = record.input.shape[1]
+        judge = Judge.of(record, options.held_back, max(na, nk + nb) + 1, control)
+        fit = fit_to_compare(structure, judge.fitted, None, control)
+        of_linear = judge.refitted(fit)
+        best = select_terms(fit, polynomial_narx(na, nb, degree, nk, inputs), judge)
+        if better(best.errors, of_linear):
+            na, nb = na if options.na else na + 1, nb if options.nb else nb + 1
+            other = select_terms(best.fit, polynomial_narx(na, nb, degree, nk, inputs), judge)
+            best = simplest([best, other])
+        return refit_to(best.fit, record, control)
+
+
+def refit_to(fit: Fit[Narx], record: Record, control: Control) -> Fit[Narx]:
+    """The same structure fitted to the free run over a whole record, from a fit to a part of it."""
+    return fit_free_run(fit.model.structure, record, start=fit.estimate, control=control)
+
+
+def chosen_structure(
+    build: Build,
+    choices: Choices,
+    record: Record,
+    options: Options,
+    estimate: Callable[[Structure, Sequence[Record]], Fit[Narx]],
+    control: Control,
+) -> Structure:
+    """The structure with the best free run on selection data.
+
+    Args:
+        build: the structure for a record and choices.
+        choices: the values to try for every option, from simple to complex; an option that is given has one value.
+        record: all data.
+        options: what is given.
+        estimate: fits a structure to a part of the data.
+        control: when to stop.
+    """
+    given: dict[str, int | None] = {name: getattr(options, name, None) for name in choices}
+    tried = {name: values if (one := given[name]) is None else (one,) for name, values in choices.items()}
+    if all(len(values) == 1 for values in tried.values()):
+        return build(record, {name: values[0] for name, values in tried.items()})
+    start = build(record, {name: values[-1] for name, values in tried.items()}).memory
+    judge = Judge.of(record, options.held_back, start, control)
+    exact = 1e-20 * float(np.var(record.output))  # smaller differences are rounding
+
+    def errors(choice: Choice) -> StretchErrors:
+        try:
+            structure = build(record, choice)
+        except EmsidError:  # leave out a choice that is no structure
+            return StretchErrors.of(np.full(STRETCHES, np.inf))
+        return judge.errors(structure, lambda each, records: estimate(each, records).model, exact)
+
+    total = ROUNDS * sum(map(len, tried.values()))
+    chosen = coordinate_search(
+        errors,
+        tried,
+        ROUNDS,
+        progress=lambda fraction: control.doing("choosing orders", round(fraction * total), total),
+    )
+    return build(record, chosen)
+
+
+def _options_among(choices: Choices) -> tuple[str, ...]:
+    """The choices that a user can give."""
+    known = {each.name for each in fields(Options)}
+    return tuple(name for name in choices if name in known)
+
+
+# --- the families ----------------------------------------------------------------------------------------------------
+
+
+def linear(record: Record, choice: Choice) -> Structure:
+    """ARX with the inputs of a record."""
+    return arx(
+        choice["na"], choice["nb"], choice["nk"], inputs=record.input.shape[1], constant=bool(choice["constant"])
+    )
+
+
+def _check_one_input(name: str, record: Record) -> None:
+    if record.input.shape[1] > 1:
+        raise ModelError(f"{name} has one input and {record.name} has {', '.join(record.input_names)}; choose one")
+
+
+def expanded_wiener_hammerstein(record: Record, choice: Choice) -> Structure:
+    """The paper's regression."""
+    _check_one_input("wiener-hammerstein-regression", record)
+    return wiener_hammerstein_regression(
+        choice["na"],
+        choice["nb"],
+        choice["degree"],
+        taps=choice["taps"],
+        nk=choice["nk"],
+        constant=bool(choice["constant"]),
+    )
+
+
+def friction(record: Record, choice: Choice) -> Structure:
+    """A friction regression with knots and Stribeck speeds in the range of a record."""
+    _check_one_input("friction-narx", record)
+    return friction_narx(
+        choice["na"],
+        choice["nb"],
+        knots=input_knots(record, choice["knots"]),
+        nk=choice["nk"],
+        speeds=stribeck_speeds(record),
+    )
+
+
+def stribeck_speeds(record: Record) -> tuple[float, float]:
+    """Two speeds over which a Stribeck excess may decay: 3 and 10 % of the largest output."""
+    top = float(abs(record.output).max())
+    return float(f"{0.03 * top:.3g}"), float(f"{0.1 * top:.3g}")  # short numbers for the printed structure
+
+
+_LINEAR: Choices = {"nk": (0, 1, 2, 3), "na": (1, 2, 3, 4), "nb": (1, 2, 3, 4), "constant": (0, 1)}
+_FRICTION = Regression(
+    "ARX with dead-zone hinges, Coulomb and Stribeck friction",
+    friction,
+    {"nk": (0, 1, 2, 3), "na": (1, 2, 3), "nb": (1, 2, 3), "knots": (0, 4, 8, 12)},
+)
+_EXPANDED = Regression(
+    "the paper's: ARX with powers and products of inputs",
+    expanded_wiener_hammerstein,
+    {
+        "nk": (0, 1, 2, 3),
+        "na": (1, 2, 3, 4),
+        "nb": (1, 2, 3),
+        "degree": (2, 3, 5),
+        "taps": (1, 2),
+        "constant": (0, 1),
+    },
+)
+_OUTPUT_ERROR = OutputError("linear, fitted to the free run", _LINEAR)
+
+REGRESSIONS: dict[str, Regression | OutputError | FreeRunRegression | PolynomialNarx] = {
+    "arx": Regression("linear: past outputs and inputs", linear, _LINEAR),
+    "output-error": _OUTPUT_ERROR,
+    "wiener-hammerstein-regression": _EXPANDED,
+    "wiener-hammerstein-regression-free-run": FreeRunRegression(
+        f"{_EXPANDED.summary}, fitted to the free run", "wiener-hammerstein-regression-free-run", _EXPANDED
+    ),
+    "friction-narx": _FRICTION,
+    "friction-narx-free-run": FreeRunRegression(
+        f"{_FRICTION.summary}, fitted to the free run", "friction-narx-free-run", _FRICTION
+    ),
+    "polynomial-narx": PolynomialNarx(
+        "products of past outputs and inputs, selected and fitted by the free run", _OUTPUT_ERROR
+    ),
+}
+"""Every regression by name."""

@@ -1,0 +1,138 @@
+"""The error by which regressions are chosen: the free run on parts of the data that were not fitted.
+
+A short record is cross-validated: each of several parts, which together cover the whole record, is unseen once, and
+the structure is fitted anew to the rest. Of a long record a part is held back. A model whose free run diverges on an
+input a little larger than that of the record is never chosen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from emsid.errors import EmsidError
+from emsid.estimation.fit import Fit
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.models.free_run import free_run, squared_errors
+from emsid.models.model import Model
+from emsid.models.regression.free_run_fit import fit_free_run
+from emsid.models.regression.narx import Narx, Structure
+from emsid.record import Record, concatenate
+from emsid.record.holding_back import Split, validation_splits
+from emsid.selection.improvement import STRETCHES, StretchErrors
+
+# Samples that a search looks at; a longer record is searched in pieces from all of it.
+SEARCHED = 60_000
+PIECES = 8
+# The input of the record, made larger by this factor about its middle, must not make a free run diverge.
+BEYOND = 1.2
+# A free run that leaves the middle of the measured output by this many times its half range has diverged.
+FAR = 10.0
+# Steps and tolerance of a fit that is only compared with others.
+STEPS, TOLERANCE = 30, 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """Splits of a record into data to fit and unseen data.
+
+    Attributes:
+        fitted: the records that a search sees.
+        splits: of these or of the whole record.
+        transient: samples at the start of every unseen segment that enter no error.
+        control: when to stop.
+    """
+
+    fitted: Sequence[Record]
+    splits: Sequence[Split]
+    transient: int
+    control: Control = FREE
+
+    @classmethod
+    def of(cls, record: Record, held_back: float, transient: int, control: Control = FREE) -> Judge:
+        """The splits of a record, of which a long one is searched in pieces."""
+        fitted, splits = validation_splits([shortened(record, SEARCHED)], held_back)
+        return cls(fitted, splits, transient, control)
+
+    @property
+    def refits(self) -> bool:
+        """Whether every split has its own data to fit."""
+        return len(self.splits) > 1
+
+    @cached_property
+    def beyond(self) -> tuple[Record, ...]:
+        """The records that a search sees, with a larger input."""
+        return tuple(enlarged(record, BEYOND) for record in self.fitted)
+
+    def refitted(self, fit: Fit[Narx]) -> StretchErrors:
+        """The errors of a structure, fitted to the free run of each split's own data from a known fit."""
+
+        def again(structure: Structure, train: Sequence[Record]) -> Model:
+            if not self.refits:
+                return fit.model
+            return fit_to_compare(structure, train, fit.estimate, self.control).model
+
+        return self.errors(fit.model.structure, again)
+
+    def errors(
+        self, structure: Structure, model_for: Callable[[Structure, Sequence[Record]], Model], least: float = 0.0
+    ) -> StretchErrors:
+        """The errors of the free run over the unseen data of all splits; infinite where it diverges.
+
+        Args:
+            structure: what is fitted.
+            model_for: fits it to the records of a split.
+            least: squared errors are at least this, as smaller ones are rounding.
+        """
+        parts = []
+        for train, unseen in self.splits:
+            try:
+                model = model_for(structure, train)
+                far = any(diverges(model, record) for record in self.beyond)
+                squares = np.full(1, np.inf) if far else squared_errors(model, unseen, self.transient)
+            except (EmsidError, ValueError, ArithmeticError):  # what cannot be fitted to a part is not chosen
+                squares = np.full(1, np.inf)
+            if np.isinf(squares).any():
+                return StretchErrors.of(np.full(STRETCHES, np.inf))
+            parts.append(StretchErrors.of(np.maximum(squares, least), STRETCHES // len(self.splits)))
+        return StretchErrors.joined(parts)
+
+
+def fit_to_compare(structure: Structure, records: Record | Sequence[Record], start: Any, control: Control) -> Fit[Narx]:
+    """A fit to the free run that is as exact as a comparison of errors needs, without intervals."""
+    return fit_free_run(
+        structure,
+        records,
+        start=start,
+        max_iterations=STEPS,
+        tolerance=TOLERANCE,
+        control=control.quietly(),
+        covariances=False,
+    )
+
+
+def shortened(record: Record, most: int) -> Record:
+    """A record with at most this many samples: if it is longer, pieces at equal distances."""
+    if len(record) <= most:
+        return record
+    length, starts = most // PIECES, np.linspace(0, len(record) - most // PIECES, PIECES).astype(int)
+    return concatenate([record[first : first + length] for first in starts], name=record.name)
+
+
+def enlarged(record: Record, factor: float) -> Record:
+    """A record whose inputs are larger by a factor, about the middle of their range."""
+    middle = 0.5 * (record.input.min(axis=0) + record.input.max(axis=0))
+    return replace(record, input=middle + factor * (record.input - middle))
+
+
+def diverges(model: Model, record: Record) -> bool:
+    """Whether the free run leaves the range of the measured output by far."""
+    run = free_run(model, record)
+    if run.diverged_at is not None:
+        return True
+    low, high = float(record.output.min()), float(record.output.max())
+    return bool(np.abs(run.output[run.counted] - 0.5 * (low + high)).max(initial=0.0) > FAR * 0.5 * (high - low))

@@ -1,0 +1,168 @@
+r"""Terms of a nonlinear regression, selected from a dictionary by the free run.
+
+Least squares selects terms that predict one step ahead, which at a short sample time is easy; what a free run needs is
+hidden in the last digits. So terms are selected by the linearised free run. At the model so far, the output changes by
+``δŷ = Σⱼ Sⱼ δθⱼ``, where Sⱼ is the exact derivative with respect to the parameter of a term, those not yet in the model
+at θⱼ = 0 included. Orthogonal forward selection on [S, y − ŷ] finds the term that reduces the free-run error most.
+It is added, and all parameters are fitted again. Terms are added until they no longer reduce the error on unseen data;
+then those with the smallest θⱼ²/var θⱼ are removed, as long as that error hardly grows.
+
+References:
+    Billings, *Nonlinear System Identification* (2013), ch. 3. Piroddi, Spinelli, *An identification algorithm for
+    polynomial NARX models based on simulation error minimization*, International Journal of Control 76 (2003).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError
+from emsid.estimation.fit import Fit
+from emsid.estimation.linear.forward_selection import forward_selection
+from emsid.estimation.linear.information import Information
+from emsid.models.regression.free_run_fit import FreeRunError
+from emsid.models.regression.narx import Narx, Structure
+from emsid.models.regression.regressors import Regressor
+from emsid.models.regression.search.judge import Judge, fit_to_compare
+from emsid.selection.improvement import StretchErrors, better
+
+Array = NDArray[np.float64]
+
+# The search ends after this many terms in a row that do not reduce the error on unseen data, by more than noise.
+PATIENCE = 5
+# The largest number of terms.
+MOST = 40
+# One in so many terms is removed at a time.
+AT_ONCE = 6
+# Samples in which the derivatives of all terms of a dictionary are compared; of a longer record, every k-th.
+COMPARED = 20_000
+
+
+class Trial(NamedTuple):
+    """A structure with its fit to the data that the search sees, and its free-run errors on unseen data."""
+
+    fit: Fit[Narx]
+    errors: StretchErrors
+
+    @property
+    def terms(self) -> int:
+        """How many terms it has."""
+        return len(self.fit.estimate)
+
+
+def select_terms(start: Fit[Narx], dictionary: Structure, judge: Judge, most: int = MOST) -> Trial:
+    """The simplest structure whose free run on unseen data is as good as the best that was found.
+
+    Args:
+        start: a model to begin with, such as an output-error model; its terms can be removed too.
+        dictionary: terms that can be added.
+        judge: the data.
+        most: the largest number of terms.
+
+    Raises:
+        Stopped: if the control of the judge ends the search.
+    """
+    trials = grow(Trial(start, judge.refitted(start)), dictionary, judge, most)
+    trials += prune(simplest(trials), judge)
+    return simplest(trials)
+
+
+def simplest(trials: Sequence[Trial]) -> Trial:
+    """The trial with the fewest terms among those that are as good as the best."""
+    best = min(trials, key=lambda trial: trial.errors.mean)
+    good = [trial for trial in trials if trial is best or not better(best.errors, trial.errors)]
+    return min(good, key=lambda trial: (trial.terms, trial.errors.mean))
+
+
+def grow(first: Trial, dictionary: Structure, judge: Judge, most: int) -> list[Trial]:
+    """The trials with one term more at a time."""
+    trials, best, failures = [first], first.errors, 0
+    while failures < PATIENCE and trials[-1].terms < most:
+        judge.control.doing(f"adding term {trials[-1].terms + 1}", trials[-1].terms, most)
+        structure, start = next_term(trials[-1].fit, dictionary, judge)
+        if structure is None:
+            break
+        try:
+            fit = fit_to_compare(structure, judge.fitted, start, judge.control)
+        except EmsidError:
+            break
+        trials.append(Trial(fit, judge.refitted(fit)))
+        if better(trials[-1].errors, best):
+            best, failures = trials[-1].errors, 0
+        else:
+            failures += 1
+    return trials
+
+
+def next_term(fit: Fit[Narx], dictionary: Structure, judge: Judge) -> tuple[Structure | None, Array]:
+    """The structure with the term that reduces the linearised free-run error most, and a start for its parameters.
+
+    The structure is None where every other term is a combination of those there are.
+    """
+    structure = fit.model.structure
+    whole = structure + dictionary
+    here = np.concatenate([fit.estimate, np.zeros(len(whole) - len(structure))])
+    count = len(structure)
+    try:
+        chosen = forward_selection(linearised(whole, here, judge), count + 1, first=range(count)).order
+    except (EmsidError, ValueError):  # terms that depend on each other: nothing can be added
+        return None, here
+    if len(chosen) == count:
+        return None, here
+    return with_terms(whole, chosen), here[list(chosen)]
+
+
+def linearised(structure: Structure, theta: Array, judge: Judge) -> Information:
+    """The information of [S, y − ŷ] at θ, from at most `COMPARED` samples."""
+    segments = [s for record in judge.fitted for s in record.segments if len(s) > structure.memory]
+    every = max(1, -(-sum(map(len, segments)) // COMPARED))
+    information = Information.empty(len(structure))
+    for residual, derivative in FreeRunError(structure, segments, structure.memory).linearised(theta):
+        rows = np.vstack([derivative[::every].T, -residual[::every]])
+        information = information.add_columns(np.ascontiguousarray(rows))
+    return information
+
+
+def prune(best: Trial, judge: Judge) -> list[Trial]:
+    """The trials with fewer terms, as long as the error on unseen data hardly grows.
+
+    Of many terms several are removed at a time, and half as many where that was too many.
+    """
+    trials: list[Trial] = []
+    last, least = best, best.errors
+    number = max(1, best.terms // AT_ONCE)
+    while last.terms > number:
+        judge.control.doing(f"removing terms of {best.terms}", best.terms - last.terms, best.terms)
+        trial = _without(last, number, judge)
+        if trial is not None and not better(least, trial.errors):
+            last, least = trial, min(least, trial.errors, key=lambda errors: errors.mean)
+            trials.append(trial)
+        elif number > 1:
+            number //= 2
+        else:
+            break
+    return trials
+
+
+def _without(trial: Trial, number: int, judge: Judge) -> Trial | None:
+    """The trial without the terms of smallest θⱼ²/var θⱼ; None where the rest cannot be fitted."""
+    structure, theta = trial.fit.model.structure, trial.fit.estimate
+    try:
+        variance = np.diag(linearised(structure, theta, judge).solve().covariance)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            weight = np.nan_to_num(theta**2 / variance)
+        kept = np.sort(np.argsort(weight)[number:])
+        fit = fit_to_compare(with_terms(structure, kept.tolist()), judge.fitted, theta[kept], judge.control)
+    except EmsidError:
+        return None
+    return Trial(fit, judge.refitted(fit))
+
+
+def with_terms(structure: Structure, indices: Sequence[int]) -> Structure:
+    """A structure with some of the regressors, under the same name."""
+    chosen: tuple[Regressor, ...] = tuple(structure.regressors[k] for k in indices)
+    return Structure(chosen, structure.name, tuple(f"θ{k + 1}" for k in range(len(chosen))), structure.inputs)

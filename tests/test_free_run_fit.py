@@ -1,0 +1,219 @@
+"""Regressions fitted to the free run: exact derivatives, no bias by noise, honest intervals, selected terms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+import emsid
+from emsid import ModelError, Narx, Record, Structure, arx
+from emsid.estimation.fit import Ending
+from emsid.estimation.linear.forward_selection import forward_selection
+from emsid.estimation.linear.information import Information
+from emsid.identification.regressions import REGRESSIONS
+from emsid.models.regression.free_run_fit import FreeRunError
+from emsid.models.regression.search.judge import Judge, diverges, enlarged
+from emsid.models.regression.search.terms import select_terms
+from emsid.models.regression.sensitivities import derivative_reference
+from emsid.models.regression.structures import input_knots, polynomial_narx
+from emsid.models.regression.transforms import Transform, slope, transformed
+
+Array = NDArray[np.float64]
+
+BILINEAR = Structure.parse(
+    "y(t-1)", "-y(t-2)", "y(t-1)^3", "y(t-1)^2*y(t-2)", "y(t-1)*u(t-1)", "u(t)", "-u(t-1)*u(t-2)^2", "1"
+)
+TRUTH = np.array([1.2, 0.5, -0.1, 0.05, 0.1, 0.3, 0.2, 0.05])
+
+
+def measured(structure: Structure, theta: Array, samples: int, noise: float, seed: int = 0) -> Record:
+    """The free run of a structure for a random input, with white noise on the output."""
+    rng = np.random.default_rng(seed)
+    u = rng.standard_normal((samples, structure.inputs or 1))
+    run = Narx(structure, theta, 0.1).simulate(u).output
+    return Record(u, run + noise * rng.standard_normal(run.shape), 0.1)
+
+
+# --- derivative ------------------------------------------------------------------------------------------------------
+
+
+def test_the_derivative_of_a_free_run_is_its_definition() -> None:
+    record = measured(BILINEAR, TRUTH, 120, 0.1)
+    residual, derivative = FreeRunError(BILINEAR, [record], 3).linearised(TRUTH)[0]
+    run = record.output[:, 0].copy()
+    run[3:] += residual
+    expected = derivative_reference(BILINEAR, TRUTH, run, record.input.T, 3)
+    np.testing.assert_allclose(derivative.T, expected[:, 3:], rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(run, Narx(BILINEAR, TRUTH, 0.1).simulate(record, 3).output[:, 0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.6, 1.0])
+def test_the_derivative_of_transforms_and_shares_is_that_of_differences(share: float) -> None:
+    structure = Structure.parse(
+        "y(t-1)", "tanh(y(t-1)/0.4)*u(t)", "max(y(t-2)-0.1, 0)^2", "-abs(y(t-2))", "exp(-abs(y(t-1))/0.7)", "u2(t-1)"
+    )
+    theta = np.array([0.5, 0.2, 0.1, 0.1, 0.3, 1.0])
+    problem = FreeRunError(structure, [measured(structure, theta, 100, 0.2, 3)], 2, share)
+    derivative = problem.linearised(theta)[0][1]
+    for k in range(len(theta)):
+        step = np.zeros(len(theta))
+        step[k] = 1e-6
+        ends = [problem.residuals(theta + sign * step)[0] for sign in (1, -1)]
+        np.testing.assert_allclose(derivative[:, k], (ends[0] - ends[1]) / 2e-6, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("transform", Transform)
+def test_the_slope_of_every_transform_is_that_of_its_definition(transform: Transform) -> None:
+    for x in (-0.9, -0.2, 0.15, 1.1):
+        difference = (transform.definition(x + 1e-6, 0.3) - transform.definition(x - 1e-6, 0.3)) / 2e-6
+        assert slope.py_func(int(transform), x, 0.3) == pytest.approx(difference, abs=1e-6)
+        assert transformed.py_func(int(transform), x, 0.3) == pytest.approx(transform.definition(x, 0.3))
+
+
+def test_a_share_of_zero_is_the_one_step_prediction() -> None:
+    record = measured(BILINEAR, TRUTH, 60, 0.1)
+    residual = FreeRunError(BILINEAR, [record], 2, share=0.0).residuals(TRUTH)[0]
+    ahead = Narx(BILINEAR, TRUTH, 0.1).predict(record).output[2:, 0]
+    np.testing.assert_allclose(residual, ahead - record.output[2:, 0], atol=1e-12)
+
+
+# --- fit -------------------------------------------------------------------------------------------------------------
+
+
+def second_order(noise: float, samples: int = 3000, seed: int = 0) -> Record:
+    """y = 0.05q⁻¹/(1 − 1.9q⁻¹ + 0.93q⁻²) u with white noise on the output: a slow, lightly damped system."""
+    rng = np.random.default_rng(seed)
+    u = rng.standard_normal(samples)
+    y = lfilter([0.0, 0.05], [1.0, -1.9, 0.93], u)
+    return Record(u, y + noise * rng.standard_normal(samples), 0.1)
+
+
+def test_output_noise_biases_least_squares_and_not_the_free_run() -> None:
+    record, truth = second_order(0.1), np.array([-1.9, 0.93, 0.05])
+    least, free = emsid.fit(arx(2, 1), record), emsid.fit(arx(2, 1), record, free_run=True)
+    assert abs(least.estimate - truth)[0] > 0.1
+    assert free.ending is Ending.CONVERGED
+    assert (abs(free.estimate - truth) < 4 * free.standard_error).all()
+    assert free.noise_variance == pytest.approx(0.01, rel=0.1)
+
+
+def test_intervals_of_a_free_run_hold() -> None:
+    truth = np.array([-1.9, 0.93, 0.05])
+    inside = [
+        (np.abs(fit.estimate - truth) < 1.96 * fit.standard_error).all(axis=0).mean()
+        for fit in (emsid.fit(arx(2, 1), second_order(0.1, 1000, seed), free_run=True) for seed in range(40))
+    ]
+    assert np.mean(inside) > 0.8  # all three at once, at a nominal level of 0.95 for each
+
+
+def test_a_fit_to_the_free_run_recovers_a_nonlinear_structure() -> None:
+    record = measured(BILINEAR, TRUTH, 1500, 0.05)
+    fit = emsid.fit(BILINEAR, record, free_run=True)
+    assert (abs(fit.estimate - TRUTH) < 4 * fit.standard_error).all()
+    exact = emsid.fit(BILINEAR, replace(record, output=measured(BILINEAR, TRUTH, 1500, 0.0).output), free_run=True)
+    np.testing.assert_allclose(exact.estimate, TRUTH, atol=1e-8)
+
+
+def test_records_and_segments_are_run_on_their_own() -> None:
+    one, two = measured(BILINEAR, TRUTH, 300, 0.02, 1), measured(BILINEAR, TRUTH, 400, 0.02, 2)
+    apart = emsid.fit(BILINEAR, [one, two], free_run=True)
+    joined = emsid.fit(BILINEAR, emsid.concatenate([one, two]), free_run=True)
+    np.testing.assert_allclose(apart.estimate, joined.estimate, rtol=1e-10)
+    assert apart.samples == 300 + 400
+    later = emsid.fit(BILINEAR, one, free_run=True, transient=50)
+    assert later.samples == 252  # with the two outputs that it starts from
+
+
+def test_a_least_squares_estimate_that_diverges_is_still_a_start() -> None:
+    record = second_order(0.02, 800)
+    fit = emsid.fit(arx(2, 1), record, free_run=True, start=[-2.02, 1.03, 0.04])  # unstable
+    np.testing.assert_allclose(fit.estimate, [-1.9, 0.93, 0.05], atol=0.02)
+
+
+def test_options_that_contradict_each_other_are_refused() -> None:
+    record = second_order(0.1, 200)
+    with pytest.raises(ModelError, match="one-step prediction error"):
+        emsid.fit(arx(2, 1), record, free_run=True, ridge=1.0)
+    with pytest.raises(ModelError, match="free_run=True"):
+        emsid.fit(arx(2, 1), record, transient=10)
+    with pytest.raises(ModelError, match="no segment is longer"):
+        emsid.fit(arx(2, 1), record, free_run=True, transient=200)
+
+
+# --- selection of terms ----------------------------------------------------------------------------------------------
+
+
+def test_forward_selection_on_the_factor_is_that_on_the_rows() -> None:
+    rng = np.random.default_rng(0)
+    phi = rng.standard_normal((200, 8)) @ rng.standard_normal((8, 8))
+    y = phi[:, 5] - 0.5 * phi[:, 2] + 0.1 * rng.standard_normal(200)
+    found = forward_selection(Information.from_rows(phi, y), 4)
+    chosen: list[int] = []
+    for k in range(4):  # by definition: the column that leaves the smallest sum of squares
+        left = [np.linalg.lstsq(phi[:, [*chosen, j]], y, rcond=None)[1][0] if j not in chosen else np.inf
+                for j in range(8)]  # fmt: skip
+        chosen.append(int(np.argmin(left)))
+        assert 1 - found.error_reduction[: k + 1].sum() == pytest.approx(min(left) / (y @ y))
+    assert list(found.order) == chosen
+    assert forward_selection(Information.from_rows(phi, y), 3, first=(7,)).order[0] == 7
+
+
+def test_columns_that_depend_on_others_are_never_chosen() -> None:
+    rng = np.random.default_rng(0)
+    phi = rng.standard_normal((50, 3))
+    both = np.column_stack([phi, phi[:, 0] + phi[:, 1], np.zeros(50)])
+    assert len(forward_selection(Information.from_rows(both, rng.standard_normal(50)), 5).order) == 3
+
+
+def test_a_dictionary_has_every_product_once() -> None:
+    dictionary = polynomial_narx(2, 2, 3)
+    assert len(dictionary) == 35
+    assert dictionary.labels[:5] == ("y(t-1)", "y(t-2)", "u(t-1)", "u(t-2)", "1")
+    assert "y(t-1)*y(t-2)*u(t-2)" in dictionary.labels
+    assert len(polynomial_narx(2, 2, 2, inputs=2, constant=False)) == 27
+
+
+def test_terms_are_selected_by_the_free_run() -> None:
+    structure = Structure.parse("y(t-1)", "y(t-2)", "u(t-1)", "y(t-1)^3", "y(t-1)*u(t-1)^2")
+    record = measured(structure, np.array([1.5, -0.7, 0.3, -0.05, 0.04]), 1200, 0.05)
+    judge = Judge.of(record, 0.25, 2)
+    start = emsid.fit(Structure.parse("y(t-1)", "y(t-2)", "u(t-1)", "1"), record, free_run=True)
+    found = select_terms(start, polynomial_narx(2, 1, 3), judge)
+    assert set(found.fit.model.structure.labels) == set(structure.labels)
+    assert found.errors.mean == pytest.approx(0.0025, rel=0.15)
+
+
+def test_a_model_that_diverges_beyond_the_range_is_not_chosen() -> None:
+    structure = Structure.parse("y(t-1)", "u(t-1)", "y(t-1)^3")
+    model = Narx(structure, np.array([0.5, 0.5, 0.1]), 0.1)  # no steady state for u above 0.86
+    u = np.full(60, 0.8)
+    record = Record(np.concatenate([-u, u]), model.simulate(np.concatenate([-u, u])).output, 0.1)
+    assert not diverges(model, record)
+    assert diverges(model, enlarged(record, 1.2))
+    judge = Judge.of(record, 0.25, 1)
+    assert judge.errors(structure, lambda *_: model).mean == np.inf
+
+
+# --- candidates ------------------------------------------------------------------------------------------------------
+
+
+def test_a_record_with_offsets_gets_a_constant() -> None:
+    plain = second_order(0.02, 600)
+    moved = Record(plain.input + 5.0, plain.output + 40.0, plain.dt)
+    for name in ("arx", "output-error"):
+        fit = REGRESSIONS[name](moved, emsid.Options(na=2, nb=1, nk=1))
+        assert "1" in fit.model.structure.labels, name
+        assert "1" not in REGRESSIONS[name](plain, emsid.Options(na=2, nb=1, nk=1)).model.structure.labels
+
+
+def test_knots_lie_in_the_range_of_the_input() -> None:
+    y = np.arange(100.0)
+    for low, high in ((-3.0, 3.0), (0.0, 10.0), (2.0, 3.0), (-9.0, -1.0), (-0.5, 8.0)):
+        knots = input_knots(Record(np.linspace(low, high, 100), y, 1.0), 4)
+        assert all(low < knot < high for knot in knots), (low, high)
+        assert len(knots) == 8
+    assert input_knots(Record(np.linspace(-3.0, 2.9, 100), y, 1.0), 1) == (-0.75, 0.75)  # one reach on both sides

@@ -1,21 +1,30 @@
-"""The Typer application that commands register with, and the text of ``emsid --help``."""
+"""The Typer application that commands register with, and the texts of ``emsid`` and ``emsid --help``."""
 
 import sys
 from typing import Annotated
 
 import typer
 
+FIRST_STEPS = """\
+emsid turns a record of input and output, such as the voltage and speed of a motor, into a model.
+  emsid demo                                            write example records, and commands to try on them
+  emsid describe log.csv                                look at a record of your own
+  emsid identify log.csv -u voltage -y speed --time t   fit models to it and rank them
+  emsid study                                           a complete study; needs no data
+  emsid --help                                          all commands"""
+"""What ``emsid`` alone prints."""
+
 app = typer.Typer(
     help="Identify electromechanical systems: from a record of voltage and speed to a model you can trust.",
     epilog="""
     \b
     Examples:
+      emsid demo                                                     example records to try commands on
       emsid study                                                    a complete study; needs no data
       emsid describe log.csv --input voltage --output speed --time t
       emsid identify log.csv --input voltage --output speed --dt 1ms
       emsid validate emsid-result/friction-narx.json other.csv
     """,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},

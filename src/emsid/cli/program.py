@@ -1,5 +1,6 @@
 """The program, from installing the signal handlers to the exit status."""
 
+import os
 import signal
 import sys
 import warnings
@@ -9,10 +10,10 @@ from typing import NoReturn
 import typer
 
 from emsid.cli import commands
-from emsid.cli.app import app
+from emsid.cli.app import FIRST_STEPS, app
 from emsid.cli.interruption import INTERRUPTED, INTERRUPTION, leave_quietly
 from emsid.cli.options import with_options
-from emsid.cli.terminal import SPELT_OUT, one_line
+from emsid.cli.terminal import SPELT_OUT, one_line, say
 from emsid.errors import EmsidError
 
 USER_ERROR = 2
@@ -35,7 +36,11 @@ def main() -> None:
             stream.reconfigure(errors=SPELT_OUT)  # ^2 and ohm for a terminal without ² or Ω
     try:
         try:
-            status = app(sys.argv[1:] or ["--help"], prog_name="emsid", standalone_mode=False)
+            if len(sys.argv) > 1 or "_EMSID_COMPLETE" in os.environ:  # how a shell asks for completions
+                status = app(sys.argv[1:], prog_name="emsid", standalone_mode=False)
+            else:
+                status = 0
+                say(FIRST_STEPS)
         finally:
             sys.stdout.flush()
         if INTERRUPTION.pressed:

@@ -1,0 +1,77 @@
+"""The example records of `emsid demo`: every command on their page works, and finds what was simulated."""
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from emsid.cli.commands.demo import COMMANDS, commands_page
+from emsid.study.demonstration import AXIS, EXAMPLES
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, command):
+    """The folder after every command on the page, in its order, with empty figures."""
+    place = tmp_path_factory.mktemp("demo") / "new"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("emsid.report.figures.draw", lambda _, formats: dict.fromkeys(formats, b""))
+        assert command("demo", place) == 0
+        patch.chdir(place)
+        page = (place / "commands.md").read_text("utf-8")
+        commands = [line.split(maxsplit=1) for line in page.splitlines() if line.startswith("    emsid")]
+        assert len(commands) == sum(map(len, COMMANDS.values()))
+        for _, words in commands:
+            assert command(*shlex.split(words)) == 0, words
+    return place
+
+
+def result(folder, name):
+    return json.loads((folder / f"{name}-result" / "result.json").read_text("utf-8"))
+
+
+def estimates(found, model):
+    (fit,) = (each for each in found["fits"] if each["model"] == model)
+    return {each["name"]: each["value"] for each in fit["parameters"]}
+
+
+def test_files_are_as_the_page_says(folder):
+    assert (folder / "commands.md").read_text("utf-8") == commands_page()
+    assert {path.stem for path in folder.glob("*.csv")} == {"simulated", *(example.name for example in EXAMPLES)}
+    assert all((folder / f"{name}-result" / "result.json").exists() for name in ("motor", "axis", "circuit"))
+
+
+@pytest.mark.parametrize(
+    ("name", "best", "fit"),
+    [("motor", "rigid-motor", 99), ("axis", "linear-axis", 99.5), ("circuit", "wiener-hammerstein", 98.5)],
+)
+def test_what_was_simulated_is_chosen(folder, name, best, fit):
+    found = result(folder, name)
+    assert found["chosen"] == best
+    (row,) = (each for each in found["rows"] if (each["model"], each["data"]) == (best, "unseen"))
+    assert row["fit_percent"] > fit
+
+
+def test_the_parameters_that_the_page_states_are_estimated(folder):
+    motor = estimates(result(folder, "motor"), "rigid-motor")
+    axis = estimates(result(folder, "axis"), "linear-axis")
+    assert axis["mass"] == pytest.approx(AXIS.mass, rel=0.01)
+    assert axis["viscous_friction"] == pytest.approx(AXIS.viscous_friction[0], rel=0.03)
+    assert axis["offset"] == pytest.approx(AXIS.offset, rel=0.03)
+    assert motor["voltage_dead_zone.half_width"] == pytest.approx(0.5, abs=0.2)
+
+
+def test_records_are_the_same_every_time():
+    for example in EXAMPLES:
+        first, again = example.record(), example.record()
+        np.testing.assert_array_equal(first.output, again.output)
+        assert len(first) <= 6000
+
+
+def test_shells_complete_commands():
+    asked = {"_EMSID_COMPLETE": "complete_bash", "COMP_WORDS": "emsid ide", "COMP_CWORD": "1"}
+    done = subprocess.run([sys.executable, "-m", "emsid"], env=os.environ | asked, capture_output=True)
+    assert done.stdout.split() == [b"identify"]

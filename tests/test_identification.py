@@ -40,7 +40,7 @@ def test_ranks_by_free_run_on_unseen_data():
     result = identify(system(2000, 1), system(1000, 2), models=QUICK, options=Options(orders=(1,), static="dead-zone"))
     errors = [row.simulation_mse for row in result.on_unseen.rows]
     assert errors == sorted(errors)
-    assert result.chosen.model.name == "friction-narx-free-run"
+    assert result.chosen.model.name in ("friction-narx", "friction-narx-free-run")
     assert result.on_unseen.best.row.fit_percent > 97
     assert {row.samples for row in result.on_unseen.rows} == {1000 - max(f.model.memory for f in result.on_unseen.fits)}
 

@@ -472,6 +472,8 @@ def test_a_folder_that_cannot_be_written_to_is_noticed_before_anything_is_done(r
     assert "is not a folder that can be written to" in err
 
 
+STOPPING = "emsid: stopping after this step; the results so far follow (Ctrl-C again: end without them)\n"
+LEFT_OUT = "emsid: the report is left out\n"
 FOUND = "emsid: identification was interrupted; the results so far are printed above and written\n"
 REGRESSIONS = ("--models", "arx, wiener-hammerstein-regression", *FIRST_ORDER, "--degree", 2, "--taps", 1)
 
@@ -593,6 +595,46 @@ def signalled(folder, module, *words):
     return done.returncode, done.stdout, done.stderr
 
 
+@pytest.fixture
+def answers(monkeypatch):
+    """What Ctrl-C is answered at once, on the standard error of the process."""
+    lines = []
+    monkeypatch.setattr("emsid.cli.interruption.os.write", lambda _, words: lines.append(words.decode()))
+    return lines
+
+
+def test_ctrl_c_is_answered_the_results_written_and_then_the_report_drawn(run, log, tmp_path, pressed_at, answers):
+    out, seen = tmp_path / "out", []
+    pressed_at("emsid.identification.candidates.wiener_hammerstein_regression")
+    pressed_at("emsid.report.page.page", press=lambda: seen.extend([*answers, *out.iterdir()]))
+    assert run("identify", log, *IDENTIFY, *REGRESSIONS, "--out", out)[0] == 130
+    count = len(list((out / "figures").iterdir()))
+    assert seen[:2] == answers == [STOPPING, f"emsid: drawing the report with {count} figures (Ctrl-C: leave it out)\n"]
+    assert {path.name for path in seen[2:]} >= {"result.json", "arx.json"}
+
+
+def test_a_second_ctrl_c_leaves_the_report_out(run, log, tmp_path, pressed_at, answers, monkeypatch):
+    clock = iter(range(0, 100, 10))
+    monkeypatch.setattr("emsid.cli.interruption.monotonic", lambda: next(clock))
+    pressed_at("emsid.identification.candidates.wiener_hammerstein_regression", "emsid.report.page.page")
+    status, out, err = run("identify", log, *IDENTIFY, *REGRESSIONS, "--out", tmp_path / "out")
+    assert (status, err) == (130, FOUND)
+    assert "chosen: arx" in out
+    assert answers[0] == STOPPING
+    assert answers[-1] == LEFT_OUT
+    assert_whole(tmp_path / "out", drawn=False)
+
+
+@pytest.mark.parametrize("at", range(2))
+def test_a_report_is_written_as_a_whole(at, run, log, tmp_path, pressed_at, monkeypatch):
+    """Ctrl-C while its files are written waits until they are."""
+    clock = iter(range(0, 1000, 10))
+    monkeypatch.setattr("emsid.cli.interruption.monotonic", lambda: next(clock))
+    pressed_at("emsid.report.page.write_files" if at else "emsid.report.page.atomic_write")
+    assert run("identify", log, *IDENTIFY, *REGRESSIONS, "--out", tmp_path / "out")[0] == 130
+    assert_whole(tmp_path / "out", drawn=True)
+
+
 def test_ctrl_c_at_exit_prints_no_second_message(tmp_path):
     status, out, err = signalled(tmp_path, "", "list")
     assert (status, err) == (130, "")
@@ -603,7 +645,7 @@ def test_ctrl_c_while_the_drawing_library_is_imported(log, tmp_path):
     status, out, err = signalled(
         tmp_path, "matplotlib.figure", "identify", log, *IDENTIFY, *REGRESSIONS, "--out", "out"
     )
-    assert (status, err) == (130, FOUND)
+    assert (status, err) == (130, LEFT_OUT + FOUND)
     assert "chosen: " in out
     assert_whole(tmp_path / "out", drawn=False)
 

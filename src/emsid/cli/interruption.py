@@ -1,9 +1,10 @@
 """Handling of Ctrl-C. Only this module and `emsid.__main__` handle it.
 
-During a search, Ctrl-C only sets a flag. The search reads the flag between its steps (see
-`emsid.estimation.nonlinear.control`) and ends with the best result so far. A second Ctrl-C ends the program. While
-files are read and modules imported, Ctrl-C ends the program at once. While results are written, it waits. An exception
-during an import may be replaced by another one or lost in a callback, so the flag is kept.
+During a search, Ctrl-C is answered with a line and sets a flag. The search reads the flag between its steps (see
+`emsid.estimation.nonlinear.control`) and ends with the best result so far. This is printed and written; then the report
+is drawn, which another Ctrl-C leaves out. A second Ctrl-C during the search ends the program. While files are read and
+modules imported, Ctrl-C ends the program at once. While results are written, it waits. An exception during an import
+may be replaced by another one or lost in a callback, so the flag is kept.
 """
 
 import os
@@ -30,8 +31,8 @@ class Interruption:
     """
 
     def __init__(self) -> None:
-        self.pressed = self._deferred = self._asked = False
-        self._when = -inf
+        self.pressed = self._deferred = False
+        self._answer, self._when = "", -inf
         self.begin()
 
     def __call__(self, *_: object) -> None:
@@ -41,17 +42,16 @@ class Interruption:
         if again:
             return
         first, self.pressed = not self.pressed, True
-        if self._asked and first:
-            if sys.stderr.isatty():
-                os.write(2, b"\nstopping after this step; press Ctrl-C again to leave at once\n")
+        if self._answer and first:
+            tell(self._answer)
             return
         if not self._deferred:
             raise KeyboardInterrupt
 
     def begin(self) -> None:
         """Begin: not pressed yet, no result yet."""
-        self.pressed = self._deferred = self._asked = False
-        self._when = -inf
+        self.pressed = self._deferred = False
+        self._answer, self._when = "", -inf
         self.words = "interrupted before anything was found"
 
     def raise_again(self) -> None:
@@ -64,13 +64,17 @@ class Interruption:
         self.pressed = self.pressed or interrupted
 
     @contextmanager
-    def asked(self) -> Iterator[None]:
-        """The present work reads `pressed` and ends by itself; a second Ctrl-C ends it at once."""
-        self._asked = True
+    def asked(self, answer: str) -> Iterator[None]:
+        """The present work reads `pressed` and ends by itself; a second Ctrl-C ends it at once.
+
+        Args:
+            answer: what the first Ctrl-C is answered at once.
+        """
+        self._answer = answer
         try:
             yield
         finally:
-            self._asked = False
+            self._answer = ""
 
     @contextmanager
     def put_off(self) -> Iterator[None]:
@@ -80,6 +84,12 @@ class Interruption:
             yield
         finally:
             self._deferred = False
+
+
+def tell(words: str) -> None:
+    """Print a line on standard error, below a progress bar too; safe in a handler of a signal."""
+    below = "\n" if sys.stderr.isatty() else ""
+    os.write(2, f"{below}emsid: {words}\n".encode())
 
 
 def leave_quietly() -> None:

@@ -216,16 +216,23 @@ class Progress:
         )
 
 
+STOPPING = "stopping after this step; the results so far follow (Ctrl-C again: end without them)"
+"""What Ctrl-C during a search is answered."""
+
+
 @contextmanager
-def working() -> Iterator[Control]:
+def working(answer: str = STOPPING) -> Iterator[Control]:
     """The control of a search: it shows the present activity, and Ctrl-C cancels it.
+
+    Args:
+        answer: what Ctrl-C is answered at once.
 
     Raises:
         KeyboardInterrupt: if the search was stopped before it had a result.
     """
     from emsid.estimation.nonlinear.control import Stopped
 
-    with progress_bar() as progress, INTERRUPTION.asked():
+    with progress_bar() as progress, INTERRUPTION.asked(answer):
         try:
             yield progress.control
         except Stopped:

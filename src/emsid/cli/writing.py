@@ -7,13 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from emsid.cli.interruption import INTERRUPTION
+from emsid.cli.interruption import INTERRUPTION, tell
 from emsid.cli.terminal import say, working
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
     from emsid.identification import Identification
+    from emsid.report import Report
     from emsid.study import Study
+
+LEFT_OUT = "the report is left out"
+"""What Ctrl-C during the drawing is answered."""
 
 Result = TypeVar("Result", "Study", "Identification")
 
@@ -69,18 +73,30 @@ def kept(result: "Result", what: str) -> Iterator["Result"]:
     INTERRUPTION.words = f"{what} was interrupted; the results so far are printed above and written"
 
 
-def draw(folder: Path, report: Callable[[], Any], pdf: bool = False) -> bool:
-    """Write the report with its figures, with PDF on request; false if Ctrl-C was pressed meanwhile."""
+def draw(folder: Path, report: Callable[[], "Report"], pdf: bool = False, *, interrupted: bool = False) -> bool:
+    """Draw the report with its figures, with PDF on request, and write it; false if Ctrl-C was pressed meanwhile.
+
+    Args:
+        folder: where to.
+        report: what to draw.
+        pdf: whether figures are written as PDF too.
+        interrupted: whether Ctrl-C has stopped the search; then it is said that there is more to wait for.
+    """
     try:
         INTERRUPTION.raise_again()
-        from emsid.report.page import write_report
+        from emsid.report.page import report_files, write_files
 
-        with working() as control:
-            write_report(report(), folder, control, ("svg", "pdf") if pdf else ("svg",))
+        with working(LEFT_OUT) as control:
+            content = report()
+            if interrupted:
+                tell(f"drawing the report with {len(list(content.figures))} figures (Ctrl-C: leave it out)")
+            files = report_files(content, control, ("svg", "pdf") if pdf else ("svg",))
     except BaseException as problem:
         if not (INTERRUPTION.pressed or isinstance(problem, KeyboardInterrupt)) or isinstance(problem, SystemExit):
             raise
         return False
+    with INTERRUPTION.put_off():
+        write_files(files, folder)
     return True
 
 

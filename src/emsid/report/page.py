@@ -7,7 +7,7 @@ all texts, and the content security policy of the page forbids loading anything.
 from __future__ import annotations
 
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from emsid.estimation.nonlinear.control import FREE, Control
@@ -17,6 +17,8 @@ from emsid.report.page_plots import page_figure
 
 FORMATS = ("svg", "pdf")
 """The formats of figures that `write_report` can write."""
+
+PAGE = "report.html"
 
 
 def page(report: Report) -> str:
@@ -53,18 +55,43 @@ def write_report(
         FormatError: where the folder cannot be written to.
         Stopped: if ``control`` ends it; nothing is written then.
     """
+    return write_files(report_files(report, control, formats), folder)
+
+
+def report_files(
+    report: Report, control: Control = FREE, formats: Collection[str] = ("svg",)
+) -> dict[str, str | bytes]:
+    """The content of every file of a report, by its path in the folder; the page is the last.
+
+    Args:
+        report: what to draw.
+        control: when to stop, and where to report progress.
+        formats: as for `write_report`.
+
+    Raises:
+        Stopped: if ``control`` ends it.
+    """
     from emsid.report.figures import draw
 
     control.doing("writing the page")
     contents = page(report)
-    drawings = {}
+    files: dict[str, str | bytes] = {}
     figures = tuple(report.figures) if formats else ()
     for k, figure in enumerate(figures):
         control.doing(f"drawing {figure.name}", k, len(figures))
-        drawings[figure.name] = draw(figure, formats)
+        drawing = draw(figure, formats)
+        files |= {f"figures/{figure.name}.{suffix}": content for suffix, content in drawing.items()}
+    control.check()
+    return files | {PAGE: contents}
+
+
+def write_files(files: Mapping[str, str | bytes], folder: str | os.PathLike[str]) -> Path:
+    """Write the files of `report_files` into a folder, which is made where it is missing; the path of the page.
+
+    Raises:
+        FormatError: where the folder cannot be written to.
+    """
     folder = Path(folder)
-    for name, drawing in drawings.items():
-        for suffix, content in drawing.items():
-            atomic_write(folder / "figures" / f"{name}.{suffix}", content)
-    atomic_write(folder / "report.html", contents)
-    return folder / "report.html"
+    for name, content in files.items():
+        atomic_write(folder / name, content)
+    return folder / PAGE

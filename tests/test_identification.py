@@ -12,6 +12,7 @@ from emsid.identification.options import Options
 from emsid.identification.regressions import REGRESSIONS, stribeck_speeds
 from emsid.identification.workflow import identify
 from emsid.models.plants.datasheet import Given
+from emsid.report.identification_page import report
 from emsid.selection.coordinate_search import coordinate_search
 from emsid.selection.improvement import StretchErrors
 
@@ -388,3 +389,16 @@ def test_discrete_models_are_not_compared_on_data_of_another_sample_time(monkeyp
         "slow log is sampled every 0.02 s and record every 0.01 s, so hammerstein cannot be simulated on it; resample "
         "one of them, or check the unit of its times"
     )
+
+
+def test_a_page_of_the_command_line_names_options():
+    """The page is read by somebody who typed a command, or by somebody who called a function."""
+    result = identify(system(600, 15), models="arx", options=Options(na=1, nb=1, nk=1))
+
+    def texts(page):
+        remarks = [remark for section in page.sections for remark in section.remarks]
+        return " ".join([notice.text for notice in page.notices] + list(page.advice) + remarks)
+
+    typed, called = texts(report(result, lambda name: f"--{name}")), texts(report(result))
+    assert "--unseen" in typed
+    assert typed.replace("--", "") == called

@@ -12,19 +12,25 @@ from emsid.report.document import Fact, Notice, Report, Section
 from emsid.report.numbers import estimate, number, percent
 from emsid.report.views import terms
 from emsid.units import plain_unit, with_unit
-from emsid.wording import Severity, sentence, severity
+from emsid.wording import Severity, Spelling, as_python, sentence, severity
 
 # At most this many characteristics and notices are on the first screen.
 CHARACTERISTICS, NOTICES = 6, 6
 
 
-def report(result: Identification) -> Report:
-    """The page of an identification."""
+def report(result: Identification, argument: Spelling = as_python) -> Report:
+    """The page of an identification.
+
+    Args:
+        result: what to show.
+        argument: how names of arguments are written in its findings.
+    """
     best = result.on_unseen.best
     limits = [each for each in (*result.verdicts, *result.findings) if severity(each) is not Severity.INFO]
     limits.sort(key=lambda each: (severity(each) is not Severity.PROBLEM, each.model not in ("", best.row.model)))
     first, rest = limits[:NOTICES], limits[NOTICES:]
     notes = [each for each in result.findings if severity(each) is Severity.INFO]
+    others = tuple(sentence(each, argument) for each in (*rest, *notes))
     return Report(
         title=f"Identification of {result.record.name}",
         summary=(summary(result),),
@@ -32,15 +38,17 @@ def report(result: Identification) -> Report:
         opening=Section(
             "", terms=(terms.FREE_RUN, terms.FIT), figures=(views.measured_and_simulated(best, name="best-free-run"),)
         ),
-        notices=tuple(Notice(sentence(each), severity(each).value) for each in first),
-        advice=tuple(sentence(each) for each in result.next_steps),
+        notices=tuple(Notice(sentence(each, argument), severity(each).value) for each in first),
+        advice=tuple(sentence(each, argument) for each in result.next_steps),
         sections=(
             which_model(result),
-            *([Section("More findings", remarks=tuple(map(sentence, (*rest, *notes))))] if rest or notes else []),
+            *([Section("More findings", remarks=others)] if others else []),
             free_runs(result),
             Section("The data", figures=(views.inputs((result.record, result.unseen)),)),
             *(
-                views.model_section(fit, result.record, profiles=result.profiles.get(fit.model.name, ()))
+                views.model_section(
+                    fit, result.record, profiles=result.profiles.get(fit.model.name, ()), argument=argument
+                )
                 for fit in result.fits
             ),
         ),

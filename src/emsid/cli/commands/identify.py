@@ -206,7 +206,7 @@ def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: 
             say_json(as_json(result.to_data()))
         else:
             _print(result)
-    drawn = draw(out, lambda: report(result), pdf, interrupted=result.interrupted)
+    drawn = draw(out, lambda: report(result, option), pdf, interrupted=result.interrupted)
     if not json:
         written = [f"{fit.model.name}.json" for fit in result.fits]
         possible = [f"{name}.json" for name in candidates.CANDIDATES]

@@ -123,9 +123,11 @@ class RecursiveState:
     def after(self, estimate: Array, factor: Array, diagonal: Array, totals: Array, window: Array) -> RecursiveState:
         """The same with what the kernels have made of it."""
         idle, place, filled, limited = (int(totals[k]) for k in (_IDLE, _PLACE, _FILLED, _LIMITED))
-        sums = (float(totals[k]) for k in (_SAMPLES, _SQUARES, _WEIGHTS))
+        samples, squares, weights = (float(totals[k]) for k in (_SAMPLES, _SQUARES, _WEIGHTS))
         peak = np.array(totals[_PEAKS:])
-        return RecursiveState(estimate, factor, diagonal, *sums, peak, limited, idle, window, place, filled, self.tail)
+        return RecursiveState(
+            estimate, factor, diagonal, samples, squares, weights, peak, limited, idle, window, place, filled, self.tail
+        )
 
     def cut(self) -> RecursiveState:
         """The state with its estimate but without past samples: the next samples come after a gap."""
@@ -158,7 +160,8 @@ class RecursiveState:
             if tail is not None:
                 u, y = np.array(tail["input"], dtype=float), np.array(tail["output"], dtype=float)
                 past = Record(u, y, tail["dt"], times=(tail["time"],), name=tail["name"])
-                past = replace(past, **{name: tuple(tail[name]) for name in _NAMES})
+                names: dict[str, Any] = {name: tuple(tail[name]) for name in _NAMES}
+                past = replace(past, **names)
             numbers: dict[str, Any] = {name: kind(data[name]) for name, kind in _NUMBERS.items()}
         except (KeyError, TypeError, ValueError) as problem:
             raise ModelError(f"not a state of a recursion ({problem}); save it again") from None

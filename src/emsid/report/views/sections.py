@@ -11,6 +11,7 @@ from emsid.errors import EmsidError
 from emsid.report.document import Figure, Section
 from emsid.report.numbers import sentence, slug
 from emsid.report.views.tables import parameter_table, regressor_column
+from emsid.wording import Spelling, as_python
 from emsid.wording import sentence as worded
 
 if TYPE_CHECKING:
@@ -24,7 +25,14 @@ VIEWS: list[View] = []
 """Further figures of a model: each takes a fit, a record and the beginning of the figure's name."""
 
 
-def model_section(fit: Fit[Any], record: Record, *, name: str = "", profiles: Sequence[Profile] = ()) -> Section:
+def model_section(
+    fit: Fit[Any],
+    record: Record,
+    *,
+    name: str = "",
+    profiles: Sequence[Profile] = (),
+    argument: Spelling = as_python,
+) -> Section:
     """The equation and the parameters of one model, and the figures of its kind.
 
     A cascade has figures of its static maps and filters; a physical model of its friction, its dead zone and sticking.
@@ -36,6 +44,7 @@ def model_section(fit: Fit[Any], record: Record, *, name: str = "", profiles: Se
         name: prefix of the names of its figures, by default the name of the model; needed if a report shows two models
             of one name.
         profiles: likelihood profiles of its parameters, where it is a physical model.
+        argument: how names of arguments are written in its findings.
     """
     from emsid.models.blocks.cascade import Cascade
     from emsid.models.plants.search.result import GreyBoxFit
@@ -52,7 +61,7 @@ def model_section(fit: Fit[Any], record: Record, *, name: str = "", profiles: Se
 
     model, prefix = fit.model, slug(name or fit.model.name)
     paragraphs: tuple[str, ...] = ()
-    remarks = tuple(sentence(worded(finding)) for finding in fit.findings)
+    remarks = tuple(sentence(worded(finding, argument)) for finding in fit.findings)
     if isinstance(fit, GreyBoxFit):
         equations, tables = plant_equations(fit), physical_table(fit)
         paragraphs = tuple(filter(None, (units_taken(fit),)))

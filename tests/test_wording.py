@@ -48,6 +48,13 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("few-samples", data={"samples": 16.0, "parameters": 8}),
     Finding("forgetting-limited", data={"samples": 1200, "parameters": ["b1", "b2"]}),
     Finding("forgetting-limited", data={"samples": 3, "parameters": []}),
+    Finding("regression-biased", data={"lags": 25, "p_value": 3e-12, "largest": -0.34, "lag": 1}),
+    Finding("intervals-allow-for-colour", data={"lags": 25, "p_value": 3e-12, "largest": -0.34, "lag": 1}),
+    Finding(
+        "residual-depends-on-power",
+        "speed",
+        {"model": "arx", "input": "voltage", "power": 3, "largest": -7.2, "at_lag": 4, "limit": 3.9},
+    ),
     # searches
     Finding("search-stalled", data=SO_FAR),
     Finding("steps-used-up", data=SO_FAR | {"steps": 1}),

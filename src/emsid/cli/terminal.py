@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from emsid.estimation.nonlinear.control import Control
     from emsid.identification.characteristics import Characteristic
-    from emsid.models.plants.search.result import GreyBoxFit
+    from emsid.models.plants.search.result import Estimate, GreyBoxFit
     from emsid.report import document
     from emsid.validation.comparison import Row
 
@@ -142,7 +142,7 @@ def error_table(rows: Sequence[Row], title: str, unit: str = "") -> Table:
                     f"{errors.simulation_rmse:.5g}",
                     f"{errors.simulation_mse:.4g}",
                     fit,
-                    f"{errors.one_step_mse:.4g}",
+                    f"{errors.one_step_mse:.4g}" if isfinite(errors.one_step_mse) else "–",
                 )
             )
     return plain_table(title, headings, lines)
@@ -168,21 +168,31 @@ def physical_table(fit: GreyBoxFit) -> Table:
     """A table of the parameters of a plant and, if some are not identifiable, of the identifiable combinations."""
     from emsid.models.plants.search.result import Status
 
-    rows = [(row.name, row.symbol, row.value, row.standard_error, row.unit, str(row.status)) for row in fit.table]
+    rows = [(row.name, row.symbol, row.value, _width(row), row.unit, row.how) for row in fit.table]
     if any(row.status in (Status.KEPT, Status.CONDITIONAL) for row in fit.table):
-        combined = [(each.quantity, each.standard_error) for each in fit.combinations]
         rows += [
-            (each.name, each.formula, each.value, error, each.unit, "identifiable combination")
-            for each, error in combined
+            (each.name, each.formula, each.value, _half(error), each.unit, together.how)
+            for together in fit.combinations
+            for each, error in [(together.quantity, together.standard_error)]
         ]
-    lines = []
-    for name, symbol, value, error, unit, status in rows:
-        width = "" if not error or not isfinite(error) else f"{1.96 * error:.2g}"  # no interval at a bound
-        lines.append((name, symbol, f"{value:.5g}", width, plain_unit(unit), status))
+    lines = [
+        (name, symbol, f"{value:.5g}", width, plain_unit(unit), how) for name, symbol, value, width, unit, how in rows
+    ]
     headings: dict[str, Align] = dict.fromkeys(("quantity", "symbol"), "left")
     headings |= dict.fromkeys(("value", "±"), "right")
     headings |= dict.fromkeys(("unit", "status"), "left")
     return plain_table(f"{fit.model.name}, with 95 % intervals", headings, lines)
+
+
+def _width(row: Estimate) -> str:
+    """Half the interval of a parameter, or the interval itself where it is not symmetric."""
+    if row.standard_error is None and row.interval is not None:
+        return f"{row.interval[0]:.3g} to {row.interval[1]:.3g}"
+    return _half(row.standard_error)
+
+
+def _half(error: float | None) -> str:
+    return "" if not error or not isfinite(error) else f"{1.96 * error:.2g}"
 
 
 def show(table: Table) -> None:

@@ -73,6 +73,12 @@ class Fit(Presented, Generic[M]):
         spread: Array = np.sqrt(np.diag(self.covariance))
         return spread
 
+    @property
+    def status(self) -> str:
+        """Whether its estimates are those of the system, or only of the best one-step predictor."""
+        biased = any(finding.code == "regression-biased" for finding in self.findings)
+        return "of the one-step predictor" if biased else "estimated"
+
     def interval(self, level: float = 0.95) -> Array:
         """(p, 2) confidence interval of every parameter, by the normal distribution."""
         from scipy.special import ndtri
@@ -82,8 +88,9 @@ class Fit(Presented, Generic[M]):
 
     def to_data(self) -> dict[str, Any]:
         """Every estimate with its interval, and every finding, in built-in types; None where not finite."""
+        how = self.status
         parameters = [
-            {"name": name, "unit": "", "value": value, "standard_error": error, "interval": ends, "status": "estimated"}
+            {"name": name, "unit": "", "value": value, "standard_error": error, "interval": ends, "status": how}
             for name, value, error, ends in zip(
                 self.names,
                 self.estimate.tolist(),

@@ -19,7 +19,8 @@ from emsid.models.plants.parameters import without_overlap
 from emsid.models.plants.search.diagnostics import Profile
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record
-from emsid.validation.comparison import Assessment, Comparison
+from emsid.validation.comparison import Assessment, Comparison, models_noise
+from emsid.validation.correlation import power_tests
 from emsid.validation.residual_test import residual_tests
 
 BEYOND = 0.1
@@ -42,6 +43,7 @@ def observations(
         *([Finding("data-not-unseen", unseen.name)] if seen else []),
         *_about_the_best(comparison, unseen, seen),
         *about_the_residual(comparison.best),
+        *about_powers_of_the_input(comparison.best),
         *about_the_unseen_input(record, unseen, seen),
         *(
             Finding("free-run-diverged", row.model, {"model": row.model, "sample": int(row.diverged_at), "seen": seen})
@@ -78,7 +80,9 @@ def _about_the_best(comparison: Comparison, unseen: Record, seen: bool) -> list[
 
 
 def about_the_residual(best: Assessment) -> list[Finding]:
-    """Whether the one-step errors of the best model are white."""
+    """Whether the one-step errors of the best model are white, if it models noise."""
+    if not models_noise(best.fit.model):
+        return []
     return [
         Finding(
             "residual-white" if test.white else "residual-coloured",
@@ -93,6 +97,25 @@ def about_the_residual(best: Assessment) -> list[Finding]:
         )
         for test in residual_tests(best.record, best.prediction)
     ]
+
+
+LAGS = 50
+"""Lags of the nonlinear cross-correlation tests, in samples."""
+
+
+def about_powers_of_the_input(best: Assessment) -> list[Finding]:
+    """The powers of inputs that the residual of the best free run depends on, which a linear test does not see."""
+    record, findings = best.record, []
+    counted = best.simulation.counted
+    errors = np.where(counted[:, None], record.output - best.simulation.output, np.nan)
+    for output, error in zip(record.output_names, errors.T, strict=True):
+        for name, u in zip(record.input_names, record.input.T, strict=True):
+            tests = [test for test in power_tests(error, u, record.breaks, LAGS) if test.depends]
+            if tests:
+                worst = max(tests, key=lambda test: abs(test.largest))
+                data = {"model": best.row.model, "input": name} | worst._asdict()
+                findings.append(Finding("residual-depends-on-power", output, data))
+    return findings
 
 
 def about_the_unseen_input(record: Record, unseen: Record, seen: bool = False) -> list[Finding]:

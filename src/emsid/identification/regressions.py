@@ -17,6 +17,7 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.identification.options import Options
 from emsid.models.regression.free_run_fit import fit_free_run
+from emsid.models.regression.intervals import with_honest_intervals
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.search.judge import Judge, fit_to_compare
 from emsid.models.regression.search.terms import Trial, prune, select_terms, simplest
@@ -63,7 +64,8 @@ class Regression:
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose options that are not given on selection data, then fit to the whole record."""
         structure = chosen_structure(self.build, self.choices, record, options, options.estimate, control)
-        return options.estimate(structure, record)
+        fit = options.estimate(structure, record)
+        return with_honest_intervals(fit, record) if not options.ridge and options.forgetting is None else fit
 
 
 @dataclass(frozen=True)

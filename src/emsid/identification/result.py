@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from emsid.findings import Finding, plain
 from emsid.identification.characteristics import Characteristic, characteristics
 from emsid.identification.conclusions import next_steps, verdicts
 from emsid.presentation import Presented
 from emsid.record import Record
+from emsid.record.overlap import shared_stretch
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
@@ -113,9 +112,5 @@ class Identification(Presented):
 
 
 def holds_some_of(record: Record, other: Record) -> bool:
-    """Whether a segment of one record is also one of the other."""
-    return any(
-        len(one) == len(two) and np.array_equal(one.input, two.input) and np.array_equal(one.output, two.output)
-        for one in record.segments
-        for two in other.segments
-    )
+    """Whether a stretch of one record is also one of the other, in every input and output."""
+    return any(shared_stretch(one, two) for one in record.segments for two in other.segments)

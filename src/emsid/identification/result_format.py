@@ -13,7 +13,7 @@ import msgspec
 
 from emsid.errors import FormatError
 
-FORMAT, VERSION = "emsid result", 2
+FORMAT, VERSION = "emsid result", 3
 
 Number = float | None
 
@@ -27,7 +27,10 @@ class FindingData(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class ParameterData(msgspec.Struct, forbid_unknown_fields=True):
-    """A parameter; ``interval`` is its 95 % interval, null where it was not estimated or is not determined."""
+    """A parameter; ``interval`` is its 95 % interval, null where it was not estimated or is not determined.
+
+    ``given`` names the fixed and kept values that it depends on; the interval holds only if these are right.
+    """
 
     name: str
     unit: str
@@ -39,10 +42,11 @@ class ParameterData(msgspec.Struct, forbid_unknown_fields=True):
     description: str = ""
     start: Number = None
     datasheet: Number = None
+    given: list[str] = []
 
 
 class CombinationData(msgspec.Struct, forbid_unknown_fields=True):
-    """A combination of parameters that the data determine."""
+    """A combination of parameters that the data determine; ``given`` as in `ParameterData`."""
 
     name: str
     formula: str
@@ -51,6 +55,7 @@ class CombinationData(msgspec.Struct, forbid_unknown_fields=True):
     standard_error: Number
     interval: tuple[Number, Number] | None
     parameters: list[str]
+    given: list[str] = []
 
 
 class FitData(msgspec.Struct, forbid_unknown_fields=True):

@@ -56,20 +56,20 @@ def parameter_rows(fit: Fit[Any]) -> list[ParameterRow]:
     """Every parameter with estimate, unit, and 95 % interval or the reason why there is none."""
     if isinstance(fit, GreyBoxFit):
         half = {name: (high - low) / 2 for name, (low, high) in zip(fit.names, fit.interval(), strict=True)}
-        return [_row(row.name, row.value, half.get(row.name), row.unit, row.status) for row in fit.table]
+        return [_row(row.name, row.value, half.get(row.name), row.unit, row.status, row.how) for row in fit.table]
     halves = np.diff(fit.interval(), axis=1)[:, 0] / 2
     estimates = zip(fit.names, fit.estimate.tolist(), halves.tolist(), strict=True)
-    return [_row(name, value, half, "", "estimated") for name, value, half in estimates]
+    return [_row(name, value, half, "", fit.status, fit.status) for name, value, half in estimates]
 
 
-def _row(name: str, value: float, half: float | None, unit: str, status: str) -> ParameterRow:
+def _row(name: str, value: float, half: float | None, unit: str, status: str, how: str) -> ParameterRow:
     shown = readable_unit(unit) if unit else ""
     if half is None or status in (Status.KEPT, Status.FIXED, Status.AT_BOUND):
-        return ParameterRow(name, number(value), status, shown)
+        return ParameterRow(name, number(value), how, shown)
     if not isfinite(half):
         return ParameterRow(name, number(value), "not determined by these data", shown)
     ends = f"{estimate(value - half, half)} … {estimate(value + half, half)}"
-    return ParameterRow(name, estimate(value, half), ends + f" ({status})" * (status == Status.CONDITIONAL), shown)
+    return ParameterRow(name, estimate(value, half), ends + f" ({how})" * (status != Status.ESTIMATED), shown)
 
 
 def how_it_ended(fit: Fit[Any]) -> str:

@@ -56,7 +56,8 @@ class Row:
         model: name of the model.
         method: how it was estimated: ``ls``, ``rls``, …
         data: ``identification`` (the data the model was fitted to) or ``unseen``.
-        one_step_mse: MSE (5.14) of the prediction one sample ahead, in the output's unit squared.
+        one_step_mse: MSE (5.14) of the prediction one sample ahead, in the output's unit squared; NaN for a model that
+            does not model noise (a cascade, a plant), whose prediction would mean something else.
         simulation_mse: MSE of the free run.
         simulation_rmse: RMSE of the free run, in the output's unit.
         fit_percent: fit of the free run; see `emsid.validation.metrics.fit_percent` for where there is none.
@@ -193,6 +194,8 @@ def assess(
             f"{fit.model.name}; choose a shorter transient or a longer record"
         )
     measured, free, ahead = (values[counted] for values in (record.output, simulation.output, prediction.output))
+    if not models_noise(fit.model):
+        ahead = np.full_like(ahead, np.nan)
     mse = mean_squared_error(measured, free)
     return Assessment(
         fit,
@@ -202,7 +205,7 @@ def assess(
             model=fit.model.name,
             method=fit.method,
             data=data,
-            one_step_mse=mean_squared_error(measured, ahead),
+            one_step_mse=_one_step(measured, ahead),
             simulation_mse=mse,
             simulation_rmse=float(np.sqrt(mse)),
             fit_percent=fit_percent(measured, free),
@@ -216,12 +219,24 @@ def assess(
     )
 
 
+def models_noise(model: Model) -> bool:
+    """Whether a model is one of the noise too, as a regression is that predicts from past outputs.
+
+    Other models have a prediction one step ahead only by an assumption: their error is taken to stay as it is.
+    """
+    return bool(getattr(model, "models_noise", True))
+
+
+def _one_step(measured: Array, ahead: Array) -> float:
+    return float("nan") if np.isnan(ahead).all() else mean_squared_error(measured, ahead)
+
+
 def _each_output(record: Record, measured: Array, free: Array, ahead: Array) -> tuple[OutputErrors, ...]:
     errors = []
     for k, (name, unit) in enumerate(zip(record.output_names, record.output_units, strict=True)):
         y, run, predicted = (values[:, k : k + 1] for values in (measured, free, ahead))
         mse = mean_squared_error(y, run)
-        one_step = mean_squared_error(y, predicted)
+        one_step = _one_step(y, predicted)
         errors.append(OutputErrors(name, unit, one_step, mse, float(np.sqrt(mse)), fit_percent(y, run)))
     return tuple(errors)
 

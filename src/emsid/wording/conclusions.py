@@ -44,7 +44,18 @@ def residual_coloured(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: lags, largest, lag, p_value."""
     return (
         f"the one-step errors of {f.subject} are correlated with each other (up to {f.data['largest']:.2f} at lag "
-        f"{f.data['lag']}): dynamics or noise are not modelled, and intervals from least squares are too narrow"
+        f"{f.data['lag']}): dynamics or noise are not modelled"
+    )
+
+
+@words("residual-depends-on-power", Severity.WARNING)
+def residual_depends_on_power(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: input, power, largest, at_lag, limit."""
+    kind = "odd" if f.data["power"] % 2 else "even"
+    return (
+        f"the residual of {f.subject} is correlated with {f.data['input']}{'⁰¹²³⁴⁵⁶⁷⁸⁹'[f.data['power']]} "
+        f"({f.data['largest']:.1f} standard deviations at lag {f.data['at_lag']}, limit {f.data['limit']:.1f}): the "
+        f"model lacks an {kind} nonlinearity"
     )
 
 

@@ -42,3 +42,24 @@ def forgetting_limited(f: Finding, argument: Spelling) -> str:
         + (f"; at the end of the record these are directions of {shortened(at_limit)}" if at_limit else "")
         + ". Excite the system all the time, or use a larger forgetting factor"
     )
+
+
+@words("regression-biased", Severity.WARNING)
+def regression_biased(f: Finding, argument: Spelling) -> str:
+    """Data: lags, p_value, largest, lag."""
+    return (
+        f"the one-step errors in the fit are correlated ({_correlated(f)}), as noise on the output makes them: least "
+        "squares then biases the coefficients of past outputs, and the intervals are those of the best one-step "
+        "predictor, not of the system; for parameters of the system fit the free run: output-error, a cascade or a "
+        "physical model"
+    )
+
+
+@words("intervals-allow-for-colour")
+def intervals_allow_for_colour(f: Finding, argument: Spelling) -> str:
+    """Data: lags, p_value, largest, lag."""
+    return f"the residual of the fit is correlated ({_correlated(f)}), and the intervals allow for that"
+
+
+def _correlated(f: Finding) -> str:
+    return f"{f.data['largest']:.2f} at lag {f.data['lag']}, Ljung–Box p = {f.data['p_value']:.2g}"

@@ -40,7 +40,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol, TypeVar
 
@@ -98,6 +98,10 @@ class Problem(Protocol):
         ...
 
 
+AS_GOOD_AS_CONVERGED = 0.3
+"""A search that stalls this many standard errors from its minimum keeps its intervals: 95 % of them become 94 %."""
+
+
 @dataclass(frozen=True, eq=False)
 class Minimum:
     """The result of a search, with its covariance.
@@ -135,6 +139,21 @@ class Minimum:
     findings: tuple[Finding, ...]
     iterations: int
     costs: tuple[float, ...]
+
+    def judged(self) -> Minimum:
+        """The same; of a search that stalled before a minimum without intervals, at one as converged.
+
+        Rounding and corners may stop a search within a small part of a standard error of its minimum, where the
+        estimate is as good as one that converged. Further away the covariance says nothing about the error.
+        """
+        if self.ending is not Ending.STALLED:
+            return self
+        stalled = next((finding for finding in self.findings if finding.code == "search-stalled"), None)
+        offset = None if stalled is None else stalled.data["offset"]
+        if offset is not None and offset <= AS_GOOD_AS_CONVERGED:
+            rest = tuple(finding for finding in self.findings if finding is not stalled)
+            return replace(self, ending=Ending.CONVERGED, findings=rest)
+        return replace(self, covariance=np.diag(np.where(self.free, np.inf, 0.0)))
 
     def fit(self, model: M, names: Sequence[str], method: str = "gn") -> Fit[M]:
         """The `Fit` of a model with the first ``len(names)`` parameters.

@@ -42,6 +42,7 @@ class Identifiability:
         names: (p,) the parameters.
         triangle: (p, p) a factor of the information on relative changes, SᵀS.
         noise: standard deviation σ of the residual; 0 for noise-free data.
+        sizes: (p,) the size of every parameter, to which a relative change refers; ones by default.
 
     Attributes:
         spread: (p,) relative standard deviation of every direction; infinite if it has no effect on the output.
@@ -51,11 +52,14 @@ class Identifiability:
     names: tuple[str, ...]
     triangle: Array
     noise: float
+    sizes: Array = field(default_factory=lambda: np.ones(0))
     spread: Array = field(init=False)
     directions: Array = field(init=False)
 
     def __post_init__(self) -> None:
         p = len(self.names)
+        if not len(self.sizes):
+            object.__setattr__(self, "sizes", np.ones(p))
         length = np.linalg.norm(self.triangle, axis=0)
         length = np.where(length > 0, length, 1.0)
         _, values, turned = np.linalg.svd(self.triangle / length)
@@ -72,7 +76,7 @@ class Identifiability:
         """The same data with these parameters known."""
         kept = [k for k, name in enumerate(self.names) if name not in fixed]
         triangle: Array = np.asarray(np.linalg.qr(self.triangle[:, kept], mode="r"))
-        return Identifiability(tuple(self.names[k] for k in kept), triangle, self.noise)
+        return Identifiability(tuple(self.names[k] for k in kept), triangle, self.noise, self.sizes[kept])
 
     def determines(self, gradient: Array) -> bool:
         """Whether the data determine a function of the parameters with this gradient (p,) for relative changes."""
@@ -124,4 +128,4 @@ def identifiability(jacobians: Sequence[Array], sizes: Array, names: Sequence[st
     triangle = (
         information.factor[width - p : width, width - p : width] * sizes
     )  # the part that the nuisance parameters cannot explain
-    return Identifiability(tuple(names), triangle, noise)
+    return Identifiability(tuple(names), triangle, noise, np.asarray(sizes, dtype=float))

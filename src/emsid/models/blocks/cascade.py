@@ -37,7 +37,7 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -110,6 +110,8 @@ class Cascade:
     oversampling: int = 1
     name: str = "cascade"
     dt: float | None = None
+
+    models_noise: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "blocks", (self.blocks,) if isinstance(self.blocks, Block) else tuple(self.blocks))

@@ -278,6 +278,7 @@ def search(
 
 def conclude(minimum: Minimum, problem: FreeRun, loss: Loss = SQUARES) -> Fit[Cascade]:
     """The fit at a minimum, with every estimated parameter and the tied ones."""
+    minimum = minimum.judged()
     cascade = problem.model(minimum.estimate)
     count = len(problem.freedom.free)
     own = minimum.covariance if not isinstance(loss, Squares) else _with_model_error(minimum, problem)

@@ -261,16 +261,21 @@ class FreeRunError:
         """The plausible size of θ: its value, or an estimate from the plant and the samples."""
         return np.array([*self._typical(), *(self._state_size(s, i) for s, i in self._places)])
 
+    @property
+    def scales(self) -> Array:
+        """The physical scale of every parameter: its value, or what is plausible in these records if that is larger."""
+        plausible = zip(self.free, self._plausible(), strict=True)
+        return np.array([max(abs(self.plant.value(name)), scale) or 1.0 for name, scale in plausible])
+
     def _typical(self) -> list[float]:
+        plausible = zip(self.free, self._plausible(), strict=True)
+        return [max(abs(self.plant.value(name)), 1e-3 * scale) or 1.0 for name, scale in plausible]
+
+    def _plausible(self) -> list[float]:
         command = max(float(np.max(np.abs(s.input))) for s in self.segments) or 1.0
         output = max(float(np.max(np.abs(s.output))) for s in self.segments) or 1.0
         sizes = Sizes(command, output, self.segments[0].dt)
-
-        def size(name: str) -> float:
-            plausible = self.plant.plausible(self.plant.handles[name].measure, sizes)
-            return max(abs(self.plant.value(name)), 1e-3 * plausible) or 1.0
-
-        return [size(name) for name in self.free]
+        return [self.plant.plausible(self.plant.handles[name].measure, sizes) for name in self.free]
 
     def _state_size(self, segment: int, index: int) -> float:
         size = max(float(np.max(np.abs(self.segments[segment].output))), 1e-12)

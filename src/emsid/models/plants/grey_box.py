@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +41,8 @@ class GreyBox:
 
     plant: Plant
     signals: tuple[Signal, ...]
+
+    models_noise: ClassVar[bool] = False
 
     @property
     def name(self) -> str:

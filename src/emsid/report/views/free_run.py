@@ -136,11 +136,10 @@ def _ranking_plot(comparison: Comparison, channel: int) -> Plot:
         else f"diverged at sample {whole.diverged_at}"
         for row, whole in zip(rows, comparison.rows, strict=True)
     )
+    known = np.flatnonzero(np.isfinite(one_step))
+    ahead = (Points(one_step[known], known.astype(float), "one step ahead", Ink.RED),) if len(known) else ()
     return Plot(
-        (
-            Bars(values, remarks, "free run", Ink.BLUE),
-            Points(one_step, np.arange(len(rows), dtype=float), "one step ahead", Ink.RED),
-        ),
+        (Bars(values, remarks, "free run", Ink.BLUE), *ahead),
         Axis(
             f"RMSE{of_output(record, channel, ' of ')}",
             output_axis(record, channel).unit,

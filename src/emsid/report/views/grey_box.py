@@ -57,11 +57,12 @@ HIGHEST = 3.0
 CLOSE = 5e-4
 
 _MEANINGS = {
-    Status.CONDITIONAL: "depends on kept values: correct only if the fixed and the kept values are correct, because "
-    "the data determine only combinations of them",
+    Status.CONDITIONAL: "given …: correct only if these values are correct, because the data determine only "
+    "combinations with them; the interval does not include their uncertainty",
     Status.KEPT: "not identifiable: the data do not determine this parameter, so it was kept at its start value",
     Status.FIXED: "fixed: given by the user and not estimated",
-    Status.AT_BOUND: "at a bound: the search ended at a limit of the parameter, so it has no interval",
+    Status.AT_BOUND: "at a bound: the search ended at a limit of the parameter; its interval, if any, is that of the "
+    "likelihood profile",
 }
 _INTERVAL_TOO_WIDE = "interval includes zero"
 _TOO_WIDE_MEANS = f"{_INTERVAL_TOO_WIDE}: the parameter may be zero"
@@ -310,11 +311,13 @@ def _parameter_row(row: Estimate, factor: float, sheet: bool) -> tuple[str, ...]
     if identified:
         assert row.standard_error is not None
         value = _with_interval(row.value, factor * row.standard_error)
+    elif row.status is Status.AT_BOUND and row.interval is not None:
+        value = (f"{_plain(row.interval[0])} to {_plain(row.interval[1])}", "–")
     else:
         value = (_plain(row.value), "–")
     given = "" if row.datasheet is None else _plain(row.datasheet)
     too_wide = identified and factor * (row.standard_error or 0.0) > abs(row.value)
-    status = f"{row.status}, {_INTERVAL_TOO_WIDE}" if too_wide else str(row.status)
+    status = f"{row.how}, {_INTERVAL_TOO_WIDE}" if too_wide else row.how
     words = (row.name, _first_up(row.description), row.symbol, readable_unit(row.unit), status)
     return (*words, *value, *((given,) if sheet else ()))
 
@@ -402,9 +405,8 @@ def _assuming(fit: GreyBoxFit, x: Array, law: Callable[[Plant, Array], Array]) -
     if identifiability is not None:
         some = x[:: max(len(x) // 8, 1)]
         slopes = []
-        for name in identifiability.names:
+        for name, size in zip(identifiability.names, identifiability.sizes.tolist(), strict=True):
             value = plant.value(name)
-            size = max(abs(value), 1e-12)
             step = 1e-6 * size * (1 if value < plant.handles[name].upper else -1)
             slopes.append((law(plant.put({name: value + step}), some) - law(plant, some)) * (size / step))
         if all(identifiability.determines(slope) for slope in np.array(slopes).T if np.any(slope)):

@@ -215,7 +215,7 @@ def identified_by(problem: FreeRunError, names: Sequence[str], minimum: Minimum 
     in_a_hurry = minimum is not None and minimum.ending is Ending.INTERRUPTED
     blocks = (problem.linearised if in_a_hurry else problem.exactly)(problem.start)
     jacobians = [jacobian[:, [*places, *states]] for _, jacobian in blocks]
-    return identifiability(jacobians, problem.sizes[places], names, noise)
+    return identifiability(jacobians, problem.scales[places], names, noise)
 
 
 def keep_identifiable(identifiability: Identifiability, names: Sequence[str], preference: Sequence[str]) -> list[str]:

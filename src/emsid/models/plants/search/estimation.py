@@ -31,7 +31,9 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.between_samples import as_hold, is_open, promises_more
+from emsid.models.plants.search.conditions import conditions, unconditional
 from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, identified_by, keep_identifiable
+from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
 from emsid.models.plants.search.starts import starts_of
 from emsid.models.plants.search.task import Task, prepare
@@ -167,30 +169,60 @@ RESTARTS = 6
 
 def _concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     """The fit with its table, its combinations and what is to be said of it."""
-    problem, names, minimum, steps = reached
+    problem, names, steps = reached.problem, reached.names, reached.steps
+    minimum = reached.minimum.judged()
     found, states = problem.plant, problem.states(problem.start)
     whole = problem if len(names) == len(task.asked) else task.problem(found, task.asked, states)
     identifiability = identified_by(whole, task.asked, minimum)
-    rows = table(task, found, start, names, minimum, identifiability)
-    together = combinations(found, names, task.asked, minimum, identifiability)
+    held = conditions(task, found, names, minimum.free, states) if reached.unended else unconditional(len(names))
+    own = slice(len(names))
+    minimum.covariance[own, own] += held.covariance
+    rows = table(task, found, start, names, minimum, held)
+    together = combinations(found, names, identifiability, minimum, held)
     findings = findings_of(task, found, names, minimum, identifiability, rows, together)
-    if minimum.ending is not Ending.INTERRUPTED and _shaft_unseen(task, reached):
+    if reached.unended and _shaft_unseen(task, reached):
         findings = (Finding("no-shaft-seen", found.name, {"simpler": "rigid-motor"}), *findings)
     fit = minimum.fit(GreyBox(found, task.signals), tuple(names), "gn")
-    return GreyBoxFit(
-        **{f: getattr(fit, f) for f in Fit.__dataclass_fields__ if f not in ("findings", "iterations")},
-        iterations=steps,
-        findings=findings,
-        table=rows,
-        combinations=together,
-        identifiability=identifiability,
-        segments=task.segments,
-        states=tuple(states),
-        weighting=task.weighting,
-        limits=task.limits,
-        cost=minimum.cost,
-        colour=colour_of(minimum, len(names)),
+    return _with_bounds_profiled(
+        GreyBoxFit(
+            **{f: getattr(fit, f) for f in Fit.__dataclass_fields__ if f not in ("findings", "iterations")},
+            iterations=steps,
+            findings=findings,
+            table=rows,
+            combinations=together,
+            identifiability=identifiability,
+            segments=task.segments,
+            states=tuple(states),
+            weighting=task.weighting,
+            limits=task.limits,
+            cost=minimum.cost,
+            colour=colour_of(reached.minimum, len(names)),
+        ),
+        task.control,
     )
+
+
+def _with_bounds_profiled(fit: GreyBoxFit, control: Control) -> GreyBoxFit:
+    """The fit with intervals of parameters at a physical bound, where a profile takes no time.
+
+    A bound that is not physical says what a parameter may be, not what the data say of it.
+    """
+    physical = {
+        finding.subject
+        for finding in fit.findings
+        if finding.code == "parameter-at-bound" and finding.data.get("because") == "physical"
+    }
+    plant = fit.model.plant
+    if not physical or fit.ending is not Ending.CONVERGED or plant.driven is None or plant.fine:
+        return fit
+    rows = []
+    for row in fit.table:
+        interval = row.interval
+        if row.name in physical:
+            with suppress(EmsidError, Stopped):
+                interval = likelihood_profile(fit, row.name, control=control).interval
+        rows.append(replace(row, interval=interval))
+    return replace(fit, table=tuple(rows))
 
 
 def _shaft_unseen(task: Task, reached: Reached) -> bool:

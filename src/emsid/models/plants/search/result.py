@@ -20,6 +20,7 @@ from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Quantity
+from emsid.models.plants.search.conditions import Conditions
 from emsid.models.plants.search.task import Task
 from emsid.record import Record
 
@@ -33,7 +34,7 @@ class Status(StrEnum):
     """How the value of a parameter was come by."""
 
     ESTIMATED = "estimated"
-    CONDITIONAL = "depends on kept values"  # the data identify only combinations of it with what is kept
+    CONDITIONAL = "depends on kept values"  # the data identify only combinations of it with what is kept or fixed
     KEPT = "not identifiable: kept at start"
     FIXED = "fixed"  # by the user
     AT_BOUND = "at a bound"
@@ -50,6 +51,9 @@ class Estimate:
         status: how it was come by.
         start: the value the search began with.
         datasheet: what the datasheet says, None without.
+        given: the fixed and kept values that the estimate depends on, by name; its interval holds only if they are
+            right.
+        interval: its 95 % interval, None without one; at a bound that of the likelihood profile.
     """
 
     name: str
@@ -61,6 +65,13 @@ class Estimate:
     status: Status
     start: float
     datasheet: float | None
+    given: tuple[str, ...] = ()
+    interval: tuple[float, float] | None = None
+
+    @property
+    def how(self) -> str:
+        """How the value was come by, in a few words for a table."""
+        return f"given {', '.join(self.given)}" if self.given else str(self.status)
 
 
 @dataclass(frozen=True)
@@ -71,11 +82,24 @@ class Combination:
         quantity: its name, formula, unit and value.
         standard_error: of it.
         parameters: of those asked for, the ones that make it up.
+        given: the fixed and kept values that it depends on nevertheless, by name.
     """
 
     quantity: Quantity
     standard_error: float
     parameters: tuple[str, ...]
+    given: tuple[str, ...] = ()
+
+    @property
+    def how(self) -> str:
+        """How the value was come by, in a few words for a table."""
+        return f"combination, given {', '.join(self.given)}" if self.given else "identifiable combination"
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Its 95 % interval."""
+        half = STANDARD_ERRORS * self.standard_error
+        return float(self.quantity.value - half), float(self.quantity.value + half)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,7 +131,7 @@ class GreyBoxFit(Fit[GreyBox]):
 
     def to_data(self) -> dict[str, Any]:
         """Every parameter with unit, interval and how it was come by, the combinations, and every finding."""
-        parameters = [asdict(row) | {"status": row.status.value} | _interval(row) for row in self.table]
+        parameters = [asdict(row) | {"status": row.status.value} for row in self.table]
         combinations = [
             {
                 "name": each.quantity.name,
@@ -116,12 +140,22 @@ class GreyBoxFit(Fit[GreyBox]):
                 "value": float(each.quantity.value),
                 "standard_error": float(each.standard_error),
                 "parameters": list(each.parameters),
+                "given": list(each.given),
+                "interval": each.interval,
             }
-            | _interval(each, each.quantity.value)
             for each in self.combinations
         ]
         data: dict[str, Any] = super().to_data() | plain({"parameters": parameters, "combinations": combinations})
         return data
+
+    def interval(self, level: float = 0.95) -> Array:
+        """(p, 2) confidence interval of every parameter; at a bound, the 95 % interval of the likelihood profile."""
+        ends = super().interval(level)
+        profiles = {row.name: row.interval for row in self.table if row.status is Status.AT_BOUND and row.interval}
+        for k, name in enumerate(self.names):
+            if level == 0.95 and name in profiles:
+                ends[k] = profiles[name]
+        return ends
 
     def simulated(self) -> tuple[Array, ...]:
         """The free run (Nᵢ, ny) of every segment from its estimated initial state."""
@@ -130,15 +164,6 @@ class GreyBoxFit(Fit[GreyBox]):
             model.plant.simulate(segment.input, segment.dt, state, model.signals)
             for segment, state in zip(self.segments, self.states, strict=True)
         )
-
-
-def _interval(of: Estimate | Combination, value: float | None = None) -> dict[str, Any]:
-    """The 95 % interval as data; None for what was not estimated."""
-    error = of.standard_error
-    centre = of.value if isinstance(of, Estimate) else value
-    if error is None or centre is None:
-        return {"interval": None}
-    return {"interval": [float(centre - STANDARD_ERRORS * error), float(centre + STANDARD_ERRORS * error)]}
 
 
 def findings_of(
@@ -156,7 +181,8 @@ def findings_of(
     including_zero = [
         row.name
         for row in rows
-        if row.status in (Status.ESTIMATED, Status.CONDITIONAL) and row.standard_error is not None
+        if row.status in (Status.ESTIMATED, Status.CONDITIONAL)
+        if row.standard_error is not None and isfinite(row.standard_error)
         if plant.handles[row.name].lower >= 0 and abs(row.value) < STANDARD_ERRORS * row.standard_error
     ]
     zero = [Finding("intervals-include-zero", plant.name, {"parameters": including_zero})] if including_zero else []
@@ -221,27 +247,31 @@ def _at_bounds(task: Task, plant: Plant, names: Sequence[str], minimum: Minimum)
 
 
 def table(
-    task: Task, plant: Plant, start: Plant, names: Sequence[str], minimum: Minimum, identifiability: Identifiability
+    task: Task, plant: Plant, start: Plant, names: Sequence[str], minimum: Minimum, conditions: Conditions
 ) -> tuple[Estimate, ...]:
     """A row for every parameter that was asked for or fixed."""
     rows, asked, fixed, sheet = [], task.asked, task.fixed, task.sheet
-    errors = np.sqrt(np.diag(minimum.covariance))
+    errors = np.sqrt(np.diag(minimum.covariance)).tolist()
     for name in (*asked, *(n for n in fixed if n not in asked)):
-        parameter = plant.handles[name].parameter
+        value = plant.value(name)
         error: float | None = None
+        given: tuple[str, ...] = ()
+        interval: tuple[float, float] | None = None
         if name in fixed:
             status = Status.FIXED
         elif name not in names:
             status = Status.KEPT
+        elif not minimum.free[names.index(name)]:
+            status = Status.AT_BOUND
         else:
-            k = names.index(name)
-            error = float(errors[k])
-            alone = identifiability.determines(np.array([1.0 if n == name else 0.0 for n in identifiability.names]))
-            identified = Status.ESTIMATED if alone else Status.CONDITIONAL
-            status = identified if minimum.free[k] else Status.AT_BOUND
-        given = sheet.get(name)
-        datasheet = None if given is None else given.value
-        rows.append(Estimate(*_described(parameter), plant.value(name), error, status, start.value(name), datasheet))
+            error = errors[names.index(name)]
+            given = conditions.given(conditions.shifts[names.index(name)], error, value)
+            status = Status.CONDITIONAL if given else Status.ESTIMATED
+            if isfinite(error):
+                interval = value - STANDARD_ERRORS * error, value + STANDARD_ERRORS * error
+        datasheet = sheet[name].value if name in sheet else None
+        described = _described(plant.handles[name].parameter)
+        rows.append(Estimate(*described, value, error, status, start.value(name), datasheet, given, interval))
     return tuple(rows)
 
 
@@ -250,7 +280,11 @@ def _described(parameter: Any) -> tuple[str, str, str, str]:
 
 
 def combinations(
-    plant: Plant, names: Sequence[str], asked: Sequence[str], minimum: Minimum, identifiability: Identifiability
+    plant: Plant,
+    names: Sequence[str],
+    identifiability: Identifiability,
+    minimum: Minimum,
+    conditions: Conditions,
 ) -> tuple[Combination, ...]:
     """The quantities of the plant that the data identify, with standard errors to first order."""
 
@@ -263,15 +297,18 @@ def combinations(
             columns.append([(a.value - q.value) / step for a, q in zip(above, plant.quantities(), strict=True)])
         return np.array(columns).T.reshape(len(plant.quantities()), len(which))
 
-    quantities = plant.quantities()
+    quantities, asked = plant.quantities(), identifiability.names
     if not quantities:
         return ()
-    relative = gradients(asked) * np.array([max(abs(plant.value(n)), 1e-12) for n in asked])
-    direct = gradients(names)
+    relative = gradients(asked) * identifiability.sizes
+    direct, held = gradients(names), gradients(conditions.names)
     covariance = minimum.covariance[: len(names), : len(names)]
     found = []
-    for quantity, whole, part in zip(quantities, relative, direct, strict=True):
+    for quantity, whole, part, beside in zip(quantities, relative, direct, held, strict=True):
         if np.any(whole) and identifiability.determines(whole) and isfinite(quantity.value):
             moving = tuple(name for name, slope in zip(asked, whole, strict=True) if slope != 0)
-            found.append(Combination(quantity, float(np.sqrt(max(part @ covariance @ part, 0.0))), moving))
+            with np.errstate(invalid="ignore"):
+                error = float(np.sqrt(max(part @ covariance @ part, 0.0)))
+            given = conditions.given(beside + part @ conditions.shifts, error, quantity.value)
+            found.append(Combination(quantity, error, moving, given))
     return tuple(found)

@@ -1,0 +1,113 @@
+r"""What estimates depend on: the values that were held while the others were estimated.
+
+A minimum moves with a value h that is held by
+
+    dθ̂/dh = −(JᵀJ)⁻¹Jᵀ ∂r/∂h,      J = ∂r/∂θ,
+
+and a function q(θ, h) by ∂q/∂h + ∂q/∂θ·dθ̂/dh. An estimate is *given* h if a change of h by `PART` moves it by more than
+its standard error. Where a datasheet has a tolerance of h, the covariance includes it instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError
+from emsid.models.plants.free_run_error import FreeRunError
+from emsid.models.plants.parameters import parts, without_overlap
+from emsid.models.plants.plant import Plant
+from emsid.models.plants.search.task import Task
+
+Array = NDArray[np.float64]
+
+PART = 0.1
+"""Held values are taken to be wrong by this part of them; a value of zero by this part of what is plausible."""
+ROUNDING = 1e-4
+"""Estimates that move by a smaller part of their size do not depend on a held value."""
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """The values that were held, and how the estimates move with them.
+
+    Attributes:
+        names: (h,) of the values held.
+        shifts: (p, h) dθ̂/dh of every estimated parameter.
+        changes: (h,) by how much the values may be wrong.
+        tolerated: (h,) standard deviation that a datasheet gives them; zero where it gives none.
+    """
+
+    names: tuple[str, ...]
+    shifts: Array
+    changes: Array
+    tolerated: Array
+
+    @property
+    def covariance(self) -> Array:
+        """(p, p) what the tolerances of held values add to the covariance of the estimates."""
+        moved = self.shifts * self.tolerated
+        return np.asarray(moved @ moved.T)
+
+    def given(self, shift: Array, error: float, size: float) -> tuple[str, ...]:
+        """The held values that a number depends on.
+
+        Args:
+            shift: (h,) its derivative with respect to every held value.
+            error: its standard error.
+            size: its value.
+        """
+        moved = np.abs(shift) * self.changes > max(error, ROUNDING * abs(size))
+        return tuple(name for name, yes in zip(self.names, moved & (self.tolerated == 0), strict=True) if yes)
+
+
+def held_names(task: Task, plant: Plant, names: Sequence[str]) -> tuple[str, ...]:
+    """The parameters that were held: those fixed, those kept, and what is usually unknown but was not asked for."""
+    rest = without_overlap(plant, plant.usual, (*task.asked, *task.fixed))
+    unasked = [name for name in rest if plant.value(name) and not set(parts(plant, name)) & set(task.asked)]
+    without_effect = plant.without_effect(task.signals)
+    known = (*task.fixed, *(name for name in task.asked if name not in names), *unasked)
+    return tuple(name for name in known if name not in without_effect and np.isfinite(plant.value(name)))
+
+
+def conditions(
+    task: Task, plant: Plant, names: Sequence[str], free: NDArray[np.bool_], states: Sequence[Array]
+) -> Conditions:
+    """What the estimates of some parameters of a plant depend on.
+
+    Args:
+        task: what was asked.
+        plant: with the estimates.
+        names: (p,) the parameters that were estimated.
+        free: (p + m,) whether each of them, and of the initial states, is not held by a bound.
+        states: initial states of every segment.
+    """
+    held = held_names(task, plant, names)
+    p, h = len(names), len(held)
+    shifts = np.zeros((p, h))
+    problem: FreeRunError = task.problem(plant, (*names, *held), states)
+    if h:
+        try:
+            slopes = np.concatenate([jacobian for _, jacobian in problem.exactly(problem.start)])
+        except EmsidError:  # a held value that cannot be moved
+            return unconditional(p)
+        columns = np.flatnonzero(free)
+        own = slopes[:, np.where(columns < p, columns, columns + h)]
+        sizes = np.linalg.norm(own, axis=0)
+        sizes[sizes == 0] = 1.0
+        moved = -np.linalg.lstsq(own / sizes, slopes[:, p : p + h], rcond=1e-10)[0] / sizes[:, None]
+        shifts[columns[columns < p]] = moved[columns < p]
+    scales = problem.scales[p : p + h]
+    tolerances = [task.sheet[name].tolerance if name in task.sheet else None for name in held]
+    tolerated = [abs(plant.value(n)) * (each or 0.0) / sqrt(3) for n, each in zip(held, tolerances, strict=True)]
+    values = np.array([abs(plant.value(name)) for name in held])
+    return Conditions(held, shifts, PART * np.where(values > 0, values, scales), np.array(tolerated))
+
+
+def unconditional(parameters: int) -> Conditions:
+    """Nothing was held, or it is not known what depends on it."""
+    return Conditions((), np.zeros((parameters, 0)), np.zeros(0), np.zeros(0))

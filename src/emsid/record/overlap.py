@@ -1,0 +1,51 @@
+"""Whether two records have samples in common, such as two cuts of one file.
+
+Samples are compared exactly, in stretches of `STRETCH`. A stretch at standstill says nothing, as every experiment has
+some like it: of a stretch that counts, at least half of the samples change some output.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.record.record import Record
+
+STRETCH = 16
+"""Samples of a stretch that is looked for; a common part of twice as many contains one wherever it begins."""
+
+
+def shared_stretch(one: Record, other: Record) -> bool:
+    """Whether two segments are equal, or have a stretch in common."""
+    if one.input.shape[1:] != other.input.shape[1:] or one.output.shape[1:] != other.output.shape[1:]:
+        return False
+    if np.array_equal(one.input, other.input) and np.array_equal(one.output, other.output):
+        return True
+    few, many = sorted((one, other), key=len)
+    if len(few) < STRETCH:
+        return False
+    sought = _stretches(few)[::STRETCH]
+    return bool(np.isin(sought[sought != 0], _stretches(many)).any())
+
+
+def _stretches(segment: Record) -> NDArray[np.uint64]:
+    """(N − `STRETCH` + 1,) a number for every stretch, alike only if it is alike; zero at a standstill."""
+    values = np.column_stack([segment.input, segment.output]) + 0.0  # no negative zero
+    bits = np.ascontiguousarray(values).view(np.uint64)
+    rng = np.random.default_rng(0)
+    factors = rng.integers(1, 2**63, bits.shape[1] + STRETCH, dtype=np.uint64) | np.uint64(1)
+    row = _mixed((bits * factors[STRETCH:]).sum(axis=1, dtype=np.uint64))
+    count = len(segment) - STRETCH + 1
+    number = np.zeros(count, dtype=np.uint64)
+    for k, factor in enumerate(factors[:STRETCH]):
+        number += row[k : k + count] * factor
+    changes = np.concatenate([[0], np.cumsum(np.any(np.diff(segment.output, axis=0) != 0, axis=1))])
+    moving = changes[STRETCH - 1 :] - changes[:count] >= STRETCH // 2
+    return np.where(moving, number, np.uint64(0))
+
+
+def _mixed(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """A number from every number whose bits all depend on all of it (the finaliser of MurmurHash3)."""
+    bits = bits ^ (bits >> np.uint64(33))
+    bits = bits * np.uint64(0xFF51AFD7ED558CCD)
+    return np.asarray(bits ^ (bits >> np.uint64(29)))

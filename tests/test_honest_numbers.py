@@ -1,0 +1,257 @@
+"""Whether numbers mean what they say, on records of a simulator of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import binom
+
+import emsid
+from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
+from emsid.estimation.uncertainty.whiteness import whiteness
+from emsid.findings import Finding
+from emsid.identification.observations import about_powers_of_the_input
+from emsid.identification.result import holds_some_of
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.plants.grey_box import GreyBox
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.result import GreyBoxFit, Status
+from emsid.record import Record
+from emsid.validation.comparison import assess_model
+from emsid.validation.correlation import cross_correlation, power_tests
+from independent.fitting import START, fitted
+from independent.settings import RESISTANCE, SETTINGS, TRUTH
+
+ABSENT, WRONG, WHITE = (SETTINGS[name] for name in ("absent dead zone", "wrong fixed value", "white"))
+WIDTH = "voltage_dead_zone.half_width"
+
+
+def row_of(fit: GreyBoxFit, name: str):
+    return next(row for row in fit.table if row.name == name)
+
+
+def codes(fit: Fit) -> set[str]:
+    return {finding.code for finding in fit.findings}
+
+
+# --- a parameter that is zero ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def without_dead_zone() -> list[GreyBoxFit]:
+    return [fitted(ABSENT, seed) for seed in range(3)]
+
+
+def test_a_parameter_that_is_zero_is_identifiable(without_dead_zone):
+    for fit in without_dead_zone:
+        assert not codes(fit) & {"not-identifiable", "weakly-identified"}
+        assert fit.names == tuple(TRUTH)
+        low, high = row_of(fit, WIDTH).interval
+        assert low <= 0 < high < 0.2
+        assert fit.interval()[-1] == pytest.approx([low, high], rel=1e-3)
+
+
+def test_a_parameter_at_its_bound_has_the_interval_of_its_profile(without_dead_zone):
+    fit = next(fit for fit in without_dead_zone if row_of(fit, WIDTH).status is Status.AT_BOUND)
+    row = row_of(fit, WIDTH)
+    assert (row.value, row.interval[0], row.standard_error) == (0.0, 0.0, None)
+    written = next(each for each in fit.to_data()["parameters"] if each["name"] == WIDTH)
+    assert written["interval"] == list(row.interval)
+
+
+# --- values that are held --------------------------------------------------------------------------------------------
+
+
+def test_estimates_name_the_held_values_that_they_depend_on():
+    fit = fitted(WRONG, 0)
+    assert [row_of(fit, name).given for name in TRUTH] == [(), ("resistance",), ("resistance",), ()]
+    assert row_of(fit, "rotor_inertia").status is Status.CONDITIONAL
+    assert row_of(fit, "motor_constant").status is Status.ESTIMATED
+    written = {each["name"]: each["given"] for each in fit.to_data()["parameters"]}
+    assert written["rotor_inertia"] == ["resistance"]
+    assert written["motor_constant"] == []
+
+
+def test_combinations_said_to_be_independent_of_held_values_are():
+    truth = RESISTANCE * TRUTH["rotor_inertia"] / TRUTH["motor_constant"] ** 2
+    fit = fitted(WRONG, 0)
+    (time,) = (each for each in fit.combinations if each.quantity.formula == "R·J/K²")
+    assert time.given == ()
+    assert time.interval[0] < truth < time.interval[1]
+    held = fitted(WRONG, 0, fixed={"rotor_viscous": 1e-4})  # 4 % of the damping, which is not there
+    (time,) = (each for each in held.combinations if each.quantity.formula == "R·J/K²")
+    assert "rotor_viscous" in time.given
+    assert not time.interval[0] < truth < time.interval[1]
+    (pull,) = (each for each in held.combinations if each.quantity.formula == "K/(R·J)")
+    assert pull.given == ()
+    assert pull.interval[0] < TRUTH["motor_constant"] / RESISTANCE / TRUTH["rotor_inertia"] < pull.interval[1]
+
+
+def test_the_tolerance_of_a_datasheet_widens_what_depends_on_it():
+    sheet = {"resistance": {"value": 1.1, "tolerance": "20 %"}}
+    names = ("resistance", *TRUTH)
+    fit = simulation_error(START, WHITE.record(0), free=names, fixed={"rotor_viscous": 0.0}, datasheet=sheet)
+    assert row_of(fit, "resistance").status is Status.KEPT
+    inertia = row_of(fit, "rotor_inertia")
+    assert "resistance" not in inertia.given
+    assert inertia.interval[0] < TRUTH["rotor_inertia"] < inertia.interval[1]
+    assert 0.05 < inertia.standard_error / inertia.value < 0.2
+
+
+# --- a search that stalled -------------------------------------------------------------------------------------------
+
+
+class Parabola:
+    """r = x − 1 in each of ten samples."""
+
+    def residuals(self, theta):
+        return [np.full(10, theta[0] - 1.0) + np.linspace(-1, 1, 10)]
+
+    def linearised(self, theta):
+        return [(self.residuals(theta)[0], np.ones((10, 1)))]
+
+
+def stalled(offset: float | None) -> Minimum:
+    """The minimum of a search that stalled this many standard errors away."""
+    found = gauss_newton(Parabola(), np.zeros(1))
+    finding = Finding("search-stalled", data={"steps": 3, "offset": offset})
+    return replace(found, ending=Ending.STALLED, findings=(finding,))
+
+
+@pytest.mark.parametrize("offset", [None, 4.0])
+def test_a_search_that_stalled_away_from_a_minimum_gives_no_intervals(offset: float | None):
+    fit = stalled(offset).judged().fit(object(), ["x"])
+    assert fit.ending is Ending.STALLED
+    assert fit.to_data()["parameters"][0]["interval"] == [None, None]
+    assert "search-stalled" in codes(fit)
+
+
+def test_a_search_that_stalled_at_a_minimum_gives_its_intervals():
+    fit = stalled(0.05).judged().fit(object(), ["x"])
+    assert fit.ending is Ending.CONVERGED
+    assert np.isfinite(fit.standard_error).all()
+    assert "search-stalled" not in codes(fit)
+
+
+# --- regressions -----------------------------------------------------------------------------------------------------
+
+POLES, ZEROS, TAPS = [-1.5, 0.56], [0.04, 0.02], [0.5, 0.3, 0.2]
+
+
+def regression_record(noise: str, seed: int, samples: int = 500) -> Record:
+    """Data of A(q)y = B(q)u + e with white equation error, or with noise on the output; or of a coloured FIR filter."""
+    rng = np.random.default_rng([4, seed])
+    u = lfilter([1], [1, -0.7], rng.standard_normal(samples + 200))
+    white = rng.standard_normal(samples + 200)
+    if noise == "coloured":
+        y = lfilter([0, *TAPS], [1], u) + 0.4 * lfilter([1], [1, -0.9], white) * np.sqrt(1 - 0.81)
+    else:
+        y = lfilter([0, *ZEROS], [1, *POLES], u)
+        y += 0.05 * np.std(y) * white if noise == "output" else lfilter([0.02], [1, *POLES], white)
+    return Record(u[200:], y[200:], 0.01)
+
+
+def share_covered(structure: emsid.Structure, noise: str, truth: list[float], records: int) -> np.ndarray:
+    inside = []
+    for seed in range(records):
+        low, high = emsid.fit(structure, regression_record(noise, seed)).interval().T
+        inside.append((low <= truth) & (truth <= high))
+    return np.mean(inside, axis=0)
+
+
+def test_noise_on_the_output_of_a_regression_is_said_to_bias_it():
+    fits = [emsid.fit(emsid.arx(2, 2), regression_record("output", seed)) for seed in range(10)]
+    assert all("regression-biased" in codes(fit) for fit in fits)
+    assert {each["status"] for each in fits[0].to_data()["parameters"]} == {"of the one-step predictor"}
+    clean = [emsid.fit(emsid.arx(2, 2), regression_record("white", seed)) for seed in range(40)]
+    assert sum("regression-biased" in codes(fit) for fit in clean) <= binom.ppf(0.999, 40, 0.03)
+    assert clean[0].to_data()["parameters"][0]["status"] == "estimated"
+
+
+def test_intervals_of_a_regression_allow_for_a_coloured_residual():
+    fit = emsid.fit(emsid.arx(0, 3), regression_record("coloured", 0))
+    assert "intervals-allow-for-colour" in codes(fit)
+    least = binom.ppf(1e-3, 150, 0.92) / 150
+    assert np.all(share_covered(emsid.arx(0, 3), "coloured", TAPS, 150) >= least)
+    assert np.all(share_covered(emsid.arx(2, 2), "white", [*POLES, *ZEROS], 150) >= least)
+    assert "intervals-allow-for-colour" not in codes(emsid.fit(emsid.arx(2, 2), regression_record("white", 0)))
+
+
+def test_the_test_of_a_residual_counts_what_was_estimated():
+    rng = np.random.default_rng(0)
+    rejected = []
+    for _ in range(300):
+        y = lfilter([1], [1, -0.5, 0.3], rng.standard_normal(500))
+        past = np.column_stack([y[1:-1], y[:-2]])
+        left = y[2:] - past @ np.linalg.lstsq(past, y[2:])[0]
+        rejected.append([whiteness([left], coefficients, 8).p_value < 0.05 for coefficients in (2, 0)])
+    right, wrong = np.mean(rejected, axis=0)
+    assert binom.ppf(1e-3, 300, 0.05) / 300 <= right <= binom.ppf(0.999, 300, 0.06) / 300
+    assert wrong < right
+    assert whiteness([np.zeros(100)], 0) is None
+    assert whiteness([np.ones(5)], 0) is None
+
+
+# --- one-step errors, unseen data, correlation with powers -----------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "model", [Cascade((Rational([0.1], [-0.9]),)), GreyBox(START, (Signal.SPEED,))], ids=["cascade", "plant"]
+)
+def test_a_model_without_noise_has_no_one_step_error(model):
+    row = assess_model(model, WHITE.record(0, 300)).row
+    assert np.isnan(row.one_step_mse)
+    assert row.to_data()["one_step_mse"] is None
+    arx = emsid.fit(emsid.arx(1, 1), WHITE.record(0, 300)).model
+    assert assess_model(arx, WHITE.record(0, 300)).row.one_step_mse > 0
+
+
+def test_overlapping_records_are_seen():
+    whole = WHITE.record(0, 600)
+    assert holds_some_of(whole[300:500], whole)
+    assert holds_some_of(whole[1:], whole[:-1])
+    assert holds_some_of(whole[:200], whole[168:])
+    assert not holds_some_of(whole[:300], whole[300:])
+    assert not holds_some_of(WHITE.record(1, 600), whole)
+
+
+def test_standstills_of_two_records_are_not_an_overlap():
+    rest = np.zeros(100)
+    one, other = (np.concatenate([rest, np.random.default_rng(k).standard_normal(100)]) for k in (0, 1))
+    assert not holds_some_of(Record(one, one, 0.1), Record(other, other, 0.1))
+
+
+def dead_zone_record(edge: float) -> Record:
+    rng = np.random.default_rng(5)
+    u = lfilter([np.sqrt(1 - 0.81)], [1, -0.9], rng.standard_normal(3000))
+    through = np.sign(u) * np.maximum(np.abs(u) - edge, 0.0)
+    y = lfilter([0, 0.2], [1, -0.8], through)
+    return Record(u, y + 0.02 * rng.standard_normal(3000), 0.01)
+
+
+def test_a_cube_shows_the_odd_nonlinearity_that_the_input_does_not():
+    record = dead_zone_record(1.0)
+    fit = emsid.fit(emsid.arx(0, 60), record)
+    best = assess_model(fit.model, record)
+    error = np.where(best.simulation.counted, (record.output - best.simulation.output)[:, 0], np.nan)
+    u = record.input[:, 0]
+    assert np.max(np.abs(cross_correlation(error, u, (), 50)[50:])) < 3.5
+    square, cube = power_tests(error, u, (), 50)
+    assert cube.depends
+    assert abs(cube.largest) > 2 * cube.limit
+    assert not square.depends
+    (finding,) = about_powers_of_the_input(best)
+    assert (finding.code, finding.data["power"]) == ("residual-depends-on-power", 3)
+    linear = dead_zone_record(0.0)
+    assert not about_powers_of_the_input(assess_model(emsid.fit(emsid.arx(0, 60), linear).model, linear))
+
+
+def test_an_input_of_two_values_has_no_powers():
+    u = np.sign(np.random.default_rng(0).standard_normal(500))
+    assert power_tests(u, u, (), 20) == []

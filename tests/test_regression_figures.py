@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import emsid
-from emsid.identification.regression_figures import of_regression
+from emsid.models.regression.figures import of_regression
 
 DT = 0.01
 

@@ -127,6 +127,29 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("model-failed", "wiener", {"model": "wiener", "reason": "the input is too short", "arguments": ["orders"]}),
     Finding("interrupted", data={"missing": ["wiener", "motor"]}),
     Finding("interrupted", data={"missing": []}),
+    # live
+    Finding(
+        "change-detected",
+        "speed",
+        {"time": 30.08, "since": 30.02, "delay": 0.06, "what": "level", "false_alarm": 3600.0},
+    ),
+    Finding(
+        "change-detected",
+        "speed",
+        {"time": 30.08, "since": 30.02, "delay": 0.06, "what": "spread", "false_alarm": None},
+    ),
+    *(
+        Finding("source-gap", "socket://board:7000", {"time": 12.5, "samples": samples, "cause": cause})
+        for samples, cause in ((7, "lost"), (1, "unusable"), (None, "backwards"), (500, "disconnected"), (9, "skipped"))
+    ),
+    Finding("samples-not-tracked", "socket://board:7000", {"samples": 1200}),
+    Finding("source-disconnected", "serial:///dev/ttyACM0"),
+    Finding("source-silent", "serial:///dev/ttyACM0", {"seconds": 5.2}),
+    Finding("lines-not-used", "serial:///dev/ttyACM0", {"lines": 3, "not_finite": 0, "example": "1.2,x"}),
+    Finding("lines-not-used", "serial:///dev/ttyACM0", {"lines": 3, "not_finite": 2, "example": "1.2,x"}),
+    Finding("log-not-written", "out/log.txt", {"reason": "no space left on device", "bytes": 4096}),
+    Finding("tracking-errors-coloured", data={"correlation": 0.62}),
+    Finding("motor-not-at-zero", "serial:///dev/ttyACM0"),
     # how good it is, and on what
     Finding("data-not-unseen", "log.csv"),
     Finding("free-run-error", "arx", {"model": "arx", "seen": False, "outputs": ONE_OUTPUT}),

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.fit import Fit
-from emsid.identification.regression_figures import of_regression
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.plants.search.result import STANDARD_ERRORS, GreyBoxFit
+from emsid.models.regression.figures import of_regression
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.transforms import Transform
 from emsid.record import Record

@@ -16,6 +16,7 @@ from emsid.wording import conclusions as conclusions
 from emsid.wording import data as data
 from emsid.wording import identification as identification
 from emsid.wording import linear as linear
+from emsid.wording import live as live
 from emsid.wording import plants as plants
 from emsid.wording import search as search
 from emsid.wording import study as study

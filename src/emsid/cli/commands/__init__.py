@@ -1,5 +1,6 @@
 """One file for every command; importing it registers the command. ``emsid --help`` lists them in this order."""
 
-from emsid.cli.commands import demo, study, identify, validate, simulate, describe, parameters, names  # noqa: I001
+from emsid.cli.commands import demo, study, identify, validate, simulate  # noqa: I001
+from emsid.cli.commands import track, bench, describe, parameters, names
 
-__all__ = ["demo", "describe", "identify", "names", "parameters", "simulate", "study", "validate"]
+__all__ = ["bench", "demo", "describe", "identify", "names", "parameters", "simulate", "study", "track", "validate"]

@@ -1,0 +1,210 @@
+"""``emsid bench serve`` and ``emsid bench run``."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from emsid.cli.app import app
+from emsid.cli.commands.track import Baud, Header
+from emsid.cli.interruption import INTERRUPTION
+from emsid.cli.options import Json, option, quantity
+from emsid.cli.terminal import progress_bar, say, say_json
+from emsid.cli.writing import as_json, check_folder
+from emsid.errors import DataError
+from emsid.findings import Finding
+
+if TYPE_CHECKING:
+    from emsid.live.driving import Drive, Limits
+    from emsid.record import Record
+
+bench = typer.Typer(
+    help="Serve a simulated motor, or drive a real or simulated one with a test signal.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+app.add_typer(bench, name="bench")
+
+Seconds = Annotated[float | None, typer.Option(metavar="S", parser=quantity("s"), help="End after this time.")]
+
+
+@bench.command()
+def serve(
+    motor: Annotated[Path | None, typer.Option(metavar="TOML", help="Parameters of the motor.")] = None,
+    port: Annotated[int, typer.Option(metavar="N", help="TCP port; 0 for any free one.", min=0, max=65535)] = 7000,
+    host: Annotated[str, typer.Option(metavar="ADDRESS", help="Where to listen; by default this machine only.")] = (
+        "127.0.0.1"
+    ),
+    terminal: Annotated[bool, typer.Option("--terminal", help="Open a pseudo-terminal too.")] = False,
+    dt: Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Sample time.")] = 1e-3,
+    pace: Annotated[
+        float, typer.Option(metavar="X", help="Speed in multiples of real time; 0: a sample for every command.")
+    ] = 1.0,
+    change: Annotated[
+        list[str], typer.Option(metavar="NAME=VALUE@S", help="A change while it runs: disturbance=0.05@30.")
+    ] = [],  # noqa: B006
+    ideal: Annotated[bool, typer.Option("--ideal", help="No noise of the sensor, no limit of the amplifier.")] = False,
+    duration: Seconds = None,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the noise.", min=0)] = 1,
+    json: Json = False,
+) -> None:
+    """Serve a simulated motor on a TCP port, as a board would.
+
+    It sends samples and takes commands in the line protocol (docs/line-protocol.md): `u 1.5`, `stop`, `?`. The motor
+    stands at 0 V until a command comes, half a second after the last one, and when its driver disconnects. Ctrl-C ends
+    it.
+
+    \b
+    Examples:
+      emsid bench serve
+      emsid bench serve --motor motor.toml --port 7001 --terminal --change load_inertia="0.003 kg*m^2"@30
+    """
+    from emsid.io import read_motor
+    from emsid.live.board import Board, read_change
+    from emsid.live.server import Server
+    from emsid.plant import Bench, Motor
+
+    made = Motor() if motor is None else read_motor(motor)
+    changes = tuple(sorted(map(read_change, change), key=lambda each: each.time))
+    board = Board(made, dt, Bench() if ideal else Bench.typical(), changes, seed)
+    server = Server(board, host, port, terminal, pace)
+    address = f"socket://{server.address[0]}:{server.address[1]}"
+    if json:
+        say_json(as_json({"schema": 1, "source": address, "terminal": server.terminal, "dt": dt, "pace": pace}))
+    else:
+        say(f"serving {address}" + (f" and {server.terminal}" if server.terminal else "") + "; Ctrl-C ends")
+    with INTERRUPTION.asked():
+        server.run(lambda: INTERRUPTION.pressed, duration)
+    INTERRUPTION.pressed = False
+
+
+@bench.command()
+def run(
+    source: Annotated[str, typer.Option(metavar="SOURCE", help="serial:///dev/ttyACM0 or socket://host:port.")],
+    limit: Annotated[float, typer.Option(metavar="V", parser=quantity("V"), help="The largest voltage.")],
+    excitation: Annotated[
+        str, typer.Option(metavar="NAME", help="Test signal; `emsid list` names them.")
+    ] = "multisine",
+    amplitude: Annotated[
+        float | None,
+        typer.Option(metavar="V", parser=quantity("V"), help="Its largest voltage.  [default: the limit]"),
+    ] = None,
+    duration: Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Its length.")] = 10.0,
+    speed_limit: Annotated[
+        float | None, typer.Option(metavar="X", parser=quantity("rad/s"), help="The largest speed, in rad/s.")
+    ] = None,
+    time_limit: Annotated[
+        float | None, typer.Option(metavar="S", parser=quantity("s"), help="The longest run on the clock.")
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the signal.", min=0)] = 1,
+    header: Header = "",
+    baud: Baud = 115200,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write the record: .csv, .parquet, .npz.")] = Path(
+        "record.csv"
+    ),
+    json: Json = False,
+) -> None:
+    """Drive a board with a test signal and write a record.
+
+    Watches the limits of voltage, speed and time, and always ends with the motor at 0 V, also after Ctrl-C or when the
+    connection breaks. Everything received is in a log beside the record.
+
+    \b
+    Examples:
+      emsid bench run --source socket://localhost:7000 --excitation prbs --limit 6V
+      emsid bench run --source serial:///dev/ttyACM0 --limit 6V --speed-limit "2000 rpm" --duration 30
+    """
+    from emsid.excitation import SIGNALS
+    from emsid.live.driving import Limits
+    from emsid.live.sources import is_connection
+
+    if excitation not in SIGNALS:
+        raise DataError(f"no test signal {excitation!r}; there are {', '.join(SIGNALS)}")
+    if not is_connection(source):
+        raise DataError(f"{source} takes no commands; name a serial port or a socket", arguments=("source",))
+    size = limit if amplitude is None else amplitude
+    limits = Limits(limit, speed_limit, time_limit)
+    if size > limit:
+        raise DataError(
+            f"an amplitude of {size:g} V above the limit of {limit:g} V; lower it", arguments=("amplitude",)
+        )
+    if not duration > 0:
+        raise DataError(f"a duration of {duration:g} s; give a positive one", arguments=("duration",))
+    check_folder(out.parent)
+
+    def signal(dt: float) -> Any:
+        import numpy as np
+
+        return SIGNALS[excitation](max(round(duration / dt), 1), dt, size, np.random.default_rng(seed))
+
+    result, record, files = _driven(source, signal, limits, header, baud, out)
+    _say(result, source, files, record, json)
+    if result.at_zero is not True or result.reason not in ("done", "interrupted"):
+        raise typer.Exit(1)
+
+
+def _driven(
+    source: str, signal: "Callable[[float], Any]", limits: "Limits", header: str, baud: int, out: Path
+) -> "tuple[Drive, Record, list[str]]":
+    """Drive the board and write its log and record; what happened, the record, and the names of the files."""
+    from emsid.estimation import Control
+    from emsid.live.driving import drive
+    from emsid.live.log import Log
+    from emsid.live.protocol import LineParser
+    from emsid.live.receiver import Receiver
+    from emsid.live.session import read_log
+    from emsid.live.sources import open_source
+
+    again = partial(open_source, source, baud)
+    opened = again()
+    log = Log(out.with_suffix(".log.txt"))
+    receiver = Receiver(opened, log, again)
+    try:
+        with progress_bar() as progress, INTERRUPTION.asked():
+            control = Control(cancelled=lambda: INTERRUPTION.pressed, report=progress.control.report)
+            result = drive(receiver, LineParser(header), signal, limits, control)
+    finally:
+        INTERRUPTION.pressed = False
+        with INTERRUPTION.put_off():
+            receiver.close()
+            log.close()
+    with INTERRUPTION.put_off():
+        record = read_log(log.path, log.begin, header)
+        return result, record, _write(record, out)
+
+
+def _write(record: Any, out: Path) -> list[str]:
+    """Write every stretch of a record to a file."""
+    from emsid.io import write_record
+
+    segments = record.segments
+    paths = [out] if len(segments) == 1 else [out.with_stem(f"{out.stem}-{k + 1}") for k in range(len(segments))]
+    for path, segment in zip(paths, segments, strict=True):
+        write_record(segment, path)
+    return [str(path) for path in paths]
+
+
+REASONS = {
+    "done": "the signal was sent to its end",
+    "interrupted": "the run was interrupted",
+    "disconnected": "the connection broke",
+    "silent": "the board sent no more samples",
+    "time": "the time limit was reached",
+    "voltage": "the board applied more than the voltage limit",
+    "speed": "the speed limit was passed",
+}
+
+
+def _say(result: "Drive", source: str, files: list[str], record: Any, json: bool) -> None:
+    """Print what happened."""
+    from emsid.wording import sentence
+
+    if json:
+        data = {name: getattr(result, name) for name in ("reason", "at_zero", "samples", "commands", "dt", "largest")}
+        say_json(as_json({"schema": 1, "source": source, **data, "files": files}))
+        return
+    zero = "the motor is at 0 V" if result.at_zero else sentence(Finding("motor-not-at-zero", source), option)
+    say(f"{REASONS[result.reason]}; {zero}")
+    say(f"{len(record)} samples, largest output {result.largest:.4g}; written to {', '.join(files)}")

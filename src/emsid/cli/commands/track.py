@@ -1,0 +1,242 @@
+"""``emsid track``."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from emsid.cli.app import app
+from emsid.cli.interruption import INTERRUPTION
+from emsid.cli.live_view import view_of
+from emsid.cli.options import Json, Out, Pdf, names, option, quantity
+from emsid.cli.structures import structure_of
+from emsid.cli.writing import as_json, check_folder, draw, say_where
+from emsid.errors import DataError
+
+if TYPE_CHECKING:
+    from emsid.estimation import Control, Rule
+    from emsid.live.log import Log
+    from emsid.live.session import Session, Settings
+    from emsid.models.regression.narx import Structure
+    from emsid.record import Record
+
+MOST_RECORDS = 50
+"""Write at most this many stretches of samples as records; the log has all."""
+
+SourceName = Annotated[
+    str, typer.Argument(metavar="SOURCE", help="A file, - (standard input), serial:///dev/ttyACM0, socket://host:port.")
+]
+StructureName = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME|FILE|TEXT",
+        help="arx, friction-narx, wiener-hammerstein-regression, a regression model file, or regressors as text.",
+    ),
+]
+Count = Annotated[int | None, typer.Option(metavar="N", min=0)]
+Forgetting = Annotated[float | None, typer.Option(metavar="FACTOR", help="Forgetting factor, up to 1.")]
+RuleName = Annotated[
+    str, typer.Option(metavar="NAME", help="directional, forgetting, drift, window, gradient or frozen.")
+]
+Rate = Annotated[
+    float | None, typer.Option(metavar="X", help="Variance of the drift, length of the window, step of the gradient.")
+]
+FalseAlarm = Annotated[
+    float,
+    typer.Option(metavar="S", parser=quantity("s"), help="Mean time between false alarms of changes; 0 for no alarms."),
+]
+ModelFile = Annotated[
+    Path | None, typer.Option("--model", metavar="FILE", help="A saved model to run freely beside the estimate.")
+]
+StateFile = Annotated[
+    Path | None, typer.Option("--state", metavar="FILE", help="Go on from the state.json of an earlier tracking.")
+]
+Header = Annotated[str, typer.Option(metavar="NAMES", help="Columns of a source without header: t[ms],u[V],y[rpm].")]
+InputColumns = Annotated[str | None, typer.Option("--input", "-u", metavar="COL,...", help="Input columns.")]
+OutputColumn = Annotated[str, typer.Option("--output", "-y", metavar="COL", help="Output column.")]
+Baud = Annotated[int, typer.Option(metavar="N", help="Bits per second of a serial port.", min=50)]
+Dt = Annotated[
+    float | None, typer.Option(metavar="S", parser=quantity("s"), help="Sample time, without a time column.")
+]
+Every = Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Time between two shown estimates.")]
+Duration = Annotated[
+    float | None, typer.Option(metavar="S", parser=quantity("s"), help="End after this much time of samples.")
+]
+Patience = Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Time to wait for the first sample.")]
+
+
+@app.command()
+def track(
+    source: SourceName,
+    structure: StructureName = "arx",
+    na: Count = None,
+    nb: Count = None,
+    nk: Count = None,
+    degree: Count = None,
+    knots: Annotated[str | None, typer.Option(metavar="U,...", help="Knots of hinges, in the input's unit.")] = None,
+    forgetting: Forgetting = None,
+    rule: RuleName = "directional",
+    rate: Rate = None,
+    false_alarm: FalseAlarm = 3600.0,
+    announce_only: Annotated[bool, typer.Option("--announce-only", help="Do not adapt faster after a change.")] = False,
+    model: ModelFile = None,
+    state: StateFile = None,
+    header: Header = "",
+    input: InputColumns = None,
+    output: OutputColumn = "",
+    baud: Baud = 115200,
+    dt: Dt = None,
+    every: Every = 0.2,
+    duration: Duration = None,
+    patience: Patience = 10.0,
+    out: Out = Path("emsid-track"),
+    json: Json = False,
+    pdf: Pdf = False,
+) -> None:
+    """Track the parameters of a motor while it runs.
+
+    Shows input, output, one-step prediction, parameters with 95 % intervals and physical values, announces changes of
+    the load, and ends with the source, after --duration, or with Ctrl-C. Every received line is in log.txt within a
+    second. Writes record.csv, report.html, track.json, the model, and state.json to go on from.
+
+    \b
+    Examples:
+      emsid track serial:///dev/ttyACM0 --structure friction-narx --na 1 --nb 1
+      emsid track socket://localhost:7000 --forgetting 0.995 --duration 60
+      emsid track log.csv --structure result/arx.json
+      cat log.csv | emsid track - --json
+    """
+    check_folder(out)
+    made = structure_of(structure, {"na": na, "nb": nb, "nk": nk, "degree": degree}, knots)
+    adaptation = _rule(rule, forgetting, rate)
+    from emsid.live.session import Settings
+
+    reading = {"header": header, "inputs": names(input, "--input"), "output": output}
+    settings = Settings(every, duration, patience, dt, false_alarm)
+    session = _session(source, made, adaptation, not announce_only, model)
+    begun = None
+    if state is not None:
+        from emsid.io.state_file import load_state
+
+        begun = load_state(state, made)
+    record, files = _followed(session, settings, reading, begun, baud, out, json)
+    drawn = _drawn(session, record, out, pdf)
+    if not json:
+        say_where(out, drawn, *files)
+    INTERRUPTION.end(not drawn)
+
+
+def _session(source: str, structure: "Structure", rule: "Rule", adapts: bool, model: Path | None) -> "Session":
+    """A session that has not begun."""
+    from emsid.estimation import RecursiveLeastSquares
+    from emsid.live.session import Session
+    from emsid.live.tracking import Tracker
+
+    fixed = None
+    if model is not None:
+        from emsid.io import load
+
+        fixed = load(model)
+    return Session(Tracker(RecursiveLeastSquares(structure, rule=rule), None, adapts, fixed), source)
+
+
+def _followed(
+    session: "Session", settings: "Settings", reading: dict[str, Any], begun: Any, baud: int, out: Path, json: bool
+) -> "tuple[Record | None, list[str]]":
+    """Track until the end, show it, and write everything but the report; the record, and the names of the files."""
+    from emsid.live.log import Log
+    from emsid.live.protocol import LineParser
+    from emsid.live.receiver import Receiver
+    from emsid.live.session import messages, read_log
+    from emsid.live.sources import is_connection, open_source
+
+    opened = open_source(session.name, baud)
+    log = None if opened.lasting else Log(out / "log.txt")
+    again = partial(open_source, session.name, baud) if is_connection(session.name) else None
+    receiver = Receiver(opened, log, again)
+    try:
+        with view_of(json, option) as view, INTERRUPTION.asked():
+            for message in messages(session, receiver, LineParser(**reading), settings, log, _control(), begun):
+                view.show(message)
+    finally:
+        INTERRUPTION.pressed = False
+        with INTERRUPTION.put_off():
+            receiver.close()
+            read = partial(read_log, **reading, dt=settings.dt, whole=log is None)
+            written = _written(session, log, read, out)
+    return written
+
+
+def _drawn(session: "Session", record: "Record | None", out: Path, pdf: bool) -> bool:
+    """Draw the report; false if Ctrl-C was pressed meanwhile."""
+    from emsid.report.tracking_page import tracking_report
+
+    INTERRUPTION.words = "drawing the report was interrupted; everything else is written"
+    return draw(out, lambda: tracking_report(session, record), pdf)
+
+
+def _control() -> "Control":
+    """Ctrl-C ends the session."""
+    from emsid.estimation import Control
+
+    return Control(cancelled=lambda: INTERRUPTION.pressed)
+
+
+def _rule(name: str, forgetting: float | None, rate: float | None) -> "Rule":
+    """The rule of adaptation.
+
+    Raises:
+        DataError: for an unknown rule, or a number that it does not use.
+    """
+    from emsid.estimation import Directional, Drift, Forgetting, Frozen, Gradient, Window
+
+    factors: dict[str, Any] = {"directional": Directional, "forgetting": Forgetting}
+    rates: dict[str, Any] = {"drift": Drift, "gradient": Gradient, "window": lambda samples: Window(int(samples))}
+    if name not in (*factors, *rates, "frozen"):
+        raise DataError(f"no rule {name!r}; there are {', '.join((*factors, *rates, 'frozen'))}", arguments=("rule",))
+    if forgetting is not None and name not in factors:
+        raise DataError(f"the rule {name} has no forgetting factor", arguments=("rule", "forgetting"))
+    if rate is not None and name not in rates:
+        raise DataError(f"the rule {name} does not use a rate", arguments=("rule", "rate"))
+    if name in factors:
+        rule: Rule = factors[name](USUAL if forgetting is None else forgetting)
+        return rule
+    if name == "window" and rate is None:
+        raise DataError("the rule window needs its length in samples", arguments=("rate",))
+    return Frozen() if name == "frozen" else rates[name](*(() if rate is None else (rate,)))
+
+
+USUAL = 0.995
+"""The forgetting factor that is not given."""
+
+
+def _written(
+    session: "Session", log: "Log | None", read: "Callable[..., Record]", out: Path
+) -> "tuple[Record | None, list[str]]":
+    """Close the log and write the record, the result, the model and the state; the record, and the names of the files.
+
+    A session without a sample leaves its log only.
+    """
+    from emsid.io import atomic_write, save, write_record
+    from emsid.io.state_file import save_state
+
+    if log is not None:
+        log.close()
+    fit, tracking = session.fit, session.tracking
+    if fit is None or tracking is None:
+        return None, []
+    record = read(session.name if log is None else log.path, 0 if log is None else log.begin)
+    if log is None:
+        record = record[: session.counts["samples"]]
+    segments = sorted(record.segments, key=len, reverse=True)[:MOST_RECORDS]
+    segments.sort(key=lambda each: each.times)
+    files = ["record.csv"] if len(segments) == 1 else [f"record-{k + 1}.csv" for k in range(len(segments))]
+    for name, segment in zip(files, segments, strict=True):
+        write_record(segment, out / name)
+    atomic_write(out / "track.json", as_json(session.to_data()))
+    save_state(tracking.state, session.tracker.recursion.structure, out / "state.json")
+    save(fit.model, out / f"{fit.model.name}.json", record)
+    names = ["track.json", *files, "state.json", f"{fit.model.name}.json", *([] if log is None else ["log.txt"])]
+    return record, names

@@ -1,0 +1,136 @@
+"""An append-only log of everything that a source sends.
+
+Bytes are written as they arrive, and forced to the disk every `SYNC` seconds: whatever ends the program, at most that
+much is lost, and of the last line perhaps a part. Where others follow, a line that was cut off ends with ``~``, so that
+it is not taken for a sample. Lines of the program itself begin with ``#``: where a connection began, broke, came back.
+So the log can be read, and tracked, like any other source.
+
+On a full disk the bytes are kept in memory and written again later.
+"""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from threading import Event, Lock, Thread
+
+from emsid.errors import FormatError
+
+SYNC = 0.5
+"""Seconds between two moments at which everything is forced to the disk."""
+MOST_PENDING = 1 << 28
+"""Bytes that are kept in memory while the disk does not take them."""
+
+
+class Log:
+    """An append-only file of received lines.
+
+    Attributes:
+        path: the file.
+        begin: its length before this program wrote to it.
+        problem: why bytes wait to be written; empty where none do.
+
+    Args:
+        path: the file; it is made where it is missing.
+
+    Raises:
+        FormatError: where it cannot be opened.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path, self.problem = Path(path), ""
+        self._pending, self._lock, self._ended = bytearray(), Lock(), Event()
+        self._in_line = False
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+            self.begin = os.fstat(self._file).st_size
+        except OSError as problem:
+            raise FormatError(
+                f"{self.path}: the log cannot be written ({_reason(problem)}); choose another place", arguments=("out",)
+            ) from None
+        self._syncing = Thread(target=self._sync_often, name="log", daemon=True)
+        self._syncing.start()
+        self._in_line = self.begin > 0 and read_from(self.path, self.begin - 1) != b"\n"
+        self.mark("begins")
+
+    @property
+    def pending(self) -> int:
+        """Bytes that are not written yet."""
+        return len(self._pending)
+
+    def write(self, data: bytes) -> None:
+        """Append bytes as they were received.
+
+        Raises:
+            FormatError: where the disk takes no more and too much waits.
+        """
+        with self._lock:
+            if data:
+                self._pending += data
+                self._in_line = data[-1:] != b"\n"
+            self._drain()
+        if len(self._pending) > MOST_PENDING:
+            raise FormatError(f"{self.path}: the log cannot be written ({self.problem}); free space on the disk")
+
+    def mark(self, what: str) -> None:
+        """Append a line of the program, with the date; an incomplete line before it gets a ``~``."""
+        start = b"~\n" if self._in_line else b""
+        self.write(start + f"# emsid: {what} at {datetime.now(UTC).isoformat(timespec='milliseconds')}\n".encode())
+
+    def close(self) -> None:
+        """Write what waits, force it to the disk, and close the file.
+
+        Raises:
+            FormatError: where something could not be written.
+        """
+        self._ended.set()
+        self._syncing.join()
+        with self._lock:
+            self._drain()
+            with suppress(OSError):
+                os.fsync(self._file)
+            os.close(self._file)
+        if self._pending:
+            lines = self._pending.count(b"\n")
+            raise FormatError(
+                f"{self.path}: the last {lines} lines could not be written ({self.problem}); free space on the disk"
+            )
+
+    def _drain(self) -> None:
+        """Write what waits, as far as the disk takes it."""
+        try:
+            while self._pending:
+                done = os.write(self._file, self._pending)
+                del self._pending[:done]
+            self.problem = ""
+        except OSError as problem:
+            self.problem = _reason(problem)
+
+    def _sync_often(self) -> None:
+        while not self._ended.wait(SYNC):
+            with self._lock:
+                if self._pending:
+                    self._drain()
+            with suppress(OSError):  # a pipe or a terminal cannot be forced to the disk
+                os.fsync(self._file)
+
+
+def read_from(path: str | os.PathLike[str], begin: int = 0) -> bytes:
+    """The bytes of a log from this place on.
+
+    Raises:
+        FormatError: where it cannot be read.
+    """
+    try:
+        with open(path, "rb") as file:
+            file.seek(begin)
+            return file.read()
+    except OSError as problem:
+        raise FormatError(f"{path}: the log cannot be read ({_reason(problem)})") from None
+
+
+def _reason(problem: OSError) -> str:
+    return (problem.strerror or str(problem)).lower()

@@ -1,0 +1,449 @@
+"""The line protocol between a board and the program: text lines of numbers with a header (``docs/line-protocol.md``).
+
+::
+
+    n,t[us],u[V],y[rad/s]
+    0,0,0.000,0.00
+    1,1000,5.000,0.31*4A
+
+``t`` is the time and ``n`` a sequence number; both are recognised by their names, and one of them may be missing. The
+first other column is the input and the second the output, unless names are given. ``*4A`` is an optional checksum: the
+exclusive or of all bytes before it. Lines that begin with ``#`` are comments.
+
+`LineParser` takes bytes in pieces of any size and returns rows of numbers; what is no row is counted.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import pairwise
+from math import inf
+from operator import xor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.arguments import as_names
+from emsid.errors import DataError, some
+from emsid.units import conversion
+
+Array = NDArray[np.float64]
+
+SEPARATORS = (b",", b";", b"\t", None)
+"""Between the columns; None for blanks."""
+USUAL = {2: "u,y", 3: "t,u,y", 4: "n,t,u,y"}
+"""The columns of lines without a header, by their number."""
+LARGEST = 1e60
+"""Larger numbers are treated as a fault of the source: their powers would overflow."""
+LONGEST_LINE = 4096
+_TIMES, _NUMBERS = ("t", "time", "time_s"), ("n", "seq", "sample")
+_COLUMN = re.compile(r"\s*(\w[\w.*/^²·()%-]*?)\s*(?:\[(.*?)\])?\s*")
+_NOT_FINITE = re.compile(rb"[-+]?(nan|inf|infinity|ovf)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What the columns of the lines are.
+
+    Attributes:
+        names, units: of every column; the unit is empty where it is not known.
+        time, number: the column of the time and of the sequence number, or None.
+        inputs, output: the columns of the inputs and of the output.
+        gains, offsets: conversion of every column to SI.
+        checked: whether every line has a checksum.
+        separator: between the columns.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    time: int | None
+    number: int | None
+    inputs: tuple[int, ...]
+    output: int
+    gains: tuple[float, ...]
+    offsets: tuple[float, ...]
+    checked: bool = False
+    separator: bytes | None = b","
+
+    @property
+    def channels(self) -> tuple[tuple[str, ...], str, tuple[str, ...], str]:
+        """Names of the inputs and the output, and their units."""
+        return (
+            tuple(self.names[k] for k in self.inputs),
+            self.names[self.output],
+            tuple(self.units[k] for k in self.inputs),
+            self.units[self.output],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Samples of a source, in order.
+
+    Attributes:
+        time: (m,) in s; NaN without a time column.
+        number: (m,) sequence numbers; NaN without that column.
+        input: (m, nu) in SI units.
+        output: (m,) in SI units.
+        broken: (m,) whether lines between this sample and the one before were not usable.
+    """
+
+    time: Array
+    number: Array
+    input: Array
+    output: Array
+    broken: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.output)
+
+    def __getitem__(self, rows: slice | NDArray[np.bool_]) -> Rows:
+        return Rows(self.time[rows], self.number[rows], self.input[rows], self.output[rows], self.broken[rows])
+
+
+def read_header(
+    text: str, inputs: Sequence[str] = (), output: str = "", units: Sequence[str] = (), checked: bool = False
+) -> Columns:
+    """The columns that a header names: ``t[ms],voltage[V],speed[rpm]``.
+
+    Args:
+        text: the header.
+        inputs, output: names of the columns of inputs and output; by default the first and the second of those that
+            are neither time nor sequence number.
+        units: of every column, where they stand in a row of their own.
+        checked: whether every line has a checksum.
+
+    Raises:
+        DataError: for a header without such columns, or a unit that is not known.
+    """
+    separator = next((s for s in SEPARATORS[:-1] if s and s.decode() in text), None)
+    parts = text.split(separator.decode()) if separator else text.split()
+    found = [_COLUMN.fullmatch(part) for part in parts]
+    if not all(found):
+        raise DataError(f"header {text[:80]!r} is not understood; write names with commas, such as t[ms],u[V],y[rpm]")
+    names = tuple(match[1] for match in found if match)
+    given = tuple(units) or tuple(match[2] or "" for match in found if match)
+    if len(set(names)) < len(names):
+        raise DataError(f"header {text[:80]!r} has a name twice; every column needs its own name")
+    lower = [name.lower() for name in names]
+    time = next((lower.index(name) for name in _TIMES if name in lower), None)
+    number = next((lower.index(name) for name in _NUMBERS if name in lower), None)
+    rest = [k for k in range(len(names)) if k not in (time, number)]
+    for name in (*as_names(inputs), *((output,) if output else ())):
+        if name not in names:
+            raise DataError(f"the source has no column {name!r}; it has {some(names)}", arguments=("input", "output"))
+    wanted = tuple(names.index(name) for name in as_names(inputs)) or tuple(rest[:1])
+    last = names.index(output) if output else next((k for k in rest if k not in wanted), None)
+    if not wanted or last is None:
+        raise DataError(f"header {text[:80]!r} has no input and output; it needs two columns besides t and n")
+    gains, offsets, si = [], [], []
+    for k, unit in enumerate(given):
+        gain, zero, target = conversion(unit, "s" if k == time else None) if unit and k != number else (1.0, 0.0, "")
+        gains.append(gain)
+        offsets.append(zero)
+        si.append(target)
+    return Columns(names, tuple(si), time, number, wanted, last, tuple(gains), tuple(offsets), checked, separator)
+
+
+class LineParser:
+    """Reads lines of a source that come in pieces.
+
+    Attributes:
+        columns: what the columns are; None before a header or the first line of numbers.
+        malformed: the number of lines that are no row.
+        not_finite: the number of rows with NaN, infinity or an overflow.
+        example: the last malformed line.
+
+    Args:
+        header: the columns, for a source without a header.
+        inputs, output: as in `read_header`.
+    """
+
+    def __init__(self, header: str = "", inputs: Sequence[str] = (), output: str = "") -> None:
+        self._inputs, self._output = as_names(inputs), output
+        self.columns = read_header(header, self._inputs, output) if header else None
+        self._given = bool(header)
+        self.malformed = self.not_finite = self.lines = 0
+        self.example = ""
+        self._rest, self._broken = b"", False
+
+    def feed(self, data: bytes) -> Rows | None:
+        """The rows that are complete with these bytes; None where there are none."""
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        if len(self._rest) > LONGEST_LINE:
+            self._refuse(self._rest)
+            self._rest = b""
+        rows: list[list[float]] = []
+        broken: list[bool] = []
+        for line in lines:
+            row = self._row(line)
+            if row is not None:
+                rows.append(row)
+                broken.append(self._broken)
+                self._broken = False
+        return self._made(rows, broken) if rows and self.columns else None
+
+    def flush(self) -> Rows | None:
+        """The last row of a file without a line break at its end."""
+        return self.feed(b"\n") if self._rest else None
+
+    def forget_rest(self) -> None:
+        """Drop an incomplete line, as after the connection broke."""
+        if self._rest:
+            self._refuse(self._rest)
+        self._rest = b""
+
+    def _row(self, line: bytes) -> list[float] | None:
+        """The numbers of a line, or None for what is no row."""
+        line = line.strip()
+        if not line or line[:1] == b"#":
+            return None
+        self.lines += 1
+        body = line
+        if b"*" in line:
+            body, _, sum_ = line.rpartition(b"*")
+            if sum_.upper() != b"%02X" % reduce(xor, body, 0):
+                body = line if self.columns is None else b""
+        elif self.columns is not None and self.columns.checked:
+            body = b""
+        columns = self.columns
+        if columns is None or not body[:1].isascii() or body[:1].isalpha() or body[:1] == b"[":
+            if self._heading(body, body is not line and bool(body)):
+                return None
+            columns = self.columns
+            if columns is None:
+                self._refuse(line)
+                return None
+        parts = body.split(columns.separator)
+        if len(parts) == len(columns.names) and b"_" not in body:
+            try:
+                row = [float(part) for part in parts]
+            except ValueError:
+                if all(_is_number(part) for part in parts):
+                    self._overflow()
+                    return None
+            else:
+                if all(-LARGEST < value < LARGEST for value in row):
+                    return row
+                self._overflow()
+                return None
+        self._refuse(line)
+        return None
+
+    def _heading(self, body: bytes, checked: bool) -> bool:
+        """Take a line as header or as a row of units, if it is one; before a header, a row of numbers implies one."""
+        text = body.decode("ascii", "replace")
+        if "\ufffd" in text:
+            return False
+        columns = self.columns
+        if columns is not None and text[:1] == "[":
+            units = [each.strip().strip("[]") for each in text.split((columns.separator or b" ").decode())]
+            if len(units) != len(columns.names):
+                return False
+            self.columns = self._header(",".join(columns.names), units, columns.checked, columns.separator)
+            return True
+        if re.match(r"[A-Za-z]", text) and not _NOT_FINITE.match(body):
+            try:
+                new = read_header(text, self._inputs, self._output, checked=checked)
+            except DataError:
+                if columns is None and re.search(r"[,;\t]", text):
+                    raise
+                return False
+            if self._given or (columns is not None and new.names != columns.names):
+                return self._given and columns is not None and len(new.names) == len(columns.names)
+            self.columns = columns or new
+            return True
+        if columns is None:
+            separator = next((s for s in SEPARATORS if s is None or s in body), None)
+            parts = body.split(separator)
+            if len(parts) in USUAL and all(_is_number(part) for part in parts):
+                self.columns = self._header(USUAL[len(parts)], (), checked, separator)
+        return False
+
+    def _header(self, text: str, units: Sequence[str], checked: bool, separator: bytes | None) -> Columns:
+        return replace(read_header(text, self._inputs, self._output, units, checked), separator=separator)
+
+    def _refuse(self, line: bytes) -> None:
+        self.malformed += 1
+        self._broken = True
+        self.example = line[:60].decode("ascii", "backslashreplace")
+
+    def _overflow(self) -> None:
+        self.not_finite += 1
+        self._broken = True
+
+    def _made(self, rows: list[list[float]], broken: list[bool]) -> Rows:
+        columns = self.columns
+        assert columns is not None
+        values = np.array(rows) * columns.gains + columns.offsets
+        nothing = np.full(len(rows), np.nan)
+        return Rows(
+            nothing if columns.time is None else values[:, columns.time],
+            nothing if columns.number is None else values[:, columns.number],
+            values[:, columns.inputs],
+            values[:, columns.output],
+            np.array(broken),
+        )
+
+
+def _is_number(part: bytes) -> bool:
+    """Whether it is a number, or what stands for one that is not finite."""
+    try:
+        float(part)
+    except ValueError:
+        return _NOT_FINITE.fullmatch(part.strip()) is not None
+    return True
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Missing samples before a stretch of samples.
+
+    Attributes:
+        time: of the first sample after it, in s.
+        samples: how many are missing; None where it is not known.
+        cause: ``lost``, ``unusable`` (lines that are no numbers), ``backwards`` (the time stepped back),
+            ``disconnected`` or ``skipped`` (the tracker was too slow).
+    """
+
+    time: float
+    samples: int | None
+    cause: str
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Consecutive samples at a constant sample time.
+
+    Attributes:
+        time: of the first, in s.
+        input, output: (m, nu) and (m,).
+        gap: what is missing before it, or None where it continues the stretch before.
+    """
+
+    time: float
+    input: Array
+    output: Array
+    gap: Gap | None = None
+
+    def __len__(self) -> int:
+        return len(self.output)
+
+
+class Timeline:
+    """Puts rows on a regular time axis and finds what is missing.
+
+    Attributes:
+        dt: sample time in s; None until it is known.
+        lost: the number of samples that are missing so far.
+        repeated: the number of rows with the time of the row before, which are left out.
+
+    Args:
+        dt: sample time in s; by default from the time column.
+    """
+
+    LEARNING = 20
+    """The number of intervals from which the sample time is taken."""
+
+    def __init__(self, dt: float | None = None) -> None:
+        self.dt, self.lost, self.repeated = dt, 0, 0
+        self._waiting: list[Rows] = []
+        self._last: tuple[float, float] | None = None
+        self._cause = ""
+        self._turns = self._base = 0.0
+
+    def cut(self, cause: str) -> None:
+        """Whatever comes next comes after a gap."""
+        self._cause = cause
+
+    def place(self, rows: Rows, last: bool = False) -> list[Stretch]:
+        """The rows as stretches without a gap.
+
+        Args:
+            rows: in the order of their arrival.
+            last: whether no more will come, so that few rows must do to find the sample time.
+
+        Raises:
+            DataError: where there is neither a time column nor a sample time.
+        """
+        self._waiting.append(rows)
+        rows = joined(self._waiting)
+        if self.dt is None:
+            if np.isnan(rows.time[:1]).any():
+                raise DataError("the source has no time column; give its sample time", arguments=("dt",))
+            if len(rows) <= self.LEARNING and not (last and len(rows) > 2):
+                self._waiting = [rows]
+                return []
+            self.dt = sample_time(rows.time)
+        self._waiting = []
+        return self._placed(rows, self.dt) if len(rows) else []
+
+    def rest(self) -> list[Stretch]:
+        """Rows that still waited for a sample time, at the end of a source."""
+        rows = joined(self._waiting) if self._waiting else None
+        self._waiting = []
+        return [] if rows is None or len(rows) < 3 else self.place(rows, last=True)
+
+    def _placed(self, rows: Rows, dt: float) -> list[Stretch]:
+        clocked, counted = not np.isnan(rows.time[0]), not np.isnan(rows.number[0])
+        before = self._last or (rows.time[0] - dt, rows.number[0] - 1)
+        step = np.diff(rows.time, prepend=before[0]) / dt if clocked else np.ones(len(rows))
+        count = np.diff(rows.number, prepend=before[1]) if counted else np.rint(step)
+        back = step < 0
+        if clocked:
+            again = (step >= 0) & (step < 0.5) & ~back & ~(counted & (count > 0))
+            if again.any():
+                self.repeated += int(again.sum())
+                return self._placed(rows[~again], dt) if not again.all() else []
+        jump = (count < 1) | (count > 1) if counted else np.zeros(len(rows), bool)
+        jump |= np.abs(step - 1) > 0.5 if clocked else False
+        starts = jump | back | (rows.broken & (np.rint(step) != 1 if clocked else True))
+        if self._cause or self._last is None:
+            starts[0] = True
+        stretches = []
+        edges = [*np.flatnonzero(starts).tolist(), len(rows)]
+        if not starts[0]:
+            edges.insert(0, 0)
+        for first, stop in pairwise(edges):
+            missing = count[first] - 1 if counted and count[first] >= 1 else step[first] - 1
+            gap = None
+            if starts[first] and self._last is not None:
+                known = bool(missing >= 0.5) and not back[first]
+                cause = "backwards" if back[first] else "unusable" if rows.broken[first] else "lost"
+                cause = self._cause or cause if first == 0 else cause
+                gap = Gap(self._at(rows, first), round(missing) if known else None, cause)
+                self.lost += round(missing) if known else 0
+            self._last = (float(rows.time[first]), float(rows.number[first]))
+            stretches.append(Stretch(self._at(rows, first), rows.input[first:stop], rows.output[first:stop], gap))
+            self._base += stop - first
+        self._cause = ""
+        self._last = (float(rows.time[-1]), float(rows.number[-1]))
+        return stretches
+
+    def _at(self, rows: Rows, k: int) -> float:
+        """The time of a row; without a clock, the samples so far are counted."""
+        return self._base * (self.dt or 0.0) if np.isnan(rows.time[k]) else float(rows.time[k])
+
+
+def joined(parts: Sequence[Rows]) -> Rows:
+    """Rows that follow each other."""
+    if len(parts) == 1:
+        return parts[0]
+    return Rows(*(np.concatenate([getattr(part, name) for part in parts]) for name in Rows.__annotations__))
+
+
+def sample_time(time: Array) -> float:
+    """The sample time in s: the mean of the intervals that are near their median, with five digits.
+
+    Raises:
+        DataError: where the time does not increase.
+    """
+    steps = np.diff(time)
+    median = float(np.median(steps[steps > 0])) if (steps > 0).any() else inf
+    near = steps[np.abs(steps - median) < 0.5 * median]
+    if not len(near):
+        raise DataError("the time of the source does not increase; give its sample time", arguments=("dt",))
+    return float(f"{near.mean():.5g}")

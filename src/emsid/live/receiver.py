@@ -1,0 +1,156 @@
+"""Receives a source in a thread of its own: every byte goes into the log first, and then waits for the tracker.
+
+A connection that breaks is opened again until it comes back. Where the tracker is slower than the source, bytes that
+wait too long are skipped, and counted; they are in the log.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from threading import Event, Lock, Thread
+
+from emsid.errors import EmsidError
+from emsid.live.log import Log
+from emsid.live.sources import Disconnected, Ended, Source
+
+RETRY = 0.5
+"""Seconds between two attempts to open a source that was disconnected."""
+MOST_WAITING = 1 << 25
+"""Bytes that wait for the tracker."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """What has come from a source.
+
+    Attributes:
+        kind: ``data``, ``disconnected``, ``connected``, ``skipped``, ``ended`` or ``failed``.
+        data: the bytes.
+        text: why it was disconnected or failed.
+        lines: how many lines were skipped.
+    """
+
+    kind: str
+    data: bytes = b""
+    text: str = ""
+    lines: int = 0
+
+
+class Receiver:
+    """A thread that reads a source.
+
+    Attributes:
+        source: the open source.
+        heard: when bytes came last, on the clock of `time.monotonic`.
+
+    Args:
+        source: the open source.
+        log: where every byte goes first; None for a file, which is its own log.
+        again: opens the source again after it was disconnected; None to give up then.
+        most_waiting: bytes that wait for the tracker.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        log: Log | None,
+        again: Callable[[], Source] | None = None,
+        most_waiting: int = MOST_WAITING,
+    ) -> None:
+        self.source, self._log, self._again, self._most = source, log, again, most_waiting
+        self.heard = time.monotonic()
+        self._pieces: deque[Piece] = deque()
+        self._waiting, self._arrived, self._ended, self._room = 0, Event(), Event(), Event()
+        self._skipping, self._lock = 0, Lock()
+        self._thread = Thread(target=self._work, name="receiver", daemon=True)
+        self._thread.start()
+
+    def wait(self, timeout: float) -> list[Piece]:
+        """What has come since the last call, after at most this many seconds."""
+        self._arrived.wait(timeout)
+        self._arrived.clear()
+        pieces = []
+        while self._pieces:
+            piece = self._pieces.popleft()
+            pieces.append(piece)
+        with self._lock:
+            self._waiting -= sum(len(piece.data) for piece in pieces)
+        self._room.set()
+        return pieces
+
+    def send(self, data: bytes) -> None:
+        """Send bytes to the board.
+
+        Raises:
+            Disconnected: where the connection is broken.
+            DataError: for a source that takes no commands.
+        """
+        self.source.write(data)
+
+    def close(self) -> None:
+        """End the thread and close the source; the log stays open."""
+        self._ended.set()
+        self._room.set()
+        self._thread.join(timeout=5)
+        self.source.close()
+
+    def _work(self) -> None:
+        try:
+            while not self._ended.is_set():
+                try:
+                    data = self.source.read(0.05)
+                except Disconnected as problem:
+                    if not self._reconnected(str(problem)):
+                        return
+                    continue
+                if data:
+                    self.heard = time.monotonic()
+                    if self._log is not None:
+                        self._log.write(data)
+                    self._pass_on(data)
+        except Ended:
+            self._put(Piece("ended"))
+        except EmsidError as problem:
+            self._put(Piece("failed", text=str(problem)))
+        except OSError as problem:
+            self._put(Piece("failed", text=f"{self.source.name}: {(problem.strerror or str(problem)).lower()}"))
+
+    def _pass_on(self, data: bytes) -> None:
+        while self._waiting > self._most and self._log is None and not self._ended.is_set():
+            self._room.clear()
+            self._room.wait(0.1)
+        if self._waiting > self._most:
+            self._skipping += data.count(b"\n")
+            return
+        if self._skipping:
+            self._put(Piece("skipped", lines=self._skipping))
+            self._skipping = 0
+        with self._lock:
+            self._waiting += len(data)
+        self._put(Piece("data", data))
+
+    def _put(self, piece: Piece) -> None:
+        self._pieces.append(piece)
+        self._arrived.set()
+
+    def _reconnected(self, reason: str) -> bool:
+        """Open the source again, as often as it takes; false where that is not wanted."""
+        self.source.close()
+        if self._log is not None:
+            self._log.mark("disconnected")
+        self._put(Piece("disconnected", text=reason))
+        while self._again is not None and not self._ended.is_set():
+            try:
+                self.source = self._again()
+            except EmsidError:
+                self._ended.wait(RETRY)
+                continue
+            if self._log is not None:
+                self._log.mark("connected again")
+            self._put(Piece("connected"))
+            return True
+        self._put(Piece("ended", text=reason))
+        return False

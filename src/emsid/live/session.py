@@ -1,0 +1,498 @@
+"""A session of tracking: what a receiver brings becomes a stream of messages, and in the end a record and a summary.
+
+Every message is a dictionary that JSON can hold, with a ``kind``: ``start``, ``estimate``, ``finding`` or ``end``
+(``docs/tracking.md``). The terminal and ``--json`` show these messages and nothing else.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import DataError
+from emsid.estimation.fit import Fit
+from emsid.estimation.linear.change_detection import ChangeDetector
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.findings import Finding, plain
+from emsid.live.log import Log, read_from
+from emsid.live.protocol import LineParser, Rows, Stretch, Timeline
+from emsid.live.receiver import Piece, Receiver
+from emsid.live.tracking import Change, Physical, Tracker, Tracking
+from emsid.models.regression.narx import Narx
+from emsid.record import Record, concatenate
+
+Array = NDArray[np.float64]
+Message = dict[str, Any]
+
+SILENT = 5.0
+"""Seconds without a byte after which a source is called silent."""
+GARBAGE = 50
+"""Lines of which none is a sample, after which the source is given up."""
+COLOURED = 0.3
+"""Correlation of neighbouring prediction errors above which they are not white."""
+SETTLING, SETTLING_EACH, SETTLING_TIME = 200, 20, 5.0
+"""Samples, samples for each parameter, and seconds, after which changes are looked for."""
+REMEMBERED = 2000
+"""Points of the history of the estimate."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a session goes.
+
+    Args:
+        every: seconds between two messages with the estimate.
+        duration: seconds of samples after which it ends; None to go on.
+        patience: seconds to wait for the first sample.
+        dt: sample time in s; by default from the time column.
+        false_alarm: mean time in s between false alarms of changes; 0 to look for none.
+    """
+
+    every: float = 0.2
+    duration: float | None = None
+    patience: float = 10.0
+    dt: float | None = None
+    false_alarm: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, least in (
+            ("every", 1e-3),
+            ("duration", 1e-9),
+            ("patience", 1e-3),
+            ("dt", 1e-9),
+            ("false_alarm", 0.0),
+        ):
+            value = getattr(self, name)
+            if value is not None and not (isfinite(value) and value >= least):
+                raise DataError(f"{name} of {value:g} s; give a positive number", arguments=(name,))
+
+
+@dataclass(eq=False)
+class History:
+    """The estimate over time, with at most `REMEMBERED` points: when it is full, every second point is dropped."""
+
+    time: list[float] = field(default_factory=list)
+    estimate: list[Array] = field(default_factory=list)
+    half_width: list[Array] = field(default_factory=list)
+    step: int = 1
+    _count: int = 0
+
+    def add(self, time: float, estimate: Array, half_width: Array) -> None:
+        """Remember a point."""
+        self._count += 1
+        if self._count % self.step:
+            return
+        self.time.append(time)
+        self.estimate.append(estimate)
+        self.half_width.append(half_width)
+        if len(self.time) >= REMEMBERED:
+            for each in (self.time, self.estimate, self.half_width):
+                del each[::2]
+            self.step *= 2
+
+
+@dataclass(eq=False)
+class Session:
+    """What a session has come to; it grows while `messages` runs.
+
+    Attributes:
+        tracker: what is tracked.
+        name: of the source.
+        tracking: the state; None before the first sample.
+        changes, gaps: what happened.
+        findings: everything that was noticed, without the gaps.
+        history: the estimate over time.
+        recent: the last stretch of samples, with its predictions.
+        counts: samples, lost, malformed, not_finite, repeated, skipped, gaps.
+        dt: sample time in s.
+        reason: why it ended.
+    """
+
+    tracker: Tracker
+    name: str
+    tracking: Tracking | None = None
+    changes: list[Change] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+    history: History = field(default_factory=History)
+    recent: deque[tuple[Record, Array]] = field(default_factory=deque)
+    counts: Counter[str] = field(default_factory=Counter)
+    dt: float | None = None
+    reason: str = ""
+
+    @property
+    def fit(self) -> Fit[Narx] | None:
+        """The last estimate."""
+        return None if self.tracking is None else self.tracker.fit(self.tracking)
+
+    @property
+    def physical(self) -> tuple[Physical, ...]:
+        """The physical values of the last estimate."""
+        return () if self.tracking is None else self.tracker.physical(self.tracking)
+
+    def to_data(self) -> dict[str, Any]:
+        """Everything but histories, in built-in types."""
+        fit = self.fit
+        return {
+            "schema": 1,
+            "source": self.name,
+            "dt": self.dt,
+            **{name: self.counts[name] for name in COUNTS},
+            "reason": self.reason,
+            "fit": None if fit is None else fit.to_data(),
+            "physical": [_physical(each) for each in self.physical],
+            "changes": [{"time": each.time, "since": each.since, "what": each.kind} for each in self.changes],
+            "findings": [finding.to_data() for finding in self.findings],
+        }
+
+
+COUNTS = ("samples", "lost", "malformed", "not_finite", "repeated", "skipped", "gaps")
+
+
+def messages(
+    session: Session,
+    receiver: Receiver,
+    parser: LineParser,
+    settings: Settings,
+    log: Log | None = None,
+    control: Control = FREE,
+    state: Any = None,
+) -> Iterator[Message]:
+    """Track what a receiver brings, until it ends, the time is up, or the control is cancelled.
+
+    Args:
+        session: to be filled.
+        receiver: the source.
+        parser: of its lines.
+        settings: how it goes.
+        log: of the receiver, to report where the disk does not take it.
+        control: when to stop.
+        state: of the recursion, to go on from.
+
+    Raises:
+        DataError: for a source that sends nothing, or nothing that is understood.
+        FormatError: where the log cannot be written.
+    """
+    work = _Work(session, parser, settings, log, state)
+    while control.ending is None and not session.reason:
+        for piece in receiver.wait(0.05):
+            yield from work.take(piece)
+            if session.reason or control.ending is not None:
+                break
+        yield from work.look(receiver.heard)
+    if not session.reason:
+        session.reason = "stopped"
+    if session.reason != "duration":
+        yield from work.finish()
+    yield work.estimate()
+    yield from work.judge()
+    yield _message({"kind": "end", **session.to_data()})
+
+
+class _Work:
+    """The loop of `messages`, piece by piece."""
+
+    def __init__(self, session: Session, parser: LineParser, settings: Settings, log: Log | None, state: Any) -> None:
+        self.session, self.parser, self.settings, self.log = session, parser, settings, log
+        self.timeline = Timeline(settings.dt)
+        self.state, self.begun = state, time.monotonic()
+        self.shown = self.begun
+        self.quiet = self.behind = False
+        self.rates: deque[tuple[float, int]] = deque([(self.begun, 0)])
+        self.complained = 0
+
+    def take(self, piece: Piece) -> Iterator[Message]:
+        """What follows from a piece."""
+        session = self.session
+        if piece.kind == "data":
+            self.quiet = False
+            yield from self.rows(self.parser.feed(piece.data))
+            if session.tracking is None and self.parser.lines >= GARBAGE and self.parser.columns is None:
+                raise DataError(
+                    f"{session.name}: {self.parser.lines} lines have come and none is a header or numbers, such as "
+                    f"{self.parser.example!r}; check the baud rate, and the lines that the board prints",
+                    arguments=("baud", "header"),
+                )
+        elif piece.kind == "failed":
+            raise DataError(piece.text)
+        elif piece.kind == "ended":
+            session.reason = "disconnected" if piece.text else "ended"
+        else:
+            self.parser.forget_rest()
+            if piece.kind == "skipped":
+                session.counts["skipped"] += piece.lines
+                self.timeline.cut("skipped")
+                yield self.found(Finding("samples-not-tracked", session.name, {"samples": piece.lines}))
+            elif piece.kind == "disconnected":
+                self.timeline.cut("disconnected")
+                yield self.found(Finding("source-disconnected", session.name))
+
+    def finish(self) -> Iterator[Message]:
+        """The last line, and samples that waited for a sample time."""
+        yield from self.rows(self.parser.flush())
+        yield from self.stretches(self.timeline.rest())
+
+    def rows(self, rows: Rows | None) -> Iterator[Message]:
+        """Track further rows."""
+        if rows is not None:
+            yield from self.stretches(self.timeline.place(rows))
+
+    def stretches(self, stretches: list[Stretch]) -> Iterator[Message]:
+        """Track stretches of samples."""
+        session, tracker = self.session, self.session.tracker
+        for stretch in stretches:
+            record = self.record(stretch)
+            if session.tracking is None:
+                session.dt = record.dt
+                tracker = session.tracker = self.watching(tracker, record.dt)
+                session.tracking = tracker.start(self.state)
+                yield self.start(record)
+            if stretch.gap is not None:
+                session.tracking = tracker.cut(session.tracking)
+                session.counts["gaps"] += 1
+                gap = stretch.gap
+                data = {"time": gap.time, "samples": gap.samples, "cause": gap.cause}
+                yield self.found(Finding("source-gap", session.name, data), keep=session.counts["gaps"] <= 20)
+            session.tracking, changes, predictions = tracker.advance(session.tracking, record)
+            session.counts["samples"] += len(record)
+            self.remember(record, predictions)
+            for change in changes:
+                session.changes.append(change)
+                yield self.found(self.changed(change, record))
+            limit = self.settings.duration
+            if limit is not None and session.counts["samples"] * record.dt >= limit:
+                session.reason = "duration"
+                return
+
+    def watching(self, tracker: Tracker, dt: float) -> Tracker:
+        """The tracker with a detector of changes, now that the sample time is known."""
+        if not self.settings.false_alarm:
+            return tracker
+        each = SETTLING_EACH * len(tracker.recursion.structure.parameter_names)
+        settling = max(SETTLING, each, round(SETTLING_TIME / dt))
+        return replace(tracker, detector=ChangeDetector(max(self.settings.false_alarm / dt, 100.0), settling))
+
+    def changed(self, change: Change, record: Record) -> Finding:
+        """A change as a finding, with the rate of false alarms."""
+        detector = self.session.tracker.detector
+        run = detector.run * record.dt if detector else None
+        delay = change.time - change.since
+        data = {"time": change.time, "since": change.since, "delay": delay, "what": change.kind, "false_alarm": run}
+        return Finding("change-detected", record.output_names[0], data)
+
+    def look(self, heard: float) -> Iterator[Message]:
+        """What has to be said after a while: estimates, silence, malformed lines, a full disk.
+
+        Args:
+            heard: when bytes came last.
+        """
+        session, now = self.session, time.monotonic()
+        silent = now - heard
+        for name in ("lost", "repeated"):
+            session.counts[name] = getattr(self.timeline, name)
+        for name in ("malformed", "not_finite"):
+            session.counts[name] = getattr(self.parser, name)
+        if session.tracking is None and now - self.begun > self.settings.patience:
+            raise DataError(self.nothing(silent))
+        if silent > SILENT and session.tracking is not None and not self.quiet:
+            self.quiet = True
+            yield self.found(Finding("source-silent", session.name, {"seconds": silent}))
+        if self.log is not None and bool(self.log.problem) is not self.behind:
+            self.behind = not self.behind
+            if self.behind:
+                data = {"reason": self.log.problem, "bytes": self.log.pending}
+                yield self.found(Finding("log-not-written", str(self.log.path), data))
+        if now - self.shown >= self.settings.every and session.tracking is not None:
+            self.shown = now
+            yield from self.complain()
+            yield self.estimate()
+
+    def complain(self) -> Iterator[Message]:
+        """Lines that are no samples: said once while it goes on, and counted for the end."""
+        session, bad = self.session, self.parser.malformed + self.parser.not_finite
+        if bad > self.complained:
+            data = {"lines": self.parser.malformed, "not_finite": self.parser.not_finite}
+            first, self.complained = not self.complained, bad
+            found = Finding("lines-not-used", session.name, data | {"example": self.parser.example})
+            session.findings = [each for each in session.findings if each.code != found.code]
+            message = self.found(found)
+            if first:
+                yield message
+
+    def judge(self) -> Iterator[Message]:
+        """What there is to say at the end, about the lines and about the prediction errors."""
+        yield from self.complain()
+        tracking = self.session.tracking
+        if tracking is not None and tracking.correlation > COLOURED:
+            yield self.found(Finding("tracking-errors-coloured", data={"correlation": tracking.correlation}))
+
+    def nothing(self, silent: float) -> str:
+        """Why there is no sample after all this time."""
+        name, patience = self.session.name, self.settings.patience
+        if self.parser.lines:
+            return (
+                f"{name}: {self.parser.lines} lines have come in {patience:g} s and too few are samples, such as "
+                f"{self.parser.example!r}; check the baud rate and the header"
+            )
+        return (
+            f"{name} has sent nothing for {patience:g} s; check that the board runs, that its lines end with a line "
+            "break, and the baud rate"
+        )
+
+    def start(self, record: Record) -> Message:
+        """The first message."""
+        tracker = self.session.tracker
+        detector = tracker.detector
+        return _message(
+            {
+                "kind": "start",
+                "source": self.session.name,
+                "structure": tracker.recursion.structure.name,
+                "equation": tracker.recursion.structure.equation(),  # type: ignore[attr-defined]
+                "parameters": list(tracker.recursion.structure.parameter_names),
+                "rule": _rule(tracker),
+                "inputs": _channels(record.input_names, record.input_units),
+                "output": _channels(record.output_names, record.output_units)[0],
+                "dt": record.dt,
+                "false_alarm": None if detector is None else detector.run * record.dt,
+                "log": None if self.log is None else str(self.log.path),
+            }
+        )
+
+    def estimate(self) -> Message:
+        """The present state as a message."""
+        session, now = self.session, time.monotonic()
+        tracking = session.tracking
+        if tracking is None or tracking.last is None:
+            raise DataError(self.nothing(0.0))
+        while len(self.rates) > 1 and now - self.rates[0][0] > 2.0:
+            self.rates.popleft()
+        before, count = self.rates[0]
+        self.rates.append((now, session.counts["samples"]))
+        half = session.tracker.half_widths(tracking)
+        names = session.tracker.recursion.structure.parameter_names
+        values = zip(names, tracking.state.estimate.tolist(), half.tolist(), strict=True)
+        last, model = tracking.last, session.tracker.model
+        return _message(
+            {
+                "kind": "estimate",
+                "time": last.times[0],
+                **{name: session.counts[name] for name in COUNTS},
+                "rate": (session.counts["samples"] - count) / max(now - before, 1e-3),
+                "input": last.input[0].tolist(),
+                "output": float(last.output[0, 0]),
+                "prediction": tracking.prediction,
+                "noise": float(np.sqrt(tracking.state.noise_variance)) if tracking.state.noise_variance >= 0 else None,
+                "idle": tracking.state.idle,
+                "parameters": [{"name": n, "value": v, "half_width": h} for n, v, h in values],
+                "physical": [_physical(each) for each in session.tracker.physical(tracking)],
+                "model": None if model is None else {"name": model.name, "output": tracking.model_output},
+            }
+        )
+
+    def found(self, finding: Finding, keep: bool = True) -> Message:
+        """A finding as a message."""
+        if keep:
+            self.session.findings.append(finding)
+        tracking = self.session.tracking
+        now = None if tracking is None or tracking.last is None else tracking.last.times[0]
+        return _message({"kind": "finding", "time": now, **finding.to_data()})
+
+    def record(self, stretch: Stretch) -> Record:
+        """A stretch as a record."""
+        columns = self.parser.columns
+        assert columns is not None
+        assert self.timeline.dt is not None
+        return record_of(stretch, columns.channels, self.timeline.dt, self.session.name)
+
+    def remember(self, record: Record, predictions: Array) -> None:
+        """Keep the estimate for the history, and the last samples for a figure."""
+        session = self.session
+        assert session.tracking is not None
+        half = session.tracker.half_widths(session.tracking)
+        session.history.add(float(record.time[-1]), session.tracking.state.estimate, half)
+        session.recent.append((record, predictions))
+        while sum(len(each) for each, _ in session.recent) - len(session.recent[0][0]) > REMEMBERED:
+            session.recent.popleft()
+
+
+def record_of(
+    stretch: Stretch, channels: tuple[tuple[str, ...], str, tuple[str, ...], str], dt: float, name: str
+) -> Record:
+    """A stretch of samples as a record."""
+    inputs, output, input_units, output_unit = channels
+    return Record(
+        stretch.input,
+        stretch.output,
+        dt,
+        inputs,
+        (output,),
+        input_units,
+        (output_unit,),
+        times=(stretch.time,),
+        name=name,
+    )
+
+
+def read_log(
+    path: str | Path,
+    begin: int = 0,
+    header: str = "",
+    inputs: tuple[str, ...] = (),
+    output: str = "",
+    dt: float | None = None,
+    whole: bool = False,
+) -> Record:
+    """The samples of a log as a record, with a segment for every stretch without a gap.
+
+    Args:
+        path: of the log, or of any file of lines.
+        begin: the byte to begin at.
+        header: the columns, where the file has no header.
+        inputs, output: names of the columns.
+        dt: sample time in s; by default from the time column.
+        whole: whether a last line without its line break is complete; in a log it may be cut off.
+
+    Raises:
+        FormatError: where the file cannot be read.
+        DataError: where it has no samples.
+    """
+    parser, timeline = LineParser(header, inputs, output), Timeline(dt)
+    data = read_from(path, begin)
+    rows = parser.feed(data + b"\n" if whole else data[: data.rfind(b"\n") + 1])
+    if rows is None or parser.columns is None:
+        raise DataError(f"{path}: there are no samples in this log")
+    stretches = timeline.place(rows, last=True)
+    if timeline.dt is None or not stretches:
+        raise DataError(f"{path}: there are too few samples in this log to find its sample time", arguments=("dt",))
+    step = timeline.dt
+    records = [record_of(each, parser.columns.channels, step, Path(path).name) for each in stretches]
+    return concatenate(records)
+
+
+def _message(content: Message) -> Message:
+    """The content in values that JSON can hold."""
+    message: Message = plain(content)
+    return message
+
+
+def _rule(tracker: Tracker) -> str:
+    rule = tracker.recursion.adaptation
+    numbers = ", ".join(f"{name} {value}" for name, value in vars(rule).items())
+    return f"{type(rule).__name__.lower()} {numbers}".strip()
+
+
+def _channels(names: tuple[str, ...], units: tuple[str, ...]) -> list[dict[str, str]]:
+    return [{"name": name, "unit": unit} for name, unit in zip(names, units, strict=True)]
+
+
+def _physical(each: Physical) -> dict[str, Any]:
+    width = each.half_width if each.half_width is not None and isfinite(each.half_width) else None
+    return {"name": each.name, "value": each.value, "half_width": width, "unit": each.unit}

@@ -1,0 +1,213 @@
+"""Sources of samples: a file, standard input, a serial port, a socket.
+
+==========================  ===========================================================================================
+``log.csv``                 a file
+``-``                       lines on standard input
+``serial:///dev/ttyACM0``   a serial port, also ``serial://COM3`` or the path of the device alone
+``socket://host:7000``      a TCP port
+other URLs                  what pyserial opens: ``rfc2217://host:port``, ``loop://``, ``spy://…``
+==========================  ===========================================================================================
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import stat
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Protocol
+
+from emsid.errors import DataError
+
+CHUNK = 1 << 16
+"""Bytes that are read at a time."""
+
+
+class Ended(Exception):
+    """A source has no more samples: the end of a file, or a closed pipe."""
+
+
+class Disconnected(Exception):
+    """A connection broke; it may come back."""
+
+
+class Source(Protocol):
+    """Something that sends lines.
+
+    Attributes:
+        name: for messages.
+        lasting: whether the bytes stay where they are, so that they need no log, and may wait.
+    """
+
+    name: str
+    lasting: bool
+
+    def read(self, timeout: float) -> bytes:
+        """The bytes that have arrived, after at most this many seconds; empty where none have.
+
+        Raises:
+            Ended: at the end of a file or pipe.
+            Disconnected: where a connection broke.
+        """
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Send bytes to the board.
+
+        Raises:
+            Disconnected: where a connection broke.
+            DataError: for a source that takes no commands.
+        """
+        ...
+
+    def close(self) -> None:
+        """Close it."""
+        ...
+
+
+def is_connection(text: str) -> bool:
+    """Whether a source is a connection, which can break and come back, and not a file or standard input."""
+    return text != "-" and ("://" in text or _is_device(text))
+
+
+def open_source(text: str, baud: int = 115200) -> Source:
+    """Open a source.
+
+    Args:
+        text: see the table above.
+        baud: of a serial port, in bits per second.
+
+    Raises:
+        DataError: where it cannot be opened, with the reason and what to do.
+    """
+    if text == "-":
+        return Descriptor(0, "standard input")
+    if is_connection(text):
+        return Port(text, baud)
+    try:
+        return Descriptor(os.open(text, os.O_RDONLY), text, lasting=True)
+    except IsADirectoryError:
+        reason = "this is a folder; name a file in it"
+    except FileNotFoundError:
+        reason = "there is no such file; name a file, -, serial://… or socket://…"
+    except OSError as problem:
+        reason = f"cannot be read ({(problem.strerror or str(problem)).lower()}); check its permissions"
+    raise DataError(f"{text}: {reason}")
+
+
+class Descriptor:
+    """A file or a pipe that is only read.
+
+    Args:
+        descriptor: of the open file.
+        name: for messages.
+        lasting: whether its bytes stay where they are.
+    """
+
+    def __init__(self, descriptor: int, name: str, lasting: bool = False) -> None:
+        self._descriptor, self.name, self.lasting = descriptor, name, lasting
+        if lasting and stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            os.close(descriptor)
+            raise DataError(f"{name}: this is a folder; name a file in it")
+
+    def read(self, timeout: float) -> bytes:
+        """See `Source.read`."""
+        if not self.lasting and not select.select([self._descriptor], [], [], timeout)[0]:
+            return b""
+        data = os.read(self._descriptor, CHUNK)
+        if not data:
+            raise Ended
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Refuse: a file takes no commands."""
+        raise DataError(f"{self.name} takes no commands; name a serial port or a socket")
+
+    def close(self) -> None:
+        """Close it, unless it is standard input."""
+        if self._descriptor:
+            os.close(self._descriptor)
+
+
+class Port:
+    """A serial port or a socket, by pyserial.
+
+    Args:
+        text: its URL or device.
+        baud: in bits per second.
+
+    Raises:
+        DataError: where it cannot be opened, with the reason and what to do.
+    """
+
+    lasting = False
+
+    def __init__(self, text: str, baud: int) -> None:
+        import serial
+
+        self.name, self._lost = text, (serial.SerialException, OSError)
+        url = text.removeprefix("serial://")
+        try:
+            options = {"exclusive": True} if "://" not in url and os.name == "posix" else {}
+            self._port: Any = serial.serial_for_url(url, baudrate=baud, timeout=0, write_timeout=1.0, **options)
+        except (ValueError, OSError) as problem:  # SerialException is an OSError
+            raise DataError(f"{text}: {_advice(problem)}") from None
+        try:
+            self._number: int | None = self._port.fileno()
+        except Exception:  # loop:// and rfc2217:// have none
+            self._number = None
+            self._port.timeout = 0.05
+
+    def read(self, timeout: float) -> bytes:
+        """See `Source.read`."""
+        try:
+            if self._number is not None:
+                if not select.select([self._number], [], [], timeout)[0]:
+                    return b""
+                return bytes(self._port.read(CHUNK))
+            return bytes(self._port.read(max(1, self._port.in_waiting)))
+        except (*self._lost, TypeError, AttributeError) as problem:  # the last two: the port was closed meanwhile
+            raise Disconnected(str(problem)) from None
+
+    def write(self, data: bytes) -> None:
+        """See `Source.write`."""
+        try:
+            self._port.write(data)
+        except (*self._lost, TypeError, AttributeError) as problem:
+            raise Disconnected(str(problem)) from None
+
+    def close(self) -> None:
+        """Close it."""
+        with suppress(Exception):
+            self._port.close()
+
+
+def _is_device(text: str) -> bool:
+    """Whether this is the device of a serial port."""
+    if os.name != "posix":
+        return text.upper().startswith("COM") and text[3:].isdigit()
+    with suppress(OSError, ValueError):
+        return stat.S_ISCHR(Path(text).stat().st_mode)
+    return text.startswith("/dev/tty")
+
+
+def _advice(problem: Exception) -> str:
+    """Why a port cannot be opened, and what to do."""
+    text = str(problem).lower()
+    number = getattr(problem, "errno", None)
+    if "exclusive" in text or "busy" in text or number in (11, 16):
+        return "the port is used by another program; close that (a serial monitor?)"
+    if "permission" in text or number == 13:
+        return "no permission to open the port; on Linux, join its group (often dialout) and log in again"
+    if "refused" in text:
+        return "nothing listens there; start the board or the server, or check the port number"
+    if "no such file" in text or "not exist" in text or number == 2:
+        return "there is no such port; plug the board in, or check its name"
+    if "name or service" in text or "getaddrinfo" in text or "temporary failure" in text or "no address" in text:
+        return "the host is not known; check its name"
+    if "timed out" in text or "unreachable" in text or "no route" in text:
+        return "the host does not answer; check the address and the network"
+    if "protocol" in text and "not known" in text:
+        return "no such kind of source; there are serial://, socket://, rfc2217:// and loop://"
+    return f"it cannot be opened ({problem})"

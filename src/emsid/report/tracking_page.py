@@ -1,0 +1,179 @@
+"""The page of a tracking session: the estimate with its intervals, how it converged, what changed, the last samples."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from emsid.live.session import COUNTS, Session
+from emsid.record import Record
+from emsid.report import views
+from emsid.report.document import (
+    Axis,
+    Band,
+    Dash,
+    Figure,
+    Ink,
+    Line,
+    Mark,
+    Notice,
+    Plot,
+    Report,
+    Section,
+    Stroke,
+    Table,
+)
+from emsid.report.numbers import number, slug
+from emsid.units import plain_unit
+from emsid.wording import Severity, sentence, severity
+
+MOST_PLOTS = 12
+"""Plots of at most this many parameters; the table has all."""
+WORDS = {
+    "samples": "samples tracked",
+    "lost": "samples lost",
+    "malformed": "malformed lines",
+    "not_finite": "samples that are not finite",
+    "repeated": "repeated samples",
+    "skipped": "samples in the log only",
+    "gaps": "gaps",
+}
+ENDS = {
+    "stopped": "it was stopped",
+    "ended": "the source ended",
+    "duration": "its time was up",
+    "disconnected": "the source was disconnected",
+}
+
+
+def tracking_report(session: Session, record: Record | None) -> Report:
+    """The page of a session.
+
+    Args:
+        session: what it has come to.
+        record: all samples, for the line below the title.
+    """
+    fit = session.fit
+    assert fit is not None
+    seconds = session.counts["samples"] * (session.dt or 0.0)
+    found = session.findings
+    figures = (convergence(session), last_samples(session))
+    return Report(
+        title=f"Tracking of {session.name}",
+        summary=(
+            f"{fit.model.name} was tracked over {session.counts['samples']:,} samples ({seconds:.4g} s); then "
+            f"{ENDS.get(session.reason, 'it ended')}. Predictions are one step ahead, from measured outputs.",
+            fit.model.equation(),
+        ),
+        sections=(
+            Section(
+                "What happened",
+                remarks=tuple(map(sentence, found)) or ("Nothing unusual.",),
+                tables=(_counts(session),),
+            ),
+            Section("Estimate over time", figures=figures[:1]),
+            Section("Last samples", figures=figures[1:]),
+        ),
+        imprint=f"emsid track {session.name}",
+        opening=Section("", tables=tuple(filter(None, (_parameters(session), _physical(session))))),
+        notices=tuple(
+            Notice(sentence(each), severity(each).value) for each in found if severity(each) is Severity.PROBLEM
+        ),
+    )
+
+
+def _parameters(session: Session) -> Table:
+    """The last estimate with its intervals."""
+    fit = session.fit
+    assert fit is not None
+    halves = session.tracker.half_widths(session.tracking) if session.tracking else np.zeros(0)
+    rows = tuple(
+        (name, number(value), f"± {half:.2g}" if np.isfinite(half) else "unknown")
+        for name, value, half in zip(fit.names, fit.estimate.tolist(), halves.tolist(), strict=True)
+    )
+    return Table(("Parameter", "Estimate", "95 % interval"), rows, "The estimate at the end.")
+
+
+def _physical(session: Session) -> Table | None:
+    """The physical values, if there are any."""
+    rows = tuple(
+        (
+            each.name,
+            number(each.value),
+            "unknown" if each.half_width is None else f"± {each.half_width:.2g}",
+            plain_unit(each.unit),
+        )
+        for each in session.physical
+    )
+    return Table(("Quantity", "Value", "95 % interval", "Unit"), rows, "Physical values at the end.") if rows else None
+
+
+def _counts(session: Session) -> Table:
+    rows = tuple((WORDS[name], f"{session.counts[name]:,}") for name in COUNTS)
+    return Table(("Count", "Number"), rows, "What the source has sent.")
+
+
+def convergence(session: Session) -> Figure:
+    """Every parameter over time with its interval, and the moments at which changes were detected."""
+    history, fit = session.history, session.fit
+    assert fit is not None
+    time, estimates, halves = (np.array(each) for each in (history.time, history.estimate, history.half_width))
+    order = np.argsort(time, kind="stable")
+    time, estimates, halves = time[order], estimates[order], np.nan_to_num(halves[order])
+    plots = []
+    for k, name in list(enumerate(fit.names))[:MOST_PLOTS]:
+        value, half = estimates[:, k], halves[:, k]
+        low, high = _range(value, half)
+        marks: list[Mark] = [
+            Band(time, np.maximum(value - half, low), np.minimum(value + half, high), "95 % interval", Ink.BLUE),
+            Line(time, np.clip(value, low, high), "estimate", Stroke(Ink.BLUE)),
+        ]
+        for j, change in enumerate(session.changes):
+            at = np.array([change.time, change.time])
+            marks.append(Line(at, np.array([low, high]), "change" if not j else "", Stroke(Ink.RED, Dash.DASHED, 0.8)))
+        plots.append(Plot(tuple(marks), Axis("Time", "s"), Axis(name, range=(low, high))))
+    return Figure(
+        f"{slug(fit.model.name)}-tracking",
+        "Estimates over time with 95 % intervals; dashed: detected changes.",
+        tuple(plots),
+        columns=min(2, len(plots)),
+    )
+
+
+def _range(value: np.ndarray, half: np.ndarray) -> tuple[float, float]:
+    """The range of the later estimates and their intervals, with a margin."""
+    late = slice(len(value) // 10, None)
+    low, high = np.quantile(value[late], (0.01, 0.99))
+    wide = float(np.quantile(half[late], 0.75))
+    room = 0.15 * float(high - low + 2 * wide) or 0.1 * abs(float(high)) or 1.0
+    return float(low) - wide - room, float(high) + wide + room
+
+
+def last_samples(session: Session) -> Figure:
+    """Input, and measured and predicted output of the last samples."""
+    records = [each for each, _ in session.recent]
+    first = records[0]
+    time = np.concatenate([each.time for each in records])
+    output = np.concatenate([each.output[:, 0] for each in records])
+    predicted = np.concatenate([each for _, each in session.recent])
+    order = np.argsort(time, kind="stable")
+    unit = views.channel_axis(first.output_names[0], first.output_units[0])
+    inputs = np.concatenate([each.input for each in records])
+    plots = [
+        Plot(
+            (
+                Line(time[order], output[order], "measured", Stroke(Ink.BLACK)),
+                Line(time[order], predicted[order], "predicted one step ahead", Stroke(Ink.RED, Dash.DASHED)),
+            ),
+            Axis("Time", "s"),
+            unit,
+        ),
+        *(
+            Plot(
+                (Line(time[order], inputs[order, k], stairs=True),),
+                Axis("Time", "s"),
+                views.channel_axis(first.input_names[k], first.input_units[k]),
+            )
+            for k in range(inputs.shape[1])
+        ),
+    ]
+    return Figure("last-samples", "The last samples.", tuple(plots), shared_x=True)

@@ -1,0 +1,97 @@
+"""Words for live tracking."""
+
+from __future__ import annotations
+
+from emsid.findings import Finding
+from emsid.wording.catalogue import Severity, Spelling, words
+
+CAUSES = {
+    "lost": "the source has left them out",
+    "unusable": "the lines between cannot be read",
+    "backwards": "the time of the source has stepped back, as after a reset",
+    "disconnected": "the source was disconnected",
+    "skipped": "the tracker was too slow for them",
+}
+
+
+def _duration(seconds: float) -> str:
+    """A time in the unit that suits its size."""
+    for size, unit in ((86400.0, "days"), (3600.0, "hours"), (60.0, "minutes")):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
+
+@words("change-detected", Severity.WARNING)
+def change_detected(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: time, since, delay, what (level or spread), false_alarm (mean time between them)."""
+    what = "level" if f.data["what"] == "level" else "size"
+    rate = f.data["false_alarm"]
+    alarms = "" if rate is None else f"; false alarms come once in {_duration(rate)} where the errors are white"
+    return (
+        f"at {f.data['time']:.6g} s the {what} of the prediction error of {f.subject} has changed, since about "
+        f"{f.data['since']:.6g} s (detected after {f.data['delay']:.3g} s): load or motor is different now{alarms}"
+    )
+
+
+@words("source-gap", Severity.WARNING)
+def source_gap(f: Finding, argument: Spelling) -> str:
+    """Subject: the source. Data: time, samples (None where not known), cause."""
+    count = f.data["samples"]
+    missing = (
+        "samples are missing" if count is None else f"{count} {'samples are' if count != 1 else 'sample is'} missing"
+    )
+    return f"{missing} before {f.data['time']:.6g} s: {CAUSES[f.data['cause']]}; the estimate goes on after the gap"
+
+
+@words("samples-not-tracked", Severity.WARNING)
+def samples_not_tracked(f: Finding, argument: Spelling) -> str:
+    """Subject: the source. Data: samples."""
+    return f"{f.data['samples']} samples of {f.subject} came faster than they were tracked; they are in the log only"
+
+
+@words("source-disconnected", Severity.WARNING)
+def source_disconnected(f: Finding, argument: Spelling) -> str:
+    """Subject: the source."""
+    return f"{f.subject} was disconnected; it is opened again as soon as it is there"
+
+
+@words("source-silent", Severity.WARNING)
+def source_silent(f: Finding, argument: Spelling) -> str:
+    """Subject: the source. Data: seconds."""
+    return f"{f.subject} has sent nothing for {f.data['seconds']:.3g} s"
+
+
+@words("lines-not-used", Severity.WARNING)
+def lines_not_used(f: Finding, argument: Spelling) -> str:
+    """Subject: the source. Data: lines (malformed), not_finite, example (a malformed line)."""
+    parts = []
+    if f.data["lines"]:
+        parts.append(f"{f.data['lines']} lines are no samples, such as {f.data['example']!r}")
+    if f.data["not_finite"]:
+        parts.append(f"{f.data['not_finite']} samples are not finite")
+    return f"{f.subject}: {' and '.join(parts)}; they are left out here and kept in the log"
+
+
+@words("log-not-written", Severity.PROBLEM)
+def log_not_written(f: Finding, argument: Spelling) -> str:
+    """Subject: the log. Data: reason, bytes."""
+    return (
+        f"{f.subject} cannot be written ({f.data['reason']}); {f.data['bytes']} bytes wait in memory, free space on "
+        "the disk"
+    )
+
+
+@words("tracking-errors-coloured", Severity.WARNING)
+def tracking_errors_coloured(f: Finding, argument: Spelling) -> str:
+    """Data: correlation."""
+    return (
+        f"neighbouring prediction errors have a correlation of {f.data['correlation']:.2f}: the structure misses a "
+        "part of the motion, intervals are too narrow and false alarms more frequent; choose a larger structure"
+    )
+
+
+@words("motor-not-at-zero", Severity.PROBLEM)
+def motor_not_at_zero(f: Finding, argument: Spelling) -> str:
+    """Subject: the source."""
+    return f"{f.subject} has not confirmed zero volts; switch the motor off by hand"

@@ -75,7 +75,7 @@ def serve(
         say_json(as_json({"schema": 1, "source": address, "terminal": server.terminal, "dt": dt, "pace": pace}))
     else:
         say(f"serving {address}" + (f" and {server.terminal}" if server.terminal else "") + "; Ctrl-C ends")
-    with INTERRUPTION.asked():
+    with INTERRUPTION.asked("ending; the motor is set to 0 V"):
         server.run(lambda: INTERRUPTION.pressed, duration)
     INTERRUPTION.pressed = False
 
@@ -162,7 +162,7 @@ def _driven(
     log = Log(out.with_suffix(".log.txt"))
     receiver = Receiver(opened, log, again)
     try:
-        with progress_bar() as progress, INTERRUPTION.asked():
+        with progress_bar() as progress, INTERRUPTION.asked("stopping the motor"), INTERRUPTION.put_off():
             control = Control(cancelled=lambda: INTERRUPTION.pressed, report=progress.control.report)
             result = drive(receiver, LineParser(header), signal, limits, control)
     finally:

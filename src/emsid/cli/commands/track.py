@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from emsid.models.regression.narx import Structure
     from emsid.record import Record
 
+ENDING = "ending; writing record and report"
 MOST_RECORDS = 50
 """Write at most this many stretches of samples as records; the log has all."""
 
@@ -157,7 +158,7 @@ def _followed(
     again = partial(open_source, session.name, baud) if is_connection(session.name) else None
     receiver = Receiver(opened, log, again)
     try:
-        with view_of(json, option) as view, INTERRUPTION.asked():
+        with view_of(json, option) as view, INTERRUPTION.asked(ENDING):
             for message in messages(session, receiver, LineParser(**reading), settings, log, _control(), begun):
                 view.show(message)
     finally:

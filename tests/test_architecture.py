@@ -34,6 +34,7 @@ LAYERS = (
     {"models"},
     {"validation"},
     {"io", "export", "live"},
+    {"first_look"},  # what a file holds, before anything is identified
     {"identification"},
     {"study"},
     {"report"},

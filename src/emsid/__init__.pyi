@@ -2,6 +2,7 @@ from . import blocks as blocks
 from . import estimation as estimation
 from . import excitation as excitation
 from . import findings as findings
+from . import first_look as first_look
 from . import identification as identification
 from . import plant as plant
 from . import plants as plants
@@ -22,6 +23,8 @@ from .estimation.linear.recursive import recursive_least_squares as recursive_le
 from .excitation import crest_factor as crest_factor
 from .excitation import largest_order as largest_order
 from .excitation import persistent_excitation_order as persistent_excitation_order
+from .first_look import FirstLook as FirstLook
+from .first_look import describe as describe
 from .identification import Identification as Identification
 from .identification import identify as identify
 from .identification.options import Options as Options

@@ -190,6 +190,29 @@ def _reader(
     return {name: value for name, value in given.items() if value not in (None, {}, [])}
 
 
+def as_options(reading: Mapping[str, Any]) -> list[str]:
+    """The words of a command line that give these arguments of `emsid.io.read`.
+
+    >>> as_options({"input": "u", "dt": 0.01, "units": {"y": "rpm"}, "resample": True, "rows": slice(2, None)})
+    ['--input', 'u', '--dt', '0.01', '--unit', 'y=rpm', '--resample', '--rows', '2:']
+    """
+    words: list[str] = []
+    for name, value in reading.items():
+        if value is True:
+            words.append(option(name))
+        elif isinstance(value, Mapping):
+            for column, each in value.items():
+                words += [option(name), f"{column}={each}"]
+        elif isinstance(value, slice):
+            ends = ("" if end is None else str(end) for end in (value.start, value.stop))
+            words += [option(name), ":".join(ends)]
+        elif value is not None and value is not False:
+            several = value if isinstance(value, (list, tuple)) else [value]
+            for each in several:
+                words += [option(name), f"{each:.10g}" if isinstance(each, float) else str(each)]
+    return words
+
+
 def reads_records(**defaults: Any) -> Callable[[Command], Command]:
     """Add the options of `_reader` to a command; its argument ``reader`` is the `Reader` made from them.
 

@@ -205,6 +205,14 @@ def show(table: Table) -> None:
     console.print(table)
 
 
+def width_of_terminal() -> int:
+    """The width in which `show` prints, in letters."""
+    from rich.console import Console
+
+    console = Console()
+    return console.width if console.is_terminal else 160
+
+
 class Progress:
     """Receiver of progress reports.
 

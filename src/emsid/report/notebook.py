@@ -19,12 +19,14 @@ import numpy as np
 from emsid.errors import DataError
 from emsid.estimation.fit import Ending, Fit
 from emsid.findings import Finding
+from emsid.first_look import FirstLook
 from emsid.identification import Identification
 from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record
 from emsid.report.document import Axis, Bars, Figure, Ink, Line, Plot, Stroke, Table
 from emsid.report.figures import draw, sheet
 from emsid.report.numbers import estimate, number
+from emsid.report.views import first_look
 from emsid.report.views.conventions import MEASURED, channels, output_axis
 from emsid.report.views.free_run import responses
 from emsid.report.views.tables import results_table
@@ -119,6 +121,14 @@ def _(comparison: Comparison) -> str:
 
 
 @text.register
+def _(look: FirstLook) -> str:
+    table = first_look.column_table(look)
+    rows = _aligned(table.header, table.rows, words=(0, 1, 2, 3, 4))
+    arguments = ", ".join(f"{name}={value!r}" for name, value in look.reading.items())
+    return "\n".join([table.caption, *rows, *first_look.lines(look), f"emsid.read({look.path!r}, {arguments})"])
+
+
+@text.register
 def _(result: Identification) -> str:
     return "\n".join([f"Free run on {result.ranked_on}:", text(result.on_unseen), *map(worded, _problems(result))])
 
@@ -165,6 +175,11 @@ def _(record: Record) -> Figure:
             line = Line(t, with_gaps(x, samples), stroke=Stroke(Ink.BLUE, width=0.9), stairs=values is record.input)
             plots.append(Plot((line,), TIME, Axis(name, unit), height=0.6))
     return Figure("record", f"{record.name}: inputs and outputs.", tuple(plots), shared_x=True)
+
+
+@figure.register
+def _(look: FirstLook) -> Figure | None:
+    return first_look.figure(look)
 
 
 @figure.register
@@ -256,6 +271,12 @@ def _(fit: Fit) -> tuple[list[str], Table | None, list[str]]:  # type: ignore[ty
     rows = tuple((row.name, row.unit, row.value, row.interval) for row in parameter_rows(fit))
     table = Table(("Parameter", "Unit", "Estimate", "95 % interval"), rows, text_columns=2)
     return [f"{fit.model.name}: {how_it_ended(fit)}"], table if rows else None, remarks(fit)
+
+
+@tables.register
+def _(look: FirstLook) -> tuple[list[str], Table | None, list[str]]:
+    table = first_look.column_table(look)
+    return [table.caption], table, first_look.lines(look)
 
 
 @tables.register

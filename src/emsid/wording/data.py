@@ -1,42 +1,339 @@
-"""Words for files and the quality of data."""
+"""Words for the quality of data: what a record allows, what it does not, and what to do next."""
 
 from __future__ import annotations
 
 from emsid.findings import Finding
+from emsid.units import with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.lists import shortened
+from emsid.wording.sureness import how_sure
 
-# --- how a file was read ----------------------------------------------------------------------------------------------
+
+def _milliseconds(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g} ms" if seconds < 1 else f"{seconds:.3g} s"
 
 
-@words("sample-time-implausible", Severity.WARNING)
-def sample_time_implausible(f: Finding, argument: Spelling) -> str:
-    """Subject: the record. Data: dt."""
-    dt = f.data["dt"]
-    if dt < 1:
-        return f"{f.subject}: a sample time of {dt:g} s is very short for a drive; check the unit of {argument('dt')}"
+def _in_unit(value: float, unit: str) -> str:
+    return with_unit(f"{value:.3g}", unit)
+
+
+# --- excitation ------------------------------------------------------------------------------------------------------
+
+
+@words("channel-constant", Severity.PROBLEM)
+def channel_constant(f: Finding, argument: Spelling) -> str:
+    """Subject: the channel. Data: level."""
+    return f"{f.subject} is constant at {f.data['level']:g}, so nothing can be identified; record with a changing input"
+
+
+@words("record-too-short", Severity.PROBLEM)
+def record_too_short(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: samples, needed."""
     return (
-        f"{f.subject}: a sample time of {dt:g} s is very long for a drive; if this number was meant in ms, give "
-        f"{argument('dt')} or {argument('time_unit')} in ms"
+        f"{f.subject} has {f.data['samples']} samples, too few for a dynamic model and unseen data; record at least "
+        f"{f.data['needed']}, better some hundred"
     )
 
 
-@words("rows-skipped", Severity.WARNING)
-def rows_skipped(f: Finding, argument: Spelling) -> str:
-    """Subject: the record. Data: count, rows, line, text (of the first; may be empty), messages."""
+@words("excitation-too-low", Severity.WARNING)
+def excitation_too_low(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: order, linear, friction."""
     d = f.data
-    text = f" ({d['text']!r})" if d["text"] else ""
+    return (
+        f"{f.subject} is persistently exciting of order {d['order']}; a linear model of second order needs "
+        f"{d['linear']}, friction terms {d['friction']}. Record with more levels or frequencies, such as an "
+        "amplitude-modulated PRBS"
+    )
+
+
+@words("excitation-linear-only", Severity.WARNING)
+def excitation_linear_only(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: order, linear, friction."""
+    d = f.data
+    return (
+        f"{f.subject} is persistently exciting of order {d['order']}: enough for a linear model of second order "
+        f"({d['linear']}), too little for friction terms ({d['friction']}). Record with more levels or frequencies for "
+        "these"
+    )
+
+
+@words("excitation-sufficient")
+def excitation_sufficient(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: order, linear, friction, at_least."""
+    at_least = "at least " if f.data["at_least"] else ""
+    return (
+        f"{f.subject} is persistently exciting of order {at_least}{f.data['order']}: enough for linear models and for "
+        "friction terms"
+    )
+
+
+@words("few-input-levels", Severity.WARNING)
+def few_input_levels(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: levels."""
+    return (
+        f"{f.subject} has only {f.data['levels']} levels, so these data cannot show dead zone, saturation or the shape "
+        "of friction; record with levels over the whole range, both directions included"
+    )
+
+
+@words("input-may-be-continuous")
+def input_may_be_continuous(f: Finding, argument: Spelling) -> str:
+    """Subject: the input."""
+    return (
+        f"{f.subject} is smooth and may go on between its samples; physical models decide this from the data unless "
+        f"{argument('hold')} is given"
+    )
+
+
+# --- response --------------------------------------------------------------------------------------------------------
+
+
+@words("output-without-sign", Severity.WARNING)
+def output_without_sign(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: input, confidence."""
+    return (
+        f"{f.subject} has one sign and {f.data['input']} has both: the sensor {how_sure(f.data['confidence'])} shows "
+        "the magnitude only; try a cascade with the static map abs"
+    )
+
+
+@words("no-response", Severity.WARNING)
+def no_response(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: input."""
+    return (
+        f"{f.subject} shows no clear response to {f.data['input']}; check that these are input and output "
+        f"({argument('input')}, {argument('output')}) of one experiment"
+    )
+
+
+@words("response-delay")
+def response_delay(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: input, delay (samples), time (s), confidence."""
+    d = f.data
+    many = "s" * (d["delay"] != 1)
+    return (
+        f"{f.subject} {how_sure(d['confidence'])} answers {d['input']} after {d['delay']} sample{many} "
+        f"({_milliseconds(d['time'])}), with the same sign"
+    )
+
+
+@words("response-negative", Severity.WARNING)
+def response_negative(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: input, delay (samples), time (s), confidence."""
+    d = f.data
+    return (
+        f"{f.subject} {how_sure(d['confidence'])} answers {d['input']} with the opposite sign, after {d['delay']} "
+        f"samples ({_milliseconds(d['time'])}): the leads or the sensor are reversed; turn the sign with "
+        f"{argument('scale')} {d['input']}=-1"
+    )
+
+
+@words("records-of-opposite-sign", Severity.WARNING)
+def records_of_opposite_sign(f: Finding, argument: Spelling) -> str:
+    """Subject: the first such record. Data: records, of."""
+    return (
+        f"the output has the opposite sign in {shortened(f.data['records'])} of {f.data['of']} records; turn it there "
+        f"with {argument('scale')}, or identify these records alone"
+    )
+
+
+@words("feedback-likely", Severity.WARNING)
+def feedback_likely(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: output, correlation, confidence."""
+    return (
+        f"{f.subject} {how_sure(f.data['confidence'])} depends on {f.data['output']} (feedback): what is new in it "
+        f"correlates by {f.data['correlation']:.2g} with earlier disturbances of the output. Rank models by the free "
+        "run on unseen data, or record without a controller"
+    )
+
+
+# --- motion ----------------------------------------------------------------------------------------------------------
+
+
+@words("all-standstill", Severity.PROBLEM)
+def all_standstill(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: share, reversals."""
+    return f"{f.subject} rests in the whole record, so nothing can be identified; record with a larger input"
+
+
+@words("much-standstill", Severity.WARNING)
+def much_standstill(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: share, reversals."""
+    return (
+        f"{f.subject} rests in {100 * f.data['share']:.0f} % of the samples and reverses {f.data['reversals']} times; "
+        "these samples tell of the dead zone only, so record with larger inputs for the rest"
+    )
+
+
+@words("motion")
+def motion(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: share, reversals."""
+    reversals = f.data["reversals"]
+    times = {0: "never reverses", 1: "reverses once"}.get(reversals, f"reverses {reversals} times")
+    return f"{f.subject} rests in {100 * f.data['share']:.2g} % of the samples and {times}"
+
+
+@words("dead-zone-likely")
+def dead_zone_likely(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: dead_zone, amplitude, inside, unit, confidence."""
+    d = f.data
+    return (
+        f"inputs up to {_in_unit(d['dead_zone'], d['unit'])} {how_sure(d['confidence'])} do not move the output (dead "
+        f"zone or static friction); {100 * d['inside']:.0f} % of {f.subject} is inside, and 10 % of it is above "
+        f"{_in_unit(d['amplitude'], d['unit'])}"
+    )
+
+
+@words("amplitude-near-dead-zone", Severity.WARNING)
+def amplitude_near_dead_zone(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: dead_zone, amplitude, inside, unit, confidence."""
+    d = f.data
+    return (
+        f"inputs up to {_in_unit(d['dead_zone'], d['unit'])} {how_sure(d['confidence'])} do not move the output, and "
+        f"only 10 % of {f.subject} is above {_in_unit(d['amplitude'], d['unit'])}; record with at least three times "
+        "this dead zone"
+    )
+
+
+# --- sensor and clock ------------------------------------------------------------------------------------------------
+
+
+@words("coarse-values", Severity.WARNING)
+def coarse_values(f: Finding, argument: Spelling) -> str:
+    """Subject: the channel. Data: step, levels (standard deviation in steps)."""
+    return (
+        f"{f.subject} has steps of {f.data['step']:g}, and its standard deviation is {f.data['levels']:.2g} of them; "
+        "one-step errors then show the rounding, so compare free runs, or measure over a longer time or with a finer "
+        "sensor"
+    )
+
+
+@words("values-cut-off", Severity.WARNING)
+def values_cut_off(f: Finding, argument: Spelling) -> str:
+    """Subject: the channel. Data: side, limit, share."""
+    d = f.data
+    return (
+        f"{f.subject} stands at its {d['side']} limit {d['limit']:g} in {100 * d['share']:.2g} % of the samples, as a "
+        "saturated sensor or command does; where the true value is unknown, leave these samples out with "
+        f"{argument('mask')}"
+    )
+
+
+@words("command-limited")
+def command_limited(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: side, limit, share."""
+    d = f.data
+    return f"{f.subject} stands at its {d['side']} limit {d['limit']:g} in {100 * d['share']:.2g} % of the samples"
+
+
+@words("outliers", Severity.WARNING)
+def outliers(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: count, sample, size, confidence."""
+    d = f.data
     many = d["count"] > 1
     return (
-        f"{f.subject}: {d['count']} of {d['rows']:,} rows {'are' if many else 'is'} no numbers and "
-        f"{'were' if many else 'was'} skipped; {'the first' if many else 'it'} is row {d['line']}{text}"
+        f"{f.subject} {how_sure(d['confidence'])} has {d['count']} outlier{'s' * many} of up to {d['size']:.3g}, "
+        f"{'the first' if many else 'it is'} at sample {d['sample']}; leave {'them' if many else 'it'} out with "
+        f"{argument('mask')}"
     )
 
 
-@words("clock-reset")
-def clock_reset(f: Finding, argument: Spelling) -> str:
-    """Subject: the record. Data: count, column, line (row of the file with the first)."""
-    d = f.data
-    times = "once" if d["count"] == 1 else f"{d['count']} times"
+@words("clock-jitters", Severity.WARNING)
+def clock_jitters(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: jitter (share of the sample time), deviation (s)."""
     return (
-        f"{f.subject}: {d['column']} begins again {times}, first in row {d['line']}; each part is a segment of its own"
+        f"the steps of time differ by up to {100 * f.data['jitter']:.2g} % ({_milliseconds(f.data['deviation'])}); "
+        f"they are taken as equal. {argument('resample')} interpolates"
+    )
+
+
+@words("samples-repeated", Severity.WARNING)
+def samples_repeated(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: factor, dt (s), better (s)."""
+    d = f.data
+    return (
+        f"{f.subject} changes at every {d['factor']}th sample only: it is measured every {_milliseconds(d['better'])} "
+        f"and logged every {_milliseconds(d['dt'])}. Keep every {d['factor']}th sample with {argument('decimate')} "
+        f"{d['factor']}"
+    )
+
+
+@words("aliasing-possible", Severity.WARNING)
+def aliasing_possible(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: share, frequency (Hz), confidence."""
+    d = f.data
+    return (
+        f"{100 * d['share']:.0f} % of the power of {f.subject} is above {d['frequency']:.3g} Hz, close to half the "
+        f"sampling frequency: {how_sure(d['confidence'])} noise, or faster motion that sampling folds down (aliasing). "
+        "Sample faster, or filter before sampling"
+    )
+
+
+@words("sampling-too-slow", Severity.WARNING)
+def sampling_too_slow(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: time_constant (s), samples, dt (s), confidence."""
+    d = f.data
+    return (
+        f"the response of {f.subject} takes about {d['samples']:.2g} samples ({_milliseconds(d['time_constant'])}), "
+        f"{how_sure(d['confidence'])} too few to see its shape; sample at least five times faster"
+    )
+
+
+@words("sampling-too-fast", Severity.WARNING)
+def sampling_too_fast(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: time_constant (s), samples, dt (s), factor, confidence."""
+    d = f.data
+    return (
+        f"the response of {f.subject} takes about {d['samples']:.0f} samples ({_milliseconds(d['time_constant'])}), "
+        f"{how_sure(d['confidence'])} more than a model needs; {argument('decimate')} {d['factor']} makes the search "
+        "faster and the estimates less sensitive to noise"
+    )
+
+
+@words("output-drifts", Severity.WARNING)
+def output_drifts(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: change, unit, confidence."""
+    d = f.data
+    return (
+        f"{f.subject} {how_sure(d['confidence'])} drifts by {_in_unit(d['change'], d['unit'])} over the record, which "
+        f"the input does not explain; let it warm up before recording, or subtract a line with {argument('detrend')} 1"
+    )
+
+
+# --- nonlinearity ----------------------------------------------------------------------------------------------------
+
+
+@words("distortion-levels")
+def distortion_levels(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: periods, period (s), lines, noise, even, odd (shares of the amplitude)."""
+    d = f.data
+    largest = max(d["even"], d["odd"])
+    nonlinear = largest > max(0.02, 2 * d["noise"])
+    then = "a nonlinear model is needed" if nonlinear else "a linear model is enough at this amplitude"
+    return (
+        f"over {d['periods']} periods of {_milliseconds(d['period'])}, {f.subject} has {100 * d['noise']:.2g} % noise, "
+        f"{100 * d['even']:.2g} % even distortion (unsymmetric) and {100 * d['odd']:.2g} % odd distortion (dead zone, "
+        f"friction, saturation): {then}"
+    )
+
+
+@words("nonlinear-likely")
+def nonlinear_likely(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: share (of the variance), of_residual, coherence, fit_percent, confidence."""
+    d = f.data
+    return (
+        f"the relation to {f.subject} is {how_sure(d['confidence'])} nonlinear: simple nonlinear functions explain "
+        f"{100 * d['of_residual']:.2g} % of the error of a linear model (free-run fit {d['fit_percent']:.0f} %, "
+        f"coherence {d['coherence']:.2g}). Fit friction and cascade models as well"
+    )
+
+
+@words("nearly-linear")
+def nearly_linear(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: share (of the variance), of_residual, coherence, fit_percent, confidence."""
+    d = f.data
+    return (
+        f"no clear nonlinearity of {f.subject} is seen: simple nonlinear functions explain "
+        f"{100 * d['of_residual']:.2g} % of the error of a linear model (free-run fit {d['fit_percent']:.0f} %, "
+        f"coherence {d['coherence']:.2g}). Compare other models with a linear one"
     )

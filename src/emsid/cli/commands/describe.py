@@ -1,25 +1,34 @@
 """``emsid describe``."""
 
+import shlex
+import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from emsid.cli.app import app
-from emsid.cli.options import Json
-from emsid.cli.reading import reads_records
-from emsid.cli.terminal import say, say_json
-from emsid.cli.writing import as_json
+from emsid.cli.options import Json, option
+from emsid.cli.reading import as_options, reads_records
+from emsid.cli.terminal import say, say_json, show, text_table, width_of_terminal
+from emsid.cli.writing import as_json, check_folder, draw, say_where
 
-ENOUGH = 4
-"""An order of persistent excitation that is enough for a small model: two past outputs and two past inputs."""
+if TYPE_CHECKING:
+    from emsid.findings import Finding
+    from emsid.first_look import FirstLook
+
+IN_FULL = 3
+"""Of more files than this, each is described in a line."""
+USELESS = {"record-too-short", "channel-constant", "all-standstill", "not-readable", "no-role-found"}
+"""Findings with which there is nothing to identify."""
 
 
 @app.command()
 @reads_records()
 def describe(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records.")],
     reader: Any,
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Files to look at.")],
     tolerance: Annotated[
         float,
         typer.Option(
@@ -27,69 +36,138 @@ def describe(
             help="Singular values of the lagged input below this fraction of the largest are no excitation.",
         ),
     ] = 1e-3,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write a page with plots into this folder.")] = None,
     json: Json = False,
 ) -> None:
-    """Show what a record contains.
+    """Look at files: their columns, the likely input, output and time, and the quality of the data.
 
-    Samples, segments, time axis, ranges, crest factor, order of persistent excitation.
+    No option is needed: what is not given is guessed. The last line is a command for `emsid identify`.
 
     \b
-    Example:
-      emsid describe log.csv --input voltage --output speed --time t
+    Examples:
+      emsid describe log.csv
+      emsid describe log.csv --output speed --dt 10ms --out page
     """
-    from emsid.excitation import crest_factor, largest_order, persistent_excitation_order
-    from emsid.units import with_unit
+    from emsid.first_look import describe_files
+    from emsid.wording import sentence
 
-    documents: list[dict[str, Any]] = []
-    for path in files:
-        record = reader(path)
-        order, largest = persistent_excitation_order(record, tolerance=tolerance), largest_order(record)
-        crest = crest_factor(record)
-        channels = zip(record.input_names + record.output_names, record.input_units + record.output_units, strict=True)
-        if json:
-            described = [(name, unit, record.channel(name)) for name, unit in channels]
-            documents.append(
-                {
-                    "record": record.name,
-                    "samples": len(record),
-                    "segments": len(record.breaks) + 1,
-                    "dt": record.dt,
-                    "channels": [
-                        {
-                            "name": n,
-                            "unit": u,
-                            "min": float(x.min()),
-                            "max": float(x.max()),
-                            "mean": float(x.mean()),
-                            "deviation": float(x.std()),
-                        }
-                        for n, u, x in described
-                    ],
-                    "crest_factor": float(crest),
-                    "persistent_excitation_order": int(order),
-                    "at_least": bool(order == largest),
-                }
-            )
-            continue
-        say(str(record))
-        if record.time_axis is not None:
-            say(f"  time column {reader.given['time']}: {record.time_axis}")
-        for name, unit in channels:
-            x = record.channel(name)
-            span = with_unit(f"{x.min():.5g} … {x.max():.5g}", unit)
-            say(f"  {name}: {span}, mean {x.mean():.5g}, deviation {x.std():.5g}")
-        say(f"  input crest factor {crest:.2f}")
-        at_least = "at least " if order == largest else ""
-        say(f"  order of persistent excitation {at_least}{order}: {verdict(order)}")
+    if out is not None:
+        check_folder(out)
+    looks, together = describe_files(files, tolerance=tolerance, **reader.given)
+    commands = [shlex.join(words) for words in proposals(looks)]
     if json:
-        say_json(as_json({"schema": 1, "records": documents}))
+        documents = [as_document(look) for look in looks]
+        found = [finding.to_data() for finding in together]
+        say_json(as_json({"schema": 1, "records": documents, "findings": found, "commands": commands}))
+    else:
+        for look in looks:
+            if len(looks) > IN_FULL:
+                say(f"{look.name}: {look.record if look.record is not None else 'no record'}")
+            else:
+                _print(look)
+        if len(looks) > IN_FULL:
+            say(*_counted(looks))
+        say(*(f"- {sentence(finding, option)}" for finding in together))
+    if out is not None:
+        from emsid.report.views.first_look import report
+
+        drawn = draw(out, lambda: report(looks, together, commands, option))
+        if not json:
+            say_where(out, drawn)
+    if not json:
+        say("", "next:" if commands else "nothing to identify here: see above", *(f"  {each}" for each in commands))
 
 
-def verdict(order: int) -> str:
-    """What an order of persistent excitation allows to estimate.
+def _print(look: "FirstLook") -> None:
+    """Everything about a file."""
+    from emsid.report.views.first_look import column_table, curves, lines
 
-    A linear model with n parameters needs an input of order n (Ljung, section 13.2).
-    """
-    if order < ENOUGH:
-        return "too low for most models; record with an input of more levels or frequencies"
-    return f"the input is rich enough for linear models with up to {order} parameters"
+    show(text_table(column_table(look)))
+    if (sys.stdout.encoding or "").lower().startswith("utf"):
+        say(*curves(look, min(width_of_terminal(), 110)))
+    say(*lines(look, option))
+    if look.record is not None and look.record.input.any():
+        from emsid.excitation import crest_factor
+
+        say(f"  input crest factor {crest_factor(look.record):.2f}")
+
+
+def _counted(looks: "Sequence[FirstLook]") -> list[str]:
+    """The findings of many files: the first of each code, and in how many files there are such."""
+    from emsid.wording import sentence
+
+    by_code: dict[str, list[Finding]] = {}
+    for look in looks:
+        for code, finding in {finding.code: finding for finding in look.findings}.items():
+            by_code.setdefault(code, []).append(finding)
+    return [f"- in {len(found)} of {len(looks)} files: {sentence(found[0], option)}" for found in by_code.values()]
+
+
+def proposals(looks: "Sequence[FirstLook]") -> list[list[str]]:
+    """The words of the commands to run next: one for all files that are read in the same way."""
+    kinds: dict[str, list[FirstLook]] = {}
+    for look in looks:
+        if not USELESS & {finding.code for finding in look.findings}:
+            kinds.setdefault(repr(sorted(look.reading.items(), key=str)), []).append(look)
+    return [
+        ["emsid", "identify", *(look.path for look in alike), *as_options(alike[0].reading)] for alike in kinds.values()
+    ]
+
+
+def as_document(look: "FirstLook") -> dict[str, Any]:
+    """A look as JSON: the columns, the guesses, the record and the findings."""
+    from emsid.excitation import crest_factor, largest_order, persistent_excitation_order
+    from emsid.findings import plain
+
+    document: dict[str, Any] = {
+        "file": look.path,
+        "rows": look.rows,
+        "columns": [
+            {
+                "name": column.name,
+                "kind": column.kind,
+                "quantity": column.meaning.quantity.value,
+                "unit": column.meaning.unit,
+                "low": column.low,
+                "high": column.high,
+                "step": column.step,
+                "missing": column.missing,
+                "codes": [{"value": code.value, "count": code.count, "output": code.response} for code in column.codes],
+            }
+            for column in look.columns
+        ],
+        "guesses": {
+            "input": {"column": look.roles.input, "confidence": look.roles.input_confidence},
+            "output": {"column": look.roles.output, "confidence": look.roles.output_confidence},
+            "time": {"column": look.clock.column, "dt": look.clock.dt, "confidence": look.clock.confidence},
+        },
+        "response": {"delay": look.response.delay, "sign": look.response.sign},
+        "findings": [finding.to_data() for finding in look.findings],
+    }
+    record = look.record
+    if record is not None:
+        order, largest = persistent_excitation_order(record, tolerance=look.tolerance), largest_order(record)
+        names, units = record.input_names + record.output_names, record.input_units + record.output_units
+        described = [(name, unit, record.channel(name)) for name, unit in zip(names, units, strict=True)]
+        document |= {
+            "record": record.name,
+            "samples": len(record),
+            "segments": len(record.breaks) + 1,
+            "dt": record.dt,
+            "channels": [
+                {
+                    "name": name,
+                    "unit": unit,
+                    "min": float(x.min()),
+                    "max": float(x.max()),
+                    "mean": float(x.mean()),
+                    "deviation": float(x.std()),
+                }
+                for name, unit, x in described
+            ],
+            "crest_factor": float(crest_factor(record)) if record.input.any() else None,
+            "persistent_excitation_order": int(order),
+            "at_least": bool(order == largest),
+        }
+    result: dict[str, Any] = plain(document)
+    return result

@@ -1,0 +1,339 @@
+"""What the data of a record allow, and what they do not: findings before any model is fitted.
+
+Every finding says how sure it is, as ``confidence`` from 0 to 1, and its sentence says what to do next.
+
+References:
+    Ljung, L. (1999). System Identification: Theory for the User, 2nd ed., chapters 13 (experiments) and 14 (data).
+    Åström, K. J., and Wittenmark, B. (1997). Computer-Controlled Systems, 3rd ed., section 2.9: 4 to 10 samples in a
+    rise time for control; identification takes more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from emsid.excitation import largest_order, persistent_excitation_order
+from emsid.excitation.between_samples import may_be_continuous, repeats
+from emsid.findings import Finding
+from emsid.first_look.baseline import Baseline, baseline
+from emsid.first_look.columns import FEWEST_LEVELS, quantisation
+from emsid.first_look.dynamics import Response, correlation, feedback
+from emsid.first_look.nonlinearity import nonlinearity
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+LINEAR_ORDER, FRICTION_ORDER = 4, 8
+"""The order of excitation that a linear model of second order needs, and that of a regression with friction terms."""
+TOLERANCE = 1e-3
+"""Singular values of the lagged input below this share of the largest are no excitation."""
+REST = 0.02
+"""An output below this share of its largest absolute value is at rest."""
+MUCH_REST = 0.3
+"""A larger share of samples at rest is mentioned."""
+FEEDBACK = 0.15
+"""An input that is correlated more than this with earlier errors of the output depends on it."""
+FEW_STEPS = 8
+"""A deviation of fewer quantisation steps is coarse."""
+FASTEST, SLOWEST = 1.5, 200.0
+"""Samples in a time constant below which sampling is too slow, and above which it is too fast."""
+SPIKE = 12.0
+"""A single sample so many standard deviations away from its neighbours is an outlier."""
+
+
+@dataclass(frozen=True)
+class _Data:
+    """What the checks share: the first input and output, and a linear model of them."""
+
+    record: Record
+    response: Response
+    tolerance: float
+
+    @property
+    def u(self) -> Array:
+        """(N,) the first input."""
+        return self.record.input[:, 0]
+
+    @property
+    def y(self) -> Array:
+        """(N,) the first output."""
+        return self.record.output[:, 0]
+
+    @property
+    def input(self) -> str:
+        """The name of the first input."""
+        return self.record.input_names[0]
+
+    @property
+    def output(self) -> str:
+        """The name of the first output."""
+        return self.record.output_names[0]
+
+    @cached_property
+    def resting(self) -> NDArray[np.bool_]:
+        """(N,) whether the output is at rest."""
+        return np.asarray(np.abs(self.y) <= REST * np.max(np.abs(self.y)))
+
+    @cached_property
+    def linear(self) -> Baseline | None:
+        """A linear model of the first output, where there is one."""
+        return baseline(self.record, self.response.delay)
+
+
+def advice(record: Record, response: Response, tolerance: float = TOLERANCE) -> list[Finding]:
+    """Findings about the quality of the data in a record.
+
+    Args:
+        record: at least one output.
+        response: of its first output to its first input.
+        tolerance: singular values of the lagged input below this share of the largest are no excitation.
+    """
+    if not record.output.shape[1]:
+        return []
+    constant = [name for name in record.input_names + record.output_names if not np.ptp(record.channel(name))]
+    if constant:
+        return [Finding("channel-constant", name, {"level": float(record.channel(name)[0])}) for name in constant]
+    if len(record) < FEWEST_SAMPLES:
+        return [Finding("record-too-short", record.name, {"samples": len(record), "needed": FEWEST_SAMPLES})]
+    data = _Data(record, response, tolerance)
+    return [finding for check in CHECKS for finding in check(data)]
+
+
+FEWEST_SAMPLES = 50
+"""Nothing is said about the dynamics of a shorter record."""
+
+
+def excitation(data: _Data) -> Iterable[Finding]:
+    """The order of persistent excitation against what models need."""
+    order = persistent_excitation_order(data.record, tolerance=data.tolerance)
+    numbers = {"order": int(order), "linear": LINEAR_ORDER, "friction": FRICTION_ORDER}
+    if order < LINEAR_ORDER:
+        yield Finding("excitation-too-low", data.input, numbers)
+    elif order < FRICTION_ORDER:
+        yield Finding("excitation-linear-only", data.input, numbers)
+    else:
+        at_least = order == largest_order(data.record)
+        yield Finding("excitation-sufficient", data.input, numbers | {"at_least": bool(at_least)})
+    pieces = [piece.input[:, 0] for piece in data.record.segments]
+    if may_be_continuous(pieces):
+        yield Finding("input-may-be-continuous", data.input)
+    levels = len(np.unique(np.round(data.u / np.ptp(data.u), 3)))
+    if levels <= 3:
+        yield Finding("few-input-levels", data.input, {"levels": levels})
+
+
+def answer(data: _Data) -> Iterable[Finding]:
+    """Delay and sign of the response, and feedback."""
+    yield from _without_sign(data)
+    response, dt = data.response, data.record.dt
+    back = 0.0 if repeats([data.u]) else feedback(data.u, data.y, 0 if response.delay else 1)
+    if back > FEEDBACK:
+        sure = round(min(0.9, 0.5 + 2 * back), 2)
+        yield Finding("feedback-likely", data.input, {"output": data.output, "correlation": back, "confidence": sure})
+    if response.delay is None:
+        yield Finding("no-response", data.output, {"input": data.input})
+        return
+    sure = round(min(0.99, 0.5 + 0.5 * abs(response.correlation)), 2)
+    shared = {"input": data.input, "delay": response.delay, "time": response.delay * dt, "confidence": sure}
+    yield Finding("response-negative" if response.sign < 0 else "response-delay", data.output, shared)
+
+
+def _without_sign(data: _Data) -> Iterable[Finding]:
+    """An output that has one sign although the input has both."""
+    positive = float(np.mean(data.u > 0.1 * np.max(np.abs(data.u))))
+    negative = float(np.mean(data.u < -0.1 * np.max(np.abs(data.u))))
+    low, high = float(data.y.min()), float(data.y.max())
+    if min(positive, negative) < 0.1 or (low < -0.03 * high and high > -0.03 * low):
+        return
+    signed, unsigned = (abs(correlation(u, data.y, data.record.breaks, 0)) for u in (data.u, np.abs(data.u)))
+    if signed < 0.3 or unsigned > signed:
+        yield Finding("output-without-sign", data.output, {"input": data.input, "confidence": 0.5})
+
+
+def motion(data: _Data) -> Iterable[Finding]:
+    """Standstill, reversals, and the amplitude of the input against the dead zone."""
+    share = float(np.mean(data.resting))
+    moving = np.sign(data.y[~data.resting])
+    reversals = int(np.count_nonzero(np.diff(moving)))
+    numbers = {"share": share, "reversals": reversals}
+    if share > 1 - 1e-3 or not len(moving):
+        yield Finding("all-standstill", data.output, numbers)
+        return
+    yield Finding("much-standstill" if share > MUCH_REST else "motion", data.output, numbers)
+    zone = dead_zone(data.u, data.resting)
+    amplitude = float(np.percentile(np.abs(data.u), 90))
+    if zone is not None:
+        inside = float(np.mean(np.abs(data.u) <= zone))
+        unit = data.record.input_units[0]
+        zones = {"dead_zone": zone, "amplitude": amplitude, "inside": inside, "unit": unit, "confidence": 0.7}
+        code = "amplitude-near-dead-zone" if amplitude < 2.5 * zone else "dead-zone-likely"
+        yield Finding(code, data.input, zones)
+
+
+def dead_zone(u: Array, resting: NDArray[np.bool_]) -> float | None:
+    """The input below which the output mostly rests; None where no such limit is seen.
+
+    Args:
+        u: (N,) the input.
+        resting: (N,) whether the output is at rest.
+    """
+    size = np.abs(u)
+    edges = np.quantile(size, np.linspace(0, 1, 31))
+    edges = np.unique(edges)
+    if len(edges) < 4 or not 0.01 < resting.mean() < 0.95:
+        return None
+    which = np.clip(np.searchsorted(edges, size, side="right") - 1, 0, len(edges) - 2)
+    counts = np.bincount(which, minlength=len(edges) - 1)
+    share = np.bincount(which, weights=resting, minlength=len(edges) - 1) / np.maximum(counts, 1)
+    known = counts > 0
+    share, upper = share[known], edges[1:][known]
+    inside = np.flatnonzero(share > 0.5)
+    if not len(inside) or inside[-1] == len(share) - 1 or inside[0] > 1:
+        return None
+    last = int(inside[-1])
+    zone = float(upper[last])
+    clear = share[: last + 1].mean() > 0.5 and share[last + 1 :].mean() < 0.2 and zone > 0.01 * size.max()
+    return float(f"{zone:.3g}") if clear else None
+
+
+def resolution(data: _Data) -> Iterable[Finding]:
+    """Quantisation of the output, and samples at a limit of its range."""
+    for name, x in ((data.output, data.y), (data.input, data.u)):
+        levels, counts = np.unique(x, return_counts=True)
+        step = quantisation(levels)
+        is_output = name == data.output
+        if is_output and step is not None and x.std() < FEW_STEPS * step:
+            yield Finding("coarse-values", name, {"step": step, "levels": float(x.std() / step)})
+        if len(levels) < FEWEST_LEVELS:
+            continue
+        for side, k, near in (("lower", 0, counts[1:11]), ("upper", -1, counts[-11:-1])):
+            share = float(counts[k] / counts.sum())
+            at_rest = abs(levels[k]) <= REST * np.max(np.abs(x))
+            if share < 0.01 or counts[k] < 10 * np.median(near) or at_rest:
+                continue
+            if is_output and not _moves_meanwhile(data.u, x == levels[k]):
+                continue
+            code = "values-cut-off" if is_output else "command-limited"
+            yield Finding(code, name, {"side": side, "limit": float(levels[k]), "share": share})
+
+
+def _moves_meanwhile(u: Array, there: NDArray[np.bool_]) -> bool:
+    """Whether an input varies while the output stands at a limit; else the output may have settled there."""
+    inside = there[1:] & there[:-1]
+    changes = np.count_nonzero((np.diff(u) != 0) & inside)
+    return bool(changes > 0.05 * np.count_nonzero(inside) and u[there].std() > 0.02 * np.ptp(u))
+
+
+def outliers(data: _Data) -> Iterable[Finding]:
+    """Single samples far from both neighbours."""
+    y = data.y
+    middle = np.median(np.stack([y[:-2], y[1:-1], y[2:]]), axis=0)
+    away = np.abs(y[1:-1] - middle)
+    steps = np.abs(np.diff(y))
+    usual = max(float(np.percentile(steps, 95)), 1e-9 * float(np.ptp(y)))
+    spread = 1.4826 * float(np.median(np.abs(y - np.median(y))))
+    found = 1 + np.flatnonzero((away > SPIKE * usual) & (away > 3 * spread) & (middle != y[1:-1]))
+    if 0 < len(found) < 0.01 * len(y):
+        size = float(np.max(away[found - 1]))
+        yield Finding(
+            "outliers", data.output, {"count": len(found), "sample": int(found[0]), "size": size, "confidence": 0.8}
+        )
+
+
+def sampling(data: _Data) -> Iterable[Finding]:
+    """Jitter, repeated samples, aliasing, and the sample time against the time constant."""
+    axis, dt = data.record.time_axis, data.record.dt
+    if axis is not None and axis.jitter > 0.01:
+        yield Finding(
+            "clock-jitters", data.record.name, {"jitter": float(axis.jitter), "deviation": float(axis.deviation)}
+        )
+    held = repeated(data.y[~data.resting] if (~data.resting).any() else data.y)
+    if held > 1:
+        yield Finding("samples-repeated", data.output, {"factor": held, "dt": dt, "better": held * dt})
+        return
+    frequency, power = welch(data.y - data.y.mean(), fs=1 / dt, nperseg=min(len(data.y), 1024))
+    total = float(power[1:].sum())
+    high = float(power[frequency > 0.35 / dt].sum() / total) if total else 0.0
+    if high > 0.05:
+        yield Finding("aliasing-possible", data.output, {"share": high, "frequency": 0.35 / dt, "confidence": 0.5})
+    if data.linear is None or data.linear.fit < 0.7:
+        return
+    samples = data.linear.time_constant
+    numbers = {"time_constant": samples * dt, "samples": samples, "dt": dt, "confidence": round(data.linear.fit, 2)}
+    if samples < FASTEST:
+        yield Finding("sampling-too-slow", data.output, numbers)
+    elif SLOWEST < samples < np.inf:
+        yield Finding("sampling-too-fast", data.output, numbers | {"factor": int(samples // 50)})
+
+
+def repeated(y: Array) -> int:
+    """Every value of y (N,) is repeated so many times, as where a log is faster than its sensor; 1 where it is not."""
+    changes = np.flatnonzero(np.diff(y) != 0)
+    if len(changes) < 30:
+        return 1
+    distances, sizes = np.diff(changes), np.abs(y[changes + 1] - y[changes])
+    usual = int(np.median(distances))
+    step = quantisation(np.unique(y)) or 0.0
+    if usual < 2 or np.median(sizes) < 1.5 * step:  # slow changes of a coarse sensor repeat values as well
+        return 1
+    early, late = np.percentile(distances, (25, 75))
+    return usual if late - early <= 0.35 * usual and np.mean(distances < 0.6 * usual) < 0.2 else 1
+
+
+def drift(data: _Data) -> Iterable[Finding]:
+    """A slow change of the output that the input does not explain."""
+    if data.linear is None or data.linear.fit < 0.3:
+        return
+    changing = baseline(data.record.detrend(1), data.response.delay)  # so that no slow pole follows the drift
+    if changing is None:
+        return
+    t = np.linspace(-0.5, 0.5, len(data.y))
+    trends = [float(t @ (x - x.mean()) / (t @ t)) for x in (data.y, data.u)]
+    residual = changing.residual + t * (trends[0] - changing.gain * trends[1])
+    blocks = [float(part.mean()) for part in np.array_split(residual, 12)]
+    k = np.arange(12.0) - 5.5
+    slope = float(k @ blocks / (k @ k))
+    rest = np.array(blocks) - np.mean(blocks) - slope * k
+    error = float(np.sqrt(rest @ rest / 10 / (k @ k)))
+    change = 12 * slope
+    if abs(slope) > 6 * error and abs(change) > 0.1 * data.y.std():
+        sure = round(min(0.95, abs(slope) / error / 20 + 0.5), 2)
+        unit = data.record.output_units[0]
+        yield Finding("output-drifts", data.output, {"change": change, "unit": unit, "confidence": sure})
+
+
+def straightness(data: _Data) -> Iterable[Finding]:
+    """How nonlinear the relation is."""
+    yield from nonlinearity(data.record, data.response, data.linear)
+
+
+CHECKS: tuple[Callable[[_Data], Iterable[Finding]], ...] = (
+    excitation,
+    answer,
+    motion,
+    resolution,
+    outliers,
+    sampling,
+    drift,
+    straightness,
+)
+"""All checks, in the order of their findings."""
+
+
+def opposite_signs(responses: Iterable[tuple[str, Response]]) -> list[Finding]:
+    """Records in which the output answers with the other sign than in most.
+
+    Args:
+        responses: the name of each record, and its response.
+    """
+    known = [(name, response) for name, response in responses if response.sign]
+    total = sum(response.sign for _, response in known)
+    usual = 1 if total >= 0 else -1
+    odd = [name for name, response in known if response.sign != usual]
+    return [Finding("records-of-opposite-sign", odd[0], {"records": odd, "of": len(known)})] if odd else []

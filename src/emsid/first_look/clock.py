@@ -1,0 +1,175 @@
+"""The sample time of a file: from a time column, from the lines above the header, or from the name of the file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import DataError
+from emsid.first_look.columns import Column
+from emsid.first_look.names import ColumnQuantity
+from emsid.io.reading import SECONDS, clock_resets
+from emsid.record.time_axis import TimeAxis, time_axis
+
+Array = NDArray[np.float64]
+
+PLAUSIBLE = (20e-6, 0.3)
+"""Sample times in seconds of ordinary logs of drives."""
+ASSUMED = 1.0
+"""The sample time in seconds where nothing says one."""
+
+_DT = re.compile(r"\b(?:dt|Ts|sample[ _]?time|period)\b\W{0,3}(\d+(?:\.\d+)?(?:[eE]-?\d+)?)\s*(ns|us|µs|ms|s)?", re.I)
+_RATE = re.compile(r"(\d+(?:\.\d+)?)\s*(k?Hz)\b", re.I)
+_IN_NAME = re.compile(
+    r"(?:^|[^A-Za-z0-9])(?:dt)?_?(\d+(?:\.\d+)?)(ns|us|ms|Hz|kHz)(?![A-Za-z])|(?<![A-Za-z])dt_?(\d+)()"
+)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The times of the samples.
+
+    Attributes:
+        dt: sample time in seconds.
+        source: ``column``, ``preamble``, ``file name``, or ``nothing``, where it is assumed.
+        confidence: of the sample time, from 0 to 1.
+        column: the time column; empty where there is none.
+        unit: of the time column or of the number found; empty for dates and times.
+        unit_confidence: of the unit.
+        axis: the regularity of the time column, in seconds and without resets.
+        resets: the rows at which the clock begins again.
+    """
+
+    dt: float
+    source: str
+    confidence: float
+    column: str = ""
+    unit: str = "s"
+    unit_confidence: float = 1.0
+    axis: TimeAxis | None = None
+    resets: tuple[int, ...] = ()
+
+
+def find_clock(columns: Sequence[Column], preamble: Sequence[str], file: str, wanted: str = "") -> Clock:
+    """The clock of a file.
+
+    Args:
+        columns: of the file.
+        preamble: the lines above its header.
+        file: its name.
+        wanted: the time column, where the user gives it.
+    """
+    scored = sorted(((_like_time(column), -k) for k, column in enumerate(columns)), reverse=True)
+    for score, k in scored:
+        column = columns[-k]
+        if column.name == wanted or (not wanted and score > 0.3):
+            clock = _of_column(column, 1.0 if wanted else score)
+            if clock is not None:
+                return clock
+    return _of_text(preamble, file) or Clock(ASSUMED, "nothing", 0.0)
+
+
+def _like_time(column: Column) -> float:
+    """How sure it is that a column is the time."""
+    if column.kind == "text" or column.constant or column.rows < 3 or column.missing > 0.02 * column.rows:
+        return 0.0
+    values = column.values[np.isfinite(column.values)]
+    steps = np.diff(values)
+    forward = float(np.mean(steps > 0))
+    if column.kind == "times":
+        return 0.95 if forward > 0.5 else 0.5
+    is_time = column.meaning.quantity is ColumnQuantity.TIME
+    if forward < (0.5 if is_time else 0.98):
+        return 0.0
+    if is_time:
+        return 0.95 if forward > 0.95 else 0.7
+    named = column.meaning.quantity is not ColumnQuantity.UNKNOWN
+    middle = float(np.median(steps))
+    even = float(np.mean(np.abs(steps - middle) < 0.2 * middle))
+    return 0.0 if named or even < 0.9 or middle == 1 else 0.6
+
+
+def _of_column(column: Column, confidence: float) -> Clock | None:
+    """The clock of a time column, with a plausible unit."""
+    resets = clock_resets(column.values)
+    steps = np.delete(np.diff(column.values), resets - 1)
+    steps = steps[np.isfinite(steps)]
+    forward = steps[steps > 0]
+    if not len(forward):
+        return None
+    unit, sure = _unit(column, float(np.median(forward)))
+    factor = SECONDS.get(unit, 1.0)
+    try:
+        axis = time_axis(factor * np.append(0.0, np.cumsum(steps)))
+    except DataError:
+        return None
+    axis = axis._replace(samples=column.rows - column.missing)
+    return Clock(axis.dt, "column", confidence, column.name, unit, sure, axis, tuple(map(int, resets)))
+
+
+def _unit(column: Column, step: float) -> tuple[str, float]:
+    """The unit of a time column, and how sure it is."""
+    if column.kind == "times":
+        return "", 1.0
+    if column.meaning.unit in SECONDS:
+        return column.meaning.unit, 1.0
+    return plausible_unit(step)
+
+
+def plausible_unit(step: float) -> tuple[str, float]:
+    """The unit in which a sample time is plausible, and how sure it is.
+
+    >>> plausible_unit(0.01), plausible_unit(10.0)
+    (('s', 0.9), ('ms', 0.7))
+    """
+    low, high = PLAUSIBLE
+    for unit, sure in (("s", 0.9), ("ms", 0.7), ("us", 0.6), ("ns", 0.5)):
+        if low <= step * SECONDS[unit] <= high:
+            return unit, sure
+    return "s", 0.3
+
+
+def _of_text(preamble: Sequence[str], file: str) -> Clock | None:
+    """The sample time in the lines above the header, or in the name of the file."""
+    written = _in_lines(preamble)
+    if written:
+        return _of_number(*written[0], "preamble")
+    found = _IN_NAME.search(file)
+    if not found:
+        return None
+    number, unit = (found[1], found[2]) if found[1] else (found[3], "")
+    if unit.lower() in ("hz", "khz"):
+        rate = float(number) * (1e3 if unit.lower() == "khz" else 1.0)
+        return Clock(1 / rate, "file name", 0.7) if rate else None
+    return _of_number(float(number), unit, "file name")
+
+
+def _of_number(number: float, unit: str, source: str) -> Clock | None:
+    if not number > 0:
+        return None
+    unit, sure = (unit, 1.0) if unit else plausible_unit(number)
+    return Clock(number * SECONDS[unit], source, 0.8, unit=unit, unit_confidence=sure)
+
+
+def _in_lines(lines: Sequence[str]) -> list[tuple[float, str]]:
+    """Sample times in lines of text: ``dt=10``, ``Ts 0.01 s``, ``100 Hz``, or dt above 10 in a small table."""
+    found = []
+    for k, line in enumerate(lines):
+        written = _DT.search(line)
+        if written:
+            found.append((float(written[1]), written[2] or ""))
+            continue
+        rate = _RATE.search(line)
+        if rate and float(rate[1]):
+            found.append((1 / (float(rate[1]) * (1e3 if rate[2].lower() == "khz" else 1.0)), "s"))
+            continue
+        words = line.split()
+        below = lines[k + 1].split() if k + 1 < len(lines) else []
+        if "dt" in words and len(below) == len(words):
+            number = re.fullmatch(r"\d+(\.\d+)?", below[words.index("dt")])
+            found += [(float(number[0]), "")] if number else []
+    return found

@@ -1,0 +1,207 @@
+"""Facts about the numbers of one column: range, quantisation, codes, saturation, stretches that do not change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.first_look.names import Meaning
+
+Array = NDArray[np.float64]
+
+MOST_CODES = 5
+"""At most this many values beyond a wide gap are codes; more are ordinary values."""
+FEWEST_LEVELS = 20
+"""A column of fewer values is a command of steps, which is neither saturated nor stuck."""
+LONG_RUN = 50
+"""A value must repeat this often in a row to be called stuck."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Rows with the same value.
+
+    Attributes:
+        start: the first row, counted from 0.
+        length: the number of rows.
+        value: of all of them.
+    """
+
+    start: int
+    length: int
+    value: float
+
+
+@dataclass(frozen=True)
+class Code:
+    """A value far from the others, which may be a code and not a quantity.
+
+    Attributes:
+        value: the number.
+        count: how often it occurs.
+        share: of all samples.
+        response: what the output does there: ``falls``, ``rises``, ``rests`` or ``moves``; empty where it is not known.
+        before, after: the mean absolute output at the first and at the last of these samples in a row.
+    """
+
+    value: float
+    count: int
+    share: float
+    response: str = ""
+    before: float = 0.0
+    after: float = 0.0
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a file.
+
+    Attributes:
+        name: in the file.
+        kind: ``numbers``, ``text`` or ``times``.
+        meaning: what its name says.
+        rows: the number of rows; ``missing`` of them have no number.
+        low, high: its range without codes.
+        distinct: the number of different values.
+        step: the quantisation step; None where there is none.
+        codes: isolated values.
+        at_low, at_high: the share of samples at a limit, where the values are cut off there; otherwise 0.
+        stuck: the longest stretch without change, if it is unusually long.
+    """
+
+    name: str
+    kind: str
+    meaning: Meaning
+    rows: int
+    missing: int = 0
+    low: float = np.nan
+    high: float = np.nan
+    distinct: int = 0
+    step: float | None = None
+    codes: tuple[Code, ...] = ()
+    at_low: float = 0.0
+    at_high: float = 0.0
+    stuck: Stretch | None = None
+    values: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
+
+    @property
+    def constant(self) -> bool:
+        """Whether all of its numbers are the same, or there are none."""
+        return not self.high > self.low
+
+    @property
+    def signal(self) -> Array:
+        """(N,) its numbers, NaN for missing ones and codes."""
+        coded = np.isin(self.values, [code.value for code in self.codes])
+        return np.where(coded, np.nan, self.values)
+
+
+def column_of_numbers(name: str, kind: str, meaning: Meaning, values: Array) -> Column:
+    """The facts about a column of numbers (N,); NaN where there is none."""
+    finite = values[np.isfinite(values)]
+    missing = len(values) - len(finite)
+    if not len(finite):
+        return Column(name, kind, meaning, len(values), missing, values=values)
+    levels, counts = np.unique(finite, return_counts=True)
+    codes, ordinary = _codes(levels, counts)
+    levels, counts = levels[ordinary], counts[ordinary]
+    at_low, at_high = (_share_at_limit(counts[::order]) for order in (1, -1))
+    return Column(
+        name=name,
+        kind=kind,
+        meaning=meaning,
+        rows=len(values),
+        missing=missing,
+        low=float(levels[0]),
+        high=float(levels[-1]),
+        distinct=len(levels),
+        step=quantisation(levels),
+        codes=codes,
+        at_low=at_low,
+        at_high=at_high,
+        stuck=_stuck(values, levels),
+        values=values,
+    )
+
+
+def quantisation(levels: Array) -> float | None:
+    """The step of which all differences between ascending values (M,) are multiples; None where there is none.
+
+    >>> quantisation(np.array([0.0, 0.25, 1.0, 1.75])), quantisation(np.array([0.0, 0.3, 1.0, 1.75, 1.99]))
+    (0.25, None)
+    """
+    steps = np.diff(levels)
+    if not len(steps):
+        return None
+    span = float(levels[-1] - levels[0])
+    for candidate in (float(steps.min()), float(np.percentile(steps, 5))):
+        multiples = np.rint((levels - levels[0]) / candidate)
+        if not 0 < multiples[-1] < 1e6:
+            continue
+        step = float(multiples @ (levels - levels[0]) / (multiples @ multiples))
+        rest = np.abs((levels - levels[0]) / step - multiples)
+        if rest.max() < 0.05 and (len(levels) > 2 or span):
+            few = multiples[-1] > 50 * len(levels)  # too few values to tell multiples from chance
+            return None if few else float(f"{step:.6g}")
+    return None
+
+
+def runs(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The first row and the length of every stretch of equal values (N,)."""
+    starts = np.concatenate([[0], 1 + np.flatnonzero(values[1:] != values[:-1])]).astype(np.intp)
+    return starts, np.diff([*starts, len(values)]).astype(np.intp)
+
+
+def _codes(levels: Array, counts: NDArray[np.intp]) -> tuple[tuple[Code, ...], NDArray[np.bool_]]:
+    """Whole numbers that occur repeatedly beyond a gap wider than half the range of the others."""
+    total = int(counts.sum())
+    ordinary = np.ones(len(levels), dtype=bool)
+    while True:
+        left = np.flatnonzero(ordinary)
+        found = next((group for group in (_isolated(levels[left], counts[left], side) for side in (1, -1)) if group), 0)
+        if not found:
+            break
+        ordinary[left[-found:] if found > 0 else left[:-found]] = False
+    where = np.flatnonzero(~ordinary)
+    codes = tuple(Code(float(levels[k]), int(counts[k]), float(counts[k] / total)) for k in where)
+    return codes, ordinary
+
+
+def _isolated(levels: Array, counts: NDArray[np.intp], side: int) -> int:
+    """How many of the highest (side 1) or lowest (side −1) values are codes, negative for the lowest."""
+    if len(levels) < 6:
+        return 0
+    up, number = (levels, counts) if side > 0 else (-levels[::-1], counts[::-1])
+    for k in range(1, min(MOST_CODES, len(up) - 5) + 1):
+        gap, rest = up[-k] - up[-k - 1], up[-k - 1] - up[0]
+        codes, times = up[-k:], number[-k:]
+        whole = bool(np.all(codes == np.rint(codes)) and np.all(np.abs(codes) >= 100))
+        if gap > 0.5 * rest and whole and times.min() >= 2 and 2 * times.sum() < number.sum():
+            return side * k
+    return 0
+
+
+def _share_at_limit(counts: NDArray[np.intp]) -> float:
+    """The share of samples at the first value, where that is much more frequent than its neighbours; else 0."""
+    if len(counts) < FEWEST_LEVELS:
+        return 0.0
+    share = float(counts[0] / counts.sum())
+    return share if share > 0.01 and counts[0] > 10 * np.median(counts[1:11]) else 0.0
+
+
+def _stuck(values: Array, levels: Array) -> Stretch | None:
+    """The longest stretch without change, if it is at least ten times longer than nearly all others."""
+    if len(levels) < FEWEST_LEVELS:
+        return None
+    starts, lengths = runs(values)
+    usual = (levels[0], levels[-1], 0.0)
+    moving = ~np.isin(values[starts], usual)
+    if not moving.any():
+        return None
+    k = int(np.flatnonzero(moving)[np.argmax(lengths[moving])])
+    others = np.delete(lengths, k)
+    if len(others) < 20 or lengths[k] < max(LONG_RUN, 10 * np.percentile(others, 99)):
+        return None
+    return Stretch(int(starts[k]), int(lengths[k]), float(values[starts[k]]))

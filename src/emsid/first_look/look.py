@@ -1,0 +1,317 @@
+"""The first look at a file: what its columns hold, which are input, output and time, and how to read it.
+
+Everything that is not given is guessed, and every guess has a confidence. `FirstLook.reading` holds the arguments of
+`emsid.read` with which the file becomes a record.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.arguments import as_names
+from emsid.errors import DataError, EmsidError
+from emsid.findings import Finding
+from emsid.first_look.advice import TOLERANCE, advice, opposite_signs
+from emsid.first_look.clock import Clock, find_clock
+from emsid.first_look.columns import Column, Stretch, column_of_numbers
+from emsid.first_look.dynamics import Response, influence, response
+from emsid.first_look.names import ColumnQuantity, Meaning, known_unit, meaning
+from emsid.first_look.roles import Roles, find_roles, is_difference, with_responses
+from emsid.io.columns import Columns, as_numbers
+from emsid.io.reading import SECONDS, read, read_columns
+from emsid.presentation import Presented
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+UNSURE = 0.6
+"""A guess of a lower confidence is mentioned."""
+MOSTLY = 0.9
+"""A column of texts with at least this share of numbers is one of numbers with bad rows."""
+
+
+@dataclass(frozen=True)
+class FirstLook(Presented):
+    """What a file holds, and how to read it. It prints as a table.
+
+    Args:
+        path: the file.
+        rows: the number of its rows.
+        columns: facts about every column.
+        others: entries of the file that are no columns, and why.
+        clock: the sample time and where it comes from.
+        roles: the guessed input and output.
+        reading: arguments of `emsid.read`, given or guessed.
+        record: what these arguments read; None where they do not suffice.
+        response: delay and sign of the response of the first output to the first input.
+        findings: what was noticed.
+        tolerance: singular values of the lagged input below this share of the largest are no excitation.
+    """
+
+    path: str
+    rows: int
+    columns: tuple[Column, ...]
+    others: Mapping[str, str]
+    clock: Clock
+    roles: Roles
+    reading: Mapping[str, Any]
+    record: Record | None = None
+    response: Response = field(default_factory=lambda: Response(None, 0, 0.0, 0.0))
+    findings: tuple[Finding, ...] = ()
+    tolerance: float = TOLERANCE
+
+    @property
+    def name(self) -> str:
+        """The name of the file without its folder."""
+        return Path(self.path).name
+
+    def __getitem__(self, name: str) -> Column:
+        """A column by its name."""
+        return next(column for column in self.columns if column.name == name)
+
+
+def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **reading: Any) -> FirstLook:
+    """Look at a file: its columns, the likely input, output and time, and the quality of the data.
+
+    Args:
+        path: the file, of any format that `emsid.read` reads.
+        tolerance: singular values of the lagged input below this share of the largest are no excitation.
+        reading: arguments of `emsid.read` that are known, such as ``output`` or ``dt``; the others are guessed.
+
+    Returns:
+        What was found; it prints as a table. ``emsid.read(path, **look.reading)`` reads the record.
+
+    Raises:
+        FormatError: where the file cannot be read at all.
+        DataError: where an argument that is given cannot be used.
+    """
+    file = Path(path)
+    raw = read_columns(file)
+    rows = Counter(len(series) for series in raw.series.values()).most_common(1)[0][0]
+    columns = tuple(_column(name, raw) for name in raw.series)
+    table = [column for column in columns if column.rows == rows]
+    clock = find_clock(table, raw.preamble, file.name, reading.get("time") or "")
+    roles = find_roles(table, clock.column, *(_bare(reading.get(side)) for side in ("input", "output")))
+    found = {column.name: column for column in columns}
+    noticed: list[Finding] = []
+    if roles.input in found:
+        column = found[roles.input]
+        y = found[roles.output].signal if roles.output in found else np.full(rows, np.nan)
+        if column.codes and len(y) == len(column.values):
+            found[roles.input] = replace(column, codes=with_responses(column.codes, column.values, y))
+    columns = tuple(found.values())
+    proposal = {**_proposal(raw, found, clock, roles), **reading}
+    proposal = {name: value for name, value in proposal.items() if value not in (None, {}, "")}
+    if "dt" in reading and "time" not in reading:
+        proposal = {name: value for name, value in proposal.items() if name not in ("time", "time_unit", "resample")}
+    elif "time" in reading and "dt" not in reading:
+        proposal.pop("dt", None)
+    look = FirstLook(str(path), rows, columns, raw.others, clock, roles, proposal, tolerance=tolerance)
+    noticed += _about_columns(look)
+    return _with_record(look, noticed, set(reading))
+
+
+def describe_files(
+    paths: Sequence[str | os.PathLike[str]], *, tolerance: float = TOLERANCE, **reading: Any
+) -> tuple[list[FirstLook], list[Finding]]:
+    """Look at several files, and at what they have in common.
+
+    Two files of one signal each, equally long, are taken as the input and the output of one record.
+
+    Args:
+        paths: the files.
+        tolerance, reading: as for `describe`.
+
+    Returns:
+        What was found in each file, and findings about all of them.
+
+    Raises:
+        FormatError: where a file cannot be read at all.
+        DataError: where an argument that is given cannot be used.
+    """
+    if len(paths) == 2 and not {"input", "output"} & set(reading):
+        pair = _input_and_output(*map(Path, paths))
+        if pair is not None:
+            u, y = pair
+            return [describe(y, tolerance=tolerance, **reading, input=f"{u}:1", output=f"{y}:1")], []
+    looks = [describe(path, tolerance=tolerance, **reading) for path in paths]
+    return looks, opposite_signs((look.name, look.response) for look in looks)
+
+
+def _input_and_output(first: Path, second: Path) -> tuple[Path, Path] | None:
+    """The files of the input and of the output; None where they are no two files of one signal each."""
+    signals = []
+    for path in (first, second):
+        series = list(read_columns(path).series.values())
+        if len(series) != 1:
+            return None
+        signals.append(as_numbers(series[0]))
+    a, b = signals
+    if len(a) != len(b):
+        return None
+    names = [meaning(path.stem).quantity for path in (first, second)]
+    swapped = influence(b, a) > influence(a, b)
+    if ColumnQuantity.OUTPUT in names[:1] or ColumnQuantity.INPUT in names[1:]:
+        swapped = True
+    elif ColumnQuantity.INPUT in names[:1] or ColumnQuantity.OUTPUT in names[1:]:
+        swapped = False
+    return (second, first) if swapped else (first, second)
+
+
+def _with_record(look: FirstLook, noticed: list[Finding], given: set[str]) -> FirstLook:
+    """The look with its record, if it can be read, and the findings about that."""
+    missing = [name for name in ("input", "output") if not look.reading.get(name)]
+    if missing:
+        return replace(look, findings=(*noticed, Finding("no-role-found", look.name, {"roles": missing})))
+    try:
+        record = read(look.path, **look.reading)
+    except EmsidError as problem:
+        if {"input", "output"} <= given or not isinstance(problem, DataError):
+            raise
+        reason = str(problem).removeprefix(f"{look.path}: ")
+        failed = Finding("not-readable", look.name, {"reason": reason, "arguments": list(problem.arguments)})
+        return replace(look, findings=(*noticed, failed))
+    found = Response(None, 0, 0.0, 0.0)
+    if record.output.shape[1]:
+        found = response(record.input[:, 0], record.output[:, 0], record.breaks)
+    findings = (*record.findings, *noticed, *advice(record, found, look.tolerance))
+    return replace(look, record=record, response=found, findings=findings)
+
+
+def _column(name: str, raw: Columns) -> Column:
+    series = raw.series[name]
+    said = meaning(name, raw.units.get(name, ""))
+    kind = "times" if series.dtype.is_temporal() else "numbers"
+    values = as_numbers(series)
+    known = len(series) - series.null_count()
+    if not (series.dtype.is_numeric() or kind == "times") and np.isfinite(values).sum() < MOSTLY * max(known, 1):
+        return Column(name, "text", said, len(series), missing=series.null_count())
+    return column_of_numbers(name, kind, said, values)
+
+
+def _bare(given: Any) -> str:
+    """The column of the first channel that is given."""
+    first = next(iter(as_names(given or ())), "")
+    inner = re.fullmatch(r"d\((.+)\)", first)
+    return inner[1] if inner else first
+
+
+def _proposal(raw: Columns, columns: Mapping[str, Column], clock: Clock, roles: Roles) -> dict[str, Any]:
+    """Arguments of `emsid.read` as guessed."""
+    used = [columns[name] for name in (roles.input, roles.output) if name in columns]
+    output = columns.get(roles.output)
+    position = output is not None and output.meaning.quantity is ColumnQuantity.POSITION
+    reading: dict[str, Any] = {
+        "input": roles.input,
+        "output": f"d({roles.output})" if position else roles.output,
+        "mask": _mask(used),
+        "units": {column.name: unit for column in used if (unit := _convertible(column.meaning))},
+    }
+    if clock.column:
+        reading["time"] = clock.column
+        said = columns[clock.column].meaning.unit
+        reading["time_unit"] = clock.unit if clock.unit and said not in SECONDS and clock.unit != "s" else None
+        reading["resample"] = None if clock.axis is None or clock.axis.regular else True
+    else:
+        reading["dt"] = clock.dt
+    names = [*(column.name for column in used), *([clock.column] if clock.column else [])]
+    bad = sum(columns[name].missing for name in names) + len(raw.damaged)
+    reading["skip_bad_rows"] = True if bad else None
+    return reading
+
+
+def _convertible(said: Meaning) -> str:
+    """A unit that converts without further numbers; empty where there is none."""
+    return known_unit(said.unit) if not re.search(r"pwm|count|sample|percent|%", said.unit) else ""
+
+
+def _mask(columns: Sequence[Column]) -> str | None:
+    """The condition that leaves out the codes of some columns."""
+    conditions = []
+    for column in columns:
+        if not column.codes:
+            continue
+        name = column.name if re.fullmatch(r"[A-Za-z_]\w*", column.name) else f'"{column.name}"'
+        limit = max(abs(column.low), abs(column.high))
+        if all(abs(code.value) > limit for code in column.codes):
+            conditions.append(f"abs({name}) > {limit:g}")
+        else:
+            values = ", ".join(f"{code.value:g}" for code in column.codes)
+            conditions.append(f"{name} IN ({values})")
+    return " OR ".join(conditions) or None
+
+
+def _about_columns(look: FirstLook) -> list[Finding]:
+    """Findings about the guesses, and about the columns that are used."""
+    findings = _about_clock(look.clock, look)
+    roles = look.roles
+    used = [column for column in look.columns if column.name in (roles.input, roles.output)]
+    for side, name, sure in (
+        ("input", roles.input, roles.input_confidence),
+        ("output", roles.output, roles.output_confidence),
+    ):
+        if name and sure < UNSURE:
+            findings.append(Finding("role-uncertain", name, {"role": side, "confidence": sure}))
+    if roles.others:
+        pairs = [list(pair) for pair in roles.others]
+        findings.append(
+            Finding("several-experiments", look.name, {"chosen": [roles.input, roles.output], "pairs": pairs})
+        )
+    for column in used:
+        findings += _about_column(column, look)
+    return findings
+
+
+def _about_column(column: Column, look: FirstLook) -> list[Finding]:
+    name, findings = column.name, []
+    if column.codes:
+        codes = [
+            {"value": code.value, "count": code.count, "share": code.share, "response": code.response}
+            for code in column.codes
+        ]
+        findings.append(Finding("isolated-values", name, {"codes": codes, "low": column.low, "high": column.high}))
+    if column.stuck and _input_moves(look, column.stuck):
+        data = {"row": column.stuck.start, "length": column.stuck.length, "value": column.stuck.value}
+        findings.append(Finding("value-stuck", name, data))
+    if name == look.roles.output and column.meaning.quantity is ColumnQuantity.POSITION:
+        findings.append(Finding("position-differentiated", name))
+    position = next((each for each in look.columns if is_difference(each, column)), None)
+    if position is not None:
+        findings.append(Finding("difference-of-position", name, {"position": position.name}))
+    return findings
+
+
+def _input_moves(look: FirstLook, stretch: Stretch) -> bool:
+    """Whether the input changes in these rows; else the output may have settled."""
+    u = (
+        look[look.roles.input].values[stretch.start : stretch.start + stretch.length]
+        if look.roles.input
+        else np.zeros(0)
+    )
+    return bool(np.count_nonzero(np.diff(u)) > 2)
+
+
+def _about_clock(clock: Clock, look: FirstLook) -> list[Finding]:
+    given = {"dt", "time_unit"} & set(look.reading)
+    if clock.source == "nothing" and look.reading.get("dt") == clock.dt:
+        return [Finding("sample-time-unknown", look.name, {"assumed": clock.dt})]
+    findings = []
+    if clock.unit_confidence < 1 and clock.unit != "s" and given:
+        data = {"unit": clock.unit, "dt": clock.dt, "confidence": clock.unit_confidence, "source": clock.source}
+        findings.append(Finding("time-unit-assumed", clock.column or look.name, data))
+    elif clock.source in ("preamble", "file name") and "dt" in look.reading:
+        findings.append(Finding("sample-time-from-text", look.name, {"dt": clock.dt, "source": clock.source}))
+    if clock.axis is not None and not clock.axis.regular and look.reading.get("resample"):
+        axis = clock.axis
+        data = {"gaps": len(axis.gaps), "longest": max(axis.lengths, default=0.0), "duplicates": len(axis.duplicates)}
+        findings.append(Finding("clock-irregular", clock.column, data | {"jitter": axis.jitter, "dt": axis.dt}))
+    return findings

@@ -1,0 +1,180 @@
+"""What the name of a column says about it: the quantity, and the unit in brackets or at its end.
+
+Names are divided into words: ``Motor_Speed(RPM)`` has the words *motor* and *speed* and the unit *rpm*, ``mVel`` the
+word *vel*, ``u11`` the word *u*.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class ColumnQuantity(StrEnum):
+    """What a column may hold."""
+
+    TIME = "time"
+    VOLTAGE = "voltage"
+    DUTY = "duty or command"
+    CURRENT = "current"
+    SPEED = "speed"
+    POSITION = "position"
+    ACCELERATION = "acceleration"
+    TORQUE = "torque"
+    FORCE = "force"
+    REFERENCE = "reference"
+    INPUT = "input"
+    OUTPUT = "output"
+    OTHER = "other"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a name says.
+
+    Attributes:
+        quantity: the quantity, `ColumnQuantity.UNKNOWN` where the name says nothing.
+        unit: as `emsid.units` reads it; empty where there is none.
+        confidence: of the quantity, from 0 to 1.
+        number: the digits at the end of the name, which pair ``u2`` with ``y2``; empty where there are none.
+    """
+
+    quantity: ColumnQuantity
+    unit: str
+    confidence: float
+    number: str = ""
+
+
+WEAK = 0.8
+"""Below this confidence of a word, the unit decides: ``w [deg/s]`` is a speed."""
+
+# The first list that has one of the words decides: a speed reference is a reference, a motor voltage a voltage.
+_WORDS: tuple[tuple[ColumnQuantity, float, str], ...] = (
+    (
+        ColumnQuantity.TIME,
+        0.9,
+        "time timestamp zeit seconds clock elapsed datetime date when uptime millis micros stamp",
+    ),
+    (
+        ColumnQuantity.REFERENCE,
+        0.9,
+        "ref reference setpoint target desired soll sollwert goal sp qg qr qref demand wanted",
+    ),
+    (
+        ColumnQuantity.OTHER,
+        0.8,
+        "temp temperature index idx row seq id state status mode fault flag crc checksum battery",
+    ),
+    (ColumnQuantity.ACCELERATION, 0.9, "acc accel acceleration qdd beschleunigung"),
+    (ColumnQuantity.SPEED, 0.95, "speed vel velocity rpm omega geschwindigkeit drehzahl gyro spd qdot dq qd rate"),
+    (ColumnQuantity.DUTY, 0.95, "pwm duty dutycycle throttle"),
+    (ColumnQuantity.VOLTAGE, 0.95, "voltage volt volts vin spannung vmot vmotor ua va um vm vir"),
+    (ColumnQuantity.CURRENT, 0.9, "current curr strom amps amp ampere ia im iq imot"),
+    (ColumnQuantity.TORQUE, 0.9, "torque tau moment drehmoment"),
+    (ColumnQuantity.FORCE, 0.85, "force kraft"),
+    (
+        ColumnQuantity.POSITION,
+        0.9,
+        "position pos angle theta phi encoder enc ticks tick step steps winkel qm counts count",
+    ),
+    (ColumnQuantity.DUTY, 0.8, "command cmd commanded control ctrl effort actuation stellgroesse drive"),
+    (ColumnQuantity.INPUT, 0.85, "u input in stimulus excitation"),
+    (ColumnQuantity.OUTPUT, 0.85, "y z output out response measured"),
+    (ColumnQuantity.TIME, 0.8, "t sec s ms us"),
+    (ColumnQuantity.REFERENCE, 0.6, "r w"),
+    (ColumnQuantity.POSITION, 0.5, "q deg rad"),
+    (ColumnQuantity.VOLTAGE, 0.5, "v"),
+    (ColumnQuantity.CURRENT, 0.4, "i"),
+    (ColumnQuantity.FORCE, 0.3, "f"),
+    (ColumnQuantity.SPEED, 0.3, "n"),
+)
+_BY_UNIT: tuple[tuple[ColumnQuantity, str], ...] = (
+    (ColumnQuantity.TIME, "s ms us ns min"),
+    (ColumnQuantity.VOLTAGE, "V mV"),
+    (ColumnQuantity.DUTY, "pwm % percent"),
+    (ColumnQuantity.CURRENT, "A mA"),
+    (ColumnQuantity.SPEED, "rad/s deg/s rpm rev/s m/s mm/s count/s count/sample"),
+    (ColumnQuantity.POSITION, "rad deg rev m mm count"),
+    (ColumnQuantity.ACCELERATION, "rad/s^2 m/s^2"),
+    (ColumnQuantity.TORQUE, "N*m mN*m"),
+    (ColumnQuantity.FORCE, "N"),
+)
+_UNITS = {unit.lower(): unit for _, units in _BY_UNIT for unit in units.split()} | {
+    "°": "deg",
+    "°/s": "deg/s",
+    "degree": "deg",
+    "degrees": "deg",
+    "dps": "deg/s",
+    "1/min": "rpm",
+    "u/min": "rpm",
+    "r/min": "rpm",
+    "rev/min": "rpm",
+    "µs": "us",
+    "sec": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "volt": "V",
+    "volts": "V",
+    "nm": "N*m",
+    "n·m": "N*m",
+    "rad/s²": "rad/s^2",
+    "m/s²": "m/s^2",
+    "counts": "count",
+    "ticks": "count",
+    "counts/s": "count/s",
+    "amps": "A",
+}
+_BRACKETED = re.compile(r"\s*[(\[{<]\s*([^)\]}>]*?)\s*[)\]}>]\s*$")
+_SUFFIX = re.compile(r"[_ ](ns|us|ms|s|V|mV|A|mA|rpm|rad|deg|rads|dps|Nm|pct)$")
+_SUFFIXES = {"rads": "rad/s", "pct": "percent"}
+_WORD = re.compile(r"[A-Z]+(?![a-zäöü])|[A-ZÄÖÜ]?[a-zäöüß]+|[A-Z]+|[α-ωΑ-Ω]+")
+_GREEK = {"ω": "omega", "θ": "theta", "φ": "phi", "τ": "tau"}
+
+
+def meaning(name: str, unit: str = "") -> Meaning:
+    """What the name of a column and its unit say.
+
+    >>> meaning("Motor_Speed(RPM)")
+    Meaning(quantity=<ColumnQuantity.SPEED: 'speed'>, unit='rpm', confidence=0.95, number='')
+    >>> meaning("t_ms").quantity, meaning("t_ms").unit, meaning("Commanded_PWM").quantity.value
+    (<ColumnQuantity.TIME: 'time'>, 'ms', 'duty or command')
+
+    Args:
+        name: of the column.
+        unit: from a row of units of the file; empty where there is none.
+    """
+    bare, written = without_unit(name)
+    unit = known_unit(unit) or written
+    digits = re.search(r"\d+$", bare)
+    number = digits[0] if digits else ""
+    words = [_GREEK.get(word, word.lower()) for word in _WORD.findall(bare)]
+    by_word = next(((q, sure) for q, sure, known in _WORDS if set(words) & set(known.split())), None)
+    by_unit = next(((q, WEAK) for q, units in _BY_UNIT if unit in units.split()), None)
+    if by_word is None or (by_unit is not None and by_word[1] < WEAK):
+        quantity, confidence = by_unit or by_word or (ColumnQuantity.UNKNOWN, 0.0)
+    else:
+        quantity, confidence = by_word
+    return Meaning(quantity, unit, confidence, number)
+
+
+def without_unit(name: str) -> tuple[str, str]:
+    """A name without its unit, and the unit; empty where it has none that is known."""
+    bracketed = _BRACKETED.search(name)
+    if bracketed:
+        return name[: bracketed.start()], known_unit(bracketed[1])
+    suffix = _SUFFIX.search(name)
+    if suffix:
+        return name[: suffix.start()], known_unit(_SUFFIXES.get(suffix[1], suffix[1]))
+    return name, ""
+
+
+def known_unit(text: str) -> str:
+    """A unit in the spelling of `emsid.units`; empty where it is not known.
+
+    >>> known_unit("RPM"), known_unit("°/s"), known_unit("furlong")
+    ('rpm', 'deg/s', '')
+    """
+    text = text.strip("()[]{}<> ")
+    return text if text in _UNITS.values() else _UNITS.get(text.lower(), "")

@@ -1,0 +1,155 @@
+"""How nonlinear the data are, before a nonlinear model is fitted.
+
+Where a multisine is repeated, its periods separate noise from distortion: the noise differs between periods, the
+distortion does not, and stands at frequencies that the input does not have (Pintelon and Schoukens). Even distortion
+stands at even multiples of the lowest frequency, odd distortion at odd ones. Otherwise the coherence between input and
+output, and whether the residual of a linear model depends on the input squared, or on its sign and size, show it.
+
+References:
+    Pintelon, R., and Schoukens, J. (2012). System Identification: A Frequency Domain Approach, 2nd ed., chapter 4.
+    Bendat, J. S., and Piersol, A. G. (2010). Random Data, 4th ed., section 6.1: coherence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import coherence
+
+from emsid.findings import Finding
+from emsid.first_look.baseline import Baseline
+from emsid.first_look.dynamics import Response
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+FEWEST_PERIODS = 2
+MOST_NOISE = 0.5
+"""Distortion is not separated from more noise than this share of the amplitude."""
+CLEAR, LEAST = 0.1, 0.002
+"""A nonlinear relation explains at least the first share of the residual, and the second of the output's variance."""
+
+
+def nonlinearity(record: Record, response: Response, linear: Baseline | None) -> Iterable[Finding]:
+    """At most one finding about how nonlinear the relation between the first input and output is."""
+    u, y = record.input[:, 0], record.output[:, 0]
+    period = period_of(u) if not record.breaks else None
+    if period is not None:
+        levels = distortion(u, y, period)
+        if levels is not None:
+            yield Finding("distortion-levels", record.output_names[0], levels | {"period": period * record.dt})
+            return
+    if linear is None or response.delay is None:
+        return
+    share = dependence(linear, u, response.delay, record.breaks)
+    segment = max(record.segments, key=len)
+    _, similar = coherence(
+        segment.input[:, 0], segment.output[:, 0], fs=1 / record.dt, nperseg=min(len(segment) // 4, 1024) or 1
+    )
+    low = similar[1 : max(3, len(similar) // 8)]
+    of_residual = share / max((1 - linear.fit) ** 2, 1e-12)
+    nonlinear = share > LEAST and of_residual > CLEAR
+    data = {
+        "share": share,
+        "of_residual": min(of_residual, 1.0),
+        "coherence": float(np.nanmedian(low)) if len(low) else 0.0,
+        "fit_percent": 100 * linear.fit,
+        "confidence": round(float(np.clip(0.5 + of_residual if nonlinear else 0.9 - 2 * of_residual, 0.4, 0.95)), 2),
+    }
+    yield Finding("nonlinear-likely" if nonlinear else "nearly-linear", record.output_names[0], data)
+
+
+def period_of(u: Array) -> int | None:
+    """The period in samples of a signal (N,) that repeats exactly at least twice; None where it does not.
+
+    >>> period_of(np.tile([0.0, 1.0, 3.0, 2.0, 5.0, 1.0, 0.5, 0.2, 9.0], 3))
+    9
+    """
+    n = len(u)
+    x = u - u.mean()
+    power = float(x @ x)
+    if not power or n < 16:
+        return None
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(x, size)
+    products = np.fft.irfft(spectrum * np.conj(spectrum), size)[: n // FEWEST_PERIODS + 1]
+    ends = np.concatenate([[0.0], np.cumsum(x**2)])
+    lags = np.arange(len(products))
+    energy = np.sqrt((ends[n - lags]) * (ends[n] - ends[lags]))
+    similar = products / np.where(energy > 0, energy, np.inf)
+    found = np.flatnonzero(similar[8:] > 0.9999) + 8
+    for period in found.tolist():
+        if np.max(np.abs(u[period:] - u[:-period])) <= 1e-6 * np.ptp(u) and np.ptp(u[:period]) == np.ptp(u):
+            return int(period)
+    return None
+
+
+def distortion(u: Array, y: Array, period: int) -> dict[str, float | int] | None:
+    """Levels of noise, even and odd distortion, as shares of the amplitude; None where they cannot be separated.
+
+    Args:
+        u, y: (N,) input and output.
+        period: in samples; the first period is left out as transient where there are three or more.
+    """
+    count = len(u) // period
+    periods = np.reshape(y[len(y) - count * period :], (count, period))
+    inputs = np.reshape(u[len(u) - count * period :], (count, period))
+    if count > FEWEST_PERIODS:
+        periods, inputs = periods[1:], inputs[1:]
+    count = len(periods)
+    drive = np.abs(np.fft.rfft(inputs.mean(axis=0)))[1:]
+    lines = np.fft.rfft(periods, axis=1)[:, 1:]
+    mean = lines.mean(axis=0)
+    noise = np.mean(np.abs(lines - mean) ** 2, axis=0) * count / (count - 1) / count  # of the mean of the periods
+    excited = drive > 1e-4 * drive.max()
+    band = np.arange(len(drive)) <= 3 * np.flatnonzero(excited)[-1]
+    number = np.arange(1, len(drive) + 1)
+    signal = float(np.sum(np.abs(mean[excited]) ** 2))
+    silent = ~excited & band
+    if not signal or np.count_nonzero(silent) < 4:
+        return None
+
+    def level(where: NDArray[np.bool_]) -> float:
+        power = float(np.sum(np.abs(mean[where]) ** 2) - np.sum(noise[where]))
+        return float(np.sqrt(max(power, 0.0) / signal))
+
+    scatter = float(np.sqrt(np.sum(noise[band]) * count / signal))
+    if scatter > MOST_NOISE:
+        return None
+    return {
+        "periods": count,
+        "noise": scatter,
+        "even": level(silent & (number % 2 == 0)),
+        "odd": level(silent & (number % 2 == 1)),
+        "lines": int(np.count_nonzero(excited)),
+    }
+
+
+def dependence(linear: Baseline, u: Array, delay: int, breaks: tuple[int, ...]) -> float:
+    """The share of the output's variance in the residual of a linear model that functions of it explain.
+
+    The functions are the square, the cube, the sign and the small values of the simulated output and of the delayed
+    input. The share is that of the explained part in the variance of the output; each tenth of the samples is explained
+    by functions fitted to the others, so that chance explains nothing.
+    """
+    inner = np.concatenate([np.concatenate([np.full(min(delay, len(x)), x[0]), x[: max(len(x) - delay, 0)]])
+                            for x in np.split(u, list(breaks))])  # fmt: skip
+    columns = [np.ones(len(u))]
+    for x in (linear.simulated, inner):
+        scaled = (x - x.mean()) / (x.std() or 1.0)
+        size = x / (np.max(np.abs(x)) or 1.0)
+        columns += [scaled, scaled**2, scaled**3, np.sign(x), np.clip(size, -0.1, 0.1)]
+    table = np.column_stack([*columns, linear.residual])
+    parts = np.array_split(table, 10)
+    products = [part.T @ part for part in parts]
+    left = 0.0
+    for part, product in zip(parts, products, strict=True):  # held back, so that chance explains nothing
+        others = sum(products) - product
+        ridge = 1e-8 * np.diag(np.diag(others)[:-1])
+        estimate = np.linalg.lstsq(others[:-1, :-1] + ridge, others[:-1, -1], rcond=1e-10)[0]
+        left += float(np.sum((part[:, -1] - part[:, :-1] @ estimate) ** 2))
+    before, after = float(np.mean(linear.residual**2)), left / len(u)
+    variance = before / max((1 - linear.fit) ** 2, 1e-300)
+    return float(max(0.0, before - after) / variance)

@@ -1,0 +1,190 @@
+"""Which columns are the input and the output: by their names, and by which signal influences which."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.first_look.columns import Code, Column, runs
+from emsid.first_look.dynamics import influence
+from emsid.first_look.names import ColumnQuantity
+
+Array = NDArray[np.float64]
+
+MOST_COMPARED = 8
+"""The signals of at most this many columns are compared with each other."""
+
+_AS_INPUT = {
+    ColumnQuantity.VOLTAGE: 1.0,
+    ColumnQuantity.DUTY: 1.0,
+    ColumnQuantity.INPUT: 0.95,
+    ColumnQuantity.TORQUE: 0.6,
+    ColumnQuantity.FORCE: 0.6,
+    ColumnQuantity.CURRENT: 0.4,
+    ColumnQuantity.REFERENCE: 0.1,
+    ColumnQuantity.UNKNOWN: 0.2,
+}
+_AS_OUTPUT = {
+    ColumnQuantity.SPEED: 1.0,
+    ColumnQuantity.OUTPUT: 0.95,
+    ColumnQuantity.POSITION: 0.8,
+    ColumnQuantity.CURRENT: 0.3,
+    ColumnQuantity.ACCELERATION: 0.2,
+    ColumnQuantity.TORQUE: 0.1,
+    ColumnQuantity.FORCE: 0.1,
+    ColumnQuantity.UNKNOWN: 0.2,
+}
+
+
+@dataclass(frozen=True)
+class Roles:
+    """The columns guessed to be input and output.
+
+    Attributes:
+        input, output: names of columns; empty where there is none.
+        input_confidence, output_confidence: from 0 to 1.
+        influence: of the input on the output, and ``feedback``, of the output on the input, from 0 to 1.
+        others: further pairs of input and output, which differ in the number at the end of their names.
+    """
+
+    input: str = ""
+    output: str = ""
+    input_confidence: float = 0.0
+    output_confidence: float = 0.0
+    influence: float = 0.0
+    feedback: float = 0.0
+    others: tuple[tuple[str, str], ...] = ()
+
+
+def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: str = "") -> Roles:
+    """Guess the input and the output of a file.
+
+    Args:
+        columns: of the file.
+        clock: name of the time column; empty where there is none.
+        input, output: where the user gives them.
+    """
+    possible = [
+        column
+        for column in columns
+        if column.kind == "numbers" and (column.name != clock or column.name in (input, output))
+        if not column.constant or column.codes or column.meaning.confidence >= 0.8
+        if column.meaning.quantity not in (ColumnQuantity.TIME, ColumnQuantity.OTHER) or column.name in (input, output)
+    ]
+    by_name = sorted(possible, key=lambda c: -max(_as_input(c), _as_output(c), 2.0 * (c.name in (input, output))))
+    compared = [column for column in possible if any(column is each for each in by_name[:MOST_COMPARED])]
+    pairs = [
+        (u, y) for u, y in permutations(compared, 2) if u.name == (input or u.name) and y.name == (output or y.name)
+    ]
+    if not pairs:
+        only = compared[0].name if compared else ""
+        return Roles(input=input, output=output or (only if only != input else ""), output_confidence=0.2)
+    named = {(u.name, y.name): _as_input(u) + _as_output(y) + _same_number(u, y) for u, y in pairs}
+    best = max(named.values())
+    shares = {
+        (u.name, y.name): (influence(u.signal, y.signal), influence(y.signal, u.signal))
+        for u, y in pairs
+        if named[u.name, y.name] > best - 0.9 and len(u.values) == len(y.values)
+    }
+    scores = {pair: named[pair] + 0.6 * (shares[pair][0] - shares[pair][1]) + _shape(compared, pair) for pair in shares}
+    if not scores:
+        return Roles(input=input, output=output)
+    (u, y) = _first_of_its_kind(max(scores, key=scores.__getitem__), scores, compared)
+    columns_by_name = {column.name: column for column in columns}
+    return Roles(
+        input=u,
+        output=y,
+        input_confidence=_confidence(_as_input(columns_by_name[u]), scores, (u, y), 0) if not input else 1.0,
+        output_confidence=_confidence(_as_output(columns_by_name[y]), scores, (u, y), 1) if not output else 1.0,
+        influence=shares[u, y][0],
+        feedback=shares[u, y][1],
+        others=tuple(
+            (a.name, b.name)
+            for a, b in permutations(possible, 2)
+            if a.meaning.number
+            and _same_number(a, b)
+            and a.meaning.quantity is columns_by_name[u].meaning.quantity
+            and b.meaning.quantity is columns_by_name[y].meaning.quantity
+            and (a.name, b.name) != (u, y)
+        ),
+    )
+
+
+def _first_of_its_kind(
+    best: tuple[str, str], scores: dict[tuple[str, str], float], columns: Sequence[Column]
+) -> tuple[str, str]:
+    """The first of the pairs that differ from the best one by their numbers only."""
+    known = {column.name: column for column in columns}
+    number = known[best[0]].meaning.number
+    if not number or number != known[best[1]].meaning.number:
+        return best
+
+    def alike(pair: tuple[str, str]) -> bool:
+        (a, b), (u, y) = ((known[name] for name in names) for names in (pair, best))
+        kinds = a.meaning.quantity is u.meaning.quantity and b.meaning.quantity is y.meaning.quantity
+        return kinds and a.meaning.number == b.meaning.number != "" and (pair == best or a.meaning.number != number)
+
+    return min(filter(alike, scores), key=lambda pair: known[pair[0]].meaning.number)
+
+
+def is_difference(position: Column, speed: Column) -> bool:
+    """Whether one column is the change of another from sample to sample, as of an encoder."""
+    if len(position.values) != len(speed.values) or len(position.values) < 20:
+        return False
+    change = np.diff(position.values)
+    return bool(np.mean(np.abs(change - speed.values[1:]) < 1e-9) > 0.95 and np.ptp(change) > 0)
+
+
+def with_responses(codes: Sequence[Code], u: Array, y: Array) -> tuple[Code, ...]:
+    """The codes of an input u (N,) with what the output y (N,) does there."""
+    starts, lengths = runs(u)
+    result = []
+    rest = 0.02 * float(np.nanmax(np.abs(y), initial=0.0))
+    for code in codes:
+        mine = u[starts] == code.value
+        first = np.abs(y[starts[mine]])
+        last = np.abs(y[np.minimum(starts[mine] + lengths[mine], len(y) - 1)])
+        before, after = float(np.nanmean(first)), float(np.nanmean(last))
+        if max(before, after) <= rest:
+            word = "rests"
+        elif after < 0.7 * before:
+            word = "falls"
+        elif after > 1.4 * before:
+            word = "rises"
+        else:
+            word = "moves"
+        result.append(replace(code, response=word, before=before, after=after))
+    return tuple(result)
+
+
+def _as_input(column: Column) -> float:
+    return _AS_INPUT.get(column.meaning.quantity, 0.0) * (column.meaning.confidence or 1.0)
+
+
+def _as_output(column: Column) -> float:
+    return _AS_OUTPUT.get(column.meaning.quantity, 0.0) * (column.meaning.confidence or 1.0)
+
+
+def _same_number(u: Column, y: Column) -> float:
+    """Columns such as u2 and y2 belong together."""
+    return 0.3 if u.meaning.number and u.meaning.number == y.meaning.number else 0.0
+
+
+def _shape(columns: Sequence[Column], pair: tuple[str, str]) -> float:
+    """Inputs change in steps, and the first of two columns is more often the input."""
+    names = [column.name for column in columns]
+    u, y = (columns[names.index(name)] for name in pair)
+    held = float(np.mean(np.diff(u.signal) == 0)) - float(np.mean(np.diff(y.signal) == 0))
+    order = 0.05 if names.index(pair[0]) < names.index(pair[1]) else 0.0
+    return 0.3 * held + order
+
+
+def _confidence(by_name: float, scores: dict[tuple[str, str], float], chosen: tuple[str, str], side: int) -> float:
+    """How sure a role is: by the name, and by the distance to the best pair with another column in this role."""
+    other = max((score for pair, score in scores.items() if pair[side] != chosen[side]), default=-1.0)
+    margin = min(1.0, max(0.0, scores[chosen] - other))
+    return round(min(0.98, 0.3 + 0.45 * by_name + 0.25 * margin), 2)

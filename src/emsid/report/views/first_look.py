@@ -1,0 +1,143 @@
+"""A first look at a file as a table, as lines of text and as a page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite
+
+import numpy as np
+
+from emsid.findings import Finding
+from emsid.first_look import FirstLook
+from emsid.first_look.columns import Column
+from emsid.first_look.names import ColumnQuantity
+from emsid.report.braille import braille
+from emsid.report.document import Figure, Line, Notice, Plot, Report, Section, Stroke, Table
+from emsid.report.numbers import number
+from emsid.report.views.conventions import channel_axis
+from emsid.report.views.timeline import TIME, timeline, with_gaps
+from emsid.units import readable_unit
+from emsid.wording import Severity, Spelling, as_python, sentence, severity
+from emsid.wording.sureness import how_sure
+
+HEADER = ("Column", "Role", "ColumnQuantity", "Unit", "Notes", "From", "To", "Step")
+DRAWN = 4_000
+"""Samples in a plot of the terminal."""
+
+
+def column_table(look: FirstLook) -> Table:
+    """Every column with its range and the guesses about it."""
+    rows = tuple(_row(column, look) for column in look.columns)
+    rows += tuple((name, "", "", "", reason, "", "", "") for name, reason in look.others.items())
+    return Table(HEADER, rows, f"{look.name}: {look.rows:,} rows", text_columns=5)
+
+
+def _row(column: Column, look: FirstLook) -> tuple[str, ...]:
+    said = column.meaning
+    quantity = "" if said.quantity is ColumnQuantity.UNKNOWN else str(said.quantity)
+    unit = readable_unit(said.unit) if said.unit else ""
+    span = (number(column.low), number(column.high)) if isfinite(column.low) else ("", "")
+    step = number(column.step) if column.step else ""
+    return (column.name, role(column, look), quantity, unit, _notes(column), *span, step)
+
+
+def role(column: Column, look: FirstLook) -> str:
+    """The guessed role of a column, and how sure it is; empty where it has none."""
+    roles = look.roles
+    found = {
+        look.clock.column: ("time", look.clock.confidence),
+        roles.output: ("output", roles.output_confidence),
+        roles.input: ("input", roles.input_confidence),
+    }.get(column.name)
+    if found is None:
+        return "reference" if column.meaning.quantity is ColumnQuantity.REFERENCE else ""
+    return f"{found[0]} ({how_sure(found[1])})"
+
+
+def _notes(column: Column) -> str:
+    notes = [{"text": "text", "times": "dates or times"}.get(column.kind, "")]
+    notes += ["constant" if column.constant and column.kind == "numbers" else ""]
+    notes += [f"{column.missing:,} missing" if column.missing else ""]
+    notes += [f"also {', '.join(f'{code.value:g}' for code in column.codes)}" if column.codes else ""]
+    return ", ".join(filter(None, notes))
+
+
+def lines(look: FirstLook, argument: Spelling = as_python) -> list[str]:
+    """The clock, the record and every finding, as lines of text."""
+    clock, record = look.clock, look.record
+    found = []
+    if clock.column and clock.axis is not None:
+        again = f", begins again {len(clock.resets)} times" if clock.resets else ""
+        found.append(f"time column {clock.column}: {clock.axis}{again}")
+    if record is not None:
+        found.append(str(record))
+    return [*found, *(f"- {sentence(finding, argument)}" for finding in look.findings)]
+
+
+def curves(look: FirstLook, width: int, height: int = 4) -> list[str]:
+    """The first input and output in braille, with their ranges; nothing without a record."""
+    if look.record is None:
+        return []
+    _, samples = timeline(look.record)
+    result = []
+    names = [*look.record.input_names[:1], *look.record.output_names[:1]]
+    units = [*look.record.input_units[:1], *look.record.output_units[:1]]
+    for name, unit in zip(names, units, strict=True):
+        values = with_gaps(look.record.channel(name), samples)
+        ends = [number(float(f(values))) for f in (np.nanmax, np.nanmin)]
+        room = max(map(len, ends))
+        drawn = braille(values, max(width - room - 2, 10), height)
+        labels = [ends[0], *[""] * (height - 2), ends[1]]
+        result += [f"{name} [{readable_unit(unit)}]" if unit else name]
+        result += [f"{label:>{room}} {row}" for label, row in zip(labels, drawn, strict=True)]
+    return result
+
+
+def figure(look: FirstLook, name: str = "record") -> Figure | None:
+    """The first inputs and outputs over time."""
+    record = look.record
+    if record is None:
+        return None
+    t, samples = timeline(record)
+    plots = []
+    for values, names, units in (
+        (record.input, record.input_names, record.input_units),
+        (record.output, record.output_names, record.output_units),
+    ):
+        for x, channel, unit in zip(values.T, names, units, strict=True):
+            line = Line(t, with_gaps(x, samples), stroke=Stroke(width=0.9), stairs=values is record.input)
+            plots.append(Plot((line,), TIME, channel_axis(channel, unit), height=0.8))
+    return Figure(name, f"Inputs and outputs of {look.name}.", tuple(plots), shared_x=True)
+
+
+def report(
+    looks: Sequence[FirstLook], together: Sequence[Finding], commands: Sequence[str], argument: Spelling = as_python
+) -> Report:
+    """A page about some files.
+
+    Args:
+        looks: one for each file.
+        together: findings about all of them.
+        commands: what to run next.
+        argument: how names of arguments are written.
+    """
+    sections = []
+    for k, look in enumerate(looks, 1):
+        drawn = figure(look, f"record-{k}")
+        noticed = tuple(sentence(finding, argument) for finding in look.findings)
+        clock = tuple(line for line in lines(look) if not line.startswith("- "))
+        sections.append(
+            Section(look.name, clock, tables=(column_table(look),), figures=(drawn,) if drawn else (), remarks=noticed)
+        )
+    serious = [*together, *(finding for look in looks for finding in look.findings)]
+    notices = [Notice(sentence(f, argument), severity(f).value) for f in serious if severity(f) is not Severity.INFO]
+    return Report(
+        title=f"First look at {looks[0].name}" if len(looks) == 1 else f"First look at {len(looks)} files",
+        summary=("What the columns hold is guessed from their names and numbers.",),
+        sections=(
+            *sections,
+            Section("Next", ("Run this, with corrections if a guess is wrong:",), tuple(commands)),
+        ),
+        notices=tuple(dict.fromkeys(notices)),
+        imprint="emsid describe",
+    )

@@ -1,0 +1,174 @@
+"""Words for files: how they were read, what their columns hold, and what was guessed about them."""
+
+from __future__ import annotations
+
+from emsid.findings import Finding
+from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.lists import listed, shortened
+from emsid.wording.sureness import how_sure
+
+# --- how a file was read ---------------------------------------------------------------------------------------------
+
+
+@words("sample-time-implausible", Severity.WARNING)
+def sample_time_implausible(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: dt."""
+    dt = f.data["dt"]
+    if dt < 1:
+        return f"{f.subject}: a sample time of {dt:g} s is very short for a drive; check the unit of {argument('dt')}"
+    return (
+        f"{f.subject}: a sample time of {dt:g} s is very long for a drive; if this number was meant in ms, give "
+        f"{argument('dt')} or {argument('time_unit')} in ms"
+    )
+
+
+@words("rows-skipped", Severity.WARNING)
+def rows_skipped(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: count, rows, line, text (of the first; may be empty), messages."""
+    d = f.data
+    text = f" ({d['text']!r})" if d["text"] else ""
+    many = d["count"] > 1
+    return (
+        f"{f.subject}: {d['count']} of {d['rows']:,} rows {'are' if many else 'is'} no numbers and "
+        f"{'were' if many else 'was'} skipped; {'the first' if many else 'it'} is row {d['line']}{text}"
+    )
+
+
+@words("clock-reset")
+def clock_reset(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: count, column, line (row of the file with the first)."""
+    d = f.data
+    times = "once" if d["count"] == 1 else f"{d['count']} times"
+    return (
+        f"{f.subject}: {d['column']} begins again {times}, first in row {d['line']}; each part is a segment of its own"
+    )
+
+
+# --- what was guessed ------------------------------------------------------------------------------------------------
+
+
+@words("role-uncertain", Severity.WARNING)
+def role_uncertain(f: Finding, argument: Spelling) -> str:
+    """Subject: the column. Data: role, confidence."""
+    role = f.data["role"]
+    sure = how_sure(f.data["confidence"])
+    return f"{f.subject} is {sure} the {role}; if another column is, name it with {argument(role)}"
+
+
+@words("no-role-found", Severity.WARNING)
+def no_role_found(f: Finding, argument: Spelling) -> str:
+    """Subject: the file. Data: roles."""
+    roles = f.data["roles"]
+    return (
+        f"{f.subject}: no column looks like the {' or the '.join(roles)}; name it with "
+        f"{listed([argument(role) for role in roles])}"
+    )
+
+
+@words("not-readable", Severity.PROBLEM)
+def not_readable(f: Finding, argument: Spelling) -> str:
+    """Subject: the file. Data: reason, arguments."""
+    spelt = ", ".join(argument(name) for name in f.data["arguments"])
+    return f"{f.subject}: with the proposed columns, no record can be read: {f.data['reason']}" + (
+        f" ({spelt})" if spelt else ""
+    )
+
+
+@words("several-experiments", Severity.WARNING)
+def several_experiments(f: Finding, argument: Spelling) -> str:
+    """Subject: the file. Data: chosen, pairs (of input and output)."""
+    pairs = shortened([" and ".join(pair) for pair in f.data["pairs"]], between="; ")
+    return (
+        f"{f.subject}: the columns look like several inputs and outputs or several experiments; "
+        f"{' and '.join(f.data['chosen'])} are taken, other pairs are {pairs}"
+    )
+
+
+@words("sample-time-unknown", Severity.WARNING)
+def sample_time_unknown(f: Finding, argument: Spelling) -> str:
+    """Subject: the file. Data: assumed (s)."""
+    return (
+        f"{f.subject}: nothing says the sample time; {f.data['assumed']:g} s is assumed, so times and time constants "
+        f"count samples. Give the true one with {argument('dt')}"
+    )
+
+
+@words("time-unit-assumed", Severity.WARNING)
+def time_unit_assumed(f: Finding, argument: Spelling) -> str:
+    """Subject: the time column or the file. Data: unit, dt (s), confidence, source."""
+    what = {"preamble": "of the sample time above the header of", "file name": "of the sample time in the name"}
+    of_column = f.data["source"] == "column"
+    return (
+        f"the unit {what.get(f.data['source'], 'of')} {f.subject} is not given; it is {how_sure(f.data['confidence'])} "
+        f"{f.data['unit']}, which makes the sample time {f.data['dt']:g} s. Check "
+        f"{argument('time_unit' if of_column else 'dt')}"
+    )
+
+
+@words("sample-time-from-text")
+def sample_time_from_text(f: Finding, argument: Spelling) -> str:
+    """Subject: the file. Data: dt (s), source."""
+    where = "the lines above the header" if f.data["source"] == "preamble" else "its name"
+    return f"{f.subject}: the sample time {f.data['dt']:g} s comes from {where}; check it with {argument('dt')}"
+
+
+@words("clock-irregular", Severity.WARNING)
+def clock_irregular(f: Finding, argument: Spelling) -> str:
+    """Subject: the time column. Data: gaps, longest (s), duplicates, jitter, dt (s)."""
+    d = f.data
+    parts = [f"{d['gaps']} gap{'s' * (d['gaps'] != 1)} of up to {d['longest']:.3g} s"] if d["gaps"] else []
+    parts += [f"{d['duplicates']} repeated time{'s' * (d['duplicates'] != 1)}"] if d["duplicates"] else []
+    parts += [f"steps that differ by up to {100 * d['jitter']:.2g} %"] if d["jitter"] > 0.01 else []
+    steps = f"steps of {d['dt']:g} s"
+    return f"{f.subject} is not regular: it has {listed(parts)}; {argument('resample')} interpolates to {steps}"
+
+
+# --- what the columns hold -------------------------------------------------------------------------------------------
+
+_THERE = {
+    "falls": "the output falls there",
+    "rises": "the output rises there",
+    "rests": "the output rests there",
+    "moves": "the output goes on there",
+}
+
+
+@words("isolated-values", Severity.WARNING)
+def isolated_values(f: Finding, argument: Spelling) -> str:
+    """Subject: the column. Data: codes (value, count, share, response), low, high."""
+    codes = []
+    for code in f.data["codes"]:
+        there = _THERE.get(code["response"], "")
+        codes.append(f"{code['value']:g} ({100 * code['share']:.2g} % of the samples{', ' * bool(there)}{there})")
+    return (
+        f"{f.subject} goes from {f.data['low']:g} to {f.data['high']:g} and is also {listed(codes)}: likely codes, "
+        f"such as of a brake, and no commands; leave them out with {argument('mask')}, or say what they mean with "
+        f"{argument('brake')} or {argument('coast')}"
+    )
+
+
+@words("value-stuck", Severity.WARNING)
+def value_stuck(f: Finding, argument: Spelling) -> str:
+    """Subject: the column. Data: row, length, value."""
+    d = f.data
+    return (
+        f"{f.subject} does not change from {d['value']:g} for {d['length']} rows, from data row {d['row']} on; if the "
+        f"sensor or the log stood still, leave them out with {argument('rows')} or {argument('mask')}"
+    )
+
+
+@words("position-differentiated")
+def position_differentiated(f: Finding, argument: Spelling) -> str:
+    """Subject: the column."""
+    return (
+        f"{f.subject} is a position; its derivative d({f.subject}) is proposed, because a speed is easier to identify"
+    )
+
+
+@words("difference-of-position")
+def difference_of_position(f: Finding, argument: Spelling) -> str:
+    """Subject: the column. Data: position."""
+    return (
+        f"{f.subject} is the change of {f.data['position']} from row to row; its unit is that of {f.data['position']} "
+        f"per sample: with an encoder, give {argument('units')} count/sample and {argument('counts_per_revolution')}"
+    )

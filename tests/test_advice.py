@@ -1,0 +1,252 @@
+"""Findings about the quality of data: for each, a record that has it and one that does not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from emsid.findings import Finding
+from emsid.first_look.advice import advice, dead_zone, repeated
+from emsid.first_look.baseline import baseline
+from emsid.first_look.dynamics import Response, influence, response
+from emsid.first_look.nonlinearity import nonlinearity, period_of
+from emsid.record import Record
+from emsid.record.time_axis import time_axis
+
+N = 2000
+Array = np.ndarray
+
+
+def steps(seed: int = 0, hold: int = 10, samples: int = N) -> Array:
+    """Random levels, each held for some samples."""
+    return np.repeat(np.random.default_rng(seed).uniform(-10, 10, samples // hold), hold)
+
+
+def motor(u: Array, pole: float = 0.9, delay: int = 1, noise: float = 0.02) -> Array:
+    """A first-order lag of gain 5."""
+    y = lfilter([0] * delay + [5 * (1 - pole)], [1, -pole], u)
+    return y + noise * np.random.default_rng(5).standard_normal(len(u))
+
+
+def findings(u: Array, y: Array, dt: float = 0.01, **more: object) -> dict[str, Finding]:
+    record = replace(Record(u, y, dt, "u", "y"), **more)
+    return {finding.code: finding for finding in advice(record, response(u, y, record.breaks))}
+
+
+@cache
+def ordinary() -> dict[str, Finding]:
+    """The findings about a good record."""
+    u = steps()
+    return findings(u, motor(u))
+
+
+def test_a_good_record_has_no_warning() -> None:
+    assert set(ordinary()) == {"excitation-sufficient", "response-delay", "motion", "nearly-linear"}
+    assert ordinary()["response-delay"].data["delay"] == 1
+    assert ordinary()["motion"].data["reversals"] > 50
+
+
+def sines(count: int) -> Array:
+    return sum(np.sin(0.02 * 3**k * np.arange(N) + k) for k in range(count))  # type: ignore[return-value]
+
+
+def smooth() -> Array:
+    return 5 * lfilter([0.05], [1, -1.6, 0.65], np.random.default_rng(2).standard_normal(N))
+
+
+def dead(u: Array, width: float) -> Array:
+    return motor(np.sign(u) * np.maximum(np.abs(u) - width, 0), noise=0)
+
+
+def spikes(y: Array) -> Array:
+    y = y.copy()
+    y[[300, 900, 1500]] += 400
+    return y
+
+
+def in_closed_loop() -> tuple[Array, Array]:
+    rng = np.random.default_rng(3)
+    reference, u, y = steps(4, 40), np.zeros(N), np.zeros(N)
+    for k in range(1, N):
+        y[k] = 0.95 * y[k - 1] + 0.25 * u[k - 1] + 0.3 * rng.standard_normal()
+        u[k] = 1.5 * (reference[k] - y[k - 1]) + 0.1 * rng.standard_normal()
+    return u, y
+
+
+def clipped() -> tuple[Array, Array]:
+    u = smooth()
+    return u, np.clip(motor(u), -6, 6)
+
+
+def held_output() -> Array:
+    y = motor(steps(1, 60), 0.98)
+    return np.repeat(y[::5], 5)
+
+
+U, SLOW = steps(), steps(hold=100)
+Case = tuple[Array, Array]
+CASES: dict[str, Callable[[], Case]] = {
+    "channel-constant": lambda: (np.ones(N), motor(np.ones(N))),
+    "record-too-short": lambda: (U[:40], motor(U[:40])),
+    "excitation-too-low": lambda: ((np.arange(N) > 100) * 1.0, motor((np.arange(N) > 100) * 1.0)),
+    "excitation-linear-only": lambda: (sines(3), motor(sines(3))),
+    "few-input-levels": lambda: (np.sign(U), motor(np.sign(U))),
+    "input-may-be-continuous": lambda: (smooth(), motor(smooth())),
+    "output-without-sign": lambda: (U, np.abs(motor(U))),
+    "no-response": lambda: (U, motor(steps(7))),
+    "response-negative": lambda: (U, -motor(U)),
+    "feedback-likely": in_closed_loop,
+    "all-standstill": lambda: (U, 1e-3 * motor(U) / 50 + (np.arange(N) == 5)),
+    "much-standstill": lambda: (SLOW, dead(SLOW, 7)),
+    "dead-zone-likely": lambda: (2 * SLOW, dead(2 * SLOW, 4)),
+    "amplitude-near-dead-zone": lambda: (SLOW, dead(SLOW, 7)),
+    "coarse-values": lambda: (U, 10 * np.rint(motor(U) / 10)),
+    "values-cut-off": clipped,
+    "command-limited": lambda: (np.clip(2 * smooth(), -4, 4), motor(np.clip(2 * smooth(), -4, 4))),
+    "outliers": lambda: (U, spikes(motor(U))),
+    "samples-repeated": lambda: (steps(1, 60)[:N], held_output()[:N]),
+    "aliasing-possible": lambda: (U, motor(U, noise=15)),
+    "sampling-too-slow": lambda: (steps(hold=2), motor(steps(hold=2), 0.1)),
+    "sampling-too-fast": lambda: (steps(hold=400, samples=40_000), motor(steps(hold=400, samples=40_000), 0.998)),
+    "output-drifts": lambda: (U, motor(U) + 30 * np.linspace(0, 1, N)),
+    "nonlinear-likely": lambda: (U, dead(U, 4)),
+}
+
+
+@pytest.mark.parametrize("code", CASES)
+def test_each_finding_has_a_record_with_it(code: str) -> None:
+    found = findings(*CASES[code]())
+    assert code in found
+    assert code not in ordinary()
+    assert 0 < found[code].data.get("confidence", 1) <= 1
+
+
+def test_jitter() -> None:
+    t = 0.01 * np.arange(N) + 2e-4 * np.random.default_rng(0).uniform(-1, 1, N)
+    found = findings(U, motor(U), time_axis=time_axis(t))
+    assert found["clock-jitters"].data["jitter"] == pytest.approx(0.04, abs=0.005)
+    assert "clock-jitters" not in findings(U, motor(U), time_axis=time_axis(0.01 * np.arange(N)))
+
+
+def test_sizes() -> None:
+    """What the findings measure is right."""
+    assert findings(*CASES["dead-zone-likely"]())["dead-zone-likely"].data["dead_zone"] == pytest.approx(4, rel=0.3)
+    assert findings(*CASES["samples-repeated"]())["samples-repeated"].data["factor"] == 5
+    assert findings(*CASES["output-drifts"]())["output-drifts"].data["change"] == pytest.approx(30, rel=0.15)
+    assert findings(*CASES["outliers"]())["outliers"].data["count"] == 3
+    slow = findings(*CASES["sampling-too-fast"]())["sampling-too-fast"].data
+    assert slow["samples"] == pytest.approx(500, rel=0.1)
+    assert slow["factor"] == pytest.approx(10, abs=1)
+    assert findings(*CASES["much-standstill"]())["much-standstill"].data["share"] == pytest.approx(0.6, abs=0.2)
+
+
+@pytest.mark.parametrize("delay", [1, 25, 300])
+def test_a_delay_of_any_length_is_found(delay: int) -> None:
+    found = response(U, motor(U, delay=delay), ())
+    assert (found.delay, found.sign) == (delay, 1)
+
+
+def test_the_delay_of_a_single_step() -> None:
+    u = (np.arange(600) >= 200) * 3.0
+    found = response(u, -motor(u, delay=8, noise=0.01), ())
+    assert (found.delay, found.sign) == (8, -1)
+    assert found.correlation < -0.9
+
+
+def test_the_delay_of_a_coarse_fast_log() -> None:
+    u = steps(hold=100, samples=20_000)
+    y = np.rint(motor(u, 0.99, delay=30) / 5)
+    found = response(u, y, (7000, 14_000))
+    assert found.delay == pytest.approx(30, abs=8)
+    assert found.sign == 1
+
+
+def test_a_position_answers_by_its_change() -> None:
+    assert response(U, np.cumsum(motor(U)), (), integrates=True).delay == 1
+
+
+def test_influence_has_a_direction() -> None:
+    y = motor(U)
+    assert influence(U, y) > 0.9
+    assert influence(y, U) < 0.05
+    assert influence(steps(9), y) < 0.02
+    assert influence(np.ones(N), y) == influence(U, np.ones(N)) == 0
+
+
+class TestDistortion:
+    """A periodic multisine separates noise, even and odd distortion."""
+
+    PERIOD = 400
+
+    def finding(self, curve: Callable[[Array], Array], noise: float = 0.0) -> Finding:
+        lines = 2 * np.arange(20) + 1
+        phases = np.random.default_rng(1).uniform(0, 2 * np.pi, 20)
+        one = np.cos(2 * np.pi * np.outer(np.arange(self.PERIOD), lines) / self.PERIOD + phases).sum(axis=1) / 4
+        u = np.tile(one, 6)
+        y = curve(u)
+        y = y + noise * y.std() * np.random.default_rng(2).standard_normal(len(u))
+        return findings(u, y)["distortion-levels"]
+
+    def test_a_linear_relation_has_none(self) -> None:
+        data = self.finding(lambda u: lfilter([0, 0.5], [1, -0.5], u)).data
+        assert data["periods"] == 5
+        assert max(data["noise"], data["even"], data["odd"]) < 1e-6
+        assert data["period"] == pytest.approx(4.0)
+
+    def test_even_and_odd(self) -> None:
+        square = self.finding(lambda u: u + 0.1 * u**2).data
+        assert square["even"] > 20 * square["odd"]
+        cube = self.finding(lambda u: u + 0.05 * u**3).data
+        assert cube["odd"] > 20 * cube["even"]
+        assert cube["odd"] > 0.01
+
+    def test_noise_is_no_distortion(self) -> None:
+        data = self.finding(lambda u: 2 * u, noise=0.05).data
+        assert data["noise"] == pytest.approx(0.05, rel=0.6)
+        assert max(data["even"], data["odd"]) < 0.02
+
+    def test_only_where_the_input_is_periodic(self) -> None:
+        assert "distortion-levels" not in ordinary()
+        assert period_of(U) is None
+        assert period_of(np.tile(U[:300], 3)) == 300
+        assert period_of(np.ones(100)) is None
+
+
+def test_linear_systems_are_seldom_called_nonlinear() -> None:
+    """At most 5 % of linear systems with noise; dead zones of a quarter of the amplitude always."""
+
+    def seen(u: Array, y: Array) -> bool:
+        record = Record(u, y, 0.01)
+        (found,) = nonlinearity(record, Response(1, 1, 10.0, 0.9), baseline(record, 1))
+        return found.code == "nonlinear-likely"
+
+    wrong = right = 0
+    for seed in range(40):
+        u = steps(seed, 1 + seed % 12, 1200)
+        pole, noise = 0.5 + 0.45 * (seed % 7) / 7, 0.2 * (seed % 5)
+        wrong += seen(u, motor(u, pole, noise=noise))
+        right += seen(u, motor(np.sign(u) * np.maximum(np.abs(u) - 2.5, 0), pole, noise=noise))
+    assert wrong <= 2
+    assert right >= 38
+
+
+def test_the_dead_zone_is_between_rest_and_motion() -> None:
+    u = np.linspace(-10, 10, 4000)
+    assert dead_zone(u, np.abs(u) < 3) == pytest.approx(3, rel=0.1)
+    assert dead_zone(u, np.zeros(4000, bool)) is None
+    assert dead_zone(u, np.random.default_rng(0).random(4000) < 0.4) is None
+
+
+def test_repeated_values_of_a_slow_change_are_no_repeated_samples() -> None:
+    assert repeated(np.repeat(np.random.default_rng(0).standard_normal(200), 4)) == 4
+    assert repeated(np.rint(3 * np.sin(np.arange(2000) / 50) * 10) / 10) == 1
+
+
+def test_nothing_is_said_about_an_output_that_is_not_there() -> None:
+    record = Record(U, dt=0.01)
+    assert advice(record, Response(None, 0, 0.0, 0.0)) == []

@@ -1,0 +1,392 @@
+"""The first look at a file: what its columns hold, the guesses and how sure they are, and the command that follows."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import emsid
+from emsid.cli.commands.describe import proposals
+from emsid.errors import DataError
+from emsid.first_look import describe, describe_files
+from emsid.first_look.columns import column_of_numbers, quantisation
+from emsid.first_look.names import ColumnQuantity, meaning
+from emsid.report.braille import braille
+
+N = 800
+RNG = np.random.default_rng(1)
+U = np.repeat(RNG.integers(-10, 11, N // 10).astype(float), 10)
+Y = np.zeros(N)
+for k in range(1, N):
+    Y[k] = 0.9 * Y[k - 1] + 0.5 * U[k - 1]
+Y += 0.01 * RNG.standard_normal(N)
+T = 0.01 * np.arange(N)
+
+Write = Callable[..., Path]
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(command: Callable[..., int], capsys: pytest.CaptureFixture[str]) -> Run:
+    """Call the command line in this process: (status, standard output, standard error)."""
+
+    def call(*words: object) -> tuple[int, str, str]:
+        status = command(*words)
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    """A file of columns by name, or of the given text."""
+
+    def write(
+        columns: dict[str, np.ndarray] | str, name: str = "log.csv", encoding: str = "utf-8", **rows: str
+    ) -> Path:
+        if isinstance(columns, str):
+            text = columns
+        else:
+            lines = [",".join(f"{x:.10g}" for x in row) for row in zip(*columns.values(), strict=True)]
+            text = "\n".join([",".join(columns), *rows.values(), *lines]) + "\n"
+        path = tmp_path / name
+        path.write_text(text, encoding)
+        return path
+
+    return write
+
+
+def codes(look: emsid.FirstLook) -> set[str]:
+    return {finding.code for finding in look.findings}
+
+
+def data(look: emsid.FirstLook, code: str) -> dict[str, object]:
+    (found,) = (finding for finding in look.findings if finding.code == code)
+    return dict(found.data)
+
+
+# --- names -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "unit"),
+    [
+        ("Motor_Speed(RPM)", ColumnQuantity.SPEED, "rpm"),
+        ("t_ms", ColumnQuantity.TIME, "ms"),
+        ("Timestamp(ms)", ColumnQuantity.TIME, "ms"),
+        ("Commanded_PWM", ColumnQuantity.DUTY, ""),
+        ("mVel", ColumnQuantity.SPEED, ""),
+        ("w [deg/s]", ColumnQuantity.SPEED, "deg/s"),
+        ("i [A]", ColumnQuantity.CURRENT, "A"),
+        ("Drehzahl [U/min]", ColumnQuantity.SPEED, "rpm"),
+        ("speed_ref", ColumnQuantity.REFERENCE, ""),
+        ("u11", ColumnQuantity.INPUT, ""),
+        ("ω", ColumnQuantity.SPEED, ""),
+        ("c3", ColumnQuantity.UNKNOWN, ""),
+        ("x [furlong]", ColumnQuantity.UNKNOWN, ""),
+    ],
+)
+def test_what_a_name_says(name: str, quantity: ColumnQuantity, unit: str) -> None:
+    said = meaning(name)
+    assert (said.quantity, said.unit) == (quantity, unit)
+    assert (said.confidence > 0) is (quantity is not ColumnQuantity.UNKNOWN)
+
+
+# --- columns ---------------------------------------------------------------------------------------------------------
+
+
+def test_isolated_whole_numbers_are_codes() -> None:
+    pwm = np.concatenate([np.arange(-255, 256), [1000] * 5, [-9999] * 7])
+    column = column_of_numbers("PWM", "numbers", meaning("PWM"), pwm.astype(float))
+    assert [(code.value, code.count) for code in column.codes] == [(-9999, 7), (1000, 5)]
+    assert (column.low, column.high, column.step) == (-255, 255, 1)
+    assert np.isnan(column.signal[-12:]).all()
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.arange(-255.0, 256.0),
+        np.append(np.linspace(0, 1, 100), [1000.5] * 3),  # no whole number
+        np.append(np.arange(100.0), [1000.0]),  # an outlier: it occurs once
+        np.repeat([0.0, 100.0, 1000.0], 50),  # levels of a command
+    ],
+)
+def test_other_values_are_no_codes(values: np.ndarray) -> None:
+    assert column_of_numbers("u", "numbers", meaning("u"), values).codes == ()
+
+
+def test_quantisation_survives_rounding_in_the_file() -> None:
+    step = 0.0024414
+    assert quantisation(np.unique(np.round(step * np.arange(300), 6))) == pytest.approx(step, rel=1e-4)
+    assert quantisation(np.unique(RNG.standard_normal(300))) is None
+    assert quantisation(np.array([3.0])) is None
+
+
+def test_a_value_that_stays_is_stuck_only_if_that_is_unusual() -> None:
+    y = RNG.standard_normal(2000)
+    y[700:900] = y[700]
+    stuck = column_of_numbers("y", "numbers", meaning("y"), y).stuck
+    assert stuck is not None
+    assert (stuck.start, stuck.length) == (700, 200)
+    assert column_of_numbers("y", "numbers", meaning("y"), RNG.standard_normal(2000)).stuck is None
+
+
+def test_columns_of_a_file(write: Write) -> None:
+    state = "".join(f"{0.01 * k:.2f},RUN,2,{U[k]},{Y[k]}\n" for k in range(N))
+    look = describe(write("t,state,gain,u,y\n" + state))
+    assert [column.kind for column in look.columns] == ["numbers", "text", "numbers", "numbers", "numbers"]
+    assert look["gain"].constant
+    assert look.reading == {"input": "u", "output": "y", "time": "t"}
+
+
+# --- roles and clock -------------------------------------------------------------------------------------------------
+
+
+def german() -> str:
+    rows = (f"{t:.2f};{u:.3f};{y:.5f}".replace(".", ",") for t, u, y in zip(T, U, Y, strict=True))
+    return "Zeit;Spannung;Drehzahl\n" + "\n".join(rows) + "\n"
+
+
+def table(separator: str, times: np.ndarray, header: str = "") -> str:
+    rows = (f"{t:.14g}{separator}{u:g}{separator}{y:.5f}" for t, u, y in zip(times, U, Y, strict=True))
+    return header + "\n".join(rows) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "encoding", "name", "reading"),
+    [
+        (german(), "utf-8-sig", "log.csv", {"input": "Spannung", "output": "Drehzahl", "time": "Zeit"}),
+        (table("\t", T, "t\tu\ty\n"), "utf-16", "log.csv", {"input": "u", "output": "y", "time": "t"}),
+        (table(" ", T), "utf-8", "log.txt", {"input": "c2", "output": "c3", "time": "c1"}),
+        (
+            table(",", 1718e9 + 1e3 * T, "timestamp,cmd,vel\n"),
+            "utf-8",
+            "log.csv",
+            {"input": "cmd", "output": "vel", "time": "timestamp", "time_unit": "ms"},
+        ),
+        (
+            table(",", 1e3 * T, "time,voltage,speed\n(ms),(V),(rpm)\n"),
+            "utf-8",
+            "log.csv",
+            {"input": "voltage", "output": "speed", "units": {"voltage": "V", "speed": "rpm"}, "time": "time"},
+        ),
+        (table(",", T % 2, "t,u,y\n"), "utf-8", "log.csv", {"input": "u", "output": "y", "time": "t"}),
+        (
+            table(",", T + (T > 3), "t,u,y\n"),
+            "utf-8",
+            "a.csv",
+            {"input": "u", "output": "y", "time": "t", "resample": True},
+        ),
+    ],
+    ids=["German", "UTF-16", "no header", "milliseconds", "row of units", "resets", "gap"],
+)
+def test_a_file_of_any_form_is_read_by_guesses(
+    write: Write, text: str, encoding: str, name: str, reading: dict[str, object]
+) -> None:
+    path = write(text, name, encoding)
+    look = describe(path)
+    assert look.reading == reading
+    assert look.record is not None
+    assert look.record.dt == pytest.approx(0.01)
+    assert look.response.sign == 1
+    assert look.response.delay == 1
+    np.testing.assert_array_equal(emsid.read(path, **look.reading).output, look.record.output)
+    assert ("time-unit-assumed" in codes(look)) is ("time_unit" in reading)
+    assert ("clock-irregular" in codes(look)) is ("resample" in reading)
+
+
+@pytest.mark.parametrize(
+    ("name", "above", "dt", "code"),
+    [
+        ("log.csv", "Rig 3\nSample rate 200 Hz\n", 0.005, "sample-time-from-text"),
+        ("log.csv", "(dt=10)\n", 0.01, "time-unit-assumed"),
+        ("log.csv", "dt,OCR2A\n10,156\n", 0.01, "time-unit-assumed"),
+        ("test_20ms.csv", "", 0.02, "sample-time-from-text"),
+        ("test_dt2.csv", "", 0.002, "time-unit-assumed"),
+        ("log.csv", "", 1.0, "sample-time-unknown"),
+    ],
+)
+def test_a_sample_time_without_time_column(write: Write, name: str, above: str, dt: float, code: str) -> None:
+    rows = "".join(f"{u:g},{y:.5f}\n" for u, y in zip(U, Y, strict=True))
+    look = describe(write(f"{above}Voltage,Speed\n{rows}", name))
+    assert look.reading == {"input": "Voltage", "output": "Speed", "dt": dt}
+    assert code in codes(look)
+
+
+def test_what_is_given_is_not_guessed(write: Write) -> None:
+    path = write({"t": T, "u": U, "y": Y})
+    look = describe(path, dt=0.02, output="t")
+    assert look.reading == {"input": look.roles.input, "output": "t", "dt": 0.02}
+    assert describe(path, rows=slice(0, 100)).record is not None
+    with pytest.raises(DataError, match="there is no column 'speed'"):
+        describe(path, input="u", output="speed")
+
+
+def test_names_and_influence_find_the_pair(write: Write) -> None:
+    reference = np.roll(Y, -3)
+    look = describe(write({"t": T, "ref": reference, "i [A]": U - 0.1 * Y, "Vm": U, "w [deg/s]": Y, "temp": 20 + T}))
+    assert (look.roles.input, look.roles.output) == ("Vm", "w [deg/s]")
+    assert min(look.roles.input_confidence, look.roles.output_confidence) > 0.8
+    assert "role-uncertain" not in codes(look)
+    unnamed = describe(write({"a1": T, "b1": Y, "k1": U}))
+    assert (unnamed.roles.input, unnamed.roles.output) == ("k1", "b1")  # by influence alone
+
+
+def test_an_uncertain_role_is_said(write: Write) -> None:
+    walks = {name: np.cumsum(RNG.standard_normal(N)) for name in ("a", "b", "c")}
+    assert "role-uncertain" in codes(describe(write({"t": T, **walks})))
+
+
+def test_no_role_is_said(write: Write) -> None:
+    look = describe(write({"t": T, "y": Y}))
+    assert data(look, "no-role-found") == {"roles": ["input"]}
+    assert (look.record, proposals([look])) == (None, [])
+
+
+def test_several_experiments_side_by_side(write: Write) -> None:
+    look = describe(write({"z1": Y, "u1": U, "z2": -Y, "u2": -U}))
+    assert data(look, "several-experiments") == {"chosen": ["u1", "z1"], "pairs": [["u2", "z2"]]}
+    assert "several-experiments" not in codes(describe(write({"u1": U, "z1": Y})))
+
+
+def test_a_position_is_differentiated_and_a_difference_is_recognised(write: Write) -> None:
+    counts = np.cumsum(np.rint(Y))
+    look = describe(write({"PWM": U, "mStep": counts, "mVel": np.diff(counts, prepend=0)}))
+    assert data(look, "difference-of-position") == {"position": "mStep"}
+    assert "position-differentiated" not in codes(look)
+    look = describe(write({"PWM": U, "enc": counts}))
+    assert look.reading["output"] == "d(enc)"
+    assert "position-differentiated" in codes(look)
+
+
+def test_codes_are_masked_and_what_the_output_does_there_is_said(write: Write) -> None:
+    u, y = U.copy(), Y.copy()
+    for start in (100, 300, 500):
+        u[start : start + 20] = 1000
+        y[start : start + 20] = 40 * 0.7 ** np.arange(20)
+    look = describe(write({"t": T, "Commanded PWM": u, "speed": y}))
+    assert look.reading["mask"] == 'abs("Commanded PWM") > 10'
+    (code,) = data(look, "isolated-values")["codes"]
+    assert code == {"value": 1000, "count": 60, "share": 0.075, "response": "falls"}
+    assert "isolated-values" not in codes(describe(write({"t": T, "Commanded PWM": U, "speed": Y})))
+
+
+def test_a_stuck_sensor(write: Write) -> None:
+    y = Y.copy()
+    y[400:520] = y[400]
+    assert data(describe(write({"t": T, "u": U, "y": y})), "value-stuck")["row"] == 400
+    assert "value-stuck" not in codes(describe(write({"t": T, "u": U, "y": Y})))
+
+
+def test_bad_rows_are_skipped_and_said(write: Write) -> None:
+    rows = table(",", T, "t,u,y\n").splitlines()
+    rows.insert(500, "[RxCallback]Communication Status #: 6")
+    look = describe(write("\n".join(rows)))
+    assert look.reading == {"input": "u", "output": "y", "time": "t", "skip_bad_rows": True}
+    assert data(look, "rows-skipped")["line"] == 501
+
+
+def test_a_record_that_cannot_be_read_is_said(write: Write) -> None:
+    rows = table(",", T, "t,u,y\n").splitlines()
+    rows[1::25] = ["[message]"] * len(rows[1::25])
+    look = describe(write("\n".join(rows)))
+    assert "at most 2 % are skipped" in str(data(look, "not-readable")["reason"])
+    assert look.record is None
+
+
+def test_two_files_of_one_signal_each(write: Write) -> None:
+    paths = [write("".join(f"{x}\n" for x in values), name) for name, values in (("b.csv", Y), ("a.csv", U))]
+    (look,), findings = describe_files(paths, dt=0.01)
+    assert look.reading == {"dt": 0.01, "input": f"{paths[1]}:1", "output": f"{paths[0]}:1"}
+    assert (look.response.delay, findings) == (1, [])
+
+
+def test_a_record_of_opposite_sign_among_others(write: Write) -> None:
+    paths = [write({"t": T, "u": U, "y": sign * Y}, f"{k}.csv") for k, sign in enumerate((1, -1, 1))]
+    (finding,) = describe_files(paths)[1]
+    assert (finding.code, finding.data) == ("records-of-opposite-sign", {"records": ["1.csv"], "of": 3})
+    assert describe_files(paths[::2])[1] == []
+
+
+# --- how it is shown -------------------------------------------------------------------------------------------------
+
+
+def test_it_prints_as_a_table(write: Write) -> None:
+    look = emsid.describe(write({"t_ms": 1e3 * T, "u": U, "y": Y}))
+    lines = str(look).splitlines()
+    assert lines[1].split() == ["Column", "Role", "ColumnQuantity", "Unit", "Notes", "From", "To", "Step"]
+    assert lines[2].startswith("t_ms    time (almost certainly)")
+    assert lines[-1].endswith("input='u', output='y', time='t_ms')")
+    assert "<table>" in look._repr_html_()
+    assert len(look.plot().axes) == 2
+
+
+def test_braille_shows_a_line() -> None:
+    assert braille(np.arange(8.0), 4, 2) == ["⠀⠀⡠⠊", "⡠⠊⠀⠀"]
+    assert braille([1.0, 1.0], 1, 1) == ["⣀"]
+    assert braille([0.0, np.nan, np.nan, 3.0], 2, 1) == ["⡀⠈"]
+    assert len(braille(RNG.standard_normal(100_000), 60, 4)[0]) == 60
+
+
+ODD = {"t s": T, "u 'in' [V]": U, 'y "1" $HOME; *': Y}
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {"t": T, "u": U, "y": Y},
+        {"PWM": np.where(np.arange(N) % 50 == 0, 1000, U), "mVel": Y},
+        {"Zeit": T, "-u": U, "y=a": Y},
+    ],
+    ids=["plain", "codes", "strange names"],
+)
+def test_the_proposed_command_works(run: Run, write: Write, tmp_path: Path, columns: dict[str, np.ndarray]) -> None:
+    path = write(columns, "it's a log.csv")
+    status, out, _ = run("describe", path)
+    assert status == 0
+    words = shlex.split(out.splitlines()[-1])
+    assert words[:3] == ["emsid", "identify", str(path)]
+    status, _, err = run(
+        *words[1:], "--models", "arx", "--na", "1", "--nb", "1", "--nk", "1", "--out", tmp_path / "out"
+    )
+    assert status == 0, err
+
+
+def test_without_options_there_is_no_missing_option(run: Run, write: Write, tmp_path: Path) -> None:
+    status, out, err = run("describe", write({"y": Y}))
+    assert (status, err) == (0, "")
+    assert "no column looks like the input; name it with --input" in out
+    assert out.splitlines()[-1] == "nothing to identify here: see above"
+    status, _, err = run("identify", write({"y": Y}))
+    assert status == 2
+    assert "name the input column; `emsid describe" in err
+
+
+def test_json_and_a_page(run: Run, write: Write, tmp_path: Path) -> None:
+    path = write({"t": T, "u": U, "y": -Y})
+    status, out, _ = run("describe", path, "--json", "--out", tmp_path / "page")
+    assert status == 0
+    document = json.loads(out)
+    (record,) = document["records"]
+    assert record["guesses"]["input"]["column"] == "u"
+    assert record["response"] == {"delay": 1, "sign": -1}
+    assert {"response-negative", "excitation-sufficient"} <= {finding["code"] for finding in record["findings"]}
+    assert document["commands"] == [f"emsid identify {path} --input u --output y --time t"]
+    page = (tmp_path / "page" / "report.html").read_text()
+    assert "<svg" in page
+    assert document["commands"][0] in re.sub("<[^>]+>", "", page)
+
+
+def test_many_files_are_described_in_a_line_each(run: Run, write: Write) -> None:
+    paths = [write({"t": T, "u": U, "y": Y}, f"{k}.csv") for k in range(4)]
+    out = run("describe", *paths)[1]
+    assert "- in 4 of 4 files: u is persistently exciting of order at least 50" in out
+    assert shlex.split(out.splitlines()[-1])[2:6] == list(map(str, paths))

@@ -542,6 +542,21 @@ def test_what_channels_without_a_unit_are_taken_for_is_a_finding():
     assert assumptions(STARTS["rigid-motor"], said) == []
 
 
+@pytest.mark.parametrize(
+    ("command", "unit", "full"),
+    [
+        (np.round(LEVELS / np.max(np.abs(LEVELS)) * 255), "", 255.0),
+        (np.round(LEVELS / np.max(np.abs(LEVELS)) * 250), "", None),  # no limit of any timer
+        (LEVELS / np.max(np.abs(LEVELS)) * 255, "", None),  # no whole numbers
+        (np.round(LEVELS / np.max(np.abs(LEVELS)) * 100), "V", None),
+    ],
+)
+def test_a_command_that_ends_like_a_duty_is_asked_about(command, unit, full):
+    record = Record(command, LEVELS, DT, input_names=("PWM",), input_units=(unit,), output_units=("rad/s",))
+    said = [each.data for each in assumptions(STARTS["rigid-motor"], record) if each.code == "command-may-be-duty"]
+    assert said == ([{"channel": "PWM", "full": full}] if full else [])
+
+
 def test_a_bridge_is_not_spoken_of_where_there_is_one():
     record = Record(CODED, LEVELS, DT, input_units=("V",), output_units=("rad/s",))
     coded = replace(STARTS["rigid-motor"], drive=Drive(codes=((999.0, Bridge.BRAKE),)))

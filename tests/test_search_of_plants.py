@@ -16,11 +16,13 @@ from scipy.signal import lfilter
 from emsid import Record
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.plants.beginning import agrees, beginning
+from emsid.models.plants.drive import Hold
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
+from emsid.models.plants.search.thinning import thinned
 from independent.cases import CASES
 
 Array = NDArray[np.float64]
@@ -138,3 +140,30 @@ def test_a_plant_without_a_refinement_does_not_get_it():
     assert fit.model.plant.value("voltage_dead_zone.half_width") == pytest.approx(
         CASES["motor 1"]().truth.dead_zone, rel=0.2
     )
+
+
+# --- fewer samples --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("straight", [False, True])
+def test_a_motion_is_nearly_the_same_in_fewer_samples(straight):
+    rng = np.random.default_rng(3)
+    u = lfilter([0.002], [1.0, -0.998], 20 * rng.standard_normal(20_000))[:, None]
+    hold = Hold.FIRST if straight else Hold.ZERO
+    plant = AXIS.put({"mass": 2.0, "friction.coulomb": 0.05}).held(hold)
+    y = plant.simulate(u, 1e-3, np.zeros(3), (Signal.POSITION,))
+    fewer = thinned(Record(u, y, 1e-3), straight)
+    assert len(fewer) == 20_000 // 3
+    assert fewer.dt == pytest.approx(3e-3)
+    run = plant.held(Hold.ZERO).simulate(fewer.input, fewer.dt, np.zeros(3), (Signal.POSITION,))
+    assert np.max(np.abs(run - fewer.output)) < 2e-4 * np.ptp(y)
+    wrong = thinned(Record(u, y, 1e-3), not straight)
+    late = plant.held(Hold.ZERO).simulate(wrong.input, fewer.dt, np.zeros(3), (Signal.POSITION,))
+    assert np.max(np.abs(late - fewer.output)) > 2 * np.max(np.abs(run - fewer.output))
+
+
+def test_short_records_and_short_segments_keep_all_samples():
+    u = np.random.default_rng(0).standard_normal(20_000)
+    short, gaps = Record(u[:6000], u[:6000], 1e-3), Record(u, u, 1e-3, breaks=(50,))
+    assert thinned(short, False) is short
+    assert thinned(gaps, False) is gaps

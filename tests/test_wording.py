@@ -57,6 +57,7 @@ EXAMPLES: tuple[Finding, ...] = (
     ),
     # searches
     Finding("search-stalled", data=SO_FAR),
+    Finding("minimum-not-smooth", data={"starts": 7, "agreeing": 5}),
     Finding("steps-used-up", data=SO_FAR | {"steps": 1}),
     Finding("time-used-up", data=SO_FAR | {"offset": None}),
     Finding("search-cancelled", data=SO_FAR),
@@ -78,6 +79,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("speed-is-a-mean", "speed"),
     Finding("unit-assumed", "rigid-motor", {"channel": "y", "signal": "speed", "unit": "rad/s"}),
     Finding("command-unit-assumed", "rigid-motor", {"channel": "u", "unit": "volts"}),
+    Finding("command-may-be-duty", "rigid-motor", {"channel": "PWM", "full": 255.0}),
     Finding("codes-without-bridge", "rigid-motor", {"codes": [999.0], "nothing": "torque"}),
     Finding("no-shaft-seen", "motor", {"model": "motor", "simpler": "rigid-motor"}),
     Finding("nothing-identifiable", "rigid-motor", {"model": "rigid-motor", "channels": ["voltage", "speed"]}),

@@ -28,6 +28,16 @@ def command_unit_assumed(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("command-may-be-duty", Severity.INFO)
+def command_may_be_duty(f: Finding, argument: Spelling) -> str:
+    d = f.data
+    return (
+        f"{d['channel']} is in whole numbers and ends at {d['full']:g}, like the duty of a PWM; if it is one, give its "
+        f"unit pwm ({argument('units')}) and the supply voltage ({argument('supply_voltage')}) to see volts. The free "
+        "run is the same"
+    )
+
+
 @words("codes-without-bridge", Severity.INFO)
 def codes_without_bridge(f: Finding, argument: Spelling) -> str:
     codes = listed([f"{code:g}" for code in f.data["codes"]])

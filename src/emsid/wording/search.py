@@ -10,6 +10,14 @@ def search_stalled(f: Finding, argument: Spelling) -> str:
     return f"the search stalled before a minimum ({_so_far(f)}); the estimates and intervals are not reliable"
 
 
+@words("minimum-not-smooth")
+def minimum_not_smooth(f: Finding, argument: Spelling) -> str:
+    return (
+        f"the error is not smooth at the minimum; {f.data['agreeing']} of {f.data['starts']} searches from around it "
+        "end there, and the intervals cover their estimates"
+    )
+
+
 @words("steps-used-up", Severity.WARNING)
 def steps_used_up(f: Finding, argument: Spelling) -> str:
     return f"the search ended at its limit of steps, before a minimum ({_so_far(f)}); allow more steps"

@@ -223,17 +223,22 @@ class Drive:
         """The same for a command that goes straight from sample to sample, simulated up to the last one."""
         first = bool(np.isnan(commands[-1, 0]))
         past = commands[:-1] if first else commands
-        rows = np.concatenate([past, np.column_stack(self.made(inputs))])
-        times = np.arange(-len(past), len(inputs), dtype=float)
+        rows = np.asfortranarray(np.concatenate([past, np.column_stack(self.made(inputs))]))
         begin = 0 if first else -1
-        middles = begin + (np.arange((len(inputs) - 1 - begin) * PIECES) + 0.5) / PIECES
+        zero = len(past) - self.delay / dt  # the row that acts at the first sample
+        conducting = bool(np.all(rows[:, 1] == 1.0))  # as a plain drive always does
 
-        def at(instants: Array) -> tuple[Array, Array]:
-            late = instants - self.delay / dt
-            return np.interp(late, times, rows[:, 0]), np.interp(late, times, rows[:, 1])
+        def at(instant: float, count: int) -> tuple[Array, Array]:
+            voltage = _read(rows[:, 0], zero + instant, count)
+            return voltage, np.ones(count) if conducting else _read(rows[:, 1], zero + instant, count)
 
-        now = at(times[len(past) :])
-        voltage, conducts = (np.concatenate([ends[:1], each]) for ends, each in zip(now, at(middles), strict=True))
+        now = at(0.0, len(inputs))
+        pieces = np.ones((2, 1 + (len(inputs) - 1 - begin) * PIECES))
+        pieces[:, 0] = now[0][0], now[1][0]
+        for piece in range(PIECES):
+            into = pieces[:, 1 + piece :: PIECES]
+            into[0], into[1] = at(begin + (piece + 0.5) / PIECES, into.shape[1])
+        voltage, conducts = pieces
         samples = slice(None if first else PIECES, None, PIECES)
         return Acting(voltage, conducts, dt / PIECES, 0.0, samples, now, rows[len(rows) - len(past) :])
 
@@ -244,6 +249,18 @@ class Drive:
         """
         on = self.acting(inputs, self.standing(inputs[0], dt, len(inputs)), dt)
         return on.voltage, on.conducts, on.late
+
+
+def _read(rows: Array, start: float, count: int) -> Array:
+    """(count,) rows read at ``start``, ``start`` + 1, …, straight between two; the first and the last row go on."""
+    below = int(np.floor(start))
+    before, after = max(-below, 0), max(below + count + 1 - len(rows), 0)
+    if before or after:
+        rows = np.concatenate([np.full(before, rows[0]), rows, np.full(after, rows[-1])])
+    part, here = start - below, below + before
+    values: Array = (1.0 - part) * rows[here : here + count]
+    values += part * rows[here + 1 : here + 1 + count]
+    return values
 
 
 def outer_handles(unit: str, word: str, measure: Measure, motion: str, shown: Measure) -> dict[str, Handle]:

@@ -235,10 +235,26 @@ def assumptions(plant: Plant, record: Record) -> list[Finding]:
         findings.append(
             Finding("command-unit-assumed", plant.name, {"channel": record.input_names[0], "unit": channels.made})
         )
+        if channels.bridge and (full := _full_duty(record, channels)):
+            findings.append(
+                Finding("command-may-be-duty", plant.name, {"channel": record.input_names[0], "full": full})
+            )
     if channels.codes and not _has_bridge(channels, record):
         codes = [code for code, _ in channels.codes]
         findings.append(Finding("codes-without-bridge", plant.name, {"codes": codes, "nothing": channels.nothing}))
     return findings
+
+
+FULL_DUTY = (100.0, 127.0, 255.0, 256.0, 400.0, 500.0, 511.0, 512.0, 999.0, 1000.0, 1023.0, 1024.0, 2047.0, 4095.0)
+"""Where commands of microcontrollers end: percent, and counts of timers."""
+
+
+def _full_duty(record: Record, channels: Channels) -> float:
+    """The limit at which a command of whole numbers ends, as the duty of a PWM does; 0 where it is no such command."""
+    values = np.unique(np.concatenate([segment.input[:, 0] for segment in record.segments]))
+    values = values[~np.isin(values, [code for code, _ in channels.codes])]
+    limit = float(np.max(np.abs(values), initial=0.0))
+    return limit if limit in FULL_DUTY and not np.any(values % 1.0) else 0.0
 
 
 def _has_bridge(channels: Channels, record: Record) -> bool:

@@ -35,7 +35,7 @@ from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Signal, parts, without_overlap
 from emsid.models.plants.plant import DrivenPlant, Plant
 from emsid.models.plants.registry import PLANTS
-from emsid.models.plants.search.between_samples import is_open
+from emsid.models.plants.search.between_samples import as_hold, is_open
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.refinements import (
     EXTRAPOLATES,
@@ -50,6 +50,7 @@ from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.starts import motions, plausible_motions
 from emsid.models.plants.search.task import fixed_values
+from emsid.models.plants.search.thinning import thinned
 from emsid.models.plants.search.trials import Trial, Trials, gain
 from emsid.record import Record
 from emsid.selection.improvement import StretchErrors, better
@@ -112,7 +113,7 @@ def choose(
         fixed=values,
         datasheet=sheet,
         weighting=search.weighting,
-        hold=hold if hold is None and search.found.hold is Hold.FIRST else search.found.hold,
+        hold=hold if search.thinned or search.found.hold is Hold.FIRST else search.found.hold,
         look_around=False,
         **({"max_iterations": 0} if stopped else {"control": control}),
     )
@@ -130,6 +131,7 @@ class _Choice:
         asked: what is free of it, whether the record can tell it or not.
         weighting: how errors count by their age.
         drifts: after how long errors are forgotten where that was chosen, else 0.
+        thinned: whether trials see fewer samples than there are.
     """
 
     def __init__(
@@ -145,7 +147,10 @@ class _Choice:
         signals = signals_of(plant, record)
         check_channels(plant, signals, record)
         self._original, self._scaling = plant, Scaling.of(plant, record)
-        scaled, factors = self._scaling.record(record, signals), self._scaling.factors(plant)
+        whole, factors = self._scaling.record(record, signals), self._scaling.factors(plant)
+        scaled = self._fewer(whole, signals, hold)
+        self.thinned = scaled is not whole
+        hold = Hold.ZERO if self.thinned else hold
         physical = {
             name: (max(each.lower, each.lower / factors[name]), each.upper / factors[name])
             for name, each in plant.handles.items()
@@ -173,10 +178,22 @@ class _Choice:
         self._record = scaled
         sides = {side: both for name, both in plain.limits.items() for side in parts(plant, name)}
         limits = {**physical, **sides, **plain.limits}
-        self._trials = Trials(plain.segments, signals, limits, self.weighting, control)
+        complete = whole if self.thinned and len(whole.segments) == 1 else None
+        self._trials = Trials(plain.segments, signals, limits, self.weighting, control, complete)
         self._rng = np.random.default_rng(0)
         self._starts = [start, *_moving(start, plain.segments, signals)]
         self.trial = Trial(start, plain.names, list(plain.states), plain.cost, [])
+
+    def _fewer(self, record: Record, signals: Sequence[Signal], hold: Hold | str | None) -> Record:
+        """The record that trials see, with a command that is held where it has fewer samples.
+
+        The start of a position is seen in all its samples only, which are known of a single segment.
+        """
+        several = Signal.POSITION in signals and len(record.segments) > 1
+        if self._original.drive.codes or several:
+            return record
+        straight = is_open(self._original, record.segments) if hold is None else as_hold(hold) is Hold.FIRST
+        return thinned(record, straight)
 
     @property
     def found(self) -> DrivenPlant:

@@ -16,6 +16,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending, Fit
@@ -40,6 +41,8 @@ from emsid.models.plants.search.task import Task, prepare
 from emsid.models.plants.search.trials import Trial, Trials
 from emsid.plant import Motor
 from emsid.record import Record
+
+Array = NDArray[np.float64]
 
 
 @one_blas_thread()
@@ -101,7 +104,7 @@ def simulation_error(
     )
     task = replace(task, hold_given=hold is not None, free_starts=not starts_from_samples(task.plant, task.signals))
     start = _promising(task, starts_of(task)) if look_around else task.plant
-    reached = _begun_again(task, continuation.search(task, start, max_iterations), max_iterations)
+    first = reached = _begun_again(task, continuation.search(task, start, max_iterations), max_iterations)
     if not task.free_starts and reached.unended:
         freed = replace(task, free_starts=True)
         with suppress(Stopped):
@@ -110,6 +113,8 @@ def simulation_error(
                 task, reached = freed, again
     if not task.hold_given and reached.unended and is_open(task.plant, task.segments):
         reached = _straight_if_better(task, reached, max_iterations)
+    if reached is not first and reached.unended:
+        reached = _begun_again(task, reached, max_iterations)
     return _concluded(task, start, reached)
 
 
@@ -157,14 +162,41 @@ def _begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
     here = Trial(driven, tuple(reached.names), states, reached.minimum.cost, residuals)
     with suppress(Stopped):
         there = _trials(task).around(here, np.random.default_rng(0), RESTARTS)
-        if there is not here:
+        if there.cost < here.cost:
             again = continuation.search(task, there.plant, max_iterations)
-            return again if again.minimum.cost < reached.minimum.cost else reached
+            reached = again if again.minimum.cost < reached.minimum.cost else reached
+        if reached.minimum.ending is Ending.STALLED and tuple(reached.names) == there.names:
+            return _confirmed(reached, there.ends)
     return reached
+
+
+def _confirmed(reached: Reached, ends: Sequence[tuple[float, Array]]) -> Reached:
+    """A search that stalled, as converged if others that began around its end found no lower cost and some the same.
+
+    The error of a free run is not smooth where the motion sticks for one value and slides for the next, so that the
+    derivative promises a descent that there is not. The estimates of ends with the same cost differ by more than the
+    derivative says; their spread is added to the covariance.
+    """
+    minimum, count = reached.minimum, len(reached.names)
+    same = [values for cost, values in ends if cost <= (1 + SAME) * minimum.cost]
+    if len(same) < AGREEING or not np.isfinite(minimum.covariance).all():
+        return reached
+    apart = np.zeros((len(minimum.estimate), len(same)))
+    apart[:count] = np.array(same).T - minimum.estimate[:count, None]
+    apart[~minimum.free] = 0.0
+    finding = Finding("minimum-not-smooth", "", {"starts": len(ends) + 1, "agreeing": len(same) + 1})
+    findings = tuple(finding if each.code == "search-stalled" else each for each in minimum.findings)
+    spread = minimum.covariance + apart @ apart.T / len(same)
+    confirmed = replace(minimum, ending=Ending.CONVERGED, covariance=spread, findings=findings)
+    return reached._replace(minimum=confirmed)
 
 
 RESTARTS = 6
 """How often a search that stalled begins again."""
+SAME = 0.01
+"""Ends of searches whose costs differ by less than this part are in the same minimum."""
+AGREEING = 3
+"""How many searches must end in the same minimum as one that stalled, for that to be taken for the minimum."""
 
 
 def _concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:

@@ -56,6 +56,7 @@ class Trial:
         states: the initial state of every segment.
         cost: half the sum of squares of the weighted free-run error.
         residuals: that error, segment by segment.
+        ends: where searches ended that began around it, each as its cost and the values of ``names``.
     """
 
     plant: DrivenPlant
@@ -63,6 +64,7 @@ class Trial:
     states: list[Array]
     cost: float
     residuals: list[Array]
+    ends: tuple[tuple[float, Array], ...] = ()
 
     @property
     def errors(self) -> StretchErrors:
@@ -91,6 +93,8 @@ class Trials:
         limits: bounds of parameters; others have the bounds of the plant.
         weighting: how errors count by their age.
         control: when to stop.
+        complete: the segment with all samples of which ``segments`` are parts with fewer samples (`thinning`); it shows
+            the initial states. None where they show them.
     """
 
     segments: tuple[Record, ...]
@@ -98,6 +102,7 @@ class Trials:
     limits: Limits
     weighting: Weighting = all_alike
     control: Control = FREE
+    complete: Record | None = None
 
     def fitted(
         self, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None = None
@@ -135,7 +140,8 @@ class Trials:
         return [(cost_of(problem), k, problem) for k, problem in moved if problem is not None]
 
     def around(self, trial: Trial, rng: np.random.Generator, tries: int) -> Trial:
-        """The best of a trial and of some more that begin around it."""
+        """The best of a trial and of some more that begin around it, with where these ended."""
+        ends = []
         for _ in range(tries):
             problem = self._problem(trial.plant, trial.names, trial.states)
             if problem is None:
@@ -146,9 +152,12 @@ class Trials:
                 again = self._searched(problem.begun_at(theta), STEPS)
             except EmsidError:
                 continue
-            if again is not None and cost_of(again) < 2 * trial.cost * (1 - SLOW):
+            if again is None:
+                continue
+            ends.append((0.5 * cost_of(again), again.start[: len(trial.names)]))
+            if ends[-1][0] < trial.cost * (1 - SLOW):
                 trial = self._trial(again)
-        return trial
+        return replace(trial, ends=tuple(ends))
 
     def unseen_error(self, trial: Trial | None, segments: Sequence[Record]) -> StretchErrors:
         """Error of the free run over other records, from what their first samples show; infinite where it fails."""
@@ -162,13 +171,19 @@ class Trials:
         bounds = self._bounds(plant, names)
         try:
             inside = plant.put({name: float(np.clip(plant.value(name), *bounds[name])) for name in names})
-            first = [inside.first_state(self.signals, s) for s in self.segments] if states is None else states
+            seen = [self._beginning(segment) for segment in self.segments]
+            first = [inside.first_state(self.signals, s) for s in seen] if states is None else states
             free: list[tuple[int, ...]] = [() for _ in self.segments]
             if not starts_from_samples(inside, self.signals):
-                free = [inside.free_states(self.signals, s) for s in self.segments]
+                free = [inside.free_states(self.signals, s) for s in seen]
             return FreeRunError(inside, self.signals, self.segments, names, first, free, self.weighting, 1)
         except EmsidError:
             return None
+
+    def _beginning(self, segment: Record) -> Record:
+        """A segment with all its samples."""
+        whole = self.complete
+        return segment if whole is None else whole[round((segment.times[0] - whole.times[0]) / whole.dt) :]
 
     def _bounds(self, plant: DrivenPlant, names: Sequence[str]) -> Limits:
         handles = plant.handles

@@ -52,6 +52,7 @@ from .models.regression.structures import arx as arx
 from .models.regression.structures import friction_narx as friction_narx
 from .models.regression.structures import polynomial_narx as polynomial_narx
 from .models.regression.structures import wiener_hammerstein_regression as wiener_hammerstein_regression
+from .models.regression.term_selection import select_terms as select_terms
 from .models.verbs import fit as fit
 from .models.verbs import simulate as simulate
 from .plant import Bench as Bench

@@ -14,12 +14,14 @@ from emsid.models.regression.structures import (
     polynomial_narx,
     wiener_hammerstein_regression,
 )
+from emsid.models.regression.term_selection import SelectedTerms, select_terms
 from emsid.models.regression.transforms import Transform
 
 __all__ = [
     "Factor",
     "Narx",
     "Regressor",
+    "SelectedTerms",
     "Structure",
     "Tables",
     "Transform",
@@ -28,5 +30,6 @@ __all__ = [
     "input_knots",
     "parse_regressor",
     "polynomial_narx",
+    "select_terms",
     "wiener_hammerstein_regression",
 ]

@@ -20,7 +20,7 @@ from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.intervals import with_honest_intervals
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.search.judge import Judge, fit_to_compare
-from emsid.models.regression.search.terms import Trial, prune, select_terms, simplest
+from emsid.models.regression.search.terms import Trial, prune, select_by_free_run, simplest
 from emsid.models.regression.structures import (
     arx,
     friction_narx,
@@ -147,10 +147,10 @@ class PolynomialNarx:
         judge = Judge.of(record, options.held_back, max(na, nk + nb) + 1, control)
         fit = fit_to_compare(structure, judge.fitted, None, control)
         of_linear = judge.refitted(fit)
-        best = select_terms(fit, polynomial_narx(na, nb, degree, nk, inputs), judge)
+        best = select_by_free_run(fit, polynomial_narx(na, nb, degree, nk, inputs), judge)
         if better(best.errors, of_linear):
             na, nb = na if options.na else na + 1, nb if options.nb else nb + 1
-            other = select_terms(best.fit, polynomial_narx(na, nb, degree, nk, inputs), judge)
+            other = select_by_free_run(best.fit, polynomial_narx(na, nb, degree, nk, inputs), judge)
             best = simplest([best, other])
         return refit_to(best.fit, record, control)
 

@@ -49,9 +49,10 @@ def fill(block: Array, tables: Tables, y: Array, u: Array, start: int, count: in
 @numba.njit(cache=True, nogil=True)
 def multiply(row: Array, x: Array, code: int, parameter: float, power: int) -> None:
     """Multiply a row by a power of a transform of x, in place."""
-    if code == 0 and power == 1:
-        for i in range(len(row)):
-            row[i] *= x[i]
+    if code == 0:  # loops that are vectorised
+        for _ in range(power):
+            for i in range(len(row)):
+                row[i] *= x[i]
         return
     for i in range(len(row)):
         value = transformed(code, x[i], parameter)

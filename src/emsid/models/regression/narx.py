@@ -182,7 +182,7 @@ class Structure:
         for first in range(start, stop, BLOCK):
             count = min(BLOCK, stop - first)
             block = np.empty((len(self) + 1, count))
-            fill(block, self.tables, *self._window(segment, first, first + count), self.memory, count)
+            fill(block, self.tables, *self.window(segment, first, first + count), self.memory, count)
             yield block
 
     def rounding(self, segment: Record, start: int, stop: int) -> Iterator[Array]:
@@ -190,14 +190,14 @@ class Structure:
         for first in range(start, stop, BLOCK):
             count = min(BLOCK, stop - first)
             lost = np.empty((len(self), count))
-            fill_rounding(lost, self.tables, *self._window(segment, first, first + count), self.memory)
+            fill_rounding(lost, self.tables, *self.window(segment, first, first + count), self.memory)
             yield lost
 
     def add_rows(self, factor: Array, segment: Record, start: int, stop: int) -> None:
         """Update a factor (n + 1, n + 1) in place with [Φ y] of samples ``start`` to ``stop`` of a segment."""
-        add_regression(factor, self.tables, *self._window(segment, start, stop), self.memory)
+        add_regression(factor, self.tables, *self.window(segment, start, stop), self.memory)
 
-    def _window(self, segment: Record, start: int, stop: int) -> tuple[Array, Array]:
+    def window(self, segment: Record, start: int, stop: int) -> tuple[Array, Array]:
         """y (m,) and u (nu, m) of these samples and of the past that they need, in the form that the kernels use."""
         seen = slice(start - self.memory, stop)
         return read_only(segment.output[seen, 0]), read_only(segment.input[seen].T)

@@ -24,24 +24,28 @@ from numpy.typing import NDArray
 from emsid.estimation.linear.information import TILE
 from emsid.models.regression.kernels import multiply
 from emsid.models.regression.narx import Structure
-from emsid.models.regression.regressors import Regressor, Tables, tables
+from emsid.models.regression.regressors import Integers, Regressor, Tables, tables
 from emsid.models.regression.transforms import slope, transformed
 
 Array = NDArray[np.float64]
 
 
 class Parts(NamedTuple):
-    """Every regressor as the product of its part in the inputs, which has its sign, and its part in the outputs."""
+    """Every regressor as the product of its part in the inputs, which has its sign, and its part ψ in the outputs."""
 
     inputs: Tables
-    outputs: Tables
+    outputs: Tables  # every ψ once
+    places: Integers  # (p,) the ψ of each regressor
 
 
 def parts(structure: Structure) -> Parts:
     """The regressors of a structure in the form that `run_with_derivative` uses."""
+    of_outputs = [tuple(f for f in r.factors if not f.channel) for r in structure.regressors]
+    different = list(dict.fromkeys(of_outputs))
     return Parts(
         tables([Regressor(tuple(f for f in r.factors if f.channel), r.negative) for r in structure.regressors]),
-        tables([Regressor(tuple(f for f in r.factors if not f.channel)) for r in structure.regressors]),
+        tables([Regressor(part) for part in different]),
+        np.array([different.index(part) for part in of_outputs], dtype=np.int64),
     )
 
 
@@ -65,79 +69,96 @@ def run_with_derivative(
     Returns:
         The first sample that is not finite, where the run ends, or the number of samples.
     """
-    signs, offsets, factors, parameters = regressors.inputs
-    count, rows, wanted = len(theta), len(derivative), len(derivative) > 0
+    count, rows, turns = len(theta), len(derivative), memory + 1
+    products = len(regressors.outputs.signs)
     past = y.copy()
-    product = np.empty((count, TILE))
-    phi, gain = np.empty(count), np.empty(memory + 1)
-    recent = np.zeros((memory + 1, rows))  # derivatives of the last outputs, in turn
-    for t in range(start - memory, start):
-        recent[t % (memory + 1)] = derivative[:, t]
+    product, block = np.empty((TILE, count)), np.empty((TILE, rows))
+    weight, psi, gain = np.empty((TILE, products)), np.empty(products), np.empty(turns)
+    recent = np.zeros((turns, rows))  # derivatives of the last outputs, in turn
+    if rows:
+        for t in range(start - memory, start):
+            recent[t % turns] = derivative[:, t]
     for first in range(start, len(y), TILE):
         height = min(TILE, len(y) - first)
-        for j in range(count):
-            row = product[j, :height]
-            row[:] = signs[j]
-            for f in range(offsets[j], offsets[j + 1]):
-                channel, lag, power, code = factors[f]
-                multiply(row, u[channel - 1, first - lag : first - lag + height], code, parameters[f], power)
+        _input_parts(product, weight, u, regressors, theta, first, height)
         for i in range(height):
             t = first + i
-            total = _regressors(phi, gain, product[:, i], past, regressors.outputs, theta, t, wanted)
+            total = _output_parts(psi, gain, weight[i], past, regressors.outputs, t, rows > 0)
             if not np.isfinite(total):
                 return t
             past[t] += share * (total - past[t])
             y[t] = total
-            if wanted:
-                newest = recent[t % (memory + 1)]
-                newest[:count] = phi
+            if rows:
+                newest = recent[t % turns]
+                for j in range(count):
+                    newest[j] = product[i, j] * psi[regressors.places[j]]
                 newest[count:] = 0.0
-                for lag in range(1, memory + 1):
+                for lag in range(1, turns):
                     if gain[lag] != 0.0:
-                        by, older = share * gain[lag], recent[(t - lag) % (memory + 1)]
+                        by, older = share * gain[lag], recent[(t - lag) % turns]
                         for j in range(rows):
                             newest[j] += by * older[j]
-                for j in range(rows):
-                    derivative[j, t] = newest[j]
+                block[i] = newest
+        for j in range(rows):
+            for i in range(height):
+                derivative[j, first + i] = block[i, j]
     return len(y)
 
 
 @numba.njit(cache=True, nogil=True)
-def _regressors(
-    phi: Array, gain: Array, product: Array, past: Array, outputs: Tables, theta: Array, t: int, wanted: bool
-) -> float:
-    """Σ θⱼφⱼ(t), with φ (n,) and, where wanted, the gains gₗ written in place."""
+def _input_parts(
+    product: Array, weight: Array, u: Array, regressors: Parts, theta: Array, first: int, height: int
+) -> None:
+    """Write the input part of every regressor, and the weight Σ θⱼ·(input part) of every ψ, for some samples."""
+    signs, offsets, factors, parameters = regressors.inputs
+    row = np.empty(height)
+    weight[:] = 0.0
+    for j in range(len(theta)):
+        row[:] = signs[j]
+        for f in range(offsets[j], offsets[j + 1]):
+            channel, lag, power, code = factors[f]
+            multiply(row, u[channel - 1, first - lag : first - lag + height], code, parameters[f], power)
+        place = regressors.places[j]
+        for i in range(height):
+            product[i, j] = row[i]
+            weight[i, place] += theta[j] * row[i]
+
+
+@numba.njit(cache=True, nogil=True)
+def _output_parts(psi: Array, gain: Array, weight: Array, past: Array, outputs: Tables, t: int, wanted: bool) -> float:
+    """Σ weightₖψₖ(t), with ψ and, where wanted, the gains gₗ written in place."""
     _, offsets, factors, parameters = outputs
     total = 0.0
     gain[:] = 0.0
-    for j in range(len(theta)):
-        value = product[j]
-        for f in range(offsets[j], offsets[j + 1]):
-            value *= _power(past[t - factors[f, 1]], factors[f], parameters[f])
-        phi[j] = value
-        total += theta[j] * value
-        if not wanted or theta[j] == 0.0:
+    for k in range(len(psi)):
+        value = 1.0
+        for f in range(offsets[k], offsets[k + 1]):
+            value *= _power(past[t - factors[f, 1]], factors[f, 2], factors[f, 3], parameters[f])
+        psi[k] = value
+        total += weight[k] * value
+        if not wanted or weight[k] == 0.0:
             continue
-        for f in range(offsets[j], offsets[j + 1]):
+        for f in range(offsets[k], offsets[k + 1]):
             lag, power, code = factors[f, 1], factors[f, 2], factors[f, 3]
             x = past[t - lag]
             inner = power * slope(code, x, parameters[f])
-            base = transformed(code, x, parameters[f])
-            for _ in range(power - 1):
-                inner *= base
-            for other in range(offsets[j], offsets[j + 1]):
+            if power > 1:
+                inner *= _power(x, power - 1, code, parameters[f])
+            for other in range(offsets[k], offsets[k + 1]):
                 if other != f:
-                    inner *= _power(past[t - factors[other, 1]], factors[other], parameters[other])
-            gain[lag] += theta[j] * product[j] * inner
+                    inner *= _power(
+                        past[t - factors[other, 1]], factors[other, 2], factors[other, 3], parameters[other]
+                    )
+            gain[lag] += weight[k] * inner
     return total
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def _power(x: float, factor: NDArray[np.int64], parameter: float) -> float:
-    """A factor's power of its transform of x."""
-    base = transformed(factor[3], x, parameter)
+def _power(x: float, power: int, code: int, parameter: float) -> float:
+    """A power of a transform of x."""
+    base = transformed(code, x, parameter)
     value = base
-    for _ in range(factor[2] - 1):
+    for _ in range(power - 1):
         value *= base
     return value
 

@@ -54,7 +54,7 @@ class Trial(NamedTuple):
         return len(self.fit.estimate)
 
 
-def select_terms(start: Fit[Narx], dictionary: Structure, judge: Judge, most: int = MOST) -> Trial:
+def select_by_free_run(start: Fit[Narx], dictionary: Structure, judge: Judge, most: int = MOST) -> Trial:
     """The simplest structure whose free run on unseen data is as good as the best that was found.
 
     Args:

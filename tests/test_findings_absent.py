@@ -38,17 +38,24 @@ ELSEWHERE = {
     "study-even-terms": f"{STUDY}test_even_terms_are_named_where_the_motor_is_the_same_in_both_directions",
     "study-model-failed": f"{STUDY}test_a_model_that_cannot_be_fitted_is_named",
     "study-rank-deficient": f"{STUDY}test_a_regression_that_the_data_do_not_determine_is_named",
+    "study-excitation": f"{STUDY}test_without_inputs_nothing_is_said_about_them",
+    "study-load-friction": f"{STUDY}test_a_rotor_without_friction_has_no_curve_of_load_friction",
+    "study-many-inputs": f"{STUDY}test_a_recorded_survey_says_so_and_speaks_of_its_own_motor",
+    "study-paper-ratios": f"{STUDY}test_records_of_the_user_take_the_place_of_the_bench",
+    "study-survey-recorded": f"{STUDY}test_a_recorded_survey_says_so_and_speaks_of_its_own_motor",
+    "study-two-masses": f"{STUDY}test_a_recorded_survey_says_so_and_speaks_of_its_own_motor",
     "study-virtual-bench": f"{STUDY}test_records_of_the_user_take_the_place_of_the_bench",
 }
 """The test that shows a code absent."""
 
 ALWAYS = {
     "free-run-error",  # of every model that does not diverge
-    "study-load-friction",
+    "study-largest-ratio",
     "study-noise-free",
     "study-one-step",
     "study-own-simulator",
     "study-recursive-and-batch",
+    "study-what-decides",
 }
 """What every identification, or every study, has: one of them without it would be a defect."""
 

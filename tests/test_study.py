@@ -1,6 +1,6 @@
 """The study of the paper: what its numbers must show, on this motor and on others."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -9,15 +9,38 @@ from emsid.errors import DataError
 from emsid.estimation.fit import Ending
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import Control, Stopped
+from emsid.excitation import sines
 from emsid.models.plants.motor import DrivenMotor
-from emsid.models.regression.structures import wiener_hammerstein_regression
+from emsid.models.regression.structures import friction_narx, wiener_hammerstein_regression
 from emsid.plant import Bench, Friction, Motor
-from emsid.report.study_page import study_report, summary_table
-from emsid.study.models import BLOCKS, FRICTION, FULL, LINEAR, ONE_MASS, PAPER, TWO_MASSES, structures
-from emsid.study.setup import EXPERIMENT, SIMULATION, Settings, load_friction_difference, measure
+from emsid.record import Record
+from emsid.report.document import Wire
+from emsid.report.study_page import WORST, study_report, summary_table
+from emsid.study.conclusions import about_the_survey, paper_ratios
+from emsid.study.inputs import HIGHEST_ORDER, over_inputs
+from emsid.study.load_friction import load_friction, rotor_level
+from emsid.study.models import (
+    BLOCKS,
+    CHOSEN,
+    FIXED,
+    FRICTION,
+    FULL,
+    LINEAR,
+    ONE_MASS,
+    PAPER,
+    TWO_MASSES,
+    structures,
+    two_masses,
+)
+from emsid.study.motors import FAMILY, by_direction, compare, records
+from emsid.study.readings import FREE_RUN, READINGS, motors, ratios
+from emsid.study.setup import EXPERIMENT, INPUTS, SIMULATION, Settings, load_friction_difference, measure
 from emsid.study.summary import findings, study_data, summary
+from emsid.study.survey import recorded
+from emsid.study.two_masses import row as two_mass_row
 from emsid.study.workflow import study
 from emsid.validation.comparison import assess
+from independent.two_masses import load_speed
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +92,9 @@ def test_the_whole_motor_is_found_from_half_as_much_again(result):
     assert len(truth) == 10
     assert np.all(np.abs(fit.estimate - truth) < 1.96 * fit.standard_error)
     assert np.all(fit.standard_error < 1e-7 * truth)
-    assert {row.status for row in fit.table} == {"estimated"}
+    statuses = {row.name: row.status for row in fit.table}
+    assert {name for name, status in statuses.items() if status == "fixed"} == set(FIXED)
+    assert {statuses[name] for name in fit.names} <= {"estimated", "depends on kept values"}
 
 
 def test_physical_motor_tells_the_constants_that_the_plant_has_from_half_as_much_again(result):
@@ -143,6 +168,7 @@ def found(result, code):
 def without_searches(patch):
     """Studies fit their regressions only."""
     patch.setattr("emsid.study.workflow.searches", lambda *_, **__: {})
+    patch.setattr("emsid.study.workflow.chosen", lambda *_: {})
 
 
 @pytest.fixture(scope="module")
@@ -155,11 +181,30 @@ def heavy():
         return study(Settings(motor=motor, duration=5.0))
 
 
-def test_friction_on_the_load_is_negligible_for_the_one_motor_and_not_for_another(result, heavy):
-    for each, negligible in ((result, True), (heavy, False)):
-        (finding,) = found(each, "study-load-friction")
-        assert finding.data["negligible"] == negligible
-        assert finding.data["mse"] == each.load_friction_mse
+def test_friction_on_the_load_is_judged_by_what_it_costs(result):
+    (finding,) = found(result, "study-load-friction")
+    curve, data = result.load_friction, finding.data
+    assert data["mse"] == result.load_friction_mse
+    assert curve.differences[0] == 0
+    # Nearly without noise, the difference grows with the square of the friction.
+    np.testing.assert_allclose(curve.differences[-1] / curve.differences[-3], 4, rtol=0.05)
+    assert max(curve.errors) < 1.05 * min(curve.errors)
+    assert data["unfair_from"] is None
+    assert 0.05 < data["visible_from"] < 0.075
+    level = rotor_level(result.settings.motor)
+    motor = replace(result.settings.motor, load_friction=Friction(data["visible_from"] * level))
+    settings, rng = replace(result.settings, motor=motor), np.random.default_rng(1)
+    unseen = measure(settings, Bench(), "unseen", rng)
+    without = measure(replace(settings, motor=replace(motor, load_friction=Friction())), Bench(), "unseen", rng)
+    difference = np.mean((unseen.output - without.output) ** 2)
+    assert difference == pytest.approx(np.interp(data["visible_from"], curve.fitted, curve.errors), rel=0.02)
+
+
+def test_a_rotor_without_friction_has_no_curve_of_load_friction(result):
+    motor = replace(Motor(), rotor_friction=Friction())
+    blocks = result.part(SIMULATION).on_unseen(BLOCKS).fit.model
+    assert load_friction(replace(result.settings, motor=motor), blocks) is None
+    assert not found(replace(result, load_friction=None), "study-load-friction")
 
 
 def test_even_terms_are_named_where_the_motor_is_the_same_in_both_directions(result, heavy):
@@ -209,9 +254,10 @@ def test_the_summary_holds_ratios_to_the_linear_model_and_the_papers(result):
 
 def test_the_page_opens_with_a_table_for_each_study_the_experiment_first(result):
     page = study_report(result)
-    captions = [table.caption for table in page.opening.tables]
-    assert [caption.split(":")[0] for caption in captions] == ["Experiment", "Simulation"]
-    for table, part in zip(page.opening.tables, result.parts, strict=True):
+    lead, *tables = page.opening.tables
+    assert "30 pairs of inputs" in lead.caption
+    assert [table.caption.split(":")[0] for table in tables] == ["Experiment", "Simulation"]
+    for table, part in zip(tables, result.parts, strict=True):
         assert [row[0] for row in table.rows] == list(part.models)
     assert len(page.summary) == 1
     titles = [section.title for section in page.sections]
@@ -241,8 +287,187 @@ def test_records_of_the_user_take_the_place_of_the_bench(regressions_only):
     done = study(settings, records)
     experiment = done.part(EXPERIMENT)
     assert not found(done, "study-virtual-bench")
+    assert [finding.data["study"] for finding in found(done, "study-paper-ratios")] == [SIMULATION]
+    assert len(study_report(done).opening.tables) == 2  # the inputs of the survey are not the user's
     assert experiment.identification is records[0]
     assert experiment.unseen is records[1]
+
+
+def test_the_ratios_of_the_paper_stand_beside_those_of_free_run_and_one_step(result):
+    published = {(EXPERIMENT, "identification"): 24.2, (EXPERIMENT, "unseen"): 2.83} | {
+        (SIMULATION, "identification"): 22.0,
+        (SIMULATION, "unseen"): 557.0,
+    }
+    rows = [row for part in result.parts for row in paper_ratios(part)]
+    assert {(row.study, row.data): row.paper for row in rows} == pytest.approx(published, rel=0.01)
+    for row in rows:
+        part = result.part(row.study)
+        on = part.on_unseen if row.data == "unseen" else part.on_identification
+        linear, paper = on(LINEAR).row, on(PAPER).row
+        assert row.free_run == linear.simulation_mse / paper.simulation_mse
+        assert row.one_step == linear.one_step_mse / paper.one_step_mse
+    assert [row["paper"] for row in study_data(result)["paper_ratios"]] == [row.paper for row in rows]
+
+
+@pytest.mark.parametrize("name", ["alike", "slopes-0.5", "coulomb-by-direction"])
+def test_recorded_motors_are_those_of_this_program(name):
+    case = next(case for case in FAMILY if case.name == name)
+    kept = next(row for row in recorded().motors if row.motor == name)
+    now = compare(case, Settings(), searched=False)
+    assert (now.linear_fit_percent, now.even_share) == pytest.approx(
+        (kept.linear_fit_percent, kept.even_share), rel=1e-3, abs=1e-6
+    )
+    assert now.unseen == pytest.approx({model: kept.unseen[model] for model in now.unseen}, rel=1e-2)
+
+
+def test_a_physical_motor_by_direction_finds_unequal_slopes():
+    case = next(case for case in FAMILY if case.name == "slopes-0.5")
+    fit = by_direction(records(case, Settings(duration=8.0))[0])
+    estimate = dict(zip(fit.names, fit.estimate, strict=True))
+    assert estimate["voltage_dead_zone.m_l"] == pytest.approx(0.5, rel=0.01)
+
+
+def test_even_error_decides_whether_quadratic_terms_help():
+    rows = recorded().motors
+    assert len(rows) == len(FAMILY) == 10
+    for row in rows:
+        assert (row.unseen[PAPER] > 1.05) == (row.even_share > 0.01)
+    (finding,) = [each for each in about_the_survey(recorded(), Settings()) if each.code == "study-what-decides"]
+    assert finding.data["odd"] == pytest.approx({"motors": 4, "lowest": 0.988, "highest": 0.999}, abs=1e-3)
+    assert finding.data["even"] == pytest.approx({"motors": 6, "lowest": 1.119, "highest": 15.13}, rel=1e-3)
+    assert min(finding.data["always"].values()) > 150
+
+
+def test_the_largest_ratio_is_found_again_at_its_motor_and_reading():
+    kept = {(row.reading, row.error): row for row in recorded().largest}
+    assert len(kept) == 2 * len(READINGS)
+    for reading in (READINGS[0], READINGS[-1]):
+        row = kept[reading.name, FREE_RUN]
+        motor = next(motor for about, motor in motors() if about == row.motor)
+        assert ratios(motor, reading)[FREE_RUN][1] == pytest.approx(row.unseen, rel=1e-3)
+    (finding,) = [each for each in about_the_survey(recorded(), Settings()) if each.code == "study-largest-ratio"]
+    assert finding.data["usual"]["unseen"] == pytest.approx(19.74, rel=1e-3)
+    assert finding.data["one_step"] < 1.1
+    assert finding.data["reached"] == ["nearly one sine, 10 times as high"]  # and in no other
+
+
+def test_the_survey_of_inputs_is_found_again_for_one_pair():
+    (paper, *_) = over_inputs(Settings(duration=2.0), 1)
+    assert (paper.model, paper.median) == (PAPER, paper.lowest)
+    kept = {row.model: row for row in recorded().inputs}
+    assert all(row.inputs == 30 for row in kept.values())
+    assert kept[PAPER].highest < 1.2  # no better than linear over thirty pairs
+    assert kept[FRICTION].median > 400
+    assert kept[ONE_MASS].lowest > 1000
+
+
+def test_a_recorded_survey_says_so_and_speaks_of_its_own_motor():
+    kept, other = recorded(), Settings(motor=replace(Motor(), resistance=3.0))
+    codes = [finding.code for finding in about_the_survey(kept, Settings())]
+    assert {"study-survey-recorded", "study-many-inputs", "study-two-masses"} <= set(codes)
+    codes = [finding.code for finding in about_the_survey(kept, other)]
+    assert not {"study-many-inputs", "study-two-masses"} & set(codes)
+    codes = [finding.code for finding in about_the_survey(replace(kept, recorded=False), other)]
+    assert "study-survey-recorded" not in codes
+    assert "study-many-inputs" in codes
+
+
+def test_inputs_are_shown_with_what_they_excite(result):
+    for part in result.parts:
+        assert [each.order for each in part.excitations] == [4, 4]
+        (finding,) = [each for each in found(result, "study-excitation") if each.subject == part.name]
+        assert (finding.data["order"], finding.data["parameters"]) == (4, 8)
+        assert finding.data["crest_factor"] == pytest.approx(1.95, abs=0.01)
+        assert (finding.data["richer"] is None) == (part.name == SIMULATION)
+    richer = result.richer
+    assert richer.excitation.order == HIGHEST_ORDER
+    assert richer.excitation.conditions[PAPER] < 0.2 * result.part(EXPERIMENT).excitations[0].conditions[PAPER]
+    two, _ = richer.errors[LINEAR]
+    assert two == pytest.approx(result.part(EXPERIMENT).on_unseen(LINEAR).row.simulation_mse, rel=1e-2)
+
+
+def test_without_inputs_nothing_is_said_about_them(result):
+    parts = tuple(replace(part, excitations=()) for part in result.parts)
+    assert not found(replace(result, parts=parts), "study-excitation")
+
+
+def test_the_initial_covariance_is_a_ridge(result):
+    for part in result.parts:
+        for row in part.priors:
+            np.testing.assert_allclose(row.recursive[:5], row.ridge[:5], rtol=0.02, atol=1e-7)
+    worst = next(row for row in result.part(SIMULATION).priors if row.model == FULL)
+    assert worst.condition > 1e9
+    assert worst.usual == pytest.approx(-0.28, abs=0.01)
+    assert worst.vanishes_at == 1e12
+    (finding,) = [each for each in found(result, "study-recursive-and-batch") if each.data["study"] == SIMULATION]
+    assert (finding.subject, finding.data["condition"], finding.data["ridge"]) == (
+        FULL,
+        worst.condition,
+        worst.ridge_usual,
+    )
+
+
+def test_two_masses_on_records_of_another_integrator():
+    """At 5 ms the shaft rings at 145 Hz between the samples; what makes the motor slow is found all the same."""
+    settings = Settings(duration=4.0)
+    voltage = sines(800, settings.dt, *INPUTS["identification"])
+    speed = load_speed(asdict(settings.motor), voltage, settings.dt)
+    record = Record(voltage, speed, settings.dt, input_units="V", output_units="rad/s")
+    own = Bench().run(settings.motor, voltage, settings.dt, np.random.default_rng(0))
+    assert np.abs(own.output[:, 0] - speed).max() < 0.005
+    row = two_mass_row("SciPy", two_masses(settings.motor, record), settings.motor)
+    assert set(row.fixed) == set(FIXED)
+    assert abs(row.errors["motor_constant"]) < 1e-4
+    assert max(map(abs, row.errors.values())) < 0.15
+    kept = {each.record: each for each in recorded().two_masses}
+    assert kept["own simulator, without noise"].covered == 10
+    assert kept["own simulator, fixed values 10 % too large"].covered == 0
+
+
+def test_on_records_of_the_user_sizes_are_chosen_and_the_papers_models_stay(monkeypatch):
+    settings = Settings(duration=4.0)
+    rng = np.random.default_rng(5)
+    pair = tuple(measure(settings, Bench.typical(), kind, rng) for kind in ("identification", "unseen"))
+    asked = []
+
+    def stub(name):
+        def fit(record, options, control):
+            asked.append((name, record, dict(options.fixed), options.given))
+            return least_squares(replace(friction_narx(na=1, nb=1), name=name), record)
+
+        return fit
+
+    monkeypatch.setattr("emsid.study.models.CANDIDATES", {name: stub(name) for name in CHOSEN})
+    monkeypatch.setattr("emsid.study.workflow.searches", lambda *_, **__: {})
+    part = study(settings, pair).part(EXPERIMENT)
+    assert part.models == (LINEAR, PAPER, FULL, FRICTION, BLOCKS, ONE_MASS)
+    assert [(name, given) for name, _, _, given in asked] == [(FRICTION, []), (BLOCKS, []), (ONE_MASS, [])]
+    assert all(record is pair[0] for _, record, _, _ in asked)
+    rows = {row.model: row.meaning for row in summary(part, own_records=True)}
+    assert rows[FRICTION].endswith("chosen")
+    assert rows[PAPER] == summary(part)[1].meaning
+    heavy = replace(settings, motor=replace(Motor(), resistance=3.0))
+    asked.clear()
+    study(heavy, pair)
+    assert [known for _, _, known, _ in asked] == [{}, {}, {"resistance": 3.0}]
+
+
+def test_the_page_draws_the_papers_diagrams_and_says_where_the_linear_model_is_worst(result):
+    page = study_report(result)
+    assert [each.name for each in page.diagrams] == [
+        "identification-loop",
+        "motor-schematic",
+        "block-diagram",
+        "experimental-setup",
+    ]
+    for diagram in page.diagrams:
+        for shape in diagram.shapes:
+            points = shape.points if isinstance(shape, Wire) else ((shape.x, shape.y),)
+            assert all(0 <= x <= diagram.width and 0 <= y <= diagram.height for x, y in points)
+    captions = {figure.name: figure.caption for figure in page.figures}
+    assert all(WORST in captions[name] for name in ("experiment-responses", "simulation-responses", "motor-responses"))
+    assert {"load-friction", "simulation-priors"} <= set(captions)
+    assert page.opening.tables[0].rows[-1][0] == ONE_MASS
 
 
 def cancelled_at(doing):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 from contextlib import suppress
 from difflib import get_close_matches
+from importlib.resources import files
 from pathlib import Path
 from secrets import token_hex
+from typing import Any
 
 from emsid.errors import FormatError
 
@@ -110,3 +113,8 @@ def _similar(path: Path) -> str:
         return f"; nor a folder {path.parent}" if not path.parent.is_dir() else ""
     close = get_close_matches(path.name, names, n=3, cutoff=0.6)
     return f"; did you mean {' or '.join(close)}?" if close else f" in {path.parent.resolve()}"
+
+
+def packaged(package: str, name: str) -> Any:
+    """The content of a JSON file that is part of a package."""
+    return json.loads(files(package).joinpath(name).read_text(encoding="utf-8"))

@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
+from math import hypot
 from typing import Any
 
 import numpy as np
@@ -266,6 +267,91 @@ class Figure:
 
 
 @dataclass(frozen=True)
+class Box:
+    """A block of a diagram: a rectangle with lines of text in its middle.
+
+    Attributes:
+        x, y, width, height: its left upper corner and size.
+        lines: the text.
+    """
+
+    x: float
+    y: float
+    width: float
+    height: float
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A circle of a diagram with a short text, such as a sum.
+
+    Attributes:
+        x, y, radius: its centre and radius.
+        text: in its middle.
+    """
+
+    x: float
+    y: float
+    radius: float
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Wire:
+    """A line of a diagram.
+
+    Attributes:
+        points: (x, y) of its corners.
+        arrow: whether it ends in an arrow.
+    """
+
+    points: tuple[tuple[float, float], ...]
+    arrow: bool = True
+
+    @property
+    def head(self) -> tuple[tuple[float, float], ...]:
+        """The corners of its arrow."""
+        (x0, y0), (x1, y1) = self.points[-2:]
+        length = hypot(x1 - x0, y1 - y0)
+        dx, dy = (x1 - x0) / length, (y1 - y0) / length
+        sides = ((x1 - 8 * dx + s * dy, y1 - 8 * dy - s * dx) for s in (3.2, -3.2))
+        return ((x1, y1), *((round(x, 2), round(y, 2)) for x, y in sides))
+
+
+@dataclass(frozen=True)
+class Text:
+    """A text of a diagram, centred at a point of its baseline.
+
+    Attributes:
+        x, y: the point.
+        text: what it says.
+    """
+
+    x: float
+    y: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Diagram:
+    """A drawing of blocks and lines.
+
+    Attributes:
+        name: of its files and its place in the page, as that of a `Figure`.
+        caption: what it shows.
+        width, height: of the drawing; all coordinates are in these units, y downwards.
+        shapes: what is drawn, the first at the bottom.
+    """
+
+    name: str
+    caption: str
+    width: float
+    height: float
+    shapes: tuple[Box | Circle | Wire | Text, ...]
+
+
+@dataclass(frozen=True)
 class Table:
     """A table of text.
 
@@ -318,7 +404,7 @@ class Notice:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a report, in this order: paragraphs, remarks, terms, equations, tables, figures.
+    """A part of a report, in this order: paragraphs, remarks, terms, equations, diagrams, tables, figures.
 
     Attributes:
         title: its heading.
@@ -327,6 +413,7 @@ class Section:
         tables, figures: what it shows.
         remarks: a list of remarks of one or two sentences each.
         terms: definitions of its terms.
+        diagrams: drawings of blocks and lines.
     """
 
     title: str
@@ -336,6 +423,7 @@ class Section:
     figures: tuple[Figure, ...] = ()
     remarks: tuple[str, ...] = ()
     terms: tuple[Term, ...] = ()
+    diagrams: tuple[Diagram, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -378,7 +466,8 @@ class Report:
     advice: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        names = [figure.name for figure in self.figures]
+        drawn: list[Figure | Diagram] = [*self.figures, *self.diagrams]
+        names = [each.name for each in drawn]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice:
             raise ValueError(f"two figures are called {twice!r}; their files need names of their own")
@@ -387,6 +476,11 @@ class Report:
     def figures(self) -> Iterator[Figure]:
         """All figures of all sections, in order."""
         return (figure for section in (self.opening, *self.sections) for figure in section.figures)
+
+    @property
+    def diagrams(self) -> Iterator[Diagram]:
+        """All diagrams of all sections, in order."""
+        return (diagram for section in (self.opening, *self.sections) for diagram in section.diagrams)
 
 
 def thin(x: ArrayLike, y: ArrayLike, limit: int) -> tuple[Array, Array]:

@@ -19,7 +19,10 @@ from emsid.report.document import (
     Axis,
     Band,
     Bars,
+    Box,
+    Circle,
     Dash,
+    Diagram,
     Figure,
     Histogram,
     Level,
@@ -29,6 +32,7 @@ from emsid.report.document import (
     Points,
     Spans,
     Stroke,
+    Wire,
     thin,
 )
 from emsid.report.numbers import tick
@@ -87,8 +91,8 @@ _SETTINGS: dict[Any, Any] = {
 }
 
 
-def draw(figure: Figure, formats: Collection[str] = ("svg",)) -> dict[str, bytes]:
-    """Draw a figure once and write it in these vector formats. The same figure gives the same bytes.
+def draw(figure: Figure | Diagram, formats: Collection[str] = ("svg",)) -> dict[str, bytes]:
+    """Draw a figure or a diagram once and write it in these vector formats. The same figure gives the same bytes.
 
     Args:
         figure: what to draw.
@@ -100,8 +104,11 @@ def draw(figure: Figure, formats: Collection[str] = ("svg",)) -> dict[str, bytes
     from matplotlib import rc_context
 
     with rc_context(_SETTINGS):
-        sheet = _sheet(figure)
-        _fix_ticks(sheet.axes)
+        if isinstance(figure, Diagram):
+            sheet = _diagram(figure)
+        else:
+            sheet = _sheet(figure)
+            _fix_ticks(sheet.axes)
         return {name: _WRITERS[name](sheet, {"Creator": "emsid", "Title": figure.name}) for name in formats}
 
 
@@ -133,6 +140,38 @@ def sheet(figure: Figure) -> Sheet:
         drawn = _sheet(figure)
     drawn.set_dpi(144)
     return drawn
+
+
+def _diagram(diagram: Diagram) -> Sheet:
+    """A drawing of blocks and lines."""
+    from matplotlib.figure import Figure as Sheet
+    from matplotlib.patches import Circle as Disc
+    from matplotlib.patches import Polygon, Rectangle
+
+    scale = _WIDTH / diagram.width / 72
+    sheet = Sheet(figsize=(diagram.width * scale, diagram.height * scale), dpi=72)
+    axes = sheet.add_axes((0, 0, 1, 1), xlim=(0, diagram.width), ylim=(diagram.height, 0))
+    axes.set_axis_off()
+    size, ink = 12 * 72 * scale, "#22262e"
+
+    def write(x: float, y: float, lines: Sequence[str]) -> None:
+        for k, line in enumerate(lines):
+            axes.text(x, y + 4 + 15 * (k - (len(lines) - 1) / 2), line, ha="center", va="baseline", size=size)
+
+    for shape in diagram.shapes:
+        if isinstance(shape, Box):
+            axes.add_patch(Rectangle((shape.x, shape.y), shape.width, shape.height, fc="#f3f7fb", ec="#1c5d99", lw=0.9))
+            write(shape.x + shape.width / 2, shape.y + shape.height / 2, shape.lines)
+        elif isinstance(shape, Circle):
+            axes.add_patch(Disc((shape.x, shape.y), shape.radius, fc="white", ec=ink, lw=0.9))
+            write(shape.x, shape.y, (shape.text,))
+        elif isinstance(shape, Wire):
+            axes.plot(*zip(*shape.points, strict=True), color=ink, linewidth=0.9)
+            if shape.arrow:
+                axes.add_patch(Polygon(shape.head, fc=ink, ec="none"))
+        else:
+            write(shape.x, shape.y - 4, (shape.text,))
+    return sheet
 
 
 _LINE_STYLES: dict[Dash, Any] = {

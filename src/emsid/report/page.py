@@ -12,7 +12,7 @@ from pathlib import Path
 
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.io.files import atomic_write
-from emsid.report.document import Report
+from emsid.report.document import Diagram, Figure, Report
 from emsid.report.page_plots import page_figure
 
 FORMATS = ("svg", "pdf")
@@ -76,7 +76,7 @@ def report_files(
     control.doing("writing the page")
     contents = page(report)
     files: dict[str, str | bytes] = {}
-    figures = tuple(report.figures) if formats else ()
+    figures: list[Figure | Diagram] = [*report.figures, *report.diagrams] if formats else []
     for k, figure in enumerate(figures):
         control.doing(f"drawing {figure.name}", k, len(figures))
         drawing = draw(figure, formats)

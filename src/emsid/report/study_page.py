@@ -2,19 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from math import isfinite
 
 from emsid.report import views
-from emsid.report.document import Notice, Report, Section, Table
+from emsid.report.document import Figure, Notice, Report, Section, Table
 from emsid.report.numbers import number, percent
+from emsid.report.study_views import (
+    excitation_table,
+    inputs_table,
+    largest_table,
+    load_friction_figure,
+    motors_table,
+    priors_figure,
+    ratios_table,
+    richer_table,
+    times,
+    two_masses_table,
+)
 from emsid.report.views import terms
+from emsid.report.views.diagrams import block_diagram, experimental_setup, identification_loop, motor_schematic
+from emsid.study.conclusions import speaks_of
 from emsid.study.models import BLOCKS, LINEAR, ONE_MASS, PAPER, TWO_MASSES
-from emsid.study.setup import EXPERIMENT, PAPER_MSE, SIMULATION, Settings
+from emsid.study.motors import FAMILY, SHOWN
+from emsid.study.setup import EXPERIMENT, PAPER_MSE, SIMULATION
 from emsid.study.summary import SummaryRow, findings, summary
 from emsid.study.workflow import Part, Study
 from emsid.units import plain_unit
+from emsid.validation.comparison import Assessment
 from emsid.wording import Severity, sentence, severity
 
+WORST = "The intervals are those in which the linear model is worst."
 CHECK = "noise-free, by the program's own simulator: a check of the estimator, not a result"
 PAPER_NOTE = "another motor, in units that the paper does not state; only the ratios can be compared"
 
@@ -33,15 +52,19 @@ def study_report(result: Study) -> Report:
                 "Findings",
                 remarks=tuple(sentence(each) for each in found if severity(each) is not Severity.WARNING),
             ),
-            *(part_section(part) for part in result.parts),
-            motor_section(result.settings),
+            *claim_sections(result),
+            *(part_section(part, result) for part in result.parts),
+            motor_section(result),
             *model_sections(result),
         ),
         imprint=f"emsid study, seed {result.settings.seed}, after Kara and Abokoos",
         opening=Section(
             "",
             terms=(terms.FREE_RUN, terms.FIT),
-            tables=tuple(summary_table(part, own_records=result.own_records) for part in result.parts),
+            tables=(
+                *lead_tables(result),
+                *(summary_table(part, own_records=result.own_records) for part in result.parts),
+            ),
         ),
         notices=tuple(
             Notice(sentence(each), severity(each).value) for each in found if severity(each) is not Severity.INFO
@@ -49,9 +72,41 @@ def study_report(result: Study) -> Report:
     )
 
 
+def lead_tables(result: Study) -> tuple[Table, ...]:
+    """The experiment over many inputs, where the survey has the motor of the settings and no record is the user's."""
+    survey = result.survey
+    if result.own_records or survey is None or not survey.inputs or not speaks_of(survey, result.settings):
+        return ()
+    return (inputs_table(survey.inputs),)
+
+
+def claim_sections(result: Study) -> tuple[Section, ...]:
+    """When the paper's model helps, when not, by how much, and what always does."""
+    survey = result.survey
+    tables = [ratios_table(result.parts)]
+    figures: tuple[Figure, ...] = ()
+    if survey is not None and survey.motors:
+        tables += [motors_table(survey.motors), largest_table(survey.largest)]
+    if result.shown:
+        unseen = [pair[1] for pair in result.shown]
+        intervals = worst_intervals(unseen)
+        meaning = next(case.meaning for case in FAMILY if case.name == SHOWN)
+        drawn = views.responses(unseen, intervals, name="motor-responses")
+        caption = f"A motor with {meaning}, on the bench. {drawn.caption} {WORST}"
+        figures = (replace(drawn, caption=caption),)
+    title = "When the paper's model helps"
+    return (Section(title, tables=tuple(tables), figures=figures, diagrams=(identification_loop(),)),)
+
+
+def worst_intervals(shown: Sequence[Assessment]) -> tuple[slice, ...]:
+    """The intervals where the first model, the linear one, is worst."""
+    record = shown[0].record
+    return views.critical_intervals(record, 0.1 * len(record) * record.dt, record.output - shown[0].simulation.output)
+
+
 def summary_table(part: Part, *, own_records: bool = False) -> Table:
     """Every model with number of parameters, free-run fit and MSE, and the ratio of the linear model's MSE to it."""
-    rows = summary(part)
+    rows = summary(part, own_records=own_records)
     unit = plain_unit(part.unseen.output_units[0])
     mse = f"Free-run MSE [({unit})²]" if unit else "Free-run MSE"
     best = min((row for row in rows if not row.check), key=lambda row: _ranked(row.simulation_mse))
@@ -83,8 +138,8 @@ def summary_table(part: Part, *, own_records: bool = False) -> Table:
                 number(row.simulation_mse),
                 _times(row, row.better_unseen),
                 _times(row, row.better_identification),
-                _factor(row.paper_unseen),
-                _factor(row.paper_identification),
+                times(row.paper_unseen),
+                times(row.paper_identification),
             )
             for row in rows
         ),
@@ -108,24 +163,14 @@ def _ranked(mse: float) -> float:
 
 def _times(row: SummaryRow, better: float | None) -> str:
     """A ratio to the linear model; none in a check, whose error is only rounding."""
-    return "check only" if row.check else _factor(better)
+    return "check only" if row.check else times(better)
 
 
-def _factor(ratio: float | None) -> str:
-    """A ratio with three digits.
-
-    >>> _factor(557.2), _factor(46871.3), _factor(0.982), _factor(None)
-    ('×557', '×46,900', '×0.982', '')
-    """
-    return "" if ratio is None else f"×{float(f'{ratio:.3g}'):,.10g}"
-
-
-def part_section(part: Part) -> Section:
+def part_section(part: Part, result: Study) -> Section:
     """All errors of one of the two studies and its figures."""
     name = part.name
     shown = [part.on_unseen(model) for model in part.models]
-    error = part.unseen.output - shown[0].simulation.output
-    intervals = views.critical_intervals(part.unseen, 0.1 * len(part.unseen) * part.unseen.dt, error)
+    responses = views.responses(shown, worst_intervals(shown), name=f"{name}-responses")
     published = {
         (model, data): PAPER_MSE[name, data][k]
         for k, model in enumerate((LINEAR, PAPER))
@@ -141,27 +186,43 @@ def part_section(part: Part) -> Section:
     return Section(
         f"The {name} study",
         terms=(terms.ONE_STEP, terms.MSE, terms.METHOD),
-        tables=(views.results_table(part.rows, reference, unit=part.unseen.output_units[0]),),
+        tables=(
+            views.results_table(part.rows, reference, unit=part.unseen.output_units[0]),
+            *input_tables(part, result),
+        ),
         figures=(
             views.measured_and_simulated(best, name=f"{name}-free-run"),
-            views.responses(shown, intervals, name=f"{name}-responses"),
+            replace(responses, caption=f"{responses.caption} {WORST}"),
             views.inputs((part.identification, part.unseen), name=f"{name}-inputs"),
             *recursion,
+            *((priors_figure(part.priors, f"{name}-priors"),) if part.priors else ()),
             views.residuals(shown, name=f"{name}-residuals"),
         ),
     )
 
 
-def motor_section(settings: Settings) -> Section:
+def input_tables(part: Part, result: Study) -> tuple[Table, ...]:
+    """What the inputs excite, and what a richer one changes."""
+    richer = result.richer if part.name == EXPERIMENT and not result.own_records else None
+    if not part.excitations:
+        return ()
+    excitations = (*part.excitations, *((richer.excitation,) if richer else ()))
+    table = excitation_table(excitations, len(part.on_unseen(LINEAR).fit.names))
+    return (table, richer_table(richer)) if richer else (table,)
+
+
+def motor_section(result: Study) -> Section:
     """The simulated motor."""
+    settings, friction = result.settings, result.load_friction
     return Section(
         "The motor",
         paragraphs=(
             "A two-mass permanent-magnet DC motor with Coulomb and Stribeck friction (4.7) on both sides and a dead "
             "zone (4.9).",
         ),
+        diagrams=(motor_schematic(), block_diagram(), experimental_setup()),
         tables=(views.motor_table(settings.motor),),
-        figures=(views.nonlinearities(settings.motor),),
+        figures=(views.nonlinearities(settings.motor), *((load_friction_figure(friction),) if friction else ())),
     )
 
 
@@ -172,5 +233,8 @@ def model_sections(result: Study) -> tuple[Section, ...]:
         part = next((part for part in result.parts if model in part.models), None)
         if part is not None:
             section = views.model_section(part.on_unseen(model).fit, part.identification)
+            rows = result.survey.two_masses if model == TWO_MASSES and result.survey else ()
+            if rows and result.survey and speaks_of(result.survey, result.settings):
+                section = replace(section, tables=(*section.tables, two_masses_table(rows)))
             sections.append(section)
     return tuple(sections)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.identification.candidates import CANDIDATES
+from emsid.identification.options import Options
 from emsid.identification.regressions import stribeck_speeds
 from emsid.models.blocks.search.estimation import estimate as estimate_cascade
 from emsid.models.blocks.search.topologies import WIENER_HAMMERSTEIN, CascadeSearch
@@ -40,20 +42,36 @@ MEANINGS = {
 }
 """A short description of every model."""
 
+CHOSEN = {
+    FRICTION: "a regression with friction terms; orders and knots chosen",
+    BLOCKS: "filter, static map, filter; orders and map chosen",
+    ONE_MASS: "the physical motor as one mass; refinements chosen",
+}
+"""The same for models whose size is chosen on the records of a user."""
+
 # Filter, dead zone (4.9), filter. The input is constant between samples, so oversampling would change nothing.
 CASCADE = CascadeSearch(static="dead-zone", oversampling=1, max_iterations=30, threads=1)
 STRIBECK = ("rotor_friction.stribeck", "rotor_friction.stribeck_rate")
-# The resistance is measured and the viscous friction neglected: voltage and speed determine neither.
+# The resistance is measured and the viscous friction neglected: voltage and speed determine neither, nor what part of
+# inertia and friction is on the load of one mass.
 KNOWN = ("resistance", "rotor_viscous")
+FIXED = (*KNOWN, "load_viscous", "load_friction.coulomb")
 
 
-def structures(record: Record, knots: int) -> tuple[Structure, ...]:
-    """The regressions of the study: (5.12), (5.10), complete (3.5) with degree 3, and one with friction terms."""
+def of_the_paper() -> tuple[Structure, ...]:
+    """The regressions of the paper: (5.12), (5.10), and the complete (3.5) with degree 3."""
     full = wiener_hammerstein_regression(na=4, nb=3, degree=3, taps=2)
     return (
         arx(na=4, nb=4),
         wiener_hammerstein_regression(na=4, nb=3, degree=2),
         replace(full, name=FULL),
+    )
+
+
+def structures(record: Record, knots: int) -> tuple[Structure, ...]:
+    """The regressions of the study: those of the paper, and one with friction terms."""
+    return (
+        *of_the_paper(),
         friction_narx(na=2, nb=2, knots=input_knots(record, knots), speeds=stribeck_speeds(record)),
     )
 
@@ -67,7 +85,7 @@ def searches(motor: Motor, record: Record, *, shaft: bool) -> dict[str, Callable
         shaft: whether the motor with its shaft is among them.
     """
     found: dict[str, Callable[[Control], Fit[Any]]] = {
-        BLOCKS: lambda control: estimate_cascade(WIENER_HAMMERSTEIN, record, (1, 2), CASCADE, control),
+        BLOCKS: lambda control: blocks(record, control),
         ONE_MASS: lambda control: one_mass(motor, record, control),
     }
     if shaft:
@@ -75,19 +93,41 @@ def searches(motor: Motor, record: Record, *, shaft: bool) -> dict[str, Callable
     return found
 
 
+def blocks(record: Record, control: Control = FREE) -> Fit[Any]:
+    """Filter, dead zone, filter, of orders 1 and 2."""
+    return estimate_cascade(WIENER_HAMMERSTEIN, record, (1, 2), CASCADE, control)
+
+
 def one_mass(motor: Motor, record: Record, control: Control = FREE) -> GreyBoxFit:
     """The motor as one mass; a delay replaces the effect of its inductance."""
     plant = DrivenMotor(replace(motor, inductance=0.0).rigid())
     names = _unknown(plant)
     start = half_off(plant, names).put({"drive.delay": 0.5 * record.dt})
-    return simulation_error(start, record, free=(*names, "drive.delay"), control=control)
+    fixed = {name: plant.value(name) for name in (*FIXED, "load_inertia")}
+    return simulation_error(start, record, free=(*names, "drive.delay"), fixed=fixed, control=control)
 
 
 def two_masses(motor: Motor, record: Record, control: Control = FREE) -> GreyBoxFit:
     """The motor with its shaft, fitted to the first half of a record, which is enough without noise."""
     plant = DrivenMotor(motor)
     names = _unknown(plant)
-    return simulation_error(half_off(plant, names), record[: len(record) // 2], free=names, control=control)
+    fixed = {name: plant.value(name) for name in FIXED}
+    half = record[: len(record) // 2]
+    return simulation_error(half_off(plant, names), half, free=names, fixed=fixed, control=control)
+
+
+def chosen(record: Record, known: Mapping[str, float]) -> dict[str, Callable[[Control], Fit[Any]]]:
+    """The models whose orders, knots and refinements are chosen on a record, as `emsid.identify` does, by name.
+
+    Args:
+        record: to identify from.
+        known: physical parameters that are known, by name, in SI units.
+    """
+
+    def candidate(name: str, options: Options) -> Callable[[Control], Fit[Any]]:
+        return lambda control: CANDIDATES[name](record, options, control)
+
+    return {name: candidate(name, Options(fixed=known if name == ONE_MASS else {})) for name in CHOSEN}
 
 
 def half_off(plant: DrivenMotor, names: Sequence[str]) -> DrivenMotor:

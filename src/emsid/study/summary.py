@@ -11,7 +11,9 @@ import numpy as np
 from emsid.estimation.fit import Ending
 from emsid.findings import Finding
 from emsid.plant import Motor
-from emsid.study.models import LINEAR, MEANINGS, PAPER, TWO_MASSES
+from emsid.study.conclusions import about_excitation, about_load_friction, about_the_survey, paper_ratios
+from emsid.study.models import CHOSEN, FIXED, LINEAR, MEANINGS, PAPER, TWO_MASSES
+from emsid.study.priors import USUAL
 from emsid.study.setup import (
     EXPERIMENT,
     IDENTIFICATION,
@@ -25,8 +27,6 @@ from emsid.validation.comparison import Row
 
 # The paper's second-degree model is better than the linear one only if this ratio of free-run errors is exceeded.
 NO_BETTER = 1.5
-# Friction on the load is negligible if it changes the output by less than this share of its variance.
-NEGLIGIBLE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,9 @@ class SummaryRow:
         return asdict(self)
 
 
-def summary(part: Part) -> list[SummaryRow]:
+def summary(part: Part, *, own_records: bool = False) -> list[SummaryRow]:
     """A row for every model of a study, by the first method it was fitted with."""
+    meanings = MEANINGS | CHOSEN if own_records and part.name == EXPERIMENT else MEANINGS
     linear = (part.on_identification(LINEAR).row, part.on_unseen(LINEAR).row)
     rows = []
     for model in part.models:
@@ -75,7 +76,7 @@ def summary(part: Part) -> list[SummaryRow]:
             SummaryRow(
                 part.name,
                 model,
-                MEANINGS[model],
+                meanings[model],
                 unseen.parameters,
                 unseen.fit_percent,
                 unseen.simulation_mse,
@@ -97,18 +98,31 @@ def _better(linear: Row, other: Row) -> float | None:
 
 def study_data(result: Study) -> dict[str, Any]:
     """The content of ``study.json``."""
+    curve, richer, survey = result.load_friction, result.richer, result.survey
     return {
-        "schema": 2,
+        "schema": 3,
         "rows": [row.to_data() for row in result.rows],
-        "summary": [row.to_data() for part in result.parts for row in summary(part)],
+        "summary": [row.to_data() for part in result.parts for row in summary(part, own_records=result.own_records)],
+        "paper_ratios": [row.to_data() for part in result.parts for row in paper_ratios(part)],
         "load_friction_mse": result.load_friction_mse,
+        "load_friction": curve.to_data() if curve else None,
+        "excitation": {part.name: [each.to_data() for each in part.excitations] for part in result.parts},
+        "richer_input": richer.to_data() if richer else None,
+        "priors": {part.name: [each.to_data() for each in part.priors] for part in result.parts},
+        "survey": survey.to_data() if survey else None,
         "findings": [finding.to_data() for finding in findings(result)],
     }
 
 
 def findings(result: Study) -> list[Finding]:
     """Findings about each study, then about both."""
-    return [*(finding for part in result.parts for finding in _of_part(result, part)), _load_friction(result)]
+    share = result.load_friction_mse / result.output_variance
+    friction = about_load_friction(result.load_friction, result.load_friction_mse, share, PAPER_LOAD_FRICTION_MSE)
+    return [
+        *about_the_survey(result.survey, result.settings),
+        *(finding for part in result.parts for finding in _of_part(result, part)),
+        *([friction] if friction else []),
+    ]
 
 
 def _of_part(result: Study, part: Part) -> Iterable[Finding]:
@@ -123,9 +137,16 @@ def _of_part(result: Study, part: Part) -> Iterable[Finding]:
     if part.name == SIMULATION:
         yield Finding("study-noise-free", part.name)
     if TWO_MASSES in part.models:
-        yield Finding("study-own-simulator", TWO_MASSES, {"study": part.name})
+        yield Finding("study-own-simulator", TWO_MASSES, {"study": part.name, "fixed": list(FIXED)})
+    ratios = paper_ratios(part)
+    if ratios and known_motor:
+        yield Finding("study-paper-ratios", PAPER, {"study": part.name, "rows": [row.to_data() for row in ratios]})
+    excited = about_excitation(part, result.richer if part.name == EXPERIMENT and not result.own_records else None)
+    if excited:
+        yield excited
     yield from _prediction(part)
     yield from _recursion(part, result.settings.forgetting)
+    yield from (each for fit in part.fits for each in fit.findings if each.code == "forgetting-limited")
     for fit in part.fits:
         if fit.ending is Ending.RANK_DEFICIENT:
             data = {"study": part.name, "method": fit.method, "rank": int(fit.rank), "parameters": len(fit.names)}
@@ -156,18 +177,11 @@ def _recursion(part: Part, forgetting: float) -> Iterable[Finding]:
     if apart:
         difference, model = max(apart)
         data = {"study": part.name, "difference": difference, "forgetting": forgetting}
+        prior = next((row for row in part.priors if row.model == model), None)
+        if prior is not None and forgetting == 1.0:
+            data |= {"condition": prior.condition, "covariance": USUAL, "ridge": prior.ridge_usual}
+            data |= {"vanishes_at": prior.vanishes_at}
         yield Finding("study-recursive-and-batch", model, data)
-
-
-def _load_friction(result: Study) -> Finding:
-    share = result.load_friction_mse / result.output_variance
-    data = {
-        "mse": result.load_friction_mse,
-        "paper": PAPER_LOAD_FRICTION_MSE,
-        "share": share,
-        "negligible": share < NEGLIGIBLE,
-    }
-    return Finding("study-load-friction", "load friction", data)
 
 
 def is_odd(motor: Motor) -> bool:

@@ -13,7 +13,7 @@ estimator, because plant and model have the same equations.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -25,9 +25,13 @@ from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.linear.recursive import recursive_least_squares
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.identification.candidates import fit_or_problem
-from emsid.plant import Bench
+from emsid.plant import Bench, Motor
 from emsid.record import Record, check_same_channels
-from emsid.study.models import searches, structures
+from emsid.study.inputs import Excitation, Richer, excitation_of, richer_input
+from emsid.study.load_friction import LoadFriction, load_friction
+from emsid.study.models import BLOCKS, chosen, of_the_paper, searches, structures
+from emsid.study.motors import FAMILY, SHOWN, regressions
+from emsid.study.priors import PriorRow, priors
 from emsid.study.setup import (
     EXPERIMENT,
     IDENTIFICATION,
@@ -37,6 +41,8 @@ from emsid.study.setup import (
     load_friction_difference,
     measure,
 )
+from emsid.study.survey import Survey, recorded
+from emsid.study.survey import survey as do_survey
 from emsid.validation.comparison import Assessment, Row, assess
 
 
@@ -51,6 +57,8 @@ class Part:
         assessed: every fit on the identification and on the unseen record, in the order of the fits.
         failed: the reason for every model that could not be fitted.
         interrupted: whether the user stopped it before all models were done.
+        excitations: what the two inputs excite.
+        priors: recursive against batch least squares, for several P(0).
     """
 
     name: str
@@ -60,6 +68,8 @@ class Part:
     assessed: tuple[tuple[Assessment, Assessment], ...]
     failed: Mapping[str, str] = field(default_factory=dict)
     interrupted: bool = False
+    excitations: tuple[Excitation, ...] = ()
+    priors: tuple[PriorRow, ...] = ()
 
     @property
     def rows(self) -> list[Row]:
@@ -90,7 +100,11 @@ class Study:
         output_variance: variance of the output with it, for comparison.
         parts: the studies that were done, the experiment first.
         own_records: whether the experiment uses records of the user.
-        interrupted: whether the user stopped it before both were done.
+        interrupted: whether the user stopped it before all was done.
+        survey: other motors, inputs and records; recorded with the default settings, unless it was asked for.
+        load_friction: what friction on the load costs.
+        richer: what an input with more frequencies changes.
+        shown: regressions on one motor of the family, on identification data and on unseen data.
     """
 
     settings: Settings
@@ -99,6 +113,10 @@ class Study:
     parts: tuple[Part, ...]
     own_records: bool = False
     interrupted: bool = False
+    survey: Survey | None = None
+    load_friction: LoadFriction | None = None
+    richer: Richer | None = None
+    shown: tuple[tuple[Assessment, Assessment], ...] = ()
 
     @property
     def rows(self) -> list[Row]:
@@ -111,7 +129,11 @@ class Study:
 
 
 def study(
-    settings: Settings | None = None, records: tuple[Record, Record] | None = None, control: Control = FREE
+    settings: Settings | None = None,
+    records: tuple[Record, Record] | None = None,
+    control: Control = FREE,
+    *,
+    survey: bool = False,
 ) -> Study:
     """Run the study.
 
@@ -119,6 +141,8 @@ def study(
         settings: by default those of the paper's motor.
         records: identification data and unseen data of a real drive, in place of the virtual bench.
         control: when to stop, and where to report progress. If a part is stopped, its finished models are kept.
+        survey: whether to repeat the survey of motors and inputs with these settings, which takes about two minutes;
+            else the recorded one is used.
 
     Raises:
         DataError: for records whose channels differ, or whose input is the same.
@@ -133,11 +157,27 @@ def study(
     for name, (first, second) in pairs.items():
         if parts and control.ending:
             break
-        parts.append(_part(name, first, second, settings, control))
+        parts.append(_part(name, first, second, settings, control, own=name == EXPERIMENT and records is not None))
         if parts[-1].interrupted:
             break
     stopped = len(parts) < len(pairs) or parts[-1].interrupted
-    return Study(settings, difference, variance, tuple(parts), records is not None, stopped)
+    done = Study(settings, difference, variance, tuple(parts), records is not None, stopped, recorded())
+    return done if stopped else _beyond(done, control, survey=survey)
+
+
+def _beyond(done: Study, control: Control, *, survey: bool) -> Study:
+    """The study with what goes beyond its two parts; as it is where it is stopped there."""
+    settings, simulation = done.settings, done.part(SIMULATION)
+    try:
+        control.doing(f"motor {SHOWN}")
+        case = next(case for case in FAMILY if case.name == SHOWN)
+        done = replace(done, shown=tuple(regressions(case, settings)), richer=richer_input(settings))
+        if BLOCKS in simulation.models:
+            blocks: Any = simulation.on_unseen(BLOCKS).fit.model
+            done = replace(done, load_friction=load_friction(settings, blocks, control))
+        return replace(done, survey=do_survey(settings, control=control)) if survey else done
+    except Stopped:
+        return replace(done, interrupted=True)
 
 
 def _records(settings: Settings, given: tuple[Record, Record] | None) -> dict[str, tuple[Record, Record]]:
@@ -160,11 +200,15 @@ def _records(settings: Settings, given: tuple[Record, Record] | None) -> dict[st
     return {EXPERIMENT: measured, SIMULATION: simulated}
 
 
-def _part(name: str, first: Record, second: Record, settings: Settings, control: Control) -> Part:
-    """One of the studies; if it is interrupted, with the models finished by then."""
-    candidates = structures(first, settings.knots)
+def _part(name: str, first: Record, second: Record, settings: Settings, control: Control, *, own: bool = False) -> Part:
+    """One of the studies; if it is interrupted, with the models finished by then.
+
+    On records of the user, the sizes of all models but the paper's are chosen.
+    """
+    candidates = of_the_paper() if own else structures(first, settings.knots)
     shaft = name == SIMULATION and not settings.motor.is_rigid
-    nonlinear = searches(settings.motor, first, shaft=shaft)
+    known = {} if settings.motor == Motor() else {"resistance": settings.motor.resistance}
+    nonlinear = chosen(first, known) if own else searches(settings.motor, first, shaft=shaft)
     total = len(candidates) + len(nonlinear)
     fits: list[Fit[Any]] = []
     failed: dict[str, str] = {}
@@ -187,7 +231,9 @@ def _part(name: str, first: Record, second: Record, settings: Settings, control:
                 break
     except Stopped:
         interrupted = True
-    start = max(settings.transient or 0, *(structure.memory for structure in candidates))
+    regressions = [fit.model.structure for fit in fits if fit.method == "ls"]
+    start = max(settings.transient or 0, *(structure.memory for structure in (*candidates, *regressions)))
+    kind = "given" if own else "two sines"
     assessed = tuple(
         (
             assess(fit, first, start, experiment=name, data=IDENTIFICATION),
@@ -195,4 +241,14 @@ def _part(name: str, first: Record, second: Record, settings: Settings, control:
         )
         for fit in fits
     )
-    return Part(name, first, second, tuple(fits), assessed, failed, interrupted)
+    return Part(
+        name,
+        first,
+        second,
+        tuple(fits),
+        assessed,
+        failed,
+        interrupted,
+        tuple(excitation_of(record, kind) for record in (first, second)),
+        priors(regressions, first, second, start),
+    )

@@ -26,6 +26,7 @@ from emsid.first_look.columns import Column, Stretch, column_of_numbers
 from emsid.first_look.dynamics import Response, influence, response
 from emsid.first_look.names import ColumnQuantity, Meaning, known_unit, meaning
 from emsid.first_look.roles import Roles, find_roles, is_difference, with_responses
+from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, as_numbers
 from emsid.io.reading import SECONDS, read, read_columns
 from emsid.presentation import Presented
@@ -96,6 +97,9 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
     """
     file = Path(path)
     raw = read_columns(file)
+    if raw.clocks:
+        counts = {clock: len(raw.series[clock]) for clock in raw.clocks.values()}
+        raw = on_one_clock(raw, max(counts, key=counts.__getitem__), raw.series)
     rows = Counter(len(series) for series in raw.series.values()).most_common(1)[0][0]
     columns = tuple(_column(name, raw) for name in raw.series)
     table = [column for column in columns if column.rows == rows]

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from io import BytesIO
+from typing import TYPE_CHECKING
 
 from emsid.errors import FormatError
 from emsid.io.columns import UNITS, Columns, units_as_json, units_from_json
 from emsid.io.files import looks_like
 from emsid.io.sandbox import in_sandbox
+
+if TYPE_CHECKING:
+    import polars as pl
 
 _MAGIC = b"PAR1"
 _DAMAGED = "this Parquet file is damaged or cut off; copy or write it again"
@@ -26,7 +31,13 @@ def read_parquet(content: bytes) -> Columns:
     if not content.endswith(_MAGIC):
         raise FormatError(_DAMAGED)
     units, _, frame_as_ipc = in_sandbox(parsed, content, _DAMAGED).partition(b"\n")
-    frame = pl.read_ipc(BytesIO(frame_as_ipc))
+    return columns_of(pl.read_ipc(BytesIO(frame_as_ipc)), units_from_json(units.decode()))
+
+
+def columns_of(frame: pl.DataFrame, units: Mapping[str, str]) -> Columns:
+    """The columns of a frame that hold numbers, text or times."""
+    import polars as pl
+
     others = {name: "nested values" for name, kind in frame.schema.items() if kind.is_nested()}
     others |= {name: "binary values" for name, kind in frame.schema.items() if kind in (pl.Binary, pl.Object)}
     texts = {name for name, kind in frame.schema.items() if kind in (pl.Categorical, pl.Enum)}
@@ -37,7 +48,7 @@ def read_parquet(content: bytes) -> Columns:
             if column.name not in others
         },
         others=others,
-        units=units_from_json(units.decode()),
+        units=units,
     )
 
 

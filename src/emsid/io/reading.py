@@ -19,15 +19,22 @@ from numpy.typing import NDArray
 
 from emsid.errors import DataError, FormatError, some
 from emsid.findings import Finding
+from emsid.io.arrow import read_arrow
+from emsid.io.clocks import on_one_clock
 from emsid.io.columns import MOST_SHOWN, Columns, DamagedRow, as_numbers, nearest
 from emsid.io.derivative import check_window, derivative
 from emsid.io.files import read_bytes
 from emsid.io.mask import left_out
 from emsid.io.mat import read_mat
+from emsid.io.mdf import read_mdf
 from emsid.io.npz import read_npz
 from emsid.io.other_files import with_other_files
 from emsid.io.parquet import read_parquet
+from emsid.io.ros import read_bag, read_mcap
+from emsid.io.spreadsheet import read_spreadsheet
 from emsid.io.table import read_table
+from emsid.io.tdms import read_tdms
+from emsid.io.wpilog import read_wpilog
 from emsid.record import Record, concatenate, time_axis
 from emsid.record import resample as resampled
 from emsid.units import SI
@@ -42,6 +49,13 @@ READERS: dict[str, Callable[[bytes], Columns]] = {
     ".mat": read_mat,
     ".parquet": read_parquet,
     ".npz": read_npz,
+    **dict.fromkeys((".feather", ".arrow", ".ipc"), read_arrow),
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), read_spreadsheet),
+    ".tdms": read_tdms,
+    **dict.fromkeys((".mf4", ".mdf"), read_mdf),
+    ".wpilog": read_wpilog,
+    ".mcap": read_mcap,
+    ".bag": read_bag,
 }
 """The reader for each suffix: from the content of a file to its columns."""
 
@@ -132,14 +146,17 @@ def read(
     """Read a record from a file.
 
     Args:
-        path: a CSV, TSV, ``.dat`` or ``.txt`` table, a MAT file (version 5 to 7.3), Parquet or NPZ.
+        path: a CSV, TSV, ``.dat`` or ``.txt`` table, a MAT file (version 5 to 7.3), Parquet, Arrow, Feather or NPZ;
+            with an optional package a spreadsheet, TDMS, MDF, WPILOG, MCAP or a bag of ROS 1.
         input: the column, or columns, that drive the system. ``d(name)`` is the derivative of column
             ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name. ``x.csv:1`` is the first
             column of another file, and ``x.csv:name`` one by name.
         output: the column, or columns, that answer; likewise.
         dt: sample time in seconds (the first data row of the file is then at time 0); with ``resample``, the sample
             time to bring the record to.
-        time: the time column, from which the sample time is taken if it is regular; numbers, or dates and times.
+        time: the time column, from which the sample time is taken if it is regular; numbers, or dates and times. In a
+            file whose columns have times of their own, by default that of the output; other columns are brought to it,
+            inputs held and outputs interpolated.
         time_unit: unit of the time column; by default the one in its header (``Timestamp(ms)``), else seconds.
         rows: the data rows to take, counted from 0, as in ``slice(5200, 105200)``.
         mask: an SQL condition on the columns of the file, true for the samples to leave out, as in ``abs(PWM) > 255``;
@@ -284,6 +301,13 @@ def _record(
 ) -> Record:
     """The record in ``columns`` with the options of `read`; the module docstring has the order of the steps."""
     signals = _signals(inputs, outputs, columns)
+    used = [s.column for s in signals]
+    if columns.clocks and clock.dt is None and clock.time is None:
+        clock = replace(clock, time=columns.clocks.get(used[-1]))
+    if clock.time is not None and clock.time in columns.clocks.values():
+        wanted = {*used, clock.time, *(columns.clocks[name] for name in used if name in columns.clocks)}
+        few = replace(columns, clocks={name: each for name, each in columns.clocks.items() if name in wanted})
+        columns = on_one_clock(few, clock.time, used[: len(inputs)])
     _check_options({"scale": scale, "offset": offset, "units": units}, signals)
     used = [*(s.column for s in signals), *([clock.time] if clock.time else [])]
     selection = _select(columns, used, rows, mask, skip_bad_rows, name)

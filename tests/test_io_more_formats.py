@@ -1,0 +1,219 @@
+"""Formats that other packages read: a file of each kind, and the message where the package is missing."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import emsid
+from emsid.errors import FormatError
+from emsid.io import READERS, packing
+from emsid.io.arrow import read_arrow
+from emsid.io.clocks import on_one_clock
+from emsid.io.columns import Columns
+
+N = 60
+T = 0.01 * np.arange(N)
+U = np.repeat([0.0, 3.0, -2.0, 5.0, 1.0, 4.0], 10)
+Y = np.cumsum(U) / 10
+
+
+def feather() -> bytes:
+    content = BytesIO()
+    pl.DataFrame({"t": T, "u": U, "y": Y}).write_ipc(content, compression="zstd")
+    return content.getvalue()
+
+
+def excel() -> bytes:
+    content = BytesIO()
+    rows = [["Bench 3", None, None], ["t", "u", "y"], ["s", "V", "rad/s"], *zip(T, U, Y, strict=True)]
+    import xlsxwriter
+
+    with xlsxwriter.Workbook(content, {"in_memory": True}) as book:
+        sheet = book.add_worksheet()
+        for k, row in enumerate(rows):
+            sheet.write_row(k, 0, row)
+    return content.getvalue()
+
+
+def tdms() -> bytes:
+    from nptdms import ChannelObject, TdmsWriter
+
+    content = BytesIO()
+    with TdmsWriter(content) as writer:
+        waveform = {"wf_increment": 0.01, "wf_start_offset": 0.0, "wf_samples": N}
+        units = {"u": "V", "y": "rad/s"}
+        writer.write_segment(
+            [
+                ChannelObject("bench", name, values, properties=waveform | {"unit_string": units[name]})
+                for name, values in (("u", U), ("y", Y))
+            ]
+        )
+    return content.getvalue()
+
+
+def mdf() -> bytes:
+    from asammdf import MDF, Signal
+
+    content = BytesIO()
+    with MDF(version="4.10") as file:
+        signals = (("u", U, "V"), ("y", Y, "rad/s"))
+        file.append([Signal(values, T, name=name, unit=unit) for name, values, unit in signals])
+        file.save(content)
+    return content.getvalue()
+
+
+def wpilog() -> bytes:
+    """By its specification: a header, then records of entry, time in µs and payload."""
+
+    def record(entry: int, payload: bytes, time: float = 0.0) -> bytes:
+        """The lengths of entry, size and time are 1, 4 and 8 bytes."""
+        return struct.pack("<BBIQ", 0b0111_1100, entry, len(payload), round(1e6 * time))
+
+    def text(words: str) -> bytes:
+        return struct.pack("<I", len(words)) + words.encode()
+
+    content = b"WPILOG" + struct.pack("<HI", 0x0100, 0)
+    for entry, name in ((1, "u"), (2, "y")):
+        start = b"\0" + struct.pack("<I", entry) + text(name) + text("double") + text("")
+        content += record(0, start) + start
+    for t, u, y in zip(T, U, Y, strict=True):
+        for entry, value in ((1, u), (2, y)):
+            payload = struct.pack("<d", value)
+            content += record(entry, payload, t) + payload
+    return content
+
+
+def mcap() -> bytes:
+    from mcap.writer import Writer
+
+    content = BytesIO()
+    writer = Writer(content)
+    writer.start()
+    schema = writer.register_schema("sample", "jsonschema", b'{"type": "object"}')
+    channel = writer.register_channel("/bench", "json", schema)
+    for t, u, y in zip(T, U, Y, strict=True):
+        time = round(1e9 * (1000 + t))
+        writer.add_message(channel, time, json.dumps({"u": u, "y": y, "note": "x"}).encode(), time)
+    writer.finish()
+    return content.getvalue()
+
+
+def mcap_of_ros() -> bytes:
+    from mcap.writer import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    vector = types.types["geometry_msgs/msg/Vector3"]
+    content = BytesIO()
+    writer = Writer(content)
+    writer.start("ros2")
+    schema = writer.register_schema(vector.__msgtype__, "ros2msg", b"float64 x\nfloat64 y\nfloat64 z\n")
+    channel = writer.register_channel("/bench", "cdr", schema)
+    for t, u, y in zip(T, U, Y, strict=True):
+        data = bytes(types.serialize_cdr(vector(u, y, 0.0), vector.__msgtype__))
+        writer.add_message(channel, round(1e9 * t), data, round(1e9 * t))
+    writer.finish()
+    return content.getvalue()
+
+
+def bag(tmp_path: Path) -> bytes:
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    types = get_typestore(Stores.ROS1_NOETIC)
+    vector = types.types["geometry_msgs/msg/Vector3"]
+    with Writer(tmp_path / "made.bag") as writer:
+        connection = writer.add_connection("/bench", vector.__msgtype__, typestore=types)
+        for t, u, y in zip(T, U, Y, strict=True):
+            data = types.serialize_ros1(vector(u, y, 0.0), vector.__msgtype__)
+            writer.write(connection, round(1e9 * (1000 + t)), data)
+    return (tmp_path / "made.bag").read_bytes()
+
+
+Made = Callable[[], bytes]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "made", "input", "output", "units"),
+    [
+        (".feather", feather, "u", "y", ("", "")),
+        (".xlsx", excel, "u", "y", ("V", "rad/s")),
+        (".tdms", tdms, "u", "y", ("V", "rad/s")),
+        (".mf4", mdf, "u", "y", ("V", "rad/s")),
+        (".wpilog", wpilog, "u", "y", ("", "")),
+        (".mcap", mcap, "bench.u", "bench.y", ("", "")),
+        (".mcap", mcap_of_ros, "bench.x", "bench.y", ("", "")),
+        (".bag", bag, "bench.x", "bench.y", ("", "")),
+    ],
+    ids=["Feather", "Excel", "TDMS", "MDF", "WPILOG", "MCAP", "MCAP of ROS 2", "bag"],
+)
+def test_a_file_of_each_kind(
+    tmp_path: Path,
+    suffix: str,
+    made: Callable[..., bytes],
+    input: str,
+    output: str,
+    units: tuple[str, str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path = tmp_path / f"log{suffix}"
+    path.write_bytes(made(tmp_path) if made is bag else made())
+    time = "t" if suffix in (".feather", ".xlsx") else None
+    if suffix != ".wpilog":  # one in a process of its own is enough for a test
+        monkeypatch.setattr(packing, "in_sandbox", lambda parser, content, damaged: parser(content))
+    record = emsid.read(path, input=input, output=output, time=time)
+    np.testing.assert_allclose(record.input[:, 0], U)
+    np.testing.assert_allclose(record.output[:, 0], Y)
+    assert record.dt == pytest.approx(0.01)
+    assert (*record.input_units, *record.output_units) == units
+    look = emsid.describe(path)
+    assert look.record is not None
+    assert look.record.dt == pytest.approx(0.01)
+
+
+NEEDS = {".xlsx": "excel", ".tdms": "tdms", ".mf4": "mdf", ".wpilog": "wpilog", ".mcap": "ros", ".bag": "ros"}
+
+
+@pytest.mark.parametrize("suffix", NEEDS)
+def test_a_package_that_is_missing_is_named(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(packing, "find_spec", lambda name: None)
+    (tmp_path / f"log{suffix}").write_bytes(b"anything")
+    with pytest.raises(FormatError, match=rf"install \w+: pip install 'emsid\[{NEEDS[suffix]}\]'"):
+        emsid.read(tmp_path / f"log{suffix}", input="u", output="y")
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".wpilog"])
+def test_another_kind_of_file_is_said_to_be_one(suffix: str) -> None:
+    with pytest.raises(FormatError, match="or it is damaged or cut off; it looks like text"):
+        READERS[suffix](b"t,u,y\n0,1,2\n")
+
+
+def test_damaged_arrow_files() -> None:
+    with pytest.raises(FormatError, match="damaged or cut off"):
+        read_arrow(feather()[:300])
+    with pytest.raises(FormatError, match="not an Arrow file; it looks like text"):
+        read_arrow(b"t,u,y\n0,1,2\n")
+
+
+def test_columns_with_clocks_of_their_own() -> None:
+    fast, slow = np.arange(0.0, 2.0, 0.1), np.arange(0.25, 1.8, 0.25)
+    series = {"u": np.arange(7.0), "u.time": slow, "y": 2 * fast, "time": fast, "other": np.ones(3)}
+    columns = Columns(
+        {name: pl.Series(name, values) for name, values in series.items()},
+        clocks={"u": "u.time", "u.time": "u.time", "y": "time", "time": "time"},
+    )
+    held = on_one_clock(columns, "time", ["u"])
+    times = held.series["time"].to_numpy()
+    assert (times[0], times[-1]) == (pytest.approx(0.3), pytest.approx(1.7))
+    np.testing.assert_array_equal(held.series["u"].to_numpy(), np.floor(times / 0.25 + 1e-9) - 1)
+    np.testing.assert_allclose(on_one_clock(columns, "time", []).series["u"].to_numpy(), times / 0.25 - 1)
+    np.testing.assert_allclose(held.series["y"].to_numpy(), 2 * times)
+    assert on_one_clock(Columns({}), "time", []) == Columns({})

@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import binom
 
+import coverage_settings
 import emsid
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
@@ -26,7 +27,8 @@ from emsid.record import Record
 from emsid.validation.comparison import assess_model
 from emsid.validation.correlation import cross_correlation, power_tests
 from independent.fitting import START, fitted
-from independent.settings import RESISTANCE, SETTINGS, TRUTH
+from independent.regressions import EQUATIONS, Equation
+from independent.settings import DT, RESISTANCE, SETTINGS, TRUTH, mass_of
 
 ABSENT, WRONG, WHITE = (SETTINGS[name] for name in ("absent dead zone", "wrong fixed value", "white"))
 WIDTH = "voltage_dead_zone.half_width"
@@ -63,6 +65,20 @@ def test_a_parameter_at_its_bound_has_the_interval_of_its_profile(without_dead_z
     assert (row.value, row.interval[0], row.standard_error) == (0.0, 0.0, None)
     written = next(each for each in fit.to_data()["parameters"] if each["name"] == WIDTH)
     assert written["interval"] == list(row.interval)
+
+
+def test_a_drive_in_one_direction_gives_no_advice_about_a_bound_that_it_does_not_show():
+    rng = np.random.default_rng(3)
+    volts = np.repeat(rng.uniform(1.0, 6.0, 40), 40)
+    speed = mass_of(TRUTH).run(volts, DT)[0][:1600] + 0.3 * rng.standard_normal(1600)
+    record = Record(volts, speed, DT, input_units=("V",), output_units=("rad/s",))
+    fit = simulation_error(START, record, free=tuple(TRUTH), fixed={"resistance": RESISTANCE})
+    (finding,) = (each for each in fit.findings if each.code == "parameter-at-bound")
+    assert finding.subject == WIDTH
+    assert (finding.data["because"], finding.data["one_way"]) == ("inseparable", True)
+    assert finding.data["others"] == ["rotor_friction.coulomb"]
+    assert row_of(fit, WIDTH).interval is None
+    assert WIDTH in row_of(fit, "rotor_friction.coulomb").given
 
 
 # --- values that are held --------------------------------------------------------------------------------------------
@@ -141,46 +157,34 @@ def test_a_search_that_stalled_at_a_minimum_gives_its_intervals():
 
 # --- regressions -----------------------------------------------------------------------------------------------------
 
-POLES, ZEROS, TAPS = [-1.5, 0.56], [0.04, 0.02], [0.5, 0.3, 0.2]
+EQUATION, OUTPUT, COLOURED = (EQUATIONS[name] for name in ("white", "output noise", "inputs only, coloured"))
 
 
-def regression_record(noise: str, seed: int, samples: int = 500) -> Record:
-    """Data of A(q)y = B(q)u + e with white equation error, or with noise on the output; or of a coloured FIR filter."""
-    rng = np.random.default_rng([4, seed])
-    u = lfilter([1], [1, -0.7], rng.standard_normal(samples + 200))
-    white = rng.standard_normal(samples + 200)
-    if noise == "coloured":
-        y = lfilter([0, *TAPS], [1], u) + 0.4 * lfilter([1], [1, -0.9], white) * np.sqrt(1 - 0.81)
-    else:
-        y = lfilter([0, *ZEROS], [1, *POLES], u)
-        y += 0.05 * np.std(y) * white if noise == "output" else lfilter([0.02], [1, *POLES], white)
-    return Record(u[200:], y[200:], 0.01)
-
-
-def share_covered(structure: emsid.Structure, noise: str, truth: list[float], records: int) -> np.ndarray:
-    inside = []
-    for seed in range(records):
-        low, high = emsid.fit(structure, regression_record(noise, seed)).interval().T
-        inside.append((low <= truth) & (truth <= high))
-    return np.mean(inside, axis=0)
+def share_covered(equation: Equation, records: int) -> float:
+    """The smallest share of intervals that hold a coefficient."""
+    structure = emsid.arx(len(equation.poles), len(equation.zeros))
+    intervals = [emsid.fit(structure, equation.record(seed)).interval().T for seed in range(records)]
+    return float(
+        np.min(np.mean([(low <= equation.truth) & (equation.truth <= high) for low, high in intervals], axis=0))
+    )
 
 
 def test_noise_on_the_output_of_a_regression_is_said_to_bias_it():
-    fits = [emsid.fit(emsid.arx(2, 2), regression_record("output", seed)) for seed in range(10)]
+    fits = [emsid.fit(emsid.arx(2, 2), OUTPUT.record(seed)) for seed in range(10)]
     assert all("regression-biased" in codes(fit) for fit in fits)
     assert {each["status"] for each in fits[0].to_data()["parameters"]} == {"of the one-step predictor"}
-    clean = [emsid.fit(emsid.arx(2, 2), regression_record("white", seed)) for seed in range(40)]
+    clean = [emsid.fit(emsid.arx(2, 2), EQUATION.record(seed)) for seed in range(40)]
     assert sum("regression-biased" in codes(fit) for fit in clean) <= binom.ppf(0.999, 40, 0.03)
     assert clean[0].to_data()["parameters"][0]["status"] == "estimated"
 
 
 def test_intervals_of_a_regression_allow_for_a_coloured_residual():
-    fit = emsid.fit(emsid.arx(0, 3), regression_record("coloured", 0))
+    fit = emsid.fit(emsid.arx(0, 3), COLOURED.record(0))
     assert "intervals-allow-for-colour" in codes(fit)
     least = binom.ppf(1e-3, 150, 0.92) / 150
-    assert np.all(share_covered(emsid.arx(0, 3), "coloured", TAPS, 150) >= least)
-    assert np.all(share_covered(emsid.arx(2, 2), "white", [*POLES, *ZEROS], 150) >= least)
-    assert "intervals-allow-for-colour" not in codes(emsid.fit(emsid.arx(2, 2), regression_record("white", 0)))
+    assert share_covered(COLOURED, 150) >= least
+    assert share_covered(EQUATION, 150) >= least
+    assert "intervals-allow-for-colour" not in codes(emsid.fit(emsid.arx(2, 2), EQUATION.record(0)))
 
 
 def test_the_test_of_a_residual_counts_what_was_estimated():
@@ -196,6 +200,18 @@ def test_the_test_of_a_residual_counts_what_was_estimated():
     assert wrong < right
     assert whiteness([np.zeros(100)], 0) is None
     assert whiteness([np.ones(5)], 0) is None
+
+
+def test_the_coverage_program_counts_what_claims_to_be_unconditional():
+    shares = coverage_settings.shares(OUTPUT, 20)
+    assert all(share.given and not share.wrong for share in shares.values())
+    assert min(share.covered for share in shares.values()) < 0.5
+    shares = coverage_settings.shares(EQUATION, 20)
+    assert all(not share.given and not share.wrong for share in shares.values())
+    assert coverage_settings.Share(0.5, 100, False).wrong
+    found = coverage_settings.shares(WRONG, 3)
+    assert [found[name].given for name in TRUTH] == [False, True, True, False]
+    assert not any(share.wrong for share in found.values())
 
 
 # --- one-step errors, unseen data, correlation with powers -----------------------------------------------------------

@@ -99,6 +99,17 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("search-cancelled", data=SO_FAR),
     Finding("cost-hardly-falls", data=SO_FAR | {"last_steps": 15, "least_saving": 0.01}),
     Finding("parameter-at-bound", "inductance", {"side": "lower", "bound": 0.0}),
+    Finding(
+        "parameter-at-bound",
+        "voltage_dead_zone.half_width",
+        {
+            "side": "lower",
+            "bound": 0.0,
+            "because": "inseparable",
+            "others": ["rotor_friction.coulomb"],
+            "one_way": True,
+        },
+    ),
     Finding("parameters-undetermined", data={"without_effect": ["f.m_l"], "inseparable": [["R", "K"]]}),
     # cascades
     Finding("choices-cut-short", "wiener", {"cancelled": True}),

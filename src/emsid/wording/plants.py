@@ -137,4 +137,5 @@ def interval(ends: tuple[float, float], unit: str) -> str:
 
 def _advice(f: Finding, argument: Spelling) -> str:
     channel = "the current" if f.data["current_missing"] else "a channel"
-    return f"fix what you know ({argument('fixed')}), or measure {channel} as well"
+    both_ways = "drive it in both directions, " if f.data.get("one_way") else ""
+    return f"{both_ways}fix what you know ({argument('fixed')}), or measure {channel} as well"

@@ -45,6 +45,12 @@ def cost_hardly_falls(f: Finding, argument: Spelling) -> str:
 @words("parameter-at-bound", Severity.WARNING)
 def parameter_at_bound(f: Finding, argument: Spelling) -> str:
     side = f.data["side"]
+    if f.data.get("because") == "inseparable":
+        both_ways = "drive it in both directions, or " if f.data["one_way"] else ""
+        return (
+            f"{f.subject} is at its {side} limit {f.data['bound']:.4g}, where these data do not separate it from "
+            f"{listed(f.data['others'])}: other values fit as well; {both_ways}fix one of them ({argument('fixed')})"
+        )
     because = _BECAUSE.get(f.data.get("because", ""), "")
     why = because.format(beyond="smaller" if side == "lower" else "larger", profile=argument("profile"))
     return f"{f.subject} is at its {side} limit {f.data['bound']:.4g}{why}"

@@ -75,7 +75,12 @@ def held_names(task: Task, plant: Plant, names: Sequence[str]) -> tuple[str, ...
 
 
 def conditions(
-    task: Task, plant: Plant, names: Sequence[str], free: NDArray[np.bool_], states: Sequence[Array]
+    task: Task,
+    plant: Plant,
+    names: Sequence[str],
+    free: NDArray[np.bool_],
+    states: Sequence[Array],
+    inseparable: Sequence[str] = (),
 ) -> Conditions:
     """What the estimates of some parameters of a plant depend on.
 
@@ -85,23 +90,26 @@ def conditions(
         names: (p,) the parameters that were estimated.
         free: (p + m,) whether each of them, and of the initial states, is not held by a bound.
         states: initial states of every segment.
+        inseparable: parameters that the data do not determine separately; one at a bound holds the others.
     """
-    held = held_names(task, plant, names)
-    p, h = len(names), len(held)
-    shifts = np.zeros((p, h))
-    problem: FreeRunError = task.problem(plant, (*names, *held), states)
-    if h:
+    p, outside = len(names), held_names(task, plant, names)
+    at_bound = [name for name, inside in zip(names, free, strict=False) if not inside and name in inseparable]
+    held = (*outside, *at_bound)
+    shifts = np.zeros((p, len(held)))
+    problem: FreeRunError = task.problem(plant, (*names, *outside), states)
+    if held:
         try:
             slopes = np.concatenate([jacobian for _, jacobian in problem.exactly(problem.start)])
         except EmsidError:  # a held value that cannot be moved
             return unconditional(p)
         columns = np.flatnonzero(free)
-        own = slopes[:, np.where(columns < p, columns, columns + h)]
+        own = slopes[:, np.where(columns < p, columns, columns + len(outside))]
         sizes = np.linalg.norm(own, axis=0)
         sizes[sizes == 0] = 1.0
-        moved = -np.linalg.lstsq(own / sizes, slopes[:, p : p + h], rcond=1e-10)[0] / sizes[:, None]
+        moving = slopes[:, [problem.free.index(name) for name in held]]
+        moved = -np.linalg.lstsq(own / sizes, moving, rcond=1e-10)[0] / sizes[:, None]
         shifts[columns[columns < p]] = moved[columns < p]
-    scales = problem.scales[p : p + h]
+    scales = problem.scales[[problem.free.index(name) for name in held]]
     tolerances = [task.sheet[name].tolerance if name in task.sheet else None for name in held]
     tolerated = [abs(plant.value(n)) * (each or 0.0) / sqrt(3) for n, each in zip(held, tolerances, strict=True)]
     values = np.array([abs(plant.value(name)) for name in held])

@@ -206,7 +206,10 @@ def _concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     found, states = problem.plant, problem.states(problem.start)
     whole = problem if len(names) == len(task.asked) else task.problem(found, task.asked, states)
     identifiability = identified_by(whole, task.asked, minimum)
-    held = conditions(task, found, names, minimum.free, states) if reached.unended else unconditional(len(names))
+    held = unconditional(len(names))
+    if reached.unended:
+        inseparable = [name for group in identifiability.groups for name in group]
+        held = conditions(task, found, names, minimum.free, states, inseparable)
     own = slice(len(names))
     minimum.covariance[own, own] += held.covariance
     rows = table(task, found, start, names, minimum, held)

@@ -176,7 +176,8 @@ def findings_of(
     together: Sequence[Combination],
 ) -> tuple[Finding, ...]:
     """What is to be said of a fit: how it ended, which parameters a bound holds, and which are not identifiable."""
-    bounds = {finding.subject: finding for finding in _at_bounds(task, plant, names, minimum)}
+    groups = identifiability.groups
+    bounds = {finding.subject: finding for finding in _at_bounds(task, plant, names, minimum, groups)}
     ended = [bounds.pop(f.subject, f) if f.code == "parameter-at-bound" else f for f in minimum.findings]
     including_zero = [
         row.name
@@ -222,13 +223,22 @@ def _not_identifiable(
             "combinations": list(dict.fromkeys(formulas))[:4],
             "channels": channels,
             "current_missing": source == "voltage" and Signal.CURRENT not in task.signals,
+            "one_way": _is_one_way(task),
         }
         found.append(Finding("not-identifiable" if kept else "weakly-identified", plant.name, data))
     return found
 
 
-def _at_bounds(task: Task, plant: Plant, names: Sequence[str], minimum: Minimum) -> list[Finding]:
-    """Every parameter that a bound holds, with where the bound is from."""
+def _is_one_way(task: Task) -> bool:
+    """Whether the inputs never change their sign."""
+    inputs = [segment.input[:, 0] for segment in task.segments]
+    return min(float(u.min()) for u in inputs) >= 0 or max(float(u.max()) for u in inputs) <= 0
+
+
+def _at_bounds(
+    task: Task, plant: Plant, names: Sequence[str], minimum: Minimum, groups: Sequence[Sequence[str]]
+) -> list[Finding]:
+    """Every parameter that a bound holds, with where the bound is from, and what the data do not separate from it."""
     found = []
     for name, value, free in zip(names, minimum.estimate.tolist(), minimum.free, strict=False):
         low, high = task.limits[name]
@@ -241,8 +251,11 @@ def _at_bounds(task: Task, plant: Plant, names: Sequence[str], minimum: Minimum)
             because = "sample-time"
         else:
             because = "physical" if value in (handle.lower, handle.upper) else "bounds"
-        side = "lower" if value <= low else "upper"
-        found.append(Finding("parameter-at-bound", name, {"side": side, "bound": value, "because": because}))
+        data = {"side": "lower" if value <= low else "upper", "bound": value, "because": because}
+        others = [other for group in groups if name in group for other in group if other != name]
+        if others:
+            data |= {"because": "inseparable", "others": others, "one_way": _is_one_way(task)}
+        found.append(Finding("parameter-at-bound", name, data))
     return found
 
 

@@ -1,0 +1,119 @@
+"""How often 95 % intervals hold the truth in adverse settings.
+
+    python tests/coverage_settings.py [records] [setting…]
+
+The records are made by simulators of their own (`independent.settings`, `independent.regressions`). For every parameter
+it prints the share of intervals that hold the truth, two standard errors of that share, and how many of the estimates
+came with an unconditional interval; the rest are given a held value, or are said to be those of a one-step predictor.
+`make coverage` runs 300 records each; the test suite runs a short form of the same functions.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+import emsid
+from emsid.models.plants.search.result import Status
+from independent.fitting import fitted
+from independent.regressions import EQUATIONS, Equation
+from independent.settings import SETTINGS, Setting
+
+LOW, HIGH = 0.92, 0.98
+
+
+class Interval(NamedTuple):
+    """An interval of one fit.
+
+    Attributes:
+        name: of the parameter.
+        holds: whether it holds the truth.
+        given: whether it is said to depend on something that may be wrong.
+    """
+
+    name: str
+    holds: bool
+    given: bool
+
+
+class Share(NamedTuple):
+    """The intervals of one parameter.
+
+    Attributes:
+        covered: the share of unconditional intervals that hold the truth; of all, where none is unconditional.
+        count: how many these are.
+        given: whether all intervals depend on something that may be wrong.
+    """
+
+    covered: float
+    count: int
+    given: bool
+
+    @property
+    def margin(self) -> float:
+        """Two standard errors of a share of 95 %."""
+        return float(2 * np.sqrt(0.95 * 0.05 / self.count))
+
+    @property
+    def wrong(self) -> bool:
+        """Whether it is outside 92 to 98 % by more than chance, although it claims to be unconditional."""
+        slack = self.margin
+        return not self.given and not LOW - slack <= self.covered <= HIGH + slack
+
+
+def of_a_motor(setting: Setting, seed: int) -> Iterable[Interval]:
+    """The intervals of a physical motor fitted to one record; a parameter that is kept has none."""
+    fit = fitted(setting, seed, fixed={"sensor.average": 1.0} if setting.counts else {})
+    for row in fit.table:
+        if row.status not in (Status.FIXED, Status.KEPT) and row.interval is not None:
+            low, high = row.interval
+            yield Interval(row.name, low <= setting.truth[row.name] <= high, bool(row.given))
+
+
+def of_a_regression(equation: Equation, seed: int) -> Iterable[Interval]:
+    """The intervals of the ARX structure of an equation fitted to one record."""
+    structure = emsid.arx(len(equation.poles), len(equation.zeros))
+    fit = emsid.fit(structure, equation.record(seed), free_run=equation.free_run)
+    for name, (low, high), truth in zip(fit.names, fit.interval(), equation.truth, strict=True):
+        yield Interval(name, bool(low <= truth <= high), fit.status != "estimated")
+
+
+def shares(setting: Setting | Equation, records: int) -> Mapping[str, Share]:
+    """The share of intervals that hold the truth, by parameter."""
+    found: dict[str, list[Interval]] = defaultdict(list)
+    intervals = of_a_motor if isinstance(setting, Setting) else of_a_regression
+    for seed in range(records):
+        for each in intervals(setting, seed):  # type: ignore[operator]
+            found[each.name].append(each)
+    shares = {}
+    for name, some in found.items():
+        free = [each for each in some if not each.given]
+        counted = free or some
+        shares[name] = Share(float(np.mean([each.holds for each in counted])), len(counted), not free)
+    return shares
+
+
+def main() -> int:
+    """Print the coverages; the status is 1 if one of them is outside its bounds."""
+    records = int(sys.argv[1]) if len(sys.argv) > 1 else 300
+    every = {f"motor, {name}": each for name, each in SETTINGS.items()} | {
+        f"regression, {name}": each for name, each in EQUATIONS.items()
+    }
+    status = 0
+    for name, setting in every.items():
+        if sys.argv[2:] and name not in sys.argv[2:]:
+            continue
+        print(name)
+        for parameter, share in shares(setting, records).items():
+            mark = "  given what may be wrong" if share.given else "  OUTSIDE 92 to 98 %" if share.wrong else ""
+            print(f"  {parameter:30} {100 * share.covered:5.1f} ± {100 * share.margin:.1f} % of {share.count}{mark}")
+            status |= share.wrong
+    return int(status)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,4 +1,4 @@
-"""How often the 95 % intervals of the grey box hold the truth: ``python tests/coverage_grey_box.py [records]``.
+"""How often 95 % intervals of the grey box contain the true values: ``python tests/coverage_grey_box.py [records]``.
 
 The sensor is a low-resolution encoder behind a drive with coloured noise, so residuals are neither white nor Gaussian.
 `make coverage` runs 300 records; the test suite runs a short form of the same function.
@@ -53,7 +53,7 @@ def simulated_record(
 
 
 def least_share(records: int, level: float = 0.95, risk: float = 0.01) -> float:
-    """The share of intervals of this level that hold the truth in this many records, but for a risk of chance."""
+    """The least share of intervals of this level that contain the true value; fewer do with this risk by chance."""
     return float(binom.ppf(risk, records, level)) / records
 
 
@@ -64,7 +64,7 @@ def coverage(records: int, seed: int = 1) -> dict[str, float]:
     hits = np.zeros(len(FREE))
     for _ in range(records):
         fit = simulation_error(MOTOR, simulated_record(rng), free=FREE)
-        if fit.names != FREE:  # one is held, as the record tells only combinations: counted as missed
+        if fit.names != FREE:  # one is not identifiable in this record: counted as a miss
             continue
         interval = fit.interval()
         hits += (interval[:, 0] <= truth) & (truth <= interval[:, 1])
@@ -72,25 +72,25 @@ def coverage(records: int, seed: int = 1) -> dict[str, float]:
 
 
 def coverage_of_an_excess(records: int, noise: float = 3.0, seed: int = 1) -> dict[str, float]:
-    """The same for a Stribeck excess in heavy noise, which often takes it for nothing.
+    """The same for a Stribeck excess in heavy noise, in which the estimate is often zero.
 
     Of the intervals that are given: those of the standard error, or of the profile where the search ends at a bound and
-    has none. Besides, how often that is, and how often the excess is not estimated, as it cannot be told at all.
+    has none. Also the share of profiles, and how often the record does not determine the excess.
     """
     rng = np.random.default_rng(seed)
     truth, free = STICTION.value(EXCESS), ("motor_constant", "rotor_inertia", "rotor_friction.coulomb", EXCESS)
-    hits = bounds = untold = 0
+    hits = bounds = undetermined = 0
     for _ in range(records):
         fit = simulation_error(STICTION, simulated_record(rng, noise=noise, motor=STICTION), free=free)
         if fit.names != free:
-            untold += 1
+            undetermined += 1
             continue
         bound = fit.table[-1].status == "at a bound"
         low, high = likelihood_profile(fit, EXCESS).interval if bound else fit.interval()[-1]
         hits += bool(low <= truth <= high)
         bounds += bound
-    given = records - untold
-    return {"covered": hits / given, "profiles": bounds / given, "untold": untold / records}
+    given = records - undetermined
+    return {"covered": hits / given, "profiles": bounds / given, "undetermined": undetermined / records}
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The grey box: motion, recovery, what cannot be told, bad input, and real recordings."""
+"""The grey box: motion, recovery, what is not identifiable, bad input, and real recordings."""
 
 import runpy
 from dataclasses import replace
@@ -137,7 +137,7 @@ def test_a_bridge_that_coasts_brakes_in_proportion_to_its_duty():
     assert final == pytest.approx([6 * k / r / (k**2 / r + b), 6 * k / r / (0.25 * k**2 / r + b)], rel=1e-6)
 
 
-def test_a_drive_counts_commands_differently_beyond_its_knee_and_ends_at_its_supply():
+def test_a_drive_has_another_gain_beyond_its_knee_and_is_limited_by_its_supply():
     drive = Drive(gain=0.5, supply=6.0, knee=4.0, beyond=2.0)
     command = np.array([0.0, 6.0, 8.0, 9.0, 20.0, -9.0, -20.0])
     assert drive.terminals(command[:, None], DT)[0][1:] == pytest.approx([0.0, 3.0, 4.0, 5.0, 6.0, -5.0, -6.0])
@@ -201,7 +201,7 @@ def test_a_motor_is_fed_with_what_the_command_is_in(feed, unit, scale):
         simulation_error(Motor(), record)
 
 
-def test_a_motor_fed_with_a_current_is_known_up_to_its_constant():
+def test_a_motor_fed_with_a_current_is_identified_up_to_its_constant():
     motor = replace(
         RIGID, load_inertia=1e-15, load_viscous=0.0, load_friction=Friction(), rotor_friction=Friction(3e-3)
     )
@@ -209,10 +209,10 @@ def test_a_motor_fed_with_a_current_is_known_up_to_its_constant():
     record = replace(record_of(truth, 0.3 * VOLTAGE, 0.1), input_units=("A",))
     fit = simulation_error(motor, record)
     assert fit.names == ("rotor_viscous", "rotor_inertia", "rotor_friction.coulomb")
-    told = {each.quantity.name: each for each in fit.combinations}
+    combinations = {each.quantity.name: each for each in fit.combinations}
     exact = {quantity.name: quantity.value for quantity in truth.quantities()}
     for name in ("acceleration per ampere", "mechanical time constant"):
-        assert told[name].quantity.value == pytest.approx(exact[name], rel=0.05)
+        assert combinations[name].quantity.value == pytest.approx(exact[name], rel=0.05)
 
 
 @pytest.mark.parametrize("unit", ["rad/s", "m", "ohm", "kg"])
@@ -279,7 +279,7 @@ def test_several_records_share_parameters_and_not_initial_states():
     assert [state[0] for state in apart.states] == pytest.approx([0.0, 30.0, -20.0], abs=0.3)
 
 
-def test_a_current_tells_what_a_speed_does_not():
+def test_a_measured_current_identifies_the_resistance():
     signals = (Signal.SPEED, Signal.CURRENT)
     output = MOTOR.simulate(VOLTAGE[:, None], DT, np.zeros(2), signals)
     output = output + np.random.default_rng(1).standard_normal(output.shape) * (0.05, 0.002)
@@ -290,7 +290,7 @@ def test_a_current_tells_what_a_speed_does_not():
     assert fit.estimate[:2] == pytest.approx([MOTOR.value("resistance"), MOTOR.value("motor_constant")], rel=0.01)
 
 
-def test_intervals_hold_the_truth_with_coloured_noise_and_a_quantised_sensor():
+def test_intervals_contain_the_true_values_with_coloured_noise_and_quantisation():
     shares = coverage(25)  # 300 records by `make coverage`
     assert tuple(shares) == FREE
     assert min(shares.values()) >= least_share(25)
@@ -303,10 +303,10 @@ def test_errors_that_are_forgotten_find_the_same_parameters():
     assert np.all(np.abs(plain.estimate - recent.estimate) < 5 * spread)
 
 
-# --- what can be told -----------------------------------------------------------------------------------------------
+# --- what is identifiable ---------------------------------------------------------------------------------------------
 
 
-def test_voltage_and_speed_tell_combinations_only():
+def test_voltage_and_speed_identify_combinations_only():
     record = record_of(MOTOR, noise=0.05)
     fit = simulation_error(MOTOR, record, free=("resistance", "rotor_viscous", *FREE))
     assert set(fit.names).isdisjoint({"resistance", "rotor_viscous"})
@@ -317,14 +317,14 @@ def test_voltage_and_speed_tell_combinations_only():
     (finding,) = [each for each in fit.findings if each.code == "not-identifiable"]
     assert "resistance" in finding.data["parameters"]
     true = {q.name: q.value for q in MOTOR.quantities()}
-    told = {c.quantity.name: c for c in fit.combinations}
-    assert {"mechanical time constant", "speed per volt", "acceleration per volt"} <= set(told)
-    assert "electromechanical time constant" not in told
-    for name, combination in told.items():
+    combinations = {c.quantity.name: c for c in fit.combinations}
+    assert {"mechanical time constant", "speed per volt", "acceleration per volt"} <= set(combinations)
+    assert "electromechanical time constant" not in combinations
+    for name, combination in combinations.items():
         assert abs(combination.quantity.value - true[name]) < 4 * combination.standard_error, name
 
 
-def test_steps_from_rest_do_not_tell_a_dead_zone_from_coulomb_friction():
+def test_steps_from_rest_do_not_separate_a_dead_zone_from_coulomb_friction():
     steps = [record_of(MOTOR, np.repeat([0.0, v], [20, 200]), noise=0.02) for v in (2.0, 3.0, 5.0, -2.0, -4.0)]
     fit = simulation_error(MOTOR, steps, free=FREE)
     status = {row.name: row.status for row in fit.table}
@@ -333,12 +333,12 @@ def test_steps_from_rest_do_not_tell_a_dead_zone_from_coulomb_friction():
         Status.CONDITIONAL,
     }
     assert Status.KEPT in status.values()
-    told = {c.quantity.name: c.quantity.value for c in fit.combinations}
+    combinations = {c.quantity.name: c.quantity.value for c in fit.combinations}
     true = {q.name: q.value for q in MOTOR.quantities()}
-    assert told["break-away voltage forward"] == pytest.approx(true["break-away voltage forward"], rel=0.02)
+    assert combinations["break-away voltage forward"] == pytest.approx(true["break-away voltage forward"], rel=0.02)
 
 
-def test_a_record_that_tells_nothing_ends_in_one_sentence_and_no_numbers():
+def test_a_record_that_determines_nothing_gives_one_finding_and_no_estimates():
     rng = np.random.default_rng(0)
     noise = np.convolve(rng.standard_normal(804), np.ones(5), "valid")  # a sensor's that filters, or of vibrations
     fit = simulation_error(MOTOR, Record(1e-3 * rng.standard_normal(800), noise, DT, output_units=("rad/s",)))
@@ -397,7 +397,7 @@ def test_a_datasheet_is_read_with_its_units_tolerances_and_unknowns(tmp_path):
     assert axis == {"mass": Given(95.0), "drive.gain": Given(35.0), "viscous_friction": Given(None)}
 
 
-def test_a_datasheet_is_where_a_search_starts_and_what_it_keeps_to():
+def test_a_datasheet_gives_the_start_and_the_bounds_of_a_search():
     sheet = datasheet(
         "motor",
         {
@@ -419,7 +419,7 @@ def test_a_datasheet_is_where_a_search_starts_and_what_it_keeps_to():
     [(20.0, 2e-3, 2e-9, 5e-5, 3.0), (0.5, 2.0, 0.5, 20.0, 200.0)],
     ids=["coreless", "traction"],
 )
-def test_motors_of_any_size_are_found_from_nothing_but_a_record(resistance, constant, inertia, coulomb, volts):
+def test_motors_of_any_size_are_found_from_a_record_alone(resistance, constant, inertia, coulomb, volts):
     motor = replace(
         RIGID, resistance=resistance, motor_constant=constant, rotor_inertia=inertia, load_inertia=1e-3 * inertia,
         rotor_friction=Friction(coulomb), load_friction=Friction(), rotor_viscous=0.0, load_viscous=0.0,
@@ -475,7 +475,7 @@ def test_refinements_keep_to_a_datasheet():
     ],
     ids=lambda value: " ".join(value) if isinstance(value, dict) else None,
 )
-def test_what_is_fixed_stays_so_where_a_parameter_is_split_by_direction(fixed, offset, left):
+def test_fixed_values_stay_fixed_where_a_parameter_is_split_by_direction(fixed, offset, left):
     truth = LinearAxis(80.0, (150.0, 220.0), Friction(25.0), offset)
     record = record_of(truth, 30 * VOLTAGE[:1200], noise=1e-5, unit="m", signals=(Signal.POSITION,))
     fit = choose(LinearAxis(), record, fixed=fixed, refinements=(by_direction,))
@@ -501,7 +501,7 @@ def test_a_parameter_that_is_known_in_one_direction_is_estimated_in_the_other():
     assert fit.model.plant.value("rotor_friction.coulomb.backward") == pytest.approx(9e-3, rel=0.02)
 
 
-def test_names_that_share_a_value_give_way_to_each_other():
+def test_of_names_that_share_a_value_one_replaces_the_other():
     level, forward, backward = (f"rotor_friction.coulomb{side}" for side in ("", ".forward", ".backward"))
     zone = "voltage_dead_zone"
     assert parts(MOTOR, level) == (forward, backward)
@@ -594,7 +594,7 @@ def test_a_free_run_starts_from_the_first_samples_and_a_prediction_is_closer():
     assert errors[1] < 0.5 * errors[0]
 
 
-def test_what_a_fit_says_beyond_numbers():
+def test_curves_standstills_and_profile_of_a_fit():
     fit = simulation_error(MOTOR, simulated_record(np.random.default_rng(3)), free=FREE)
     friction = friction_curve(fit, 51)
     assert np.all((friction.low <= friction.y) & (friction.y <= friction.high))
@@ -602,8 +602,8 @@ def test_what_a_fit_says_beyond_numbers():
     zone = dead_zone_curve(fit, 51)
     assert zone is not None
     assert zone.support.sum() > 0
-    held = np.concatenate([run[:, 0] == 0 for run in fit.simulated()])
-    assert len(stops(fit)) == np.count_nonzero(np.diff(np.concatenate([[0], held, [0]])) == 1)
+    sticking = np.concatenate([run[:, 0] == 0 for run in fit.simulated()])
+    assert len(stops(fit)) == np.count_nonzero(np.diff(np.concatenate([[0], sticking, [0]])) == 1)
     profile = likelihood_profile(fit, "motor_constant")
     assert profile.interval == pytest.approx(tuple(fit.interval()[0]), rel=2e-3)
     with pytest.raises(ModelError, match="was not estimated; profiles can be had of motor_constant"):
@@ -677,7 +677,7 @@ def test_a_profile_fits_every_other_parameter_and_the_initial_states():
     assert profile.deviance[-1] == pytest.approx(deviance, rel=1e-3)
 
 
-def test_an_interrupted_profile_is_none():
+def test_an_interrupted_profile_raises_stopped():
     fit = simulation_error(MOTOR, simulated_record(np.random.default_rng(3), samples=300), free=FREE[:2])
     calls = iter(range(1000))
 
@@ -751,7 +751,7 @@ def test_the_example_finds_the_drives_that_it_simulated(coupled_drives, tmp_path
 
 @pytest.mark.long
 @pytest.mark.recordings
-def test_the_example_reaches_on_the_recordings_what_it_says(coupled_drives, recordings, tmp_path, monkeypatch):
+def test_the_example_has_its_published_error_on_the_recordings(coupled_drives, recordings, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     _, outside = coupled_drives["main"]([str(recordings / "coupled_drives" / "uniform_first400.csv")])
     assert outside == pytest.approx([0.112, 0.103], rel=0.02)
@@ -792,7 +792,7 @@ GOOD = record_of(MOTOR)
         ({"fixed": {"resistance": -1.0}}, "motor resistance is -1 Ω; it must be positive"),
     ],
 )
-def test_impossible_wishes_are_refused_in_words(arguments, message):
+def test_impossible_arguments_are_refused(arguments, message):
     with pytest.raises(ModelError, match=message):
         simulation_error(MOTOR, GOOD, **arguments)
 
@@ -806,7 +806,7 @@ def test_impossible_wishes_are_refused_in_words(arguments, message):
         (replace(GOOD, input=np.ones((2000, 2)), input_names=(), input_units=()), "2 inputs for rigid-motor"),
     ],
 )
-def test_records_that_do_not_fit_are_refused_in_words(record, message):
+def test_records_of_other_channels_are_refused(record, message):
     with pytest.raises(DataError, match=message):
         simulation_error(MOTOR, record, free=FREE)
 
@@ -847,7 +847,7 @@ def test_values_that_are_not_physical_are_refused_by_name(build, message):
     ],
     ids=["lower", "upper", "datasheet", "physical"],
 )
-def test_a_fit_that_ends_at_a_bound_says_which_and_where_it_is_from(arguments, side, because):
+def test_a_parameter_at_a_bound_is_found_with_the_origin_of_the_bound(arguments, side, because):
     free = [name for name in FREE if name not in arguments.get("fixed", {})]
     start = MOTOR.put({"motor_constant": arguments.get("bounds", {}).get("motor_constant", (0.055,))[0]})
     fit = simulation_error(start, GOOD, free=free, **arguments)
@@ -872,7 +872,7 @@ def test_a_fit_that_stalls_says_whether_others_end_there_too(monkeypatch, wanted
     assert {code, "parameter-at-bound"} <= set(codes(fit))
 
 
-def test_a_parameter_without_room_is_not_said_to_be_held():
+def test_a_parameter_whose_bounds_are_one_value_is_not_reported_at_a_bound():
     fit = simulation_error(MOTOR, GOOD, free=FREE, datasheet={"motor_constant": Given(0.051, 0.0)})
     assert "parameter-at-bound" not in codes(fit)
 
@@ -899,7 +899,7 @@ def test_emps_has_the_published_parameters_where_errors_are_seen_as_acceleration
 
 @pytest.mark.long
 @pytest.mark.recordings
-def test_emps_resists_more_in_one_direction_than_in_the_other(emps):
+def test_emps_has_more_friction_in_one_direction(emps):
     fit = choose(LinearAxis(), emps)
     plant = fit.model.plant
     assert rms(errors(fit)) < 0.7e-3
@@ -950,7 +950,7 @@ def test_one_geared_motor_from_steps_both_ways(recordings):
     error, output = errors(fit), np.concatenate([one.output for one in steps])
     assert fit_percent(output, output + error) > 97.0
     assert rms(error) < 20 * np.pi / 30  # half of what the encoder resolves in 5 ms
-    told = {c.quantity.name: c.quantity.value for c in fit.combinations}
+    combinations = {c.quantity.name: c.quantity.value for c in fit.combinations}
     stays, starts = 901 * drive.gain, 1299 * drive.gain  # commands that it stood still at and moved at
-    assert stays <= told["break-away voltage forward"] <= starts
-    assert stays <= told["break-away voltage backward"] <= starts
+    assert stays <= combinations["break-away voltage forward"] <= starts
+    assert stays <= combinations["break-away voltage backward"] <= starts

@@ -75,23 +75,23 @@ def test_a_knee_is_found_whichever_way_the_command_bends_there(knee, beyond, noi
     assert 2 * fit.cost == pytest.approx(len(record) * noise**2 * np.var(record.output), rel=0.03)
 
 
-def test_a_supply_that_no_command_reaches_is_not_told():
+def test_a_supply_that_no_command_reaches_is_not_identifiable():
     fit = simulation_error(DrivenMotor(ONE_MASS), driven(noise=0.002), free=(*USUAL, "drive.supply"))
     assert fit.names == USUAL
     (finding,) = [each for each in fit.findings if each.data.get("parameters") == ["drive.supply"]]
     assert finding.code == "not-identifiable"
 
 
-def test_what_is_held_from_the_start_is_as_the_datasheet_has_it():
+def test_parameters_kept_from_the_start_have_the_values_of_the_datasheet():
     sheet = {"resistance": Given(2.5), "motor_constant": Given(0.06), "rotor_viscous": Given(3e-5, 0.5)}
     free = ("resistance", "rotor_viscous", *FREE)
     fit = simulation_error(
         MOTOR.put({"motor_constant": 0.09}), simulated_record(np.random.default_rng(0)), free=free, datasheet=sheet
     )
-    held = {row.name: row.value for row in fit.table if row.status is Status.KEPT}
-    assert held
-    assert set(held) <= set(sheet)
-    assert held == {name: sheet[name].value for name in held}
+    kept = {row.name: row.value for row in fit.table if row.status is Status.KEPT}
+    assert kept
+    assert set(kept) <= set(sheet)
+    assert kept == {name: sheet[name].value for name in kept}
 
 
 LATE = DrivenMotor(ONE_MASS, Drive(delay=1.4 * DT), Sensor(ratio=30.0, lag=4 * DT))
@@ -177,7 +177,7 @@ def test_a_parameter_that_cannot_be_moved_says_why(monkeypatch):
         problem.linearised(problem.start)
 
 
-def test_a_problem_begun_elsewhere_knows_what_was_known_there(monkeypatch):
+def test_a_problem_with_another_start_reuses_its_free_run(monkeypatch):
     problem = problem_of(DrivenMotor(ONE_MASS), USUAL)
     theta = problem.start * np.array([1.1, 0.9, 1.3])
     expected = problem.linearised(theta)
@@ -194,7 +194,7 @@ def test_a_problem_begun_elsewhere_knows_what_was_known_there(monkeypatch):
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("resolution", [0.0, 1.0], ids=["fine", "coarse"])
-def test_a_sensor_that_shows_but_its_noise_is_no_motion(seed, resolution):
+def test_an_output_of_noise_alone_is_refused(seed, resolution):
     noise = 0.4 * np.random.default_rng(seed).standard_normal(len(LEVELS))
     shown = np.round(noise / resolution) * resolution if resolution else noise
     with pytest.raises(DataError, match="output y1 is noise that has nothing to do with the input; nothing moves"):
@@ -202,7 +202,7 @@ def test_a_sensor_that_shows_but_its_noise_is_no_motion(seed, resolution):
 
 
 @pytest.mark.parametrize("plant", [DrivenMotor(ONE_MASS), LinearAxis()], ids=["motor", "axis"])
-def test_motion_far_below_the_noise_is_motion(plant):
+def test_motion_far_below_the_noise_is_accepted(plant):
     signal = Signal.SPEED if isinstance(plant, DrivenMotor) else Signal.POSITION
     output = plant.simulate(40 * LEVELS[:, None], DT, np.zeros(2), (signal,))
     output += 3 * np.std(output) * np.random.default_rng(2).standard_normal(output.shape)
@@ -224,7 +224,7 @@ def test_one_output_that_moves_is_enough():
     assert fit.standard_error[0] < 0.1 * truth[0]
 
 
-def test_steps_logged_from_the_edge_on_each_at_its_own_level_are_motion():
+def test_steps_logged_from_their_edge_on_are_accepted():
     plant, rng = DrivenMotor(ONE_MASS), np.random.default_rng(6)
     steps = []
     for volts in (-12.0, -8.0, -4.0, 3.0, 6.0, 9.0):
@@ -253,7 +253,7 @@ def test_steps_logged_from_the_edge_on_each_at_its_own_level_are_motion():
         ({"datasheet": {"resistanc": "2 ohm"}}, "no parameter 'resistanc'"),
     ],
 )
-def test_values_of_another_kind_are_refused_in_words(arguments, message):
+def test_values_of_another_kind_are_refused(arguments, message):
     with pytest.raises(ModelError, match=message):
         simulation_error(DrivenMotor(ONE_MASS), driven(), **arguments)
 
@@ -269,7 +269,7 @@ def test_what_is_fixed_may_have_a_unit():
 
 @pytest.mark.parametrize("noise", [0.002, 0.2])
 @pytest.mark.parametrize("plant", [DrivenMotor(ONE_MASS), LinearAxis()], ids=["motor", "axis"])
-def test_an_output_with_the_wrong_sign_is_no_slow_motor(plant, noise):
+def test_an_output_with_the_wrong_sign_is_refused(plant, noise):
     signal = Signal.SPEED if isinstance(plant, DrivenMotor) else Signal.POSITION
     exact = plant.simulate(LEVELS[:, None], DT, np.zeros(2), (signal,))
     measured = exact + noise * np.std(exact) * np.random.default_rng(4).standard_normal(exact.shape)
@@ -290,7 +290,7 @@ def test_an_output_with_the_wrong_sign_is_no_slow_motor(plant, noise):
         ((-1, -1), r"'w' and 'i' go against 'v'; .* turn the sign of v \(scale v=-1\)"),
     ],
 )
-def test_a_current_with_the_wrong_sign_is_told_from_a_speed_that_has_it(signs, words, noise):
+def test_the_channel_with_the_wrong_sign_is_named(signs, words, noise):
     record = driven(noise=noise, signals=(Signal.SPEED, Signal.CURRENT))
     record = replace(record, input_names=("v",), output_names=("w", "i"), name="log")
     right = simulation_error(DrivenMotor(ONE_MASS), record)
@@ -312,7 +312,7 @@ def test_a_motor_that_lowers_a_load_gives_power_back_and_is_no_wrong_sign():
     noisy = exact + 0.01 * np.std(exact, axis=0) * np.random.default_rng(1).standard_normal(exact.shape)
     record = Record(volts, noisy, DT, output_units=("rad/s", "A"))
     assert np.mean(volts * noisy[:, 1]) < -1.0
-    free = ("resistance", "load_torque", *USUAL[:2])  # of torques that never turn round only the sum is told
+    free = ("resistance", "load_torque", *USUAL[:2])  # of torques of one sign only the sum is identifiable
     fit = simulation_error(lowering.put({"load_torque": 0.0}), record, free=free)
     assert fit.model.plant.value("load_torque") == pytest.approx(-0.05, rel=0.02)
 
@@ -320,7 +320,7 @@ def test_a_motor_that_lowers_a_load_gives_power_back_and_is_no_wrong_sign():
 # --- where it says little -------------------------------------------------------------------------------------------
 
 
-def test_what_cannot_be_told_apart_is_said_with_what_can_and_what_would_help():
+def test_a_finding_names_inseparable_parameters_and_the_missing_current():
     free = ("resistance", "rotor_viscous", *FREE)
     (finding,) = simulation_error(MOTOR, simulated_record(np.random.default_rng(0)), free=free).findings
     assert finding.code == "not-identifiable"
@@ -332,16 +332,16 @@ def test_what_cannot_be_told_apart_is_said_with_what_can_and_what_would_help():
     assert data["current_missing"]
 
 
-def test_what_turns_out_to_be_untold_is_held_at_its_start_not_where_the_search_strayed():
+def test_parameters_found_undetermined_return_to_their_start_values():
     fit = simulation_error(Motor().rigid(), driven(noise=0.002))
-    held = {row.name: (row.value, row.start) for row in fit.table if row.status is Status.KEPT}
-    assert set(held) == {"resistance", "rotor_viscous"}
-    assert held == {"resistance": (2.0, 2.0), "rotor_viscous": (1e-5, 1e-5)}
+    kept = {row.name: (row.value, row.start) for row in fit.table if row.status is Status.KEPT}
+    assert set(kept) == {"resistance", "rotor_viscous"}
+    assert kept == {"resistance": (2.0, 2.0), "rotor_viscous": (1e-5, 1e-5)}
     assert fit.model.plant.value("motor_constant") == pytest.approx(0.05, rel=0.003)
     assert fit.ending is Ending.CONVERGED
 
 
-def test_what_is_held_stays_where_the_search_has_it_where_its_start_would_not_do():
+def test_an_undetermined_parameter_stays_where_its_start_value_has_no_free_run():
     record = driven(noise=0.002)
     weak, slow = DrivenMotor(replace(ONE_MASS, motor_constant=0.045)), {"motor_constant": (0.0, 0.047)}
     fit = simulation_error(weak, record, fixed={"resistance": 2.0}, bounds=slow)
@@ -350,7 +350,7 @@ def test_what_is_held_stays_where_the_search_has_it_where_its_start_would_not_do
     assert fit.cost / len(record) < 1.05 * 0.5 * (0.002 * np.std(record.output)) ** 2
 
 
-def test_an_interruption_on_the_way_back_to_a_start_keeps_what_was_better(monkeypatch):
+def test_an_interruption_on_the_way_back_to_a_start_keeps_the_better_fit(monkeypatch):
     record, calls = driven(noise=0.002), []
     search = continuation._search
 
@@ -369,7 +369,7 @@ def test_an_interruption_on_the_way_back_to_a_start_keeps_what_was_better(monkey
     assert fit.cost / len(record) < 1.05 * 0.5 * (0.002 * np.std(record.output)) ** 2
 
 
-def test_the_current_is_not_asked_for_where_it_is_there():
+def test_a_measured_current_is_not_reported_missing():
     record = driven(noise=0.01, signals=(Signal.SPEED, Signal.CURRENT))
     fit = simulation_error(DrivenMotor(ONE_MASS), record, free=("load_inertia", "resistance", *USUAL))
     assert {"load_inertia", "rotor_inertia"} - set(fit.names)
@@ -380,13 +380,13 @@ def test_the_current_is_not_asked_for_where_it_is_there():
     assert not finding.data["current_missing"]
 
 
-def test_an_axis_whose_force_is_not_known_is_known_by_its_command():
+def test_an_axis_of_unknown_force_is_identified_in_units_of_its_command():
     axis = LinearAxis(mass=2.0, viscous_friction=8.0, drive=Drive(gain=4.0))
     exact = axis.simulate(LEVELS[:, None], DT, np.zeros(2), (Signal.POSITION,))
     noisy = exact + 1e-3 * np.random.default_rng(5).standard_normal(exact.shape)
     fit = simulation_error(axis, Record(LEVELS, noisy, DT, output_units=("m",)), free=("drive.gain", *axis.usual))
-    told = {c.quantity.name: (c.quantity.formula, c.quantity.unit, c.quantity.value) for c in fit.combinations}
-    assert told == {
+    combinations = {c.quantity.name: (c.quantity.formula, c.quantity.unit, c.quantity.value) for c in fit.combinations}
+    assert combinations == {
         "time constant": ("M/F_v", "s", pytest.approx(0.25, rel=1e-3)),
         "acceleration per unit of command": ("k_u/M", "m/s^2", pytest.approx(2.0, rel=1e-3)),
         "Coulomb friction in units of command": ("F_c/k_u", "1", pytest.approx(0.025, rel=0.1)),
@@ -394,7 +394,7 @@ def test_an_axis_whose_force_is_not_known_is_known_by_its_command():
 
 
 @pytest.mark.parametrize("noise", [0.002, 0.05])
-def test_a_shaft_that_no_record_shows_is_said_to_be_none(noise):
+def test_a_shaft_without_effect_on_the_record_is_a_finding(noise):
     fit = simulation_error(STARTS["motor"], driven(noise=noise), max_iterations=20)
     assert fit.findings[0].code == "no-shaft-seen"
     rigid = simulation_error(STARTS["rigid-motor"], driven(noise=noise))
@@ -402,7 +402,7 @@ def test_a_shaft_that_no_record_shows_is_said_to_be_none(noise):
     assert rigid.noise_variance == pytest.approx(noise**2 * np.var(driven(noise=0.0).output), rel=0.1)
 
 
-def test_a_shaft_that_a_record_shows_is_not_talked_away():
+def test_a_shaft_with_an_effect_on_the_record_is_estimated():
     record = driven(noise=0.002, motor=Motor())
     fit = simulation_error(STARTS["motor"], record, max_iterations=20)
     assert {"shaft_stiffness", "shaft_damping"} <= set(fit.names)
@@ -410,7 +410,7 @@ def test_a_shaft_that_a_record_shows_is_not_talked_away():
     assert simulation_error(STARTS["rigid-motor"], record).cost > 20 * fit.cost
 
 
-def test_an_interval_that_reaches_down_to_nothing_has_a_word():
+def test_an_interval_that_includes_zero_is_a_finding():
     free = (*USUAL, "rotor_friction.stribeck")
     plant = DrivenMotor(replace(ONE_MASS, rotor_friction=replace(ONE_MASS.rotor_friction, stribeck_rate=0.3)))
     fit = simulation_error(plant, driven(noise=0.1), free=free, look_around=False)
@@ -434,7 +434,7 @@ def test_what_is_not_known_to_its_physical_scale_is_a_finding():
     assert "weakly-identified" not in [each.code for each in clean.findings]
 
 
-def test_an_excess_that_noise_takes_for_nothing_has_the_interval_of_its_profile():
+def test_an_excess_estimated_as_zero_has_the_interval_of_its_profile():
     free = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb", EXCESS)
     rng = np.random.default_rng(1)
     records = (simulated_record(rng, noise=3.0, motor=STICTION) for _ in range(100))
@@ -452,9 +452,9 @@ def test_an_excess_that_noise_takes_for_nothing_has_the_interval_of_its_profile(
     assert "quadratic approximation" not in [mark.label for mark in figure.plots[0].marks]
 
 
-def test_intervals_of_an_excess_hold_the_truth_in_heavy_noise():
+def test_intervals_of_an_excess_contain_the_true_value_in_heavy_noise():
     found = coverage_of_an_excess(25)  # 300 records by `make coverage`
-    assert found["untold"] <= 0.2
+    assert found["undetermined"] <= 0.2
     assert found["covered"] >= least_share(25)
 
 
@@ -470,7 +470,7 @@ def test_a_noisy_first_sample_chooses_no_lag():
     exact = plant.simulate(LEVELS[:, None], DT, np.zeros(2), (Signal.SPEED,))
     noisy = exact + 0.1 * rng.standard_normal(exact.shape)
     cut = int(0.75 * len(LEVELS))
-    noisy[cut] += 60.0  # where the held-back part begins
+    noisy[cut] += 60.0  # the first sample of the unseen part
     fit = choose(STARTS["rigid-motor"], Record(LEVELS, noisy, DT, output_units=("rad/s",)), fixed={"resistance": 2.0})
     assert {"sensor.lag", "drive.delay"} & {row.name for row in fit.table} == set()
 
@@ -497,13 +497,13 @@ def test_without_refinements_a_choice_is_a_plain_fit():
         ),
     ],
 )
-def test_inputs_too_many_are_refused_with_what_they_could_be(plant, units, message):
+def test_too_many_inputs_are_refused(plant, units, message):
     inputs = np.column_stack([LEVELS] * len(units))
     with pytest.raises(DataError, match=message):
         simulation_error(plant, Record(inputs, LEVELS, DT, input_units=units, output_units=("rad/s",)))
 
 
-def test_a_code_that_never_comes_is_said():
+def test_a_code_that_never_occurs_is_a_finding():
     record, options = driven(noise=0.01), Options(codes=((999.0, Bridge.COAST), (LEVELS[5], Bridge.BRAKE)))
     result = identify(record, models=("rigid-motor",), options=replace(options, free=USUAL))
     absent = [finding for finding in result.findings if finding.code == "code-never-occurs"]
@@ -514,7 +514,7 @@ CODED = np.where(np.arange(len(LEVELS)) % 400 < 50, 999.0, LEVELS)
 
 
 @pytest.mark.parametrize(("model", "unit", "nothing"), [("linear-axis", "N", "force"), ("rigid-motor", "A", "torque")])
-def test_codes_where_there_is_no_bridge_are_no_drive_or_refused(model, unit, nothing):
+def test_codes_without_a_bridge_mean_no_drive_or_are_refused(model, unit, nothing):
     plant = replace(STARTS[model], drive=Drive(codes=((999.0, Bridge.COAST),)))
     if unit == "A":
         plant = replace(plant, feed=Feed.CURRENT)
@@ -531,7 +531,7 @@ def test_codes_where_there_is_no_bridge_are_no_drive_or_refused(model, unit, not
         identify(record, models=(model,), options=replace(options, codes=((999.0, Bridge.BRAKE),)))
 
 
-def test_what_channels_without_a_unit_are_taken_for_is_a_finding():
+def test_the_assumed_unit_of_a_channel_is_a_finding():
     record = Record(LEVELS, LEVELS, DT, input_names=("u",), output_names=("y",), output_units=("",))
     assert assumptions(STARTS["rigid-motor"], record) == [
         Finding("unit-assumed", "rigid-motor", {"channel": "y", "signal": "speed", "unit": "rad/s"}),
@@ -557,7 +557,7 @@ def test_a_command_that_ends_like_a_duty_is_asked_about(command, unit, full):
     assert said == ([{"channel": "PWM", "full": full}] if full else [])
 
 
-def test_a_bridge_is_not_spoken_of_where_there_is_one():
+def test_codes_with_a_bridge_are_no_finding():
     record = Record(CODED, LEVELS, DT, input_units=("V",), output_units=("rad/s",))
     coded = replace(STARTS["rigid-motor"], drive=Drive(codes=((999.0, Bridge.BRAKE),)))
     assert assumptions(coded, record) == []
@@ -594,7 +594,7 @@ def test_codes_need_no_unit():
     assert said.startswith("The record has no unit for volts; it is read as SI.")
 
 
-def test_an_equation_has_no_more_than_there_is():
+def test_an_equation_leaves_out_what_the_plant_does_not_have():
     fit = simulation_error(STARTS["rigid-motor"], driven(noise=0.01), fixed={"resistance": 2.0})
     assert "load_inertia" not in fit.model.equation()
     assert "resistance = 2 Ω, motor_constant = " in fit.model.equation()
@@ -647,7 +647,7 @@ OWN = OwnPlant(decay, whole, (Parameter("a", "a", "1/s", "rate"),), (2.0,), 1, n
     ],
     ids=["nan", "runaway", "long", "number", "none", "outputs"],
 )
-def test_a_plant_that_cannot_be_simulated_is_refused_in_words(changes, message):
+def test_a_plant_that_cannot_be_simulated_is_refused(changes, message):
     record = Record(LEVELS, OWN.simulate(LEVELS[:, None], DT, np.zeros(1), ()), DT)
     assert simulation_error(OWN.put({"a": 1.5}), record).estimate == pytest.approx([2.0], rel=1e-8)
     with pytest.raises(ModelError, match=message):
@@ -657,7 +657,7 @@ def test_a_plant_that_cannot_be_simulated_is_refused_in_words(changes, message):
 # --- what the sample time hides -------------------------------------------------------------------------------------
 
 
-def test_an_inductance_that_no_sample_shows_ends_at_a_bound_that_says_so():
+def test_an_inductance_below_the_sample_time_ends_at_the_bound_of_the_sample_time():
     free = (*USUAL, "inductance")
     fit = simulation_error(DrivenMotor(ONE_MASS), driven(noise=0.01)[:600], free=free)
     (row,) = [row for row in fit.table if row.name == "inductance"]
@@ -670,7 +670,7 @@ def test_an_inductance_that_no_sample_shows_ends_at_a_bound_that_says_so():
 @pytest.mark.parametrize(
     "how", [{"bounds": {"inductance": (1e-4, 1.0)}}, {"datasheet": {"inductance": Given(2e-4, 0.5)}}]
 )
-def test_who_knows_the_inductance_sets_its_bounds(how):
+def test_bounds_or_a_datasheet_of_the_inductance_replace_that_bound(how):
     motor = replace(ONE_MASS, inductance=2e-4)
     fit = simulation_error(
         DrivenMotor(motor), driven(noise=0.001, motor=motor)[:400], free=(*USUAL, "inductance"), **how

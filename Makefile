@@ -24,6 +24,7 @@ lint: $(VENV)/tested-with
 
 bench: $(VENV)/measured-with
 	$(BIN)/python bench/run.py
+	$(BIN)/python bench/live.py
 	$(BIN)/python bench/accuracy.py
 
 # Whether 95 % intervals contain the true values, on 300 simulated records each (the tests use fewer records), and the

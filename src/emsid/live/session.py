@@ -203,7 +203,7 @@ class _Work:
         self.session, self.parser, self.settings, self.log = session, parser, settings, log
         self.timeline = Timeline(settings.dt)
         self.state, self.begun = state, time.monotonic()
-        self.shown = self.begun
+        self.shown = self.done = self.begun
         self.quiet = self.behind = False
         self.rates: deque[tuple[float, int]] = deque([(self.begun, 0)])
         self.complained = 0
@@ -214,6 +214,7 @@ class _Work:
         if piece.kind == "data":
             self.quiet = False
             yield from self.rows(self.parser.feed(piece.data))
+            self.done = time.monotonic()
             if session.tracking is None and self.parser.lines >= GARBAGE and self.parser.columns is None:
                 raise DataError(
                     f"{session.name}: {self.parser.lines} lines have come and none is a header or numbers, such as "
@@ -294,7 +295,7 @@ class _Work:
             heard: when bytes came last.
         """
         session, now = self.session, time.monotonic()
-        silent = now - heard
+        silent = now - max(heard, self.done)
         for name in ("lost", "repeated"):
             session.counts[name] = getattr(self.timeline, name)
         for name in ("malformed", "not_finite"):

@@ -291,7 +291,7 @@ class RecursiveLeastSquares(Generic[M_co]):
             history: a list to which the estimates after every sample, (m, n), are appended.
             residuals: a list to which (m, 3) is appended: the residual of every sample by the estimate before it
                 (a priori), by the estimate after it (a posteriori), and ζ = φᵀPφ before it, which makes the variance
-                of the first σ²(1 + ζ).
+                of the first σ²(1 + ζ); zero for a rule without P.
 
         Raises:
             DataError: for other channels than before, or where the recursion overflows.
@@ -476,11 +476,10 @@ def update(
             if abs(phi[i]) > totals[_PEAKS + i]:
                 totals[_PEAKS + i] = abs(phi[i])
                 ceiling[i] = max(limits[0, i], min(WINDUP / phi[i] ** 2, HIGHEST))
-        if len(residuals):
-            residuals[t, 0], residuals[t, 2] = error, excitation(factor, diagonal, phi)
-        alpha, used = 1.0, True
+        alpha, zeta, used = 1.0, 0.0, True
         if code == Code.FORGETTING:
             alpha = correct(factor, diagonal, phi, gain, rule[1], rule[1], ceiling)
+            zeta = alpha - rule[1]
         elif code == Code.DIRECTIONAL:
             zeta = excitation(factor, diagonal, phi)
             used = zeta > rule[2]
@@ -491,7 +490,9 @@ def update(
         elif code == Code.DRIFT:
             diffuse(factor, diagonal, rule[5:], gain)
             alpha = correct(factor, diagonal, phi, gain, 1.0, 1.0, ceiling)
+            zeta = alpha - 1.0
         elif code == Code.WINDOW:
+            zeta = excitation(factor, diagonal, phi)
             slide(estimate, factor, diagonal, totals, window, phi, block[n, t], gain, limits)
         elif code == Code.GRADIENT:
             alpha = rule[2]
@@ -499,7 +500,7 @@ def update(
                 alpha += phi[i] * phi[i]
                 gain[i] = rule[1] * phi[i]
         else:
-            used = False
+            zeta, used = excitation(factor, diagonal, phi), False
         if used and code != Code.WINDOW:
             weight = error / alpha
             for i in range(n):
@@ -508,12 +509,15 @@ def update(
             totals[1] = rule[3] * (totals[1] + error * (error if code == Code.GRADIENT else weight))
             totals[2] = rule[4] * totals[2] + 1.0
         totals[3] = 0.0 if used else totals[3] + 1.0
-        totals[_LIMITED] += np.any(diagonal >= ceiling)
+        for i in range(n):
+            if diagonal[i] >= ceiling[i]:
+                totals[_LIMITED] += 1.0
+                break
         if len(residuals):
             after = block[n, t]
             for i in range(n):
                 after -= phi[i] * estimate[i]
-            residuals[t, 1] = after
+            residuals[t, 0], residuals[t, 1], residuals[t, 2] = error, after, zeta
         if len(trace):
             for i in range(n):
                 trace[t, i] = estimate[i]

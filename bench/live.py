@@ -115,7 +115,8 @@ def rate(seconds: float = 60.0) -> None:
         counts, logged = session.counts, len(read_log(log.path))
     print(
         f"10 kHz for {seconds:g} s: {counts['samples']:,} samples tracked, {logged:,} in the log, "
-        f"{counts['lost']} lost, {counts['skipped']} skipped, {shown} predictions shown, {used:.0f} s of CPU\nexpected: nothing lost\n"
+        f"{counts['lost']} lost, {counts['skipped']} skipped, {shown} predictions shown, "
+        f"{used:.0f} s of CPU\nexpected: nothing lost\n"
     )
 
 

@@ -40,6 +40,8 @@ COLOURED = 0.3
 """Correlation of neighbouring prediction errors above which they are not white."""
 SETTLING, SETTLING_EACH, SETTLING_TIME = 200, 20, 5.0
 """Samples, samples for each parameter, and seconds, after which changes are looked for."""
+BURSTS = 3.0
+"""The margin of the thresholds of changes, for bursts of error that are no change."""
 REMEMBERED = 2000
 """Points of the history of the estimate."""
 
@@ -278,7 +280,7 @@ class _Work:
             return tracker
         each = SETTLING_EACH * len(tracker.recursion.structure.parameter_names)
         settling = max(SETTLING, each, round(SETTLING_TIME / dt))
-        return replace(tracker, detector=ChangeDetector(max(self.settings.false_alarm / dt, 100.0), settling))
+        return replace(tracker, detector=ChangeDetector(max(self.settings.false_alarm / dt, 100.0), settling, BURSTS))
 
     def changed(self, change: Change, record: Record) -> Finding:
         """A change as a finding, with the rate of false alarms."""

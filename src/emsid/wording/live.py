@@ -27,7 +27,7 @@ def change_detected(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: time, since, delay, what (level or spread), false_alarm (mean time between them)."""
     what = "level" if f.data["what"] == "level" else "size"
     rate = f.data["false_alarm"]
-    alarms = "" if rate is None else f"; false alarms come once in {_duration(rate)} where the errors are white"
+    alarms = "" if rate is None else f"; false alarms come at most once in {_duration(rate)} where the errors are white"
     return (
         f"at {f.data['time']:.6g} s the {what} of the prediction error of {f.subject} has changed, since about "
         f"{f.data['since']:.6g} s (detected after {f.data['delay']:.3g} s): load or motor is different now{alarms}"

@@ -48,8 +48,8 @@ GRID = 120  # sums in the Markov chain
 MARGIN = 4.0
 
 # The state: samples so far, three sums, the samples since each was zero, their largest values while they were observed,
-# and for every octave of the output a number of samples, the variance, and its first value.
-_COUNT, _SUMS, _SINCE, _LARGEST, _FIRST = 0, 1, 4, 7, 10
+# the highest octave of the output, and for every octave a number of samples, the variance, and its first value.
+_COUNT, _SUMS, _SINCE, _LARGEST, _TOP, _FIRST = 0, 1, 4, 7, 10, 11
 _STATE = _FIRST + 3 * OCTAVES
 
 
@@ -75,7 +75,10 @@ class ChangeDetector:
     Args:
         run: the mean number of samples between false alarms, for white Gaussian errors.
         settling: the number of samples at the beginning, and after an alarm, that give no alarm. The first half
-            estimates the variance; in the second half the sums are observed.
+            estimates the variance; in the second half the sums are observed. They are observed again where the output
+            is larger than ever before, as when a motor starts.
+        margin: multiplies the thresholds, at least 1; false alarms are then rarer than stated. It lets pass the short
+            bursts of error of a structure that misses a part of the motion, as at a reversal with friction.
 
     Raises:
         ModelError: for numbers out of range.
@@ -83,18 +86,21 @@ class ChangeDetector:
 
     run: float = 1e6
     settling: int = 200
+    margin: float = 1.0
 
     def __post_init__(self) -> None:
         if not 100 <= self.run <= 1e12:
             raise ModelError(f"{self.run:g} samples between false alarms; give a number from 100 to 1e12")
         if not self.settling >= 10:
             raise ModelError(f"{self.settling} samples of settling; give at least 10")
+        if not self.margin >= 1:
+            raise ModelError(f"margin {self.margin} of the thresholds; give at least 1")
 
     @property
     def thresholds(self) -> Array:
         """(3,) of the sums; each has a third of the false alarms."""
         level, spread = (threshold(kind, 3 * self.run) for kind in ("level", "spread"))
-        return np.array([level, level, spread])
+        return self.margin * np.array([level, level, spread])
 
     def start(self) -> Array:
         """The state before the first sample, an array of numbers."""
@@ -130,6 +136,8 @@ def scan(state: Array, errors: Array, variances: Array, outputs: Array, threshol
         own = state[_FIRST + 3 * octave : _FIRST + 3 * octave + 3]
         state[_COUNT] += 1.0
         own[0] += 1.0
+        if octave > state[_TOP]:
+            state[_TOP], state[_COUNT] = octave, min(state[_COUNT], settling / 2)
         if own[0] <= settling / SHARE or not own[1] > 0.0:
             own[1] += (square - own[1]) / own[0]
             own[2] = own[1]

@@ -1,6 +1,7 @@
 """The study of the paper: what its numbers must show, on this motor and on others."""
 
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from emsid.plant import Bench, Friction, Motor
 from emsid.record import Record
 from emsid.report.document import Wire
 from emsid.report.study_page import WORST, study_report, summary_table
+from emsid.report.study_views import times
 from emsid.study.conclusions import about_the_survey, paper_ratios
 from emsid.study.inputs import HIGHEST_ORDER, over_inputs
 from emsid.study.load_friction import load_friction, rotor_level
@@ -33,7 +35,7 @@ from emsid.study.models import (
     two_masses,
 )
 from emsid.study.motors import FAMILY, by_direction, compare, records
-from emsid.study.readings import FREE_RUN, READINGS, motors, ratios
+from emsid.study.readings import FREE_RUN, ONE_STEP, READINGS, motors, ratios
 from emsid.study.setup import EXPERIMENT, INPUTS, SIMULATION, Settings, load_friction_difference, measure
 from emsid.study.summary import findings, study_data, summary
 from emsid.study.survey import recorded
@@ -359,6 +361,16 @@ def test_the_survey_of_inputs_is_found_again_for_one_pair():
     assert kept[PAPER].highest < 1.2  # no better than linear over thirty pairs
     assert kept[FRICTION].median > 400
     assert kept[ONE_MASS].lowest > 1000
+
+
+def test_the_readme_leads_with_the_recorded_survey():
+    text = " ".join((Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8").split())
+    for row in recorded().inputs:
+        assert f"| {times(row.median)} | {times(row.lowest)} to {times(row.highest)} |" in text
+    free, ahead = ([row for row in recorded().largest if row.error == error] for error in (FREE_RUN, ONE_STEP))
+    largest = times(max(row.unseen for row in free))
+    assert f"{times(free[0].unseen)} with inputs like the paper's ({times(ahead[0].unseen)} one step ahead)" in text
+    assert f"and {largest} with nearly one sine ten times as fast" in text
 
 
 def test_a_recorded_survey_says_so_and_speaks_of_its_own_motor():

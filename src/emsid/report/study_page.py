@@ -31,15 +31,20 @@ from emsid.study.summary import SummaryRow, findings, summary
 from emsid.study.workflow import Part, Study
 from emsid.units import plain_unit
 from emsid.validation.comparison import Assessment
-from emsid.wording import Severity, sentence, severity
+from emsid.wording import Severity, Spelling, as_python, sentence, severity
 
 WORST = "The intervals are those in which the linear model is worst."
 CHECK = "noise-free, by the program's own simulator: a check of the estimator, not a result"
 PAPER_NOTE = "another motor, in units that the paper does not state; only the ratios can be compared"
 
 
-def study_report(result: Study) -> Report:
-    """The page of a study."""
+def study_report(result: Study, argument: Spelling = as_python) -> Report:
+    """The page of a study.
+
+    Args:
+        result: the study.
+        argument: how names of arguments are written in its findings.
+    """
     found = findings(result)
     return Report(
         title="Identification of an electromechanical system",
@@ -50,7 +55,7 @@ def study_report(result: Study) -> Report:
         sections=(
             Section(
                 "Findings",
-                remarks=tuple(sentence(each) for each in found if severity(each) is not Severity.WARNING),
+                remarks=tuple(sentence(each, argument) for each in found if severity(each) is not Severity.WARNING),
             ),
             *claim_sections(result),
             *(part_section(part, result) for part in result.parts),
@@ -67,7 +72,9 @@ def study_report(result: Study) -> Report:
             ),
         ),
         notices=tuple(
-            Notice(sentence(each), severity(each).value) for each in found if severity(each) is not Severity.INFO
+            Notice(sentence(each, argument), severity(each).value)
+            for each in found
+            if severity(each) is not Severity.INFO
         ),
     )
 

@@ -11,7 +11,7 @@ from emsid.report.numbers import number
 from emsid.study.conclusions import paper_ratios
 from emsid.study.inputs import HIGHEST_ORDER, Excitation, InputRow, Richer
 from emsid.study.load_friction import LoadFriction
-from emsid.study.models import BLOCKS, FRICTION, FULL, MEANINGS, ONE_MASS, PAPER
+from emsid.study.models import BLOCKS, FRICTION, FULL, LINEAR, ONE_MASS, PAPER
 from emsid.study.motors import MODELS, MotorRow
 from emsid.study.priors import PriorRow
 from emsid.study.readings import FREE_RUN, Largest
@@ -28,6 +28,9 @@ HEADINGS = {
 }
 
 
+EQUATIONS = {LINEAR: "(5.12)", PAPER: "(5.10)", FULL: "(3.5), degree 3"}
+
+
 def times(ratio: float | None) -> str:
     """A ratio with three digits.
 
@@ -41,16 +44,12 @@ def inputs_table(rows: Sequence[InputRow]) -> Table:
     """Every model over many inputs: the lead of the page."""
     best = max(range(len(rows)), key=lambda k: rows[k].median)
     return Table(
-        ("Model", "Description", "Parameters", "Median", "Lowest", "Highest"),
-        tuple(
-            (row.model, MEANINGS[row.model], str(row.parameters), *map(times, (row.median, row.lowest, row.highest)))
-            for row in rows
-        ),
+        ("Model", "Median", "Lowest", "Highest", "Parameters"),
+        tuple((row.model, *map(times, (row.median, row.lowest, row.highest)), str(row.parameters)) for row in rows),
         f"Ratio to linear on the noisy bench, over {rows[0].inputs} pairs of inputs. Free run on unseen data.",
         "Ratio to linear: free-run MSE of the paper's linear model (8 parameters) divided by that of this model. "
         "Every input "
         "is a sum of two sines with amplitudes of 1.5 to 3.5 V, at 0.2 to 0.6 Hz and at 0.8 to 1.6 Hz.",
-        text_columns=2,
         emphasised=frozenset({best}),
     )
 
@@ -146,7 +145,13 @@ def excitation_table(excitations: Sequence[Excitation], parameters: int) -> Tabl
     """What inputs excite."""
     models = tuple(excitations[0].conditions)
     return Table(
-        ("Record", "Input", "Order of excitation", "Crest factor", *(f"Condition, {model}" for model in models)),
+        (
+            "Record",
+            "Input",
+            "Order of excitation",
+            "Crest factor",
+            *(f"Condition {EQUATIONS[model]}" for model in models),
+        ),
         tuple(
             (
                 each.record,

@@ -29,7 +29,7 @@ FITTED = (0.0, 0.05, 0.1)
 """Where the blocks are fitted."""
 
 # The search starts from the fitted blocks of the study.
-_ITERATIONS = 8
+_ITERATIONS = 5
 
 
 @dataclass(frozen=True)

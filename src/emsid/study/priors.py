@@ -11,11 +11,12 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.linear.recursive import recursive_least_squares
+from emsid.models.free_run import mean_squared_error
 from emsid.models.regression.narx import Structure
 from emsid.record import Record
-from emsid.validation.comparison import assess
 
 COVARIANCES = (1e2, 1e4, 1e6, 1e8, 1e10, 1e12, 1e14)
 """P(0) as a multiple of the identity."""
@@ -76,7 +77,7 @@ def priors(structures: Sequence[Structure], record: Record, unseen: Record, star
     rows = []
     for structure in structures:
         batch = least_squares(structure, record)
-        exact = assess(batch, unseen, start).row.simulation_mse
+        exact = _free_run_mse(batch, unseen, start)
         if not exact > 0:
             continue
         recursive: list[float] = []
@@ -87,6 +88,11 @@ def priors(structures: Sequence[Structure], record: Record, unseen: Record, star
                 least_squares(structure, record, ridge=1 / covariance),
             )
             for fit, differences in zip(fits, (recursive, ridge), strict=True):
-                differences.append(assess(fit, unseen, start).row.simulation_mse / exact - 1)
+                differences.append(_free_run_mse(fit, unseen, start) / exact - 1)
         rows.append(PriorRow(structure.name, float(batch.condition), COVARIANCES, tuple(recursive), tuple(ridge)))
     return tuple(rows)
+
+
+def _free_run_mse(fit: Fit[Any], record: Record, start: int) -> float:
+    run = fit.model.simulate(record, start)
+    return mean_squared_error(record.output[run.counted], run.output[run.counted])

@@ -94,7 +94,7 @@ def study(
                 show(error_table(part.rows, f"{part.name} study"))
                 show(text_table(summary_table(part, own_records=result.own_records)))
             say(EXPLAINED, *(sentence(each, option) for each in findings(result)))
-    drawn = draw(out, lambda: study_report(result), pdf, interrupted=result.interrupted)
+    drawn = draw(out, lambda: study_report(result, option), pdf, interrupted=result.interrupted)
     if not json:
         say_where(out, drawn, "study.json")
     INTERRUPTION.end(result.interrupted or not drawn)

@@ -47,7 +47,7 @@ def test_the_derivative_of_a_free_run_is_its_definition() -> None:
     residual, derivative = FreeRunError(BILINEAR, [record], 3).linearised(TRUTH)[0]
     run = record.output[:, 0].copy()
     run[3:] += residual
-    expected = derivative_reference(BILINEAR, TRUTH, run, record.input.T, 3)
+    expected = derivative_reference(BILINEAR.regressors, TRUTH, run, record.input.T, 3)
     np.testing.assert_allclose(derivative.T, expected[:, 3:], rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(run, Narx(BILINEAR, TRUTH, 0.1).simulate(record, 3).output[:, 0], rtol=1e-12)
 
@@ -133,6 +133,23 @@ def test_a_least_squares_estimate_that_diverges_is_still_a_start() -> None:
     record = second_order(0.02, 800)
     fit = emsid.fit(arx(2, 1), record, free_run=True, start=[-2.02, 1.03, 0.04])  # unstable
     np.testing.assert_allclose(fit.estimate, [-1.9, 0.93, 0.05], atol=0.02)
+
+
+def test_the_start_of_a_run_is_estimated_from_several_outputs() -> None:
+    truth = np.array([-1.96, 0.9604, 0.002])  # slow: the difference of two noisy outputs is no slope
+    measured_start, estimated = Narx(arx(2, 1), truth, 0.1), Narx(arx(2, 1), truth, 0.1, start=30)
+    errors = np.zeros(2)
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        u = rng.standard_normal(200)
+        y = lfilter([0.0, 0.002], [1.0, -1.96, 0.9604], u)
+        record = Record(u, y + 0.02 * rng.standard_normal(200), 0.1)
+        for k, model in enumerate((measured_start, estimated)):
+            errors[k] += np.mean((model.simulate(record, 30).output[30:, 0] - y[30:]) ** 2)
+    assert errors[1] < errors[0] / 4
+    assert (measured_start.memory, estimated.memory) == (2, 30)
+    assert Narx.from_data(estimated.to_data()).start == 30
+    assert emsid.fit(arx(2, 1), record, free_run=True).model.start == 16
 
 
 def test_options_that_contradict_each_other_are_refused() -> None:

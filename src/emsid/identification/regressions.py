@@ -28,6 +28,7 @@ from emsid.models.regression.structures import (
     polynomial_narx,
     wiener_hammerstein_regression,
 )
+from emsid.models.regression.transforms import Transform
 from emsid.record import Record
 from emsid.selection.coordinate_search import coordinate_search
 from emsid.selection.improvement import STRETCHES, StretchErrors, better
@@ -139,11 +140,9 @@ class PolynomialNarx:
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Select terms on selection data, then fit to the free run over the whole record."""
-        structure = replace(self.linear.structure(record, options, control), name="polynomial-narx")
-        lags = [[f.lag for r in structure.regressors for f in r.factors if (f.channel > 0) == k] for k in (False, True)]
-        na, nk = max(lags[0], default=1), min(lags[1], default=1)
-        nb, degree = max(lags[1], default=nk) - nk + 1, options.degree or DEGREE
-        inputs = record.input.shape[1]
+        na, nb, nk, constant = self._lags(record, options, control)
+        degree, inputs = options.degree or DEGREE, record.input.shape[1]
+        structure = replace(arx(na, nb, nk, inputs, constant), name="polynomial-narx")
         judge = Judge.of(record, options.held_back, max(na, nk + nb) + 1, control)
         fit = fit_to_compare(structure, judge.fitted, None, control)
         of_linear = judge.refitted(fit)
@@ -153,6 +152,20 @@ class PolynomialNarx:
             other = select_by_free_run(best.fit, polynomial_narx(na, nb, degree, nk, inputs), judge)
             best = simplest([best, other])
         return refit_to(best.fit, record, control)
+
+    def _lags(self, record: Record, options: Options, control: Control) -> tuple[int, int, int, bool]:
+        """na, nb, nk and whether there is a constant: those of the output-error model, and at least two outputs and
+        three inputs from a delay of at most one sample, since a linear model may need less than its products."""
+        found = self.linear.structure(record, options, control)
+        outputs, given = (
+            [f.lag for r in found.regressors for f in r.factors if (f.channel > 0) == of_input]
+            for of_input in (False, True)
+        )
+        first, last = min(given, default=1), max(given, default=1)
+        na = max([*outputs, 2]) if options.na is None else options.na
+        nk = min(first, 1) if options.nk is None else options.nk
+        nb = max(last - nk + 1, 3) if options.nb is None else options.nb
+        return na, nb, nk, "1" in found.labels
 
 
 def refit_to(fit: Fit[Narx], record: Record, control: Control) -> Fit[Narx]:
@@ -240,13 +253,20 @@ def expanded_wiener_hammerstein(record: Record, choice: Choice) -> Structure:
 def friction(record: Record, choice: Choice) -> Structure:
     """A friction regression with knots and Stribeck speeds in the range of a record."""
     _check_one_input("friction-narx", record)
-    return friction_narx(
+    structure = friction_narx(
         choice["na"],
         choice["nb"],
         knots=input_knots(record, choice["knots"]),
         nk=choice["nk"],
         speeds=stribeck_speeds(record),
     )
+    if record.output.min() < 0 < record.output.max() or not record.output.all():
+        return structure
+    kept = [  # without a change of sign, friction acts like the constant
+        k for k, r in enumerate(structure.regressors) if all(f.transform is not Transform.SIGN for f in r.factors)
+    ]
+    names = tuple(structure.parameter_names[k] for k in kept)
+    return Structure(tuple(structure.regressors[k] for k in kept), structure.name, names, structure.inputs)
 
 
 def stribeck_speeds(record: Record) -> tuple[float, float]:

@@ -22,6 +22,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,7 +35,7 @@ from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible, gauss_new
 from emsid.models.model import check_samples
 from emsid.models.regression.kernels import read_only
 from emsid.models.regression.narx import Narx, Structure
-from emsid.models.regression.sensitivities import parts, run_with_derivative
+from emsid.models.regression.sensitivities import largest_output_lag, parts, run_with_derivative
 from emsid.record import Record, check_same_channels
 
 Array = NDArray[np.float64]
@@ -43,6 +44,8 @@ Array = NDArray[np.float64]
 SHARES = (0.5, 0.8, 0.9, 0.95, 0.98, 1.0)
 # Steps at each share before the last.
 STEPS = 15
+# Samples for each past output from which the fitted model estimates its state at the start of a run.
+SAMPLES_PER_STATE = 8
 # The largest number of initial outputs that are estimated.
 MOST_STATES = 40
 
@@ -66,8 +69,8 @@ class FreeRunError:
     ) -> None:
         self.structure, self.start, self.share = structure, start, share
         self.segments = tuple((read_only(s.output[:, 0]), read_only(s.input.T)) for s in segments)
-        self.depth = depth(structure) if states else 0
-        self._parts = parts(structure)
+        self.depth = largest_output_lag(structure.regressors) if states else 0
+        self._parts = parts(structure.regressors)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -109,11 +112,6 @@ class FreeRunError:
         if reached < len(y):
             raise Infeasible(f"the free run of {self.structure.name} diverges; scale the channels or lower powers")
         return y
-
-
-def depth(structure: Structure) -> int:
-    """The largest lag of an output: the number of outputs from which a run starts."""
-    return max((f.lag for r in structure.regressors for f in r.factors if f.channel == 0), default=0)
 
 
 def fit_free_run(
@@ -165,7 +163,7 @@ def fit_free_run(
         )
     if not _explains_something(FreeRunError(structure, segments, skipped), begin):
         begin = _towards_free_run(structure, segments, skipped, begin, control)
-    states = depth(structure) * len(segments)
+    states = largest_output_lag(structure.regressors) * len(segments)
     problem = FreeRunError(structure, segments, skipped, states=states <= MOST_STATES)
     found = gauss_newton(
         problem,
@@ -176,7 +174,9 @@ def fit_free_run(
         control=control,
         covariances=covariances,
     )
-    model = structure.model(found.estimate[: len(structure)], several[0])
+    shortest = min(map(len, segments))
+    samples = min(SAMPLES_PER_STATE * largest_output_lag(structure.regressors), shortest // 4)
+    model = replace(structure.model(found.estimate[: len(structure)], several[0]), start=samples)
     return found.fit(model, structure.parameter_names)
 
 

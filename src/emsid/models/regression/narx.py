@@ -26,9 +26,11 @@ from emsid.errors import ModelError
 from emsid.models.free_run import as_record, free_run, predict
 from emsid.models.linear_parts import python_control
 from emsid.models.model import Run, levels
+from emsid.models.regression.initial_state import StartError, estimated_outputs
 from emsid.models.regression.kernels import add_regression, fill, fill_rounding, read_only
 from emsid.models.regression.recursion import Recursion, predict_ahead, recursion, run_freely, weigh
 from emsid.models.regression.regressors import Factor, Regressor, Tables, parse_regressor, tables
+from emsid.models.regression.sensitivities import largest_output_lag, parts
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -221,11 +223,14 @@ class Narx:
         structure: its regressors.
         parameters: (n,) their weights.
         dt: the sample time it was identified at, in seconds.
+        start: samples of a segment from which the state at the start of a run is estimated, for a model whose noise is
+            in its output (fitted to the free run); 0 if the last measured outputs are the state.
     """
 
     structure: Structure
     parameters: Array
     dt: float
+    start: int = 0
 
     def __post_init__(self) -> None:
         values = np.array(self.parameters, dtype=float)
@@ -245,8 +250,8 @@ class Narx:
 
     @property
     def memory(self) -> int:
-        """The largest lag."""
-        return self.structure.memory
+        """The number of samples of a segment that give its initial state, at least the largest lag."""
+        return max(self.structure.memory, self.start)
 
     def equation(self) -> str:
         """The difference equation with numbers."""
@@ -264,7 +269,7 @@ class Narx:
         steady state, such as an integrator, starts at an output of zero.
         """
         u = levels(self.name, level, self.structure.inputs)
-        state = np.empty((self.memory, 1 + len(u)))
+        state = np.empty((self.structure.memory, 1 + len(u)))
         state[:, 1:] = u
         state[:, 0] = self._rest(u)
         return state
@@ -273,24 +278,34 @@ class Narx:
         """The output in steady state, or zero."""
         table = self._recursion
         coefficients = np.empty((2 + len(table.lags) + len(table.outputs.signs), 1))
-        weigh(coefficients, read_only(np.repeat(u[:, None], self.memory + 1, axis=1)), table, self.memory, 1)
+        weigh(
+            coefficients,
+            read_only(np.repeat(u[:, None], self.structure.memory + 1, axis=1)),
+            table,
+            self.structure.memory,
+            1,
+        )
         free, linear = float(coefficients[0, 0]), coefficients[1 : 1 + len(table.lags), 0]
         if not len(table.outputs.signs):
             left = 1.0 - float(linear.sum())
             return free / left if abs(left) > SETTLED * (1.0 + float(np.abs(linear).sum())) else 0.0
-        state = np.concatenate([np.zeros((self.memory, 1)), np.tile(u, (self.memory, 1))], axis=1)
+        state = np.concatenate([np.zeros((self.structure.memory, 1)), np.tile(u, (self.structure.memory, 1))], axis=1)
         with np.errstate(all="ignore"):
-            end = self.run(state, np.tile(u, (SETTLING, 1)))[0][-self.memory - 1 :, 0]
+            end = self.run(state, np.tile(u, (SETTLING, 1)))[0][-self.structure.memory - 1 :, 0]
         return float(end[-1]) if np.ptp(end) <= SETTLED * abs(end[-1]) else 0.0
 
     def initial(self, segment: Record, samples: int) -> Array:
-        """The last `memory` outputs and inputs of these samples, (memory, 1 + nu)."""
-        here = slice(samples - self.memory, samples)
-        return np.concatenate([segment.output[here], segment.input[here]], axis=1)
+        """The last outputs and inputs of these samples, (largest lag, 1 + nu); see ``start`` for estimated outputs."""
+        lag, regressors, output = self.structure.memory, self.structure.regressors, segment.output[:samples, 0]
+        if self.start and samples > lag:
+            known = parts(regressors), self.parameters, lag, largest_output_lag(regressors)
+            output = estimated_outputs(StartError(*known, read_only(output), read_only(segment.input[:samples].T)))
+        here = slice(samples - lag, samples)
+        return np.concatenate([output[here, None], segment.input[here]], axis=1)
 
     def run(self, state: Array, inputs: Array) -> tuple[Array, Array]:
         """The outputs (N, 1) for inputs (N, nu), and the state (memory, 1 + nu) after them."""
-        memory, stop = self.memory, self.memory + len(inputs)
+        memory, stop = self.structure.memory, self.structure.memory + len(inputs)
         y, u = np.empty(stop), np.empty((inputs.shape[1], stop))
         y[:memory], u[:, :memory], u[:, memory:] = state[:, 0], state[:, 1:].T, inputs.T
         reached = run_freely(y, read_only(u), self._recursion, memory)
@@ -313,7 +328,7 @@ class Narx:
                 start += block.shape[1]
         else:
             u = read_only(segment.input.T)
-            predict_ahead(values, read_only(measured), u, self._recursion, self.memory, samples, horizon)
+            predict_ahead(values, read_only(measured), u, self._recursion, self.structure.memory, samples, horizon)
         return values[samples:, None]
 
     def simulate(self, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None) -> Run:
@@ -333,7 +348,7 @@ class Narx:
             ModelError: if python-control is not installed, or the model has no linear term in an input.
         """
         control = python_control()
-        rows = np.zeros((1 + self.structure.inputs, self.memory + 1))
+        rows = np.zeros((1 + self.structure.inputs, self.structure.memory + 1))
         for regressor, value in zip(self.structure.regressors, self.parameters, strict=True):
             if len(regressor.factors) == 1 and regressor.factors[0] == Factor(
                 (only := regressor.factors[0]).channel, only.lag
@@ -355,7 +370,7 @@ class Narx:
             "parameters": [float(value) for value in self.parameters],
             "inputs": structure.inputs,
             "dt": self.dt,
-        }
+        } | ({"start": self.start} if self.start else {})
 
     @classmethod
     def from_data(cls, data: dict[str, Any]) -> Narx:
@@ -378,7 +393,7 @@ class Narx:
             raise ModelError(
                 f"{stored.name}: {stored.inputs} inputs, and its regressors use {structure.inputs}; identify it again"
             )
-        return cls(structure, np.array(stored.parameters), stored.dt)
+        return cls(structure, np.array(stored.parameters), stored.dt, stored.start)
 
     def check_record(self, record: Record) -> None:
         """Refuse a record of other channels; its output may be missing.
@@ -400,6 +415,7 @@ class _Stored(msgspec.Struct, forbid_unknown_fields=True):
     parameters: list[float]
     inputs: int
     dt: float
+    start: int = 0
 
 
 def free_run_reference(model: Narx, record: Record, start: int) -> Array:

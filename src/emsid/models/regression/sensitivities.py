@@ -15,6 +15,7 @@ References:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numba
@@ -23,7 +24,6 @@ from numpy.typing import NDArray
 
 from emsid.estimation.linear.information import TILE
 from emsid.models.regression.kernels import multiply
-from emsid.models.regression.narx import Structure
 from emsid.models.regression.regressors import Integers, Regressor, Tables, tables
 from emsid.models.regression.transforms import slope, transformed
 
@@ -38,12 +38,12 @@ class Parts(NamedTuple):
     places: Integers  # (p,) the ψ of each regressor
 
 
-def parts(structure: Structure) -> Parts:
+def parts(regressors: Sequence[Regressor]) -> Parts:
     """The regressors of a structure in the form that `run_with_derivative` uses."""
-    of_outputs = [tuple(f for f in r.factors if not f.channel) for r in structure.regressors]
+    of_outputs = [tuple(f for f in r.factors if not f.channel) for r in regressors]
     different = list(dict.fromkeys(of_outputs))
     return Parts(
-        tables([Regressor(tuple(f for f in r.factors if f.channel), r.negative) for r in structure.regressors]),
+        tables([Regressor(tuple(f for f in r.factors if f.channel), r.negative) for r in regressors]),
         tables([Regressor(part) for part in different]),
         np.array([different.index(part) for part in of_outputs], dtype=np.int64),
     )
@@ -163,20 +163,25 @@ def _power(x: float, power: int, code: int, parameter: float) -> float:
     return value
 
 
-def derivative_reference(structure: Structure, theta: Array, y: Array, u: Array, start: int) -> Array:
+def largest_output_lag(regressors: Sequence[Regressor]) -> int:
+    """The number of past outputs that a run starts from."""
+    return max((f.lag for r in regressors for f in r.factors if f.channel == 0), default=0)
+
+
+def derivative_reference(regressors: Sequence[Regressor], theta: Array, y: Array, u: Array, start: int) -> Array:
     """∂ŷ/∂θ (n, N) by its definition, for regressors of outputs without transforms: slow and simple.
 
     Args:
-        structure: its regressors.
+        regressors: of the structure.
         theta: (n,).
         y: (N,) the free run itself, with the measured start.
         u: (nu, N).
         start: the first sample of the free run.
     """
     signals = [y, *u]
-    derivative = np.zeros((len(structure), len(y)))
+    derivative = np.zeros((len(regressors), len(y)))
     for t in range(start, len(y)):
-        for j, regressor in enumerate(structure.regressors):
+        for j, regressor in enumerate(regressors):
             sign = -1.0 if regressor.negative else 1.0
             values = [signals[f.channel][t - f.lag] for f in regressor.factors]
             powers = [v**f.power for v, f in zip(values, regressor.factors, strict=True)]

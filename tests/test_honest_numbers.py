@@ -15,7 +15,11 @@ from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
 from emsid.estimation.uncertainty.whiteness import whiteness
 from emsid.findings import Finding
-from emsid.identification.observations import about_powers_of_the_input
+from emsid.identification.observations import (
+    about_powers_of_the_input,
+    chosen_and_judged_apart,
+    observations,
+)
 from emsid.identification.result import holds_some_of
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
@@ -226,6 +230,26 @@ def test_a_model_without_noise_has_no_one_step_error(model):
     assert row.to_data()["one_step_mse"] is None
     arx = emsid.fit(emsid.arx(1, 1), WHITE.record(0, 300)).model
     assert assess_model(arx, WHITE.record(0, 300)).row.one_step_mse > 0
+
+
+def noise_and_models(seed: int, samples: int = 500) -> emsid.Comparison:
+    """Ten gains that have nothing to do with a record of noise."""
+    rng = np.random.default_rng([6, seed])
+    record = Record(rng.standard_normal(samples), rng.standard_normal(samples), 0.1)
+    return emsid.compare([Cascade((Rational([gain]),)) for gain in 0.15 * rng.standard_normal(10)], record)
+
+
+def test_the_error_of_the_best_of_several_models_is_judged_where_it_was_not_chosen():
+    comparisons = [noise_and_models(seed) for seed in range(60)]
+    best = np.mean([comparison.best.row.simulation_mse for comparison in comparisons])
+    typical = np.mean([np.mean([row.simulation_mse for row in comparison.rows]) for comparison in comparisons])
+    apart = np.mean([chosen_and_judged_apart(comparison)[0] ** 2 for comparison in comparisons])
+    assert best < apart < typical
+    found = observations(comparisons[0], WHITE.record(0, 50), comparisons[0].best.record, {})
+    (finding,) = (each for each in found if each.code == "free-run-error")
+    assert finding.data["chosen_among"] == 10
+    assert len(finding.data["apart"]) == 1
+    assert chosen_and_judged_apart(noise_and_models(0, 300)) is None
 
 
 def test_overlapping_records_are_seen():

@@ -204,6 +204,16 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("free-run-error", "arx", {"model": "arx", "seen": False, "outputs": ONE_OUTPUT}),
     Finding(
         "free-run-error",
+        "arx",
+        {"model": "arx", "seen": False, "outputs": ONE_OUTPUT, "chosen_among": 4, "apart": [1.31]},
+    ),
+    Finding(
+        "free-run-error",
+        "arx",
+        {"model": "arx", "seen": False, "outputs": ONE_OUTPUT, "chosen_among": 2, "apart": None},
+    ),
+    Finding(
+        "free-run-error",
         "rigid-motor",
         {
             "model": "rigid-motor",

@@ -70,13 +70,48 @@ def _about_the_best(comparison: Comparison, unseen: Record, seen: bool) -> list[
         }
         for each, name, unit in zip(rows, unseen.output_names, unseen.output_units, strict=True)
     ]
-    findings = [Finding("free-run-error", row.model, {"model": row.model, "seen": seen, "outputs": outputs})]
+    data: dict[str, Any] = {"model": row.model, "seen": seen, "outputs": outputs}
+    if len(comparison.rows) > 1 and not seen:
+        data |= {"chosen_among": len(comparison.rows), "apart": chosen_and_judged_apart(comparison)}
+    findings = [Finding("free-run-error", row.model, data)]
     if row.fit_percent <= 0:
         findings += [Finding("no-better-than-mean", " and ".join(unseen.output_names), {"seen": seen})]
     if 0 < 2 * row.one_step_mse < row.simulation_mse:
         ratio = float(row.simulation_mse / row.one_step_mse)
         findings += [Finding("one-step-error-smaller", row.model, {"model": row.model, "ratio": ratio})]
     return findings
+
+
+ENOUGH = 200
+"""Samples of a half on which a model is chosen, or judged."""
+
+
+def chosen_and_judged_apart(comparison: Comparison) -> list[float] | None:
+    """RMSE of every output where a model is chosen on one half of the data and judged on the other, both ways round.
+
+    The error of the best of several models is too small on the data that it was chosen on. Here no sample does both.
+
+    Returns:
+        None where a half has fewer than `ENOUGH` samples.
+    """
+    record = comparison.best.record
+    counted = np.flatnonzero(np.all([each.simulation.counted for each in comparison.assessments], axis=0))
+    halves = np.array_split(counted, 2)
+    if len(halves[1]) < ENOUGH:
+        return None
+    spread = np.std(record.output[counted], axis=0)
+    spread[spread == 0] = 1.0
+    squares = [
+        np.stack([np.mean((record.output[half] - each.simulation.output[half]) ** 2, axis=0) for half in halves])
+        for each in comparison.assessments
+    ]  # of every model (2, ny)
+    judged = []
+    for choice in (0, 1):
+        costs = [float(np.mean(each[choice] / spread**2)) for each in squares]
+        best = int(np.nanargmin(costs)) if np.isfinite(costs).any() else 0
+        judged.append(squares[best][1 - choice])
+    errors = np.sqrt(np.mean(judged, axis=0))
+    return errors.tolist() if np.isfinite(errors).all() else None
 
 
 def about_the_residual(best: Assessment) -> list[Finding]:

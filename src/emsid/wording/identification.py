@@ -117,13 +117,26 @@ def data_not_unseen(f: Finding, argument: Spelling) -> str:
 
 @words("free-run-error")
 def free_run_error(f: Finding, argument: Spelling) -> str:
-    """Data: seen, outputs (name, unit, rmse, fit_percent; None for a constant output)."""
+    """Data: seen, outputs (name, unit, rmse, fit_percent; None for a constant output); chosen_among (how many models)
+    and apart (RMSE of every output with choice and error on different halves) where several were compared."""
     outputs = f.data["outputs"]
     if len(outputs) == 1:
         (only,) = outputs
-        return f"on {data_name(f)}, the free run has {_fit(only)}; its RMSE is {_rmse(only)}"
+        return f"on {data_name(f)}, the free run has {_fit(only)}; its RMSE is {_rmse(only)}{_apart(f)}"
     each = "; ".join(f"{one['name']} {_rmse(one)} ({_fit(one)})" for one in outputs)
-    return f"on {data_name(f)}, the RMSE of the free run is {each}"
+    return f"on {data_name(f)}, the RMSE of the free run is {each}{_apart(f)}"
+
+
+def _apart(f: Finding) -> str:
+    """What the choice among several models did to the error."""
+    if f.data.get("chosen_among", 1) < 2:
+        return ""
+    chosen = f"; these data also chose it among {f.data['chosen_among']} models"
+    apart = f.data["apart"]
+    if apart is None:
+        return f"{chosen}, so this is a little too small"
+    errors = listed([_rmse(one | {"rmse": rmse}) for one, rmse in zip(f.data["outputs"], apart, strict=True)])
+    return f"{chosen}: chosen on one half and judged on the other, the RMSE is {errors}"
 
 
 def _fit(output: Any) -> str:

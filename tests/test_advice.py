@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+import emsid
 from emsid.findings import Finding
-from emsid.first_look.advice import advice, dead_zone, repeated
+from emsid.first_look.advice import advice, dead_zone, questions, repeated
 from emsid.first_look.baseline import baseline
 from emsid.first_look.dynamics import Response, influence, response
 from emsid.first_look.nonlinearity import nonlinearity, period_of
@@ -124,6 +125,13 @@ def test_each_finding_has_a_record_with_it(code: str) -> None:
     assert code in found
     assert code not in ordinary()
     assert 0 < found[code].data.get("confidence", 1) <= 1
+
+
+def test_a_filter_hides_feedback() -> None:
+    u, y = in_closed_loop()
+    assert "feedback-likely" in findings(u, y)
+    assert "feedback-likely" not in findings(u, y, findings=(Finding("data-filtered", "log.csv"),))
+    assert "feedback-likely" not in findings(u, y, output_names=("d(q)",))
 
 
 def test_jitter() -> None:
@@ -250,3 +258,28 @@ def test_repeated_values_of_a_slow_change_are_no_repeated_samples() -> None:
 def test_nothing_is_said_about_an_output_that_is_not_there() -> None:
     record = Record(U, dt=0.01)
     assert advice(record, Response(None, 0, 0.0, 0.0)) == []
+
+
+class TestQuestions:
+    """What calls a model into question is said by an identification too."""
+
+    def test_nothing_about_a_good_record(self) -> None:
+        assert questions([Record(U, motor(U), 0.01)]) == []
+
+    def test_reversed_leads(self) -> None:
+        record = Record(U, -motor(U), 0.01, "u", "y", name="log")
+        assert [finding.code for finding in questions([record])] == ["response-negative"]
+        result = emsid.identify(record, models="arx", options=emsid.Options(na=1, nb=1, nk=1))
+        assert "response-negative" in {finding.code for finding in result.findings}
+
+    def test_one_record_of_opposite_sign(self) -> None:
+        records = [Record(U, sign * motor(U), 0.01, name=f"{k}") for k, sign in enumerate((1, 1, -1))]
+        assert [(found.code, found.subject) for found in questions(records)] == [("records-of-opposite-sign", "2")]
+
+    def test_each_kind_is_given_once(self) -> None:
+        records = [Record(U, spikes(motor(U)), 0.01, name=f"{k}") for k in range(3)]
+        assert [finding.code for finding in questions(records)] == ["outliers"]
+
+    def test_records_that_say_nothing(self) -> None:
+        assert questions([Record(U, dt=0.01), Record(U[:10], U[:10], 0.01), Record(U, np.zeros(N), 0.01)]) == []
+        assert questions([Record(np.ones(N), motor(U), 0.01)]) == []

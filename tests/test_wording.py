@@ -353,6 +353,10 @@ EXAMPLES: tuple[Finding, ...] = (
         Finding("rows-skipped", "log.csv", {"count": count, "rows": 9000, "line": 8253, "text": text, "messages": 1})
         for count, text in ((1, "[RxCallback]Communication Status #: 6"), (3, ""))
     ),
+    *(
+        Finding("data-filtered", "log.csv", {"cutoff": cutoff, "factor": factor})
+        for cutoff, factor in ((20.0, 1), (None, 4), (20.0, 4))
+    ),
     *(Finding("clock-reset", "log.csv", {"count": count, "column": "t", "line": 32}) for count in (1, 2)),
     # the study
     Finding("study-load-friction", data=LOAD_FRICTION | {"unfair_from": None, "visible_from": 0.062}),

@@ -10,7 +10,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,7 +23,7 @@ from emsid.excitation.between_samples import may_be_continuous, repeats
 from emsid.findings import Finding
 from emsid.first_look.baseline import Baseline, baseline
 from emsid.first_look.columns import FEWEST_LEVELS, quantisation
-from emsid.first_look.dynamics import Response, correlation, feedback
+from emsid.first_look.dynamics import Response, correlation, feedback, response
 from emsid.first_look.nonlinearity import nonlinearity
 from emsid.record import Record
 
@@ -132,7 +132,7 @@ def answer(data: _Data) -> Iterable[Finding]:
     """Delay and sign of the response, and feedback."""
     yield from _without_sign(data)
     response, dt = data.response, data.record.dt
-    back = 0.0 if repeats([data.u]) else feedback(data.u, data.y, 0 if response.delay else 1)
+    back = 0.0 if repeats([data.u]) or _looks_ahead(data) else feedback(data.u, data.y, 0 if response.delay else 1)
     if back > FEEDBACK:
         sure = round(min(0.9, 0.5 + 2 * back), 2)
         yield Finding("feedback-likely", data.input, {"output": data.output, "correlation": back, "confidence": sure})
@@ -142,6 +142,11 @@ def answer(data: _Data) -> Iterable[Finding]:
     sure = round(min(0.99, 0.5 + 0.5 * abs(response.correlation)), 2)
     shared = {"input": data.input, "delay": response.delay, "time": response.delay * dt, "confidence": sure}
     yield Finding("response-negative" if response.sign < 0 else "response-delay", data.output, shared)
+
+
+def _looks_ahead(data: _Data) -> bool:
+    """Whether the channels were filtered forwards and backwards, so that the output seems to precede the input."""
+    return data.output.startswith("d(") or any(finding.code == "data-filtered" for finding in data.record.findings)
 
 
 def _without_sign(data: _Data) -> Iterable[Finding]:
@@ -324,6 +329,45 @@ CHECKS: tuple[Callable[[_Data], Iterable[Finding]], ...] = (
     straightness,
 )
 """All checks, in the order of their findings."""
+
+
+QUESTIONABLE = frozenset(
+    {
+        "all-standstill",
+        "feedback-likely",
+        "no-response",
+        "outliers",
+        "output-drifts",
+        "output-without-sign",
+        "response-negative",
+        "samples-repeated",
+    }
+)
+"""What a user of a model must know about the data that it was identified from."""
+
+
+def questions(records: Sequence[Record]) -> list[Finding]:
+    """The findings about records that call a model into question which is identified from them.
+
+    Args:
+        records: with the same channels; each finding of a kind is given once, about the first record that has it.
+    """
+    found: dict[str, Finding] = {}
+    responses = []
+    for record in records:
+        if not (record.output.shape[1] and len(record) >= FEWEST_SAMPLES and np.ptp(record.output[:, 0])):
+            continue
+        answered = response(record.input[:, 0], record.output[:, 0], record.breaks)
+        responses.append((record.name, answered))
+        data = _Data(record, answered, TOLERANCE)
+        checks = (answer, motion, outliers, sampling, drift) if np.ptp(record.input[:, 0]) else (motion, outliers)
+        for finding in (each for check in checks for each in check(data)):
+            if finding.code in QUESTIONABLE:
+                found.setdefault(finding.code, finding)
+    odd = opposite_signs(responses)
+    if odd:
+        found.pop("response-negative", None)
+    return [*odd, *found.values()]
 
 
 def opposite_signs(responses: Iterable[tuple[str, Response]]) -> list[Finding]:

@@ -17,6 +17,7 @@ from emsid.errors import DataError, EmsidError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.findings import Finding
+from emsid.first_look.advice import questions
 from emsid.identification.candidates import CANDIDATES, USUAL, fit_or_problem
 from emsid.identification.observations import (
     built_in_values,
@@ -89,7 +90,7 @@ def identify(
     given, options = options, codes_of_channel(options, record)
     plants = plants_of(names, options)
     check_physics(plants, names, options)
-    findings = [*record.findings, *unused_requests(plants, names, given, record)]
+    findings = [*record.findings, *questions(several), *unused_requests(plants, names, given, record)]
     findings += [each.about(name) for name, plant in plants.items() for each in assumptions(plant, record)]
 
     train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)

@@ -205,6 +205,9 @@ def read(
         if filter is not None:
             record = record.lowpass(filter)
         record = record.decimate(decimate)
+        if filter is not None or decimate > 1:
+            data = {"cutoff": filter, "factor": decimate}
+            record = replace(record, findings=(*record.findings, Finding("data-filtered", file.name, data)))
         return record if detrend is None else record.detrend(detrend)
     except DataError as problem:
         message = str(problem)

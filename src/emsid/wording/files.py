@@ -44,6 +44,15 @@ def clock_reset(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("data-filtered")
+def data_filtered(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: cutoff (Hz, or None), factor (of decimation, 1 for none)."""
+    d = f.data
+    what = [f"low-pass filtered at {d['cutoff']:g} Hz"] if d["cutoff"] is not None else []
+    what += [f"decimated by {d['factor']}"] if d["factor"] > 1 else []
+    return f"{f.subject}: all channels were {listed(what)}, forwards and backwards, so these data cannot show feedback"
+
+
 # --- what was guessed ------------------------------------------------------------------------------------------------
 
 

@@ -46,6 +46,7 @@ from emsid.errors import ModelError
 from emsid.estimation.nonlinear.gauss_newton import Infeasible, gauss_newton
 from emsid.models.blocks.block import Block, block_from_data
 from emsid.models.blocks.filters import INTERPOLATION_REACH, Rational, between, interpolated
+from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.free_run import as_record, continued, free_run, predict
 from emsid.models.linear_parts import python_control
 from emsid.models.model import Run, levels
@@ -114,11 +115,13 @@ class Cascade:
     models_noise: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "blocks", (self.blocks,) if isinstance(self.blocks, Block) else tuple(self.blocks))
+        if not isinstance(self.blocks, tuple):
+            object.__setattr__(self, "blocks", (self.blocks,) if isinstance(self.blocks, Block) else tuple(self.blocks))
         if not self.blocks:
             raise ModelError(f"{self.name}: a cascade needs at least one block")
         for k, block in enumerate(self.blocks, start=1):
-            if not isinstance(block, Block):
+            # A check against a protocol looks for every method; those of the program need none.
+            if not isinstance(block, (Rational, StaticMap, Block)):
                 raise ModelError(f"{self.name}, block {k}: {block!r} is no filter and no static map")
         check_whole(f"{self.name}: delay", self.delay, 0, "a model cannot look ahead")
         check_whole(f"{self.name}: oversampling", self.oversampling, 1, "blocks run at least as fast as the record")

@@ -532,6 +532,20 @@ def test_a_pseudo_terminal_is_served_too(tmp_path: Path) -> None:
         assert (result.reason, result.at_zero, server.voltage) == ("done", True, 0.0)
 
 
+def test_a_terminal_that_nobody_reads_loses_samples_and_the_server_goes_on() -> None:
+    with served(terminal=True, pace=50.0) as server:
+        end = time.monotonic() + 10
+        while server.state.samples < 3000 and time.monotonic() < end:
+            time.sleep(0.01)
+        source = open_source(server.terminal)
+        source.read(1.0)
+        time.sleep(0.1)
+        rows = LineParser().feed(source.read(1.0) + source.read(1.0))
+        source.close()
+    assert rows is not None
+    assert rows.number[-1] >= 3000
+
+
 def test_a_port_that_cannot_be_served_is_refused() -> None:
     with served() as server, pytest.raises(DataError, match="cannot be served"):
         Server(Board(PLAIN), port=server.address[1])
@@ -706,3 +720,17 @@ def test_an_inertia_that_grows_is_tracked_faster_than_by_plain_forgetting() -> N
     watched, plain = settled(ChangeDetector(1e6, 1000)), settled(None)
     assert watched < 300
     assert plain > 3 * watched
+
+
+def test_a_source_that_ends_without_samples_says_so(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="ended without enough samples; 3 lines"):
+        tracked(b"t,u,y\n0,1,2\n1,1,2\n", folder=tmp_path)
+
+
+def test_a_session_that_is_stopped_before_the_first_sample_ends_quietly(tmp_path: Path) -> None:
+    session = Session(Tracker(RecursiveLeastSquares(arx(1, 1))), "board")
+    receiver = Receiver(Bytes(end=TimeoutError()), None)
+    found = list(messages(session, receiver, LineParser(), Settings(), control=Control(cancelled=lambda: True)))
+    receiver.close()
+    assert [each["kind"] for each in found] == ["end"]
+    assert session.fit is None

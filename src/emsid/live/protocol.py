@@ -269,7 +269,7 @@ class LineParser:
     def _refuse(self, line: bytes) -> None:
         self.malformed += 1
         self._broken = True
-        self.example = line[:60].decode("ascii", "backslashreplace")
+        self.example = line[:24].decode("ascii", "replace")
 
     def _overflow(self) -> None:
         self.not_finite += 1

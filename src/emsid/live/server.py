@@ -40,7 +40,7 @@ class _Client:
     number: int
     close: Callable[[], None]
     receive: Callable[[], bytes]
-    transmit: Callable[[memoryview], int]
+    transmit: Callable[[bytes], int]
     lossy: bool = False  # a terminal drops what nobody reads, as a serial line does
     incoming: bytes = b""
     outgoing: bytearray = field(default_factory=bytearray)
@@ -233,8 +233,7 @@ class Server:
     def _send(self, client: _Client) -> None:
         try:
             while client.outgoing:
-                with memoryview(client.outgoing) as view:
-                    done = client.transmit(view[: 1 << 16])
+                done = client.transmit(bytes(client.outgoing[: 1 << 16]))
                 del client.outgoing[:done]
         except BlockingIOError:
             if client.lossy:

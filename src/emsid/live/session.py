@@ -193,7 +193,10 @@ def messages(
         session.reason = "stopped"
     if session.reason != "duration":
         yield from work.finish()
-    yield work.estimate()
+    if session.tracking is not None:
+        yield work.estimate()
+    elif session.reason != "stopped":
+        raise DataError(f"{session.name} has ended without enough samples; {parser.lines} lines have come")
     yield from work.judge()
     yield _message({"kind": "end", **session.to_data()})
 

@@ -123,6 +123,9 @@ def track(
 
         begun = load_state(state, made)
     record, files = _followed(session, settings, reading, begun, baud, out, json)
+    if record is None:  # stopped before the first sample
+        INTERRUPTION.end(True)
+        return
     drawn = _drawn(session, record, out, pdf)
     if not json:
         say_where(out, drawn, *files)
@@ -153,9 +156,11 @@ def _followed(
     from emsid.live.session import messages, read_log
     from emsid.live.sources import is_connection, open_source
 
-    opened = open_source(session.name, baud)
+    source = session.name
+    opened = open_source(source, baud)
+    session.name = opened.name
     log = None if opened.lasting else Log(out / "log.txt")
-    again = partial(open_source, session.name, baud) if is_connection(session.name) else None
+    again = partial(open_source, source, baud) if is_connection(source) else None
     receiver = Receiver(opened, log, again)
     try:
         with view_of(json, option) as view, INTERRUPTION.asked(ENDING):

@@ -7,7 +7,7 @@ import emsid
 from emsid.errors import DataError, ModelError
 from emsid.estimation.nonlinear.control import Control
 from emsid.findings import Finding
-from emsid.identification.candidates import CANDIDATES
+from emsid.identification.candidates import CANDIDATES, USUAL, usual_for
 from emsid.identification.options import Options
 from emsid.identification.regressions import REGRESSIONS, stribeck_speeds
 from emsid.identification.workflow import identify
@@ -402,3 +402,22 @@ def test_a_page_of_the_command_line_names_options():
     typed, called = texts(report(result, lambda name: f"--{name}")), texts(report(result))
     assert "--unseen" in typed
     assert typed.replace("--", "") == called
+
+
+@pytest.mark.parametrize(
+    ("units", "plants"),
+    [
+        (("V", "rad/s"), ["rigid-motor"]),
+        (("", ""), ["rigid-motor"]),
+        (("N", "m"), ["linear-axis"]),
+        (("Pa", "K"), []),
+    ],
+)
+def test_a_motor_or_an_axis_is_tried_by_default_where_the_units_allow_it(units, plants):
+    record = emsid.Record(np.zeros(10), np.zeros(10), 0.01, input_units=units[0], output_units=units[1])
+    assert usual_for(record) == (*USUAL, *plants)
+
+
+def test_records_of_several_channels_are_of_no_plant_by_default():
+    record = emsid.Record(np.zeros((10, 2)), np.zeros(10), 0.01)
+    assert usual_for(record) == USUAL

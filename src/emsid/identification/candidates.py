@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, MutableMapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from emsid.errors import ModelError
+from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.identification.options import ModelKind, Options
@@ -27,7 +27,7 @@ from emsid.models.blocks.search.topologies import (
 from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
-from emsid.models.plants.grey_box import signals_of
+from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS
@@ -164,6 +164,27 @@ CANDIDATES: MutableMapping[str, ModelKind] = _Candidates(
 
 # The models that are fitted by default: they suit any record of one input and one output.
 USUAL = (*REGRESSIONS, "wiener-hammerstein")
+
+
+def usual_for(record: Record) -> tuple[str, ...]:
+    """The models that are fitted to a record by default: `USUAL`, and the first plant of one mass that it may be of.
+
+    Units decide that, as far as there are any: a voltage and a speed are those of a motor, a force and a position those
+    of an axis.
+    """
+    one_each = record.input.shape[1] == record.output.shape[1] == 1
+    starts = {name: kind.start for name, kind in PLANTS.items() if one_each and kind.refined}
+    return (*USUAL, *[name for name, start in starts.items() if _may_be_of(start, record)][:1])
+
+
+def _may_be_of(plant: Plant, record: Record) -> bool:
+    if plant.driven is None or plant.fine:
+        return False
+    try:
+        check_channels(plant, signals_of(plant, record), record)
+    except EmsidError:
+        return False
+    return True
 
 
 def fit_or_problem(search: Callable[[], Fit[Any]]) -> Fit[Any]:

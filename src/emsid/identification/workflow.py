@@ -18,7 +18,7 @@ from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.findings import Finding
 from emsid.first_look.advice import questions
-from emsid.identification.candidates import CANDIDATES, USUAL, fit_or_problem
+from emsid.identification.candidates import CANDIDATES, fit_or_problem, usual_for
 from emsid.identification.observations import (
     built_in_values,
     failure,
@@ -54,7 +54,7 @@ def identify(
     records: Records,
     unseen: Records | float = 0.3,
     *,
-    models: str | Iterable[str] = USUAL,
+    models: str | Iterable[str] | None = None,
     options: Options | None = None,
     transient: int | None = None,
     control: Control = FREE,
@@ -66,7 +66,8 @@ def identify(
         records: what to identify from: a record, the path of a file, or several of either.
         unseen: data that no model is fitted to, given in the same way; or the fraction of ``records`` to keep unseen:
             the last part, or every k-th of many records.
-        models: names of the models to fit: one name, several with commas, or a list; ``emsid list`` prints all.
+        models: names of the models to fit: one name, several with commas, or a list; ``emsid list`` prints all. By
+            default the usual ones, with a motor or an axis where the channels can be those of one.
         options: given orders, delay, knots and others; by default all are chosen.
         transient: samples at the start of every segment that start a free run and are left out of every error.
         control: when to stop, and where to report progress.
@@ -82,10 +83,11 @@ def identify(
         Stopped: if ``control`` stops it before any model was found (`emsid.estimation.Stopped`).
     """
     options = options or Options()
-    names = model_names(models)
+    names = None if models is None else model_names(models)  # refused before files are read
     several = given_records(records, reading)
     others = () if isinstance(unseen, (int, float)) else given_records(unseen, reading)
     record = as_one(several)
+    names = names or usual_for(record)
     options = understood(options, names)
     given, options = options, codes_of_channel(options, record)
     plants = plants_of(names, options)

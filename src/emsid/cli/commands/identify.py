@@ -50,7 +50,7 @@ Files = Annotated[
 Validate = Annotated[list[Path], typer.Option(metavar="FILE", help="Unseen record to rank on; repeat for more.")]
 Models = Annotated[
     str | None,
-    typer.Option(metavar="NAME,...", help="Models to fit, by default the regressions and wiener-hammerstein."),
+    typer.Option(metavar="NAME,...", help="Models to fit, by default regressions, a cascade, a motor or axis."),
 ]
 Unseen = Annotated[
     float,
@@ -164,8 +164,8 @@ def identify(
     """
     from emsid.identification import Options, candidates, workflow
 
-    asked = names(models, "--models") or candidates.USUAL
-    plants = [each.plant for each in _physical_first(asked)]
+    asked = names(models, "--models")
+    plants = [each.plant for each in _physical_first(asked or candidates.USUAL)]
     options = Options(
         na=na,
         nb=nb,
@@ -189,7 +189,7 @@ def identify(
         raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
     check_folder(out)
     records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate] or unseen
-    search = partial(workflow.identify, records, tests, models=asked, options=options, transient=transient)
+    search = partial(workflow.identify, records, tests, models=asked or None, options=options, transient=transient)
     _run(search, reader, out, json, pdf)
 
 

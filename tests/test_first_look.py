@@ -360,6 +360,11 @@ def test_the_proposed_command_works(run: Run, write: Write, tmp_path: Path, colu
     assert status == 0, err
 
 
+def test_a_long_delay_is_in_the_command(run: Run, write: Write) -> None:
+    out = run("describe", write({"t": T, "u": U, "y": np.append(np.zeros(40), Y[:-40])}))[1]
+    assert shlex.split(out.splitlines()[-1])[-2:] == ["--nk", "41"]
+
+
 def test_without_options_there_is_no_missing_option(run: Run, write: Write, tmp_path: Path) -> None:
     status, out, err = run("describe", write({"y": Y}))
     assert (status, err) == (0, "")

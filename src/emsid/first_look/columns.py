@@ -69,6 +69,7 @@ class Column:
         codes: isolated values.
         at_low, at_high: the share of samples at a limit, where the values are cut off there; otherwise 0.
         stuck: the longest stretch without change, if it is unusually long.
+        values: (N,) its numbers, NaN where there is none.
     """
 
     name: str

@@ -689,6 +689,13 @@ __main__.main()
     assert "a slip of the program" in done.stderr
 
 
+def test_the_unseen_record_of_a_study_has_two_names(run, tmp_path):
+    for name in ("--validate", "--verify"):
+        status, _, err = run("study", name, tmp_path / "b.csv")
+        assert status == 2
+        assert "--record and --validate belong together" in err
+
+
 def test_a_study_interrupted_while_it_is_drawn_is_printed_and_written(run, tmp_path, monkeypatch):
     from emsid.report.page import write_report  # noqa: F401  (loads the module)
 

@@ -1,5 +1,6 @@
 """The study of the paper: what its numbers must show, on this motor and on others."""
 
+import json
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -42,6 +43,7 @@ from emsid.study.survey import recorded
 from emsid.study.two_masses import row as two_mass_row
 from emsid.study.workflow import study
 from emsid.validation.comparison import assess
+from emsid.wording import sentence
 from independent.two_masses import load_speed
 
 
@@ -363,6 +365,20 @@ def test_the_survey_of_inputs_is_found_again_for_one_pair():
     assert kept[ONE_MASS].lowest > 1000
 
 
+def test_the_survey_is_repeated_where_it_is_asked_for(regressions_only, monkeypatch):
+    asked = []
+
+    def survey(settings, control):
+        asked.append(settings)
+        return replace(recorded(), recorded=False)
+
+    monkeypatch.setattr("emsid.study.workflow.do_survey", survey)
+    settings = Settings(duration=2.0)
+    assert study(settings).survey.recorded
+    assert not study(settings, survey=True).survey.recorded
+    assert asked == [settings]
+
+
 def test_the_readme_leads_with_the_recorded_survey():
     text = " ".join((Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8").split())
     for row in recorded().inputs:
@@ -396,6 +412,20 @@ def test_inputs_are_shown_with_what_they_excite(result):
     assert richer.excitation.conditions[PAPER] < 0.2 * result.part(EXPERIMENT).excitations[0].conditions[PAPER]
     two, _ = richer.errors[LINEAR]
     assert two == pytest.approx(result.part(EXPERIMENT).on_unseen(LINEAR).row.simulation_mse, rel=1e-2)
+
+
+def test_a_free_run_that_diverges_leaves_a_study_that_can_be_written(result):
+    richer = replace(result.richer, errors={LINEAR: (39.3, float("inf"))})
+    part = result.part(EXPERIMENT)
+    seen, unseen = part.assessed[0]
+    lost = replace(unseen, row=replace(unseen.row, simulation_mse=float("inf")))
+    diverged = replace(part, assessed=((seen, lost), *part.assessed[1:]))
+    changed = replace(result, richer=richer, parts=(diverged, *result.parts[1:]))
+    json.dumps(study_data(changed), allow_nan=False)
+    assert [row.data for row in paper_ratios(diverged)] == ["identification"]
+    finding = next(each for each in found(changed, "study-excitation") if each.data["richer"])
+    assert finding.data["richer"]["errors"] == {LINEAR: [39.3, None]}
+    assert "(diverges)" in sentence(finding)
 
 
 def test_without_inputs_nothing_is_said_about_them(result):

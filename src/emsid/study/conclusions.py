@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from emsid.findings import Finding
+import numpy as np
+
+from emsid.findings import Finding, finite
 from emsid.plant import Motor
 from emsid.study.inputs import Richer
 from emsid.study.load_friction import LoadFriction
@@ -45,7 +47,7 @@ class PaperRatios:
 
 
 def paper_ratios(part: Part) -> list[PaperRatios]:
-    """The comparison that the paper makes, for one study; empty without its nonlinear model."""
+    """The comparison that the paper makes, for one study; without models or records on which a free run diverges."""
     if not {LINEAR, PAPER} <= set(part.models):
         return []
     found = []
@@ -53,7 +55,8 @@ def paper_ratios(part: Part) -> list[PaperRatios]:
         linear, paper = on(LINEAR).row, on(PAPER).row
         free_run = linear.simulation_mse / paper.simulation_mse
         one_step = linear.one_step_mse / paper.one_step_mse
-        found.append(PaperRatios(part.name, data, paper_ratio(part.name, data), free_run, one_step))
+        if np.isfinite([free_run, one_step]).all():
+            found.append(PaperRatios(part.name, data, paper_ratio(part.name, data), free_run, one_step))
     return found
 
 
@@ -150,6 +153,6 @@ def about_excitation(part: Part, richer: Richer | None) -> Finding | None:
             "order": richer.excitation.order,
             "condition": richer.excitation.conditions[PAPER],
             "crest_factor": richer.excitation.crest_factor,
-            "errors": {name: list(pair) for name, pair in richer.errors.items()},
+            "errors": {name: [finite(each) for each in pair] for name, pair in richer.errors.items()},
         }
     return Finding("study-excitation", part.name, data)

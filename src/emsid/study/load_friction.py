@@ -66,7 +66,7 @@ def rotor_level(motor: Motor) -> float:
 
 
 def load_friction(settings: Settings, blocks: Cascade, control: Control = FREE) -> LoadFriction | None:
-    """The curve of a motor; None where its rotor has no Coulomb friction, or the study was stopped.
+    """The curve of a motor; None without Coulomb friction of the rotor, or where a free run diverges.
 
     Args:
         settings: motor and records; they have no noise here.
@@ -88,6 +88,8 @@ def load_friction(settings: Settings, blocks: Cascade, control: Control = FREE) 
             fit = fit_cascade(blocks, _record(settings, share * level, IDENTIFICATION), max_iterations=_ITERATIONS)
             squares = np.sum((unseen.output - fit.model.simulate(unseen).output) ** 2, axis=1)
             errors.append(StretchErrors.of(squares[fit.model.memory :]))
+    if not all(np.isfinite(error.mean) for error in errors):
+        return None
     unfair = (share for share, error in zip(FITTED, errors, strict=True) if better(errors[0], error))
     means = [error.mean for error in errors]
     return LoadFriction(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from math import inf
 from typing import Any
 
 from emsid.estimation.fit import Fit
@@ -78,7 +79,7 @@ def priors(structures: Sequence[Structure], record: Record, unseen: Record, star
     for structure in structures:
         batch = least_squares(structure, record)
         exact = _free_run_mse(batch, unseen, start)
-        if not exact > 0:
+        if not 0 < exact < inf:
             continue
         recursive: list[float] = []
         ridge: list[float] = []

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from emsid.estimation.fit import Ending
-from emsid.findings import Finding
+from emsid.findings import Finding, plain
 from emsid.plant import Motor
 from emsid.study.conclusions import about_excitation, about_load_friction, about_the_survey, paper_ratios
 from emsid.study.models import CHOSEN, FIXED, LINEAR, MEANINGS, PAPER, TWO_MASSES
@@ -99,7 +99,7 @@ def _better(linear: Row, other: Row) -> float | None:
 def study_data(result: Study) -> dict[str, Any]:
     """The content of ``study.json``."""
     curve, richer, survey = result.load_friction, result.richer, result.survey
-    return {
+    data: dict[str, Any] = {
         "schema": 3,
         "rows": [row.to_data() for row in result.rows],
         "summary": [row.to_data() for part in result.parts for row in summary(part, own_records=result.own_records)],
@@ -112,6 +112,8 @@ def study_data(result: Study) -> dict[str, Any]:
         "survey": survey.to_data() if survey else None,
         "findings": [finding.to_data() for finding in findings(result)],
     }
+    content: dict[str, Any] = plain(data)  # a free run that diverges has no finite error
+    return content
 
 
 def findings(result: Study) -> list[Finding]:

@@ -140,6 +140,11 @@ def percent(share: float) -> str:
     return f"{100 * share:.2g} %"
 
 
+def mse(value: float | None) -> str:
+    """A mean square error, or that there is none."""
+    return "(diverges)" if value is None else f"{value:.3g}"
+
+
 @words("study-excitation")
 def excitation(f: Finding, argument: Spelling) -> str:
     """Data: study, order, parameters, condition, crest_factor, richer (or None)."""
@@ -156,7 +161,7 @@ def excitation(f: Finding, argument: Spelling) -> str:
     text += f" (condition number {d['condition']:.2g}, crest factor {d['crest_factor']:.3g})"
     if richer is None:
         return text
-    changes = ", ".join(f"{name} {two:.3g} to {many:.3g}" for name, (two, many) in richer["errors"].items())
+    changes = ", ".join(f"{name} {mse(two)} to {mse(many)}" for name, (two, many) in richer["errors"].items())
     return (
         f"{text}. A multisine of the same peak has order {richer['order']} or more, condition number "
         f"{richer['condition']:.2g} and crest factor {richer['crest_factor']:.3g}; models fitted to it change their "

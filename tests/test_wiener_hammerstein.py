@@ -513,7 +513,7 @@ def test_fit_fits_a_cascade_that_is_only_described() -> None:
         (record_of(Cascade((BEND, SLOW)), 500), (1, 1), {"delay": 500}, "a delay of 500 in a stretch of"),
         (record_of(Cascade((BEND, SLOW)), 45), None, {}, "10 parameters for 45 samples"),
         (record_of(Cascade((BEND, SLOW)), 70), (1, 2), {}, r"takes 24 samples to start, .* have 17"),
-        (record_of(Cascade((BEND, SLOW)), 60), (1, None), {}, "no start value leads to a model"),
+        (record_of(Cascade((BEND, SLOW)), 60), (1, None), {"size": 6}, "no start value leads to a model"),
         (Record(np.zeros(500), np.random.default_rng(0).standard_normal(500), 1.0), (1, 1), {}, "is constant at 0"),
         (Record(np.ones((500, 2)), np.ones(500), 1.0), (1, 1), {}, "choose one of u1, u2"),
         (

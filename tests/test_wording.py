@@ -113,6 +113,12 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("parameters-undetermined", data={"without_effect": ["f.m_l"], "inseparable": [["R", "K"]]}),
     # cascades
     Finding("choices-cut-short", "wiener", {"cancelled": True}),
+    Finding("dead-time-at-input", "wiener", {"model": "wiener", "delay": 1, "moved": 1, "filters": 1}),
+    Finding(
+        "dead-time-at-input",
+        "wiener-hammerstein",
+        {"model": "wiener-hammerstein", "delay": 2, "moved": 1, "filters": 2},
+    ),
     Finding("zero-cancels-pole", data={"model": "wiener", "block": 1, "pole": [0.9, 0.0]}),
     Finding("zero-cancels-pole", data={"model": "wiener", "block": 1, "pole": [0.9, 0.1]}),
     Finding("dead-zone-side-unseen", data={"block": 2, "side": "left", "parameters": ["b_l", "m_l"], "share": 0.001}),

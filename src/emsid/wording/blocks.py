@@ -63,3 +63,11 @@ def parameters_without_interval(f: Finding, argument: Spelling) -> str:
 
 def _block(f: Finding) -> str:
     return f"block {f.data['block']}"
+
+
+@words("dead-time-at-input")
+def dead_time_at_input(f: Finding, argument: Spelling) -> str:
+    """Data: delay, moved (samples), filters."""
+    samples = f"{f.data['delay']} sample{'s' * (f.data['delay'] != 1)}"
+    where = "; no data show which filter it belongs to" if f.data["filters"] > 1 else ""
+    return f"a dead time of {samples} is counted at the input{where}"

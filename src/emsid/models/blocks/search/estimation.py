@@ -27,9 +27,10 @@ from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.blocks.cascade import SAMPLES_PER_STATE, Cascade, check_channels
 from emsid.models.blocks.filters import Rational
-from emsid.models.blocks.fitting import conclude, fit_cascade
+from emsid.models.blocks.fitting import Search, conclude, fit_cascade
 from emsid.models.blocks.search.choice import Choice, improving, searched, with_spread_knots
 from emsid.models.blocks.search.cross_validation import as_arrays, held_back
+from emsid.models.blocks.search.dead_time import at_the_input
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER, filter_parameters, input_delay
 from emsid.models.blocks.search.topologies import (
@@ -247,7 +248,9 @@ def estimate(
             max_iterations=settings.max_iterations,
             control=control.during(f"fitting {topology.name}"),
         )
-        return conclude(found.minimum, found.problem, settings.loss)
+        fit = conclude(found.minimum, found.problem, settings.loss)
+        how = Search(transient=settings.transient, loss=settings.loss, max_iterations=settings.max_iterations)
+        return at_the_input(fit, several, how | {"control": control}) if settings.delay is None else fit
     except Stopped as stopped:
         if best is None:
             raise

@@ -1,0 +1,56 @@
+"""Where a cascade carries a dead time, on data of difference equations that are written out here."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.fitting import fit_cascade
+from emsid.models.blocks.search.dead_time import at_the_input
+from emsid.models.blocks.static_maps import Polynomial
+from emsid.record import Record
+
+CUBIC = (0.0, 1.0, 0.0, -0.15)
+
+
+def record(late: int, seed: int = 0, samples: int = 1200) -> Record:
+    """x = 0.4/(1 − 0.6q⁻¹) u, z a cubic of x, y = (0.3 + 0.2q⁻¹)/(1 − 0.5q⁻¹) z(t − late), with 1 % noise."""
+    rng = np.random.default_rng([7, seed])
+    u, x, y = rng.uniform(-2, 2, samples), np.zeros(samples), np.zeros(samples)
+    for t in range(1, samples):
+        x[t] = 0.6 * x[t - 1] + 0.4 * u[t]
+    z = x - 0.15 * x**3
+    z = np.concatenate([np.zeros(late), z])[:samples]
+    for t in range(1, samples):
+        y[t] = 0.5 * y[t - 1] + 0.3 * z[t] + 0.2 * z[t - 1]
+    return Record(u, y + 0.01 * np.std(y) * rng.standard_normal(samples), 0.01)
+
+
+def start(first: int, second: int) -> Cascade:
+    """Filters with numerators of these lengths, a leading zero where there is room for one."""
+    numerators = [np.array([0.0, 0.4][-first:]), np.array([0.0, 0.3, 0.2][-second:])]
+    one, other = (Rational(b, [-a]) for b, a in zip(numerators, (0.6, 0.5), strict=True))
+    return Cascade((one, Polynomial(np.array(CUBIC), -2.5, 2.5), other))
+
+
+@pytest.mark.parametrize("lengths", [(2, 2), (1, 3)])
+def test_a_dead_time_is_counted_at_the_input_whichever_filter_it_landed_in(lengths: tuple[int, int]):
+    data = record(1)
+    fit = at_the_input(fit_cascade(start(*lengths), data), [data], {})
+    assert fit.model.delay == 1
+    assert [len(block.numerator) for block in fit.model.blocks if isinstance(block, Rational)] == [1, 2]
+    (finding,) = (each for each in fit.findings if each.code == "dead-time-at-input")
+    assert (finding.data["delay"], finding.data["moved"], finding.data["filters"]) == (1, 1, 2)
+    errors = dict(zip(fit.names, zip(fit.estimate, fit.standard_error, strict=True), strict=True))
+    for name, pole in (("G1.a1", -0.6), ("G2.a1", -0.5)):
+        estimate, error = errors[name]
+        assert abs(estimate - pole) < 4 * error
+
+
+def test_a_cascade_without_a_dead_time_has_none():
+    data = record(0)
+    fit = at_the_input(fit_cascade(start(1, 2), data), [data], {})
+    assert fit.model.delay == 0
+    assert "dead-time-at-input" not in [each.code for each in fit.findings]

@@ -75,6 +75,11 @@ def test_rows_are_complete(result):
     assert all(keys <= row.keys() for row in study_data(result)["rows"])
 
 
+def test_all_models_are_compared_on_the_same_samples(result):
+    for part in result.parts:
+        assert len({row.samples for row in part.rows}) == 1
+
+
 def test_friction_regression_is_far_better_in_free_run(result):
     simulation = result.part(SIMULATION)
     linear, friction = (simulation.on_unseen(model).row.simulation_mse for model in (LINEAR, FRICTION))

@@ -232,7 +232,8 @@ def _part(name: str, first: Record, second: Record, settings: Settings, control:
     except Stopped:
         interrupted = True
     regressions = [fit.model.structure for fit in fits if fit.method == "ls"]
-    start = max(settings.transient or 0, *(structure.memory for structure in (*candidates, *regressions)))
+    # All models are compared on the same samples.
+    start = max(settings.transient or 0, *(each.memory for each in candidates), *(fit.model.memory for fit in fits))
     kind = "given" if own else "two sines"
     assessed = tuple(
         (

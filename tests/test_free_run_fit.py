@@ -18,10 +18,11 @@ from emsid.identification.regressions import REGRESSIONS
 from emsid.models.regression import term_selection
 from emsid.models.regression.free_run_fit import FreeRunError
 from emsid.models.regression.search.judge import Judge, diverges, enlarged
-from emsid.models.regression.search.terms import select_by_free_run
+from emsid.models.regression.search.terms import Trial, as_good, select_by_free_run
 from emsid.models.regression.sensitivities import derivative_reference
 from emsid.models.regression.structures import input_knots, polynomial_narx
 from emsid.models.regression.transforms import Transform, slope, transformed
+from emsid.selection.improvement import StretchErrors
 
 Array = NDArray[np.float64]
 
@@ -218,6 +219,7 @@ def test_terms_are_selected_by_the_free_run() -> None:
     start = emsid.fit(Structure.parse("y(t-1)", "y(t-2)", "u(t-1)", "1"), record, free_run=True)
     found = select_by_free_run(start, polynomial_narx(2, 1, 3), judge)
     assert set(found.fit.model.structure.labels) == set(structure.labels)
+    assert found.fit.names == found.fit.model.structure.labels
     assert found.errors.mean == pytest.approx(0.0025, rel=0.15)
 
 
@@ -242,6 +244,23 @@ def test_a_record_with_offsets_gets_a_constant() -> None:
         fit = REGRESSIONS[name](moved, emsid.Options(na=2, nb=1, nk=1))
         assert "1" in fit.model.structure.labels, name
         assert "1" not in REGRESSIONS[name](plain, emsid.Options(na=2, nb=1, nk=1)).model.structure.labels
+
+
+def test_an_output_of_one_sign_has_no_friction_terms() -> None:
+    record = second_order(0.02, 600)
+    moved = replace(record, output=record.output + 40.0)
+    given = emsid.Options(na=2, nb=1, nk=1, knots=0)
+    assert "-sign(y(t-1))" in REGRESSIONS["friction-narx"](record, given).model.structure.labels
+    assert REGRESSIONS["friction-narx"](moved, given).model.structure.labels == ("-y(t-1)", "-y(t-2)", "u(t-1)", "1")
+
+
+def test_terms_that_the_fit_needs_are_not_removed_by_a_few_unseen_stretches() -> None:
+    errors = StretchErrors.of(np.linspace(1.0, 1.2, 160))
+    spread = StretchErrors.of(np.concatenate([np.full(150, 0.1), np.full(10, 18.0)]))
+    fits = [replace(emsid.fit(arx(2, 1), second_order(0.1, 200)), noise_variance=v) for v in (1.0, 1.5, 1.1)]
+    best, worse, close = Trial(fits[0], errors), Trial(fits[1], spread), Trial(fits[2], spread)
+    assert not as_good(worse, best)
+    assert as_good(close, best)
 
 
 def test_knots_lie_in_the_range_of_the_input() -> None:

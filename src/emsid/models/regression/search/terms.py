@@ -26,7 +26,6 @@ from emsid.estimation.linear.forward_selection import forward_selection
 from emsid.estimation.linear.information import Information
 from emsid.models.regression.free_run_fit import FreeRunError
 from emsid.models.regression.narx import Narx, Structure
-from emsid.models.regression.regressors import Regressor
 from emsid.models.regression.search.judge import Judge, fit_to_compare
 from emsid.selection.improvement import StretchErrors, better
 
@@ -36,6 +35,8 @@ Array = NDArray[np.float64]
 PATIENCE = 5
 # The largest number of terms.
 MOST = 40
+# A trial whose mean square error on the fitted data is larger by more than this factor lacks a term.
+WORSE = 1.25
 # One in so many terms is removed at a time.
 AT_ONCE = 6
 # Samples in which the derivatives of all terms of a dictionary are compared; of a longer record, every k-th.
@@ -74,8 +75,18 @@ def select_by_free_run(start: Fit[Narx], dictionary: Structure, judge: Judge, mo
 def simplest(trials: Sequence[Trial]) -> Trial:
     """The trial with the fewest terms among those that are as good as the best."""
     best = min(trials, key=lambda trial: trial.errors.mean)
-    good = [trial for trial in trials if trial is best or not better(best.errors, trial.errors)]
+    good = [trial for trial in trials if trial is best or as_good(trial, best)]
     return min(good, key=lambda trial: (trial.terms, trial.errors.mean))
+
+
+def as_good(simpler: Trial, best: Trial) -> bool:
+    """Whether a trial with fewer terms is as good: on unseen data within noise, and not much worse on fitted data.
+
+    The second condition matters where few unseen stretches hold most of the error: chance then explains any difference.
+    """
+    if simpler.fit.noise_variance > WORSE * best.fit.noise_variance:
+        return False
+    return not better(best.errors, simpler.errors)
 
 
 def grow(first: Trial, dictionary: Structure, judge: Judge, most: int) -> list[Trial]:
@@ -133,13 +144,13 @@ def prune(best: Trial, judge: Judge) -> list[Trial]:
     Of many terms several are removed at a time, and half as many where that was too many.
     """
     trials: list[Trial] = []
-    last, least = best, best.errors
+    last = least = best
     number = max(1, best.terms // AT_ONCE)
     while last.terms > number:
         judge.control.doing(f"removing terms of {best.terms}", best.terms - last.terms, best.terms)
         trial = _without(last, number, judge)
-        if trial is not None and not better(least, trial.errors):
-            last, least = trial, min(least, trial.errors, key=lambda errors: errors.mean)
+        if trial is not None and as_good(trial, least) and as_good(trial, best):
+            last, least = trial, min(least, trial, key=lambda each: each.errors.mean)
             trials.append(trial)
         elif number > 1:
             number //= 2
@@ -163,6 +174,6 @@ def _without(trial: Trial, number: int, judge: Judge) -> Trial | None:
 
 
 def with_terms(structure: Structure, indices: Sequence[int]) -> Structure:
-    """A structure with some of the regressors, under the same name."""
-    chosen: tuple[Regressor, ...] = tuple(structure.regressors[k] for k in indices)
-    return Structure(chosen, structure.name, tuple(f"θ{k + 1}" for k in range(len(chosen))), structure.inputs)
+    """A structure with some of the regressors, under the same name; each parameter is called by its term."""
+    chosen = tuple(structure.regressors[k] for k in indices)
+    return Structure(chosen, structure.name, tuple(map(str, chosen)), structure.inputs)

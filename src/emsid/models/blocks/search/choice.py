@@ -27,7 +27,9 @@ from emsid.models.blocks.search.cross_validation import as_arrays, delayed, shor
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import map_sizes, order_shares, oversamplings, sign_recovery_orders, total_orders
 from emsid.models.blocks.search.starts import (
+    Candidate,
     Filters,
+    Segments,
     linear_candidates,
     random_candidates,
     regression_candidate,
@@ -38,15 +40,15 @@ from emsid.models.blocks.search.starts import (
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
 from emsid.models.free_run import free_run_error, squared_errors
 from emsid.record import Record
-from emsid.record.holding_back import Split
+from emsid.record.holding_back import SHORT, Split
 from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters
 
 T = TypeVar("T")
 
 # Candidates refined per oversampling, without and with random starts.
 REFINED, REFINED_RANDOM = 4, 24
-# The number of these that continue with a map of the required family.
-REFINED_MAPS = 2
+# The number of these that continue with a map of the required family; fits to a short record take little time.
+REFINED_MAPS, REFINED_MAPS_SHORT = 2, 6
 # Limits of a refinement for a choice: steps, distance to the minimum in standard errors, and relative reduction of the
 # cost over a few steps.
 CHOICE_STEPS, CHOICE_TOLERANCE, CHOICE_SAVING = 25, 0.2, 1e-3
@@ -101,24 +103,26 @@ def improving(
     """Successive choices, each better than the previous; first the filters with a trial map, then the map."""
     part, families = shortened(shown), settings.families
     sizes = {family: map_sizes(family, topology, shown, orders, settings) for family in families}
-    direct = families[0].direct and not topology.outer
+    leading, short = families[0], len(rounds) > 1
+    direct = leading.direct and not topology.outer
+    typical = sizes[leading][min(int(direct), len(sizes[leading]) - 1) if short else len(sizes[leading]) // 2]
     best: Choice | None = None
     for rate in oversamplings(shown) if settings.oversampling is None else (settings.oversampling,):
         control.doing(f"start values at {rate} times the sampling rate")
         starts = _starts(topology, shown, orders, settings, replace(template, oversampling=rate), control)
         control.doing(f"refining {len(starts)} of them")
-        plans = [Plan(start, families[0], sizes[families[0]][0]) if direct else Plan(start) for start in starts]
+        plans = [Plan(start, leading, sizes[leading][0]) if direct else Plan(start) for start in starts]
         refined = _refined(plans, part, rounds, settings.threads, control, best)
-        if refined and not direct:
+        if refined and (not direct or (short and len(sizes[leading]) > 1)):
             first = _simplest(refined, _complexity)
             refined = [first, *(choice for choice in refined if choice is not first)]
-            control.doing(f"static map: {families[0].name}")
-            typical = sizes[families[0]][len(sizes[families[0]]) // 2]
+            control.doing(f"static map: {leading.name}")
             placed = [
-                Plan(_with_map(choice.model, topology, families[0], typical, part), families[0], typical)
-                for choice in refined[:REFINED_MAPS]
+                Plan(_with_map(choice.model, topology, leading, typical, part), leading, typical)
+                for choice in refined[: REFINED_MAPS_SHORT if short else REFINED_MAPS]
             ]
-            refined = _refined(placed, part, rounds, settings.threads, control, best)
+            kept = refined if direct else []
+            refined = [*kept, *_refined(placed, part, rounds, settings.threads, control, best)]
         if refined:
             choice = _simplest(refined, _complexity)
             if best is None or better(choice.unseen, best.unseen):
@@ -169,12 +173,7 @@ def _starts(
     rng = np.random.default_rng(0) if settings.rng is None else settings.rng
     leading = settings.families[0]
     if leading.loses_sign and topology.first:
-        recovered = []
-        for share in sign_recovery_orders(topology, orders):
-            with suppress(ModelError):
-                for pair, level in sign_recovery_candidates(segments, share, rng, control):
-                    around = replace(template, input_offset=level)
-                    recovered += scanned([pair], segments, leading.trial, around, settings.threads)
+        recovered = _sign_recovery_starts(topology, segments, orders, settings, template, rng, control)
         if recovered:
             return [candidate.cascade for candidate in recovered]
     totals = total_orders(topology, segments, orders)
@@ -189,19 +188,41 @@ def _starts(
                     pairs.append((_through(first) if topology.first else None, behind))
     found = scanned(pairs, segments, leading.trial, template, settings.threads)
     level = float(np.std(np.concatenate([y for _, y in segments])))
-    if (found and found[0].error < LINEAR_SUFFICES * level) or template.oversampling > 1:
+    few = sum(len(y) for _, y in segments) < SHORT
+    if (found and found[0].error < LINEAR_SUFFICES * level and not few) or template.oversampling > 1:
         best_of_order = {_order(candidate.cascade): candidate for candidate in reversed(found)}
         ahead = [candidate for candidate in found if candidate in best_of_order.values()]
         behind_them = [candidate for candidate in found if candidate not in ahead]
         # With two filters an order needs several starts, because its poles can be divided in several ways.
         lower = len(ahead) - 1 if topology.first and topology.second else 0
         return [candidate.cascade for candidate in (ahead + behind_them)[: REFINED + lower]]
+    if topology.first:  # a map that is even about some level looks like no linear relation at all
+        found += _sign_recovery_starts(topology, segments, orders, settings, template, rng, control)
     draws: list[Filters] = []
     for first, second in order_shares(topology, orders, totals[-1]):
         draws += random_candidates((first, second), len(segments[0][0]), rng)
     found += scanned(draws, segments, leading.trial, template, settings.threads)
     found.sort(key=lambda candidate: candidate.error)
     return [candidate.cascade for candidate in found[:REFINED_RANDOM]]
+
+
+def _sign_recovery_starts(
+    topology: Topology,
+    segments: Segments,
+    orders: Orders,
+    settings: CascadeSearch,
+    template: Cascade,
+    rng: np.random.Generator,
+    control: Control,
+) -> list[Candidate]:
+    """Cascades with filters found by recovering the signs that a map before the output has lost."""
+    found: list[Candidate] = []
+    for share in sign_recovery_orders(topology, orders):
+        with suppress(ModelError):
+            for pair, level in sign_recovery_candidates(segments, share, rng, control):
+                around = replace(template, input_offset=level)
+                found += scanned([pair], segments, settings.families[0].trial, around, settings.threads)
+    return found
 
 
 def _kind(cascade: Cascade) -> tuple[tuple[str, int], ...]:

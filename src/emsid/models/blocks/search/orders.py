@@ -27,7 +27,7 @@ LARGEST_ORDER = 8
 # With two filters, this many orders below that of the response are tried.
 LOWER = 2
 # Orders tried before and after a map that loses the sign.
-SIGNLESS_FIRST, SIGNLESS_SECOND = (1, 2, 3, 4), (0, 1)
+SIGNLESS_FIRST, SIGNLESS_SECOND = (1, 2, 3, 4), (0, 1, 2)
 # The longest delay tried, and the fraction of the squared error within which two delays are equally good.
 LONGEST_DELAY, DELAY_SLACK = 20, 0.1
 # The least number of samples for every parameter.

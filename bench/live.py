@@ -125,7 +125,7 @@ class Proxy:
 
     def __init__(self, target: int) -> None:
         self.target, self.lines, self.connection = target, [], None
-        self.rest = b""
+        self.rest, self.killed = b"", float("inf")
         self.listener = socket.create_server(("127.0.0.1", 0))
         self.port = self.listener.getsockname()[1]
         Thread(target=self.work, daemon=True).start()
@@ -133,6 +133,9 @@ class Proxy:
     def work(self) -> None:
         while True:
             self.connection, _ = self.listener.accept()
+            # What was passed to a tracker that was killed meanwhile has reached nobody.
+            self.lines[:] = [each for each in self.lines if each[0] <= self.killed]
+            self.killed = float("inf")
             try:
                 with socket.create_connection(("127.0.0.1", self.target)) as server, self.connection:
                     while data := server.recv(1 << 16):
@@ -156,29 +159,22 @@ def kills(rounds: int = 50) -> None:
     server, proxy, killed = serve(port), Proxy(port), {"tracker": 0, "server": 0, "connection": 0}
     worst, unreadable, missing = 0.0, 0, 0
     with tempfile.TemporaryDirectory() as folder:
-        command = [
-            sys.executable,
-            "-m",
-            "emsid",
-            "track",
-            f"socket://127.0.0.1:{proxy.port}",
-            "--json",
-            "--out",
-            folder,
-        ]
+        words = [f"socket://127.0.0.1:{proxy.port}", "--json", "--patience", "120", "--out", folder]
+        command = [sys.executable, "-m", "emsid", "track", *words]
         tracker = None
         try:
             for _ in range(rounds):
                 if tracker is None:
                     tracker = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
                     assert tracker.stdout is not None
-                    tracker.stdout.readline()
+                    assert tracker.stdout.readline(), "the tracker has ended"
                     Thread(target=tracker.stdout.read, daemon=True).start()
                 time.sleep(rng.uniform(0.3, 1.5))
                 victim = rng.choice(list(killed))
                 killed[victim] += 1
                 if victim == "tracker":
-                    now, tracker = time.monotonic(), _kill(tracker)
+                    now = proxy.killed = time.monotonic()
+                    tracker = _kill(tracker)
                     late, lost, bad = _missing(Path(folder) / "log.txt", proxy.lines, now)
                     worst, missing, unreadable = max(worst, late), missing + lost, unreadable + bad
                 elif victim == "server":
@@ -214,7 +210,8 @@ def _missing(path: Path, passed: list[tuple[float, bytes]], now: float) -> tuple
     passed[:] = [each for each in passed if each[1] in logged]  # what is missing is counted once
     try:
         read_log(path)
-    except emsid.EmsidError:
+    except emsid.EmsidError as problem:
+        print(problem)
         return max(ages, default=0.0), sum(age > 1 for age in ages), True
     return max(ages, default=0.0), sum(age > 1 for age in ages), False
 

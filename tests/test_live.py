@@ -540,7 +540,7 @@ def test_a_terminal_that_nobody_reads_loses_samples_and_the_server_goes_on() -> 
         source = open_source(server.terminal)
         source.read(1.0)
         time.sleep(0.1)
-        rows = LineParser().feed(source.read(1.0) + source.read(1.0))
+        rows = LineParser("n,t,u,y").feed(source.read(1.0) + source.read(1.0))
         source.close()
     assert rows is not None
     assert rows.number[-1] >= 3000

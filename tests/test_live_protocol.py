@@ -60,8 +60,9 @@ def test_columns_are_chosen_by_name() -> None:
     assert rows is not None
     np.testing.assert_array_equal(rows.input, [[3.0, 1.0]])
     assert rows.output[0] == 2.0
-    with pytest.raises(DataError, match="no column 'd'"):
-        parsed(b"t,a,b,c\n0,1,2,3\n", output="d")
+    parser, rows = parsed(b"t,a,b,c\n0,1,2,3\n", output="d")
+    assert rows is None
+    assert "no column 'd'" in str(parser.problem)
 
 
 @pytest.mark.parametrize("text", ["t,u,u", "t,y", "t,u!,y"])
@@ -173,3 +174,18 @@ def test_jitter_of_the_clock_is_no_gap() -> None:
 def test_a_clock_that_stands_is_refused() -> None:
     with pytest.raises(DataError, match="does not increase"):
         sample_time(np.zeros(20))
+
+
+def test_a_header_that_was_cut_off_is_waited_for_again() -> None:
+    parser, rows = parsed(b"n,t[us],u,\n0,0,1,2\nn,t[us],u,y\n1,1000,1,2\n")
+    assert rows is not None
+    assert (rows.time.tolist(), parser.malformed) == ([0.001], 2)
+
+
+def test_a_connection_that_is_joined_midway_gets_its_header_first() -> None:
+    parser = LineParser()
+    parser.implies = False
+    assert parser.feed(b"5,5000,1,2\n6,6000,1,2\n") is None
+    rows = parser.feed(b"n,t[us],u,y\n7,7000,1,2\n")
+    assert rows is not None
+    assert (rows.time.tolist(), parser.malformed) == ([pytest.approx(0.007)], 0)

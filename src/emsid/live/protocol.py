@@ -156,16 +156,23 @@ class LineParser:
         malformed: the number of lines that are no row.
         not_finite: the number of rows with NaN, infinity or an overflow.
         example: the last malformed line.
+        problem: why the last header could not be used; None where there was no such header.
+        implies: whether rows of numbers before any header are taken for the usual columns, or left out.
 
     Args:
         header: the columns, for a source without a header.
         inputs, output: as in `read_header`.
+        columns: what the columns are, where that is known already.
     """
 
-    def __init__(self, header: str = "", inputs: Sequence[str] = (), output: str = "") -> None:
+    def __init__(
+        self, header: str = "", inputs: Sequence[str] = (), output: str = "", columns: Columns | None = None
+    ) -> None:
         self._inputs, self._output = as_names(inputs), output
-        self.columns = read_header(header, self._inputs, output) if header else None
-        self._given = bool(header)
+        self.columns = read_header(header, self._inputs, output) if header else columns
+        self._given = self.columns is not None
+        self.problem: DataError | None = None
+        self.implies = True
         self.malformed = self.not_finite = self.lines = 0
         self.example = ""
         self._rest, self._broken = b"", False
@@ -215,7 +222,8 @@ class LineParser:
                 return None
             columns = self.columns
             if columns is None:
-                self._refuse(line)
+                if self.implies:
+                    self._refuse(line)
                 return None
         parts = body.split(columns.separator)
         if len(parts) == len(columns.names) and b"_" not in body:
@@ -248,19 +256,22 @@ class LineParser:
         if re.match(r"[A-Za-z]", text) and not _NOT_FINITE.match(body):
             try:
                 new = read_header(text, self._inputs, self._output, checked=checked)
-            except DataError:
-                if columns is None and re.search(r"[,;\t]", text):
-                    raise
+            except DataError as problem:
+                if re.search(r"[,;\t]", text):
+                    self.problem = problem
                 return False
             if self._given or (columns is not None and new.names != columns.names):
                 return self._given and columns is not None and len(new.names) == len(columns.names)
             self.columns = columns or new
             return True
-        if columns is None:
+        if columns is None and self.implies and self.problem is None:
             separator = next((s for s in SEPARATORS if s is None or s in body), None)
             parts = body.split(separator)
             if len(parts) in USUAL and all(_is_number(part) for part in parts):
-                self.columns = self._header(USUAL[len(parts)], (), checked, separator)
+                try:
+                    self.columns = self._header(USUAL[len(parts)], (), checked, separator)
+                except DataError as problem:
+                    self.problem = problem
         return False
 
     def _header(self, text: str, units: Sequence[str], checked: bool, separator: bytes | None) -> Columns:

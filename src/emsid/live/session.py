@@ -23,7 +23,7 @@ from emsid.estimation.linear.change_detection import ChangeDetector
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding, plain
 from emsid.live.log import Log, read_from
-from emsid.live.protocol import LineParser, Rows, Stretch, Timeline
+from emsid.live.protocol import Columns, LineParser, Rows, Stretch, Timeline
 from emsid.live.receiver import Piece, Receiver
 from emsid.live.tracking import Change, Physical, Tracker, Tracking
 from emsid.models.regression.narx import Narx
@@ -34,6 +34,10 @@ Message = dict[str, Any]
 
 SILENT = 5.0
 """Seconds without a byte after which a source is called silent."""
+HEADER = 1.0
+"""Seconds in which a connection may send its header; then lines are understood by their number of columns."""
+PROOF = 3
+"""Lines after a header that cannot be used, before the source is given up."""
 GARBAGE = 50
 """Lines of which none is a sample, after which the source is given up."""
 COLOURED = 0.3
@@ -195,6 +199,8 @@ def messages(
         yield from work.finish()
     if session.tracking is not None:
         yield work.estimate()
+    elif parser.columns is None and parser.problem is not None:
+        raise parser.problem
     elif session.reason != "stopped":
         raise DataError(f"{session.name} has ended without enough samples; {parser.lines} lines have come")
     yield from work.judge()
@@ -220,6 +226,8 @@ class _Work:
             self.quiet = False
             yield from self.rows(self.parser.feed(piece.data))
             self.done = time.monotonic()
+            if self.parser.columns is None and self.parser.problem is not None and self.parser.lines > PROOF:
+                raise self.parser.problem
             if session.tracking is None and self.parser.lines >= GARBAGE and self.parser.columns is None:
                 raise DataError(
                     f"{session.name}: {self.parser.lines} lines have come and none is a header or numbers, such as "
@@ -301,6 +309,7 @@ class _Work:
         """
         session, now = self.session, time.monotonic()
         silent = now - max(heard, self.done)
+        self.parser.implies = self.parser.implies or now - self.begun > HEADER
         for name in ("lost", "repeated"):
             session.counts[name] = getattr(self.timeline, name)
         for name in ("malformed", "not_finite"):
@@ -455,6 +464,7 @@ def read_log(
     output: str = "",
     dt: float | None = None,
     whole: bool = False,
+    columns: Columns | None = None,
 ) -> Record:
     """The samples of a log as a record, with a segment for every stretch without a gap.
 
@@ -465,14 +475,17 @@ def read_log(
         inputs, output: names of the columns.
         dt: sample time in s; by default from the time column.
         whole: whether a last line without its line break is complete; in a log it may be cut off.
+        columns: what the columns are, where that is known already.
 
     Raises:
         FormatError: where the file cannot be read.
         DataError: where it has no samples.
     """
-    parser, timeline = LineParser(header, inputs, output), Timeline(dt)
+    parser, timeline = LineParser(header, inputs, output, columns), Timeline(dt)
     data = read_from(path, begin)
     rows = parser.feed(data + b"\n" if whole else data[: data.rfind(b"\n") + 1])
+    if parser.columns is None and parser.problem is not None:
+        raise parser.problem
     if rows is None or parser.columns is None:
         raise DataError(f"{path}: there are no samples in this log")
     stretches = timeline.place(rows, last=True)

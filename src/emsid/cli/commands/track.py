@@ -1,6 +1,7 @@
 """``emsid track``."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -154,23 +155,28 @@ def _followed(
     from emsid.live.protocol import LineParser
     from emsid.live.receiver import Receiver
     from emsid.live.session import messages, read_log
-    from emsid.live.sources import is_connection, open_source
+    from emsid.live.sources import Disconnected, is_connection, open_source
 
     source = session.name
     opened = open_source(source, baud)
     session.name = opened.name
     log = None if opened.lasting else Log(out / "log.txt")
     again = partial(open_source, source, baud) if is_connection(source) else None
+    parser = LineParser(**reading)
     receiver = Receiver(opened, log, again)
+    if again is not None:
+        parser.implies = False
+        with suppress(Disconnected):  # it is opened again, and sends its header then
+            receiver.send(b"?\n")
     try:
         with view_of(json, option) as view, INTERRUPTION.asked(ENDING):
-            for message in messages(session, receiver, LineParser(**reading), settings, log, _control(), begun):
+            for message in messages(session, receiver, parser, settings, log, _control(), begun):
                 view.show(message)
     finally:
         INTERRUPTION.pressed = False
         with INTERRUPTION.put_off():
             receiver.close()
-            read = partial(read_log, **reading, dt=settings.dt, whole=log is None)
+            read = partial(read_log, **reading, dt=settings.dt, whole=log is None, columns=parser.columns)
             written = _written(session, log, read, out)
     return written
 

@@ -673,7 +673,7 @@ def test_a_map_that_loses_the_sign_is_found_in_a_short_record_although_nobody_na
     rng = np.random.default_rng(2)
     truth = Cascade((Rational([0.0, 0.2, 0.1], [-1.4, 0.7]), Abs(), Rational([0.0, 0.5], [-0.5])))
     u = np.repeat(rng.uniform(-1, 1, 80), 5) + 0.2
-    y = truth.simulate(u).output[:, 0]
+    y = emsid.simulate(truth, u, dt=0.02).output[:, 0]
     noise = 0.02 * float(np.std(y))
     record = Record(u, y + noise * rng.standard_normal(len(y)), 0.02)
     fit = wiener_hammerstein(record[:300])

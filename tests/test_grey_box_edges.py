@@ -177,6 +177,22 @@ def test_a_parameter_that_cannot_be_moved_says_why(monkeypatch):
         problem.linearised(problem.start)
 
 
+def test_a_bound_beside_which_there_is_no_free_run_has_a_zero_derivative(monkeypatch):
+    simulate = DrivenMotor.simulate
+
+    def only_rigid(self, *arguments):
+        if self.motor.inductance > 0:
+            raise ModelError("out of all proportion")
+        return simulate(self, *arguments)
+
+    monkeypatch.setattr(DrivenMotor, "simulate", only_rigid)
+    problem = problem_of(DrivenMotor(ONE_MASS), ("inductance", *USUAL))
+    assert problem.start[0] == 0.0
+    slopes = problem.exactly(problem.start)[0][1]
+    assert not slopes[:, 0].any()
+    assert slopes[:, 1:].any(axis=0).all()
+
+
 def test_a_problem_with_another_start_reuses_its_free_run(monkeypatch):
     problem = problem_of(DrivenMotor(ONE_MASS), USUAL)
     theta = problem.start * np.array([1.1, 0.9, 1.3])
@@ -677,3 +693,14 @@ def test_bounds_or_a_datasheet_of_the_inductance_replace_that_bound(how):
     )
     assert fit.limits["inductance"][0] == pytest.approx(1e-4)
     assert fit.estimate[-1] == pytest.approx(2e-4, rel=0.3)
+
+
+def test_a_very_stiff_shaft_is_simulated_as_rigid_and_a_less_stiff_one_nearly_so():
+    u = np.repeat(np.random.default_rng(0).uniform(-10, 10, 20), 10)[:, None]
+    motor = STARTS["motor"].put({"rotor_inertia": 1e-4, "load_inertia": 1e-4, "inductance": 1e-3})
+    runs = [
+        motor.put({"shaft_stiffness": stiffness}).simulate(u, 1e-2, np.zeros(3), (Signal.SPEED,))
+        for stiffness in (0.9 * 1800.0, 1.1 * 1800.0, 1e12)  # 60 rad per sample in between
+    ]
+    assert np.array_equal(runs[1], runs[2])
+    assert 0 < np.max(np.abs(runs[0] - runs[1])) < 1e-2 * np.ptp(runs[1])

@@ -187,7 +187,11 @@ class FreeRunError:
         return known.blocks
 
     def exactly(self, theta: Array) -> list[Block]:
-        """Residuals and their derivative by central differences; one-sided if only one side has a free run."""
+        """Residuals and their derivative by central differences; one-sided if only one side has a free run.
+
+        The derivative is zero at a bound beside which there is no free run: the plant with a tiny inductance, or with a
+        very stiff shaft, takes too many steps, and its limit is as good.
+        """
         known = self._linearised_at
         if known is None or not (known.central and np.array_equal(known.theta, theta)):
             known = self._linearised_at = self._differentiated(theta, True)
@@ -244,6 +248,8 @@ class FreeRunError:
             if central or not (above > below).any():
                 below, before, why = moved(move, -step)
             if not (above > below).any():
+                if np.all((theta[move] <= self.lower[move]) | (theta[move] >= self.upper[move])):
+                    return np.ones(len(theta)), [np.zeros(len(b)) for b in here]
                 raise Infeasible(f"{self.names[move[0]]} cannot be moved from {theta[move[0]]:g}: {why}")
             return above - below, [b - a for a, b in zip(before, after, strict=True)]
 

@@ -38,6 +38,8 @@ LONG_STEPS = Taylor(order=20)
 """Sample times are long compared with electrical time constants and resonances; a high order needs fewer steps."""
 QUICKEST = 0.05
 """The shortest electrical time constant in samples; records do not show a shorter one, and it is slow to simulate."""
+STIFFEST = 60.0
+"""The fastest resonance of a shaft in radians per sample; a stiffer shaft is simulated as rigid, which is its limit."""
 
 
 _MADE = {
@@ -310,16 +312,22 @@ class DrivenMotor(Driven):
         ends = motion[:, None]
         volts, durations = _pieces(on.voltage, on.dt, on.late)
         if len(volts):
-            start = State(*motion.tolist())
-            whole = simulate(
-                self.motor, volts, durations, disturbance=self.load_torque, initial=start, method=LONG_STEPS
-            )
+            start, motor = State(*motion.tolist()), self.motor
+            if not motor.is_rigid and self._resonance * on.dt > STIFFEST:
+                start, motor = replace(start, rotor_speed=start.load_speed, twist=0.0), motor.rigid()
+            whole = simulate(motor, volts, durations, disturbance=self.load_torque, initial=start, method=LONG_STEPS)
             motion = np.array(astuple(whole.final))
             every = slice(None, None, 2 if 0 < on.late < 1 else 1)
             rows = (whole.current, whole.rotor_speed, whole.load_speed, whole.twist, whole.load_angle)
             ends = np.column_stack([np.array(rows)[:, every], motion])
         current, rotor_speeds, speeds, twist, positions = ends[:, on.samples]
         return (current, rotor_speeds, speeds, positions + twist, positions), motion
+
+    @property
+    def _resonance(self) -> float:
+        """The angular frequency in rad/s at which rotor and load swing against each other, without damping."""
+        motor = self.motor
+        return float(np.sqrt(motor.shaft_stiffness * (1 / motor.rotor_inertia + 1 / motor.load_inertia)))
 
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
         """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), from speed and angle."""

@@ -164,7 +164,7 @@ class _Choice:
                 name: given if given.value is None else replace(given, value=given.value / factors[name])
                 for name, given in sheet.items()
             },
-            bounds={name: physical[name] for name in usual},
+            bounds={name: physical[name] for name in usual if physical[name][0] > plant.handles[name].lower},
             signals=signals,
             hold=hold,
             control=control,

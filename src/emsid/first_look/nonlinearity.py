@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 FEWEST_PERIODS = 2
 MOST_NOISE = 0.5
 """Distortion is not separated from more noise than this share of the amplitude."""
-CLEAR, LEAST = 0.1, 0.002
+CLEAR, LEAST = 0.1, 1e-4
 """A nonlinear relation explains at least the first share of the residual, and the second of the output's variance."""
 
 

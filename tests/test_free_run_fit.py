@@ -14,6 +14,7 @@ from emsid import ModelError, Narx, Record, Structure, arx
 from emsid.estimation.fit import Ending
 from emsid.estimation.linear.forward_selection import forward_selection
 from emsid.estimation.linear.information import Information
+from emsid.identification.candidates import usual_for
 from emsid.identification.regressions import REGRESSIONS
 from emsid.models.regression import term_selection
 from emsid.models.regression.free_run_fit import FreeRunError
@@ -261,6 +262,14 @@ def test_terms_that_the_fit_needs_are_not_removed_by_a_few_unseen_stretches() ->
     best, worse, close = Trial(fits[0], errors), Trial(fits[1], spread), Trial(fits[2], spread)
     assert not as_good(worse, best)
     assert as_good(close, best)
+
+
+def test_an_output_that_may_be_an_absolute_value_gets_a_wiener_model() -> None:
+    record = second_order(0.02, 300)
+    folded = replace(record, output=np.abs(record.output) - 0.01)
+    assert "wiener" in usual_for(folded)
+    assert "wiener" not in usual_for(record)
+    assert "wiener" not in usual_for(replace(record, output=record.output + 40.0))
 
 
 def test_knots_lie_in_the_range_of_the_input() -> None:

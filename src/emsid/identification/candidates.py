@@ -10,6 +10,9 @@ from collections.abc import Callable, Iterator, MutableMapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
@@ -166,15 +169,29 @@ CANDIDATES: MutableMapping[str, ModelKind] = _Candidates(
 USUAL = (*REGRESSIONS, "wiener-hammerstein")
 
 
+# An output is close to zero within this fraction of its largest value.
+CLOSE = 0.05
+
+
 def usual_for(record: Record) -> tuple[str, ...]:
     """The models that are fitted to a record by default: `USUAL`, and the first plant of one mass that it may be of.
+
+    A Wiener model is fitted too where the output comes close to zero without a change of its sign, as that of a sensor
+    that shows absolute values does.
 
     Units decide that, as far as there are any: a voltage and a speed are those of a motor, a force and a position those
     of an axis.
     """
     one_each = record.input.shape[1] == record.output.shape[1] == 1
     starts = {name: kind.start for name, kind in PLANTS.items() if one_each and kind.refined}
-    return (*USUAL, *[name for name, start in starts.items() if _may_be_of(start, record)][:1])
+    folded = ("wiener",) if one_each and _may_be_absolute(record.output[:, 0]) else ()
+    return (*USUAL, *folded, *[name for name, start in starts.items() if _may_be_of(start, record)][:1])
+
+
+def _may_be_absolute(output: NDArray[np.float64]) -> bool:
+    """Whether a signal may be an absolute value with noise: it ends close to zero on one side."""
+    low, high = abs(float(output.min())), abs(float(output.max()))
+    return min(low, high) < CLOSE * max(low, high)
 
 
 def _may_be_of(plant: Plant, record: Record) -> bool:

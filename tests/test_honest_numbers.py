@@ -104,6 +104,9 @@ def test_combinations_said_to_be_independent_of_held_values_are():
     (time,) = (each for each in fit.combinations if each.quantity.formula == "R·J/K²")
     assert time.given == ()
     assert time.interval[0] < truth < time.interval[1]
+    none = fitted(WRONG, 0, fixed={"rotor_viscous": 0.0})
+    (settling,) = (each for each in none.combinations if each.quantity.formula == "J/(B + K²/R)")
+    assert settling.given == ()
     held = fitted(WRONG, 0, fixed={"rotor_viscous": 1e-4})  # 4 % of the damping, which is not there
     (time,) = (each for each in held.combinations if each.quantity.formula == "R·J/K²")
     assert "rotor_viscous" in time.given

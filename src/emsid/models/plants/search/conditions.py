@@ -48,6 +48,11 @@ class Conditions:
     tolerated: Array
 
     @property
+    def sizes(self) -> Array:
+        """(h,) the size of every value held, or what is plausible of one that is zero."""
+        return self.changes / PART
+
+    @property
     def covariance(self) -> Array:
         """(p, p) what the tolerances of held values add to the covariance of the estimates."""
         moved = self.shifts * self.tolerated
@@ -66,12 +71,24 @@ class Conditions:
 
 
 def held_names(task: Task, plant: Plant, names: Sequence[str]) -> tuple[str, ...]:
-    """The parameters that were held: those fixed, those kept, and what is usually unknown but was not asked for."""
+    """The parameters that were held: those fixed, those kept, and what is usually unknown but was not asked for.
+
+    A share of 0 or 1 is a choice of what is there, such as an encoder, and no value that may be a little wrong.
+    """
     rest = without_overlap(plant, plant.usual, (*task.asked, *task.fixed))
     unasked = [name for name in rest if plant.value(name) and not set(parts(plant, name)) & set(task.asked)]
     without_effect = plant.without_effect(task.signals)
     known = (*task.fixed, *(name for name in task.asked if name not in names), *unasked)
-    return tuple(name for name in known if name not in without_effect and np.isfinite(plant.value(name)))
+    return tuple(
+        name
+        for name in known
+        if name not in without_effect and np.isfinite(plant.value(name)) and not _is_choice(plant, name)
+    )
+
+
+def _is_choice(plant: Plant, name: str) -> bool:
+    handle = plant.handles[name]
+    return (handle.lower, handle.upper) == (0.0, 1.0) and plant.value(name) in (0.0, 1.0)
 
 
 def conditions(

@@ -301,11 +301,14 @@ def combinations(
 ) -> tuple[Combination, ...]:
     """The quantities of the plant that the data identify, with standard errors to first order."""
 
+    sizes = dict(zip(conditions.names, conditions.sizes.tolist(), strict=True))
+    sizes |= dict(zip(identifiability.names, identifiability.sizes.tolist(), strict=True))
+
     def gradients(which: Sequence[str]) -> Array:
         columns = []
         for name in which:
             value = plant.value(name)
-            step = 1e-6 * max(abs(value), 1e-12) * (1 if value < plant.handles[name].upper else -1)
+            step = 1e-6 * max(abs(value), 1e-12, sizes[name]) * (1 if value < plant.handles[name].upper else -1)
             above = plant.put({name: value + step}).quantities()
             columns.append([(a.value - q.value) / step for a, q in zip(above, plant.quantities(), strict=True)])
         return np.array(columns).T.reshape(len(plant.quantities()), len(which))

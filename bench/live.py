@@ -139,6 +139,10 @@ class Proxy:
             try:
                 with socket.create_connection(("127.0.0.1", self.target)) as server, self.connection:
                     while data := server.recv(1 << 16):
+                        with suppress(
+                            BlockingIOError
+                        ):  # unread commands would reset the connection and lose what is sent
+                            self.connection.recv(1 << 16, socket.MSG_DONTWAIT)
                         self.connection.sendall(data)
                         *lines, self.rest = (self.rest + data).split(b"\n")
                         now = time.monotonic()

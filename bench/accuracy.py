@@ -2,7 +2,8 @@
 
 Simulated plants come from a simulator that is not the program's own (``tests/independent``). Real recordings are read
 from the folder that the environment variable EMSID_RECORDINGS names, as in the tests; those that are missing are left
-out. The part ``geared`` takes several minutes; name parts to print only these: ``python bench/accuracy.py emps``.
+out. The part ``regressions`` is that of ``bench/regressions.py``. The part ``geared`` takes several minutes; name parts
+to print only these: ``python bench/accuracy.py emps``.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 import emsid
+import regressions
 from emsid.plants import choose, linear_axis, rigid_motor
 
 HOME = Path(__file__).resolve().parents[1]
@@ -153,6 +155,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "emps": positioning_axis,
     "bidirectional": bidirectional,
     "geared": geared,
+    "regressions": lambda: regressions.main([]),
 }
 
 

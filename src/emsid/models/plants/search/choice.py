@@ -178,7 +178,7 @@ class _Choice:
         self._record = scaled
         sides = {side: both for name, both in plain.limits.items() for side in parts(plant, name)}
         limits = {**physical, **sides, **plain.limits}
-        complete = whole if self.thinned and len(whole.segments) == 1 else None
+        complete = whole if self.thinned else None
         self._trials = Trials(plain.segments, signals, limits, self.weighting, control, complete)
         self._rng = np.random.default_rng(0)
         self._starts = [start, *_moving(start, plain.segments, signals)]
@@ -187,10 +187,10 @@ class _Choice:
     def _fewer(self, record: Record, signals: Sequence[Signal], hold: Hold | str | None) -> Record:
         """The record that trials see, with a command that is held where it has fewer samples.
 
-        The start of a position is seen in all its samples only, which are known of a single segment.
+        Only positions are smooth enough: of speeds, fewer samples hide a delay and what happens near standstill. Their
+        start is seen in all samples only, which are known of a single segment.
         """
-        several = Signal.POSITION in signals and len(record.segments) > 1
-        if self._original.drive.codes or several:
+        if self._original.drive.codes or signals != (Signal.POSITION,) or len(record.segments) > 1:
             return record
         straight = is_open(self._original, record.segments) if hold is None else as_hold(hold) is Hold.FIRST
         return thinned(record, straight)

@@ -1,7 +1,7 @@
 """Fewer samples for the many trials of a choice: every k-th output, and the mean of the command in between.
 
 A mass that is driven by the mean of a force over some time has the same speed afterwards, as long as the time is short
-compared with its motion. So a record of many samples loses little, and every free run over it is k times faster. The
+compared with its motion. So a long record of a position loses little, and every free run over it is k times faster. The
 plant that is chosen is fitted to all samples in the end.
 """
 

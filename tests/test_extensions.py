@@ -117,7 +117,12 @@ def test_a_friction_law_of_the_users_is_fitted_saved_and_shown(tmp_path):
 
     table, *_ = physical_table(fit)
     rows = {row[0]: row for row in table.rows}
-    assert rows["rotor_friction.rise"][1:5] == ("Rise of friction with speed on the rotor", "α₁m", "N·m", "estimated")
+    assert rows["rotor_friction.rise"][1:5] == (
+        "Rise of friction with speed on the rotor",
+        "α₁m",
+        "N·m",
+        "given resistance",
+    )
     figure = friction(fit)
     (line,) = [mark for mark in figure.plots[0].marks if getattr(mark, "label", "") == "friction torque"]
     expected = fit.model.plant.motor.rotor_friction.torque(line.x) + 1e-5 * line.x

@@ -72,11 +72,22 @@ def test_the_valid_ones_are_read(folder: Path, suffix: str, content: bytes) -> N
     assert record.dt == 0.1
 
 
-@pytest.mark.parametrize("suffix", READERS)
+@pytest.mark.parametrize("suffix", sorted({suffix for suffix, _ in IN_PROCESS}))
 @fuzzing
 @given(st.binary(max_size=400))
 def test_random_bytes(folder: Path, suffix: str, content: bytes) -> None:
     check(folder / f"file{suffix}", content)
+
+
+@pytest.mark.parametrize("suffix", sorted(set(READERS) - {suffix for suffix, _ in IN_PROCESS}))
+def test_random_bytes_for_a_process_of_their_own(folder: Path, suffix: str) -> None:
+    """Once only: most of these formats have a library that takes a second to load, in a process for every file."""
+    path = folder / f"file{suffix}"
+    path.write_bytes(np.random.default_rng(0).bytes(400))
+    with pytest.raises(EmsidError) as problem:
+        read_columns(path)
+    assert str(problem.value).startswith(f"{path}: ")
+    assert len(str(problem.value).splitlines()) == 1
 
 
 @st.composite

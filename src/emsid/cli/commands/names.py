@@ -20,12 +20,13 @@ def list_(json: Json = False) -> None:
         document = {"models": models, "static": list(families()), "excitation": signals}
         say_json(as_json({"schema": 1, **document, "read": list(READERS), "written": list(WRITERS)}))
         return
+    width = 2 + max(map(len, (*CANDIDATES, *SIGNALS)))
     say("models for --models:")
     for name, candidate in CANDIDATES.items():
-        say(f"  {name:<32}{candidate.summary}")
+        say(f"  {name:<{width}}{candidate.summary}")
     say(f"static maps for --static: {', '.join(families())}")
     say("signals for --excitation:")
     for name, test_signal in SIGNALS.items():
-        say(f"  {name:<32}{test_signal.__doc__}")
+        say(f"  {name:<{width}}{test_signal.__doc__}")
     say(f"files read: {', '.join(READERS)}")
     say(f"files written: {', '.join(WRITERS)}")

@@ -196,7 +196,7 @@ BAD = {
     "mask that is no condition": (("identify", "LOG", *IDENTIFY, "--mask", "u >"), ("mask",)),
     "unit without meaning": (("identify", "LOG", *IDENTIFY, "--unit", "y=count/sample"), ("--counts-per-revolution",)),
     "unknown unit": (("identify", "LOG", *IDENTIFY, "--unit", "y=furlong/moon"), ("furlong/moon",)),
-    "too few samples": (("identify", "LOG", *IDENTIFY, "--rows", "8:14"), ("samples",)),
+    "too few samples": (("identify", "LOG", *IDENTIFY, "--rows", "8:14"), ("6 samples", "--rows")),
     "model file that is none": (("validate", "LOG", "LOG", *IDENTIFY), ("log.csv",)),
     "unknown signal": (("simulate", "--excitation", "noise", "--out", "x.csv"), ("noise", "prbs")),
     "unknown suffix to write": (("simulate", "--out", "x.doc"), (".doc", ".csv")),

@@ -48,6 +48,8 @@ from emsid.validation.comparison import Comparison, compare
 
 NAMED = 4
 """Name at most this many records in a title; of more give the number."""
+FEWEST = 20
+"""With fewer samples nothing is left to test a model on after it is fitted."""
 
 
 def identify(
@@ -79,7 +81,8 @@ def identify(
 
     Raises:
         ModelError: for an unknown name, for options that no model can meet, or where no model can be fitted.
-        DataError: for records that differ in channels or sample time, or something that is not a record.
+        DataError: for records that differ in channels or sample time, too few samples, or something that is not a
+            record.
         Stopped: if ``control`` stops it before any model was found (`emsid.estimation.Stopped`).
     """
     options = options or Options()
@@ -87,6 +90,11 @@ def identify(
     several = given_records(records, reading)
     others = () if isinstance(unseen, (int, float)) else given_records(unseen, reading)
     record = as_one(several)
+    if len(record) < FEWEST:
+        raise DataError(
+            f"{record.name}: {len(record)} samples are too few to fit a model and to test it; record at least {FEWEST}",
+            arguments=("rows",),
+        )
     names = names or usual_for(record)
     options = understood(options, names)
     given, options = options, codes_of_channel(options, record)

@@ -322,7 +322,7 @@ def test_a_record_of_opposite_sign_among_others(write: Write) -> None:
 def test_it_prints_as_a_table(write: Write) -> None:
     look = emsid.describe(write({"t_ms": 1e3 * T, "u": U, "y": Y}))
     lines = str(look).splitlines()
-    assert lines[1].split() == ["Column", "Role", "ColumnQuantity", "Unit", "Notes", "From", "To", "Step"]
+    assert lines[1].split() == ["Column", "Role", "Quantity", "Unit", "Notes", "From", "To", "Step"]
     assert lines[2].startswith("t_ms    time (almost certainly)")
     assert lines[-1].endswith("input='u', output='y', time='t_ms')")
     assert "<table>" in look._repr_html_()

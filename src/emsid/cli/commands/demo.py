@@ -15,10 +15,8 @@ COMMANDS = {
     "motor": (
         ("describe motor.csv -u voltage -y speed --time t", "ranges, time axis, how rich the input is"),
         (
-            "identify motor.csv -u voltage -y speed --time t --models arx,friction-narx,rigid-motor --fix R=2 "
-            "--out motor-result",
-            "a linear model, a regression with friction, and the motor with physical parameters; open "
-            "motor-result/report.html",
+            "identify motor.csv -u voltage -y speed --time t --models arx,rigid-motor --fix R=2 --out motor-result",
+            "a linear model, and the motor with physical parameters; open motor-result/report.html",
         ),
         (
             "simulate motor-result/rigid-motor.json motor.csv --out simulated.csv",
@@ -33,8 +31,9 @@ COMMANDS = {
     ),
     "circuit": (
         (
-            "identify circuit.csv -u source -y output --time t --models arx,wiener-hammerstein --out circuit-result",
-            "a linear model, and three blocks whose orders and static map are chosen",
+            "identify circuit.csv -u source -y output --time t --models arx,wiener-hammerstein --orders 1,2 "
+            "--out circuit-result",
+            "a linear model, and three blocks whose static map is chosen",
         ),
         ("validate circuit-result/wiener-hammerstein.json circuit.csv", "the free run of a saved model"),
     ),

@@ -20,7 +20,7 @@ from emsid.units import readable_unit
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
 from emsid.wording.sureness import how_sure
 
-HEADER = ("Column", "Role", "ColumnQuantity", "Unit", "Notes", "From", "To", "Step")
+HEADER = ("Column", "Role", "Quantity", "Unit", "Notes", "From", "To", "Step")
 DRAWN = 4_000
 """Samples in a plot of the terminal."""
 

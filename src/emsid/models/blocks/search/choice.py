@@ -52,8 +52,9 @@ REFINED_MAPS, REFINED_MAPS_SHORT = 2, 6
 # Limits of a refinement for a choice: steps, distance to the minimum in standard errors, and relative reduction of the
 # cost over a few steps.
 CHOICE_STEPS, CHOICE_TOLERANCE, CHOICE_SAVING = 25, 0.2, 1e-3
-# Random starts are tried unless the error of another start is below this fraction of the output.
-LINEAR_SUFFICES = 0.5
+# Random starts and recovered signs are tried unless the error of another start is below this fraction of the output. In
+# a short record they take little time.
+LINEAR_SUFFICES, SUFFICES_SHORT = 0.5, 0.2
 # The error of a model that has not been run on unseen data.
 UNKNOWN = StretchErrors.of(np.array([np.inf]))
 
@@ -188,8 +189,8 @@ def _starts(
                     pairs.append((_through(first) if topology.first else None, behind))
     found = scanned(pairs, segments, leading.trial, template, settings.threads)
     level = float(np.std(np.concatenate([y for _, y in segments])))
-    few = sum(len(y) for _, y in segments) < SHORT
-    if (found and found[0].error < LINEAR_SUFFICES * level and not few) or template.oversampling > 1:
+    enough = SUFFICES_SHORT if sum(len(y) for _, y in segments) < SHORT else LINEAR_SUFFICES
+    if (found and found[0].error < enough * level) or template.oversampling > 1:
         best_of_order = {_order(candidate.cascade): candidate for candidate in reversed(found)}
         ahead = [candidate for candidate in found if candidate in best_of_order.values()]
         behind_them = [candidate for candidate in found if candidate not in ahead]

@@ -165,16 +165,7 @@ def figure(thing: Any) -> Figure | None:
 
 @figure.register
 def _(record: Record) -> Figure:
-    t, samples = timeline(record)
-    plots = []
-    for values, names, units in (
-        (record.input, record.input_names, record.input_units),
-        (record.output, record.output_names, record.output_units),
-    ):
-        for x, name, unit in zip(values.T, names, units, strict=True):
-            line = Line(t, with_gaps(x, samples), stroke=Stroke(Ink.BLUE, width=0.9), stairs=values is record.input)
-            plots.append(Plot((line,), TIME, Axis(name, unit), height=0.6))
-    return Figure("record", f"{record.name}: inputs and outputs.", tuple(plots), shared_x=True)
+    return first_look.over_time(record, "record", f"{record.name}: inputs and outputs.", Axis, 0.6)
 
 
 @figure.register

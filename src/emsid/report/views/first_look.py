@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import isfinite
 
 import numpy as np
@@ -11,8 +11,9 @@ from emsid.findings import Finding
 from emsid.first_look import FirstLook
 from emsid.first_look.columns import Column
 from emsid.first_look.names import ColumnQuantity
+from emsid.record import Record
 from emsid.report.braille import braille
-from emsid.report.document import Figure, Line, Notice, Plot, Report, Section, Stroke, Table
+from emsid.report.document import Axis, Figure, Line, Notice, Plot, Report, Section, Stroke, Table
 from emsid.report.numbers import number
 from emsid.report.views.conventions import channel_axis
 from emsid.report.views.timeline import TIME, timeline, with_gaps
@@ -95,9 +96,20 @@ def curves(look: FirstLook, width: int, height: int = 4) -> list[str]:
 
 def figure(look: FirstLook, name: str = "record") -> Figure | None:
     """The first inputs and outputs over time."""
-    record = look.record
-    if record is None:
+    if look.record is None:
         return None
+    return over_time(look.record, name, f"Inputs and outputs of {look.name}.", channel_axis, 0.8)
+
+
+def over_time(record: Record, name: str, caption: str, axis: Callable[[str, str], Axis], height: float) -> Figure:
+    """Every input and output of a record over time.
+
+    Args:
+        record: what is shown.
+        name, caption: of the figure.
+        axis: for the name and the unit of a channel.
+        height: of each plot, in rows of ordinary height.
+    """
     t, samples = timeline(record)
     plots = []
     for values, names, units in (
@@ -106,8 +118,8 @@ def figure(look: FirstLook, name: str = "record") -> Figure | None:
     ):
         for x, channel, unit in zip(values.T, names, units, strict=True):
             line = Line(t, with_gaps(x, samples), stroke=Stroke(width=0.9), stairs=values is record.input)
-            plots.append(Plot((line,), TIME, channel_axis(channel, unit), height=0.8))
-    return Figure(name, f"Inputs and outputs of {look.name}.", tuple(plots), shared_x=True)
+            plots.append(Plot((line,), TIME, axis(channel, unit), height=height))
+    return Figure(name, caption, tuple(plots), shared_x=True)
 
 
 def report(

@@ -41,10 +41,6 @@ class PaperRatios:
     free_run: float
     one_step: float
 
-    def to_data(self) -> dict[str, Any]:
-        """The fields by name, in built-in types."""
-        return asdict(self)
-
 
 def paper_ratios(part: Part) -> list[PaperRatios]:
     """The comparison that the paper makes, for one study; without models or records on which a free run diverges."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -47,10 +47,6 @@ class Excitation:
     crest_factor: float
     conditions: dict[str, float]
 
-    def to_data(self) -> dict[str, Any]:
-        """The fields by name, in built-in types."""
-        return asdict(self)
-
 
 def excitation_of(record: Record, kind: str) -> Excitation:
     """Order, crest factor and condition numbers of a record's input."""
@@ -72,10 +68,6 @@ class Richer:
 
     excitation: Excitation
     errors: dict[str, tuple[float, float]]
-
-    def to_data(self) -> dict[str, Any]:
-        """The fields by name, in built-in types."""
-        return asdict(self)
 
 
 def richer_input(settings: Settings) -> Richer:
@@ -112,10 +104,6 @@ class InputRow:
     median: float
     lowest: float
     highest: float
-
-    def to_data(self) -> dict[str, Any]:
-        """The fields by name, in built-in types."""
-        return asdict(self)
 
 
 def drawn(settings: Settings, rng: np.random.Generator, name: str) -> Record:

@@ -9,8 +9,7 @@ same rule by which cascades are chosen.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -53,10 +52,6 @@ class LoadFriction:
     errors: tuple[float, ...]
     unfair_from: float | None
     visible_from: float | None
-
-    def to_data(self) -> dict[str, Any]:
-        """The fields by name, in built-in types."""
-        return asdict(self)
 
 
 def rotor_level(motor: Motor) -> float:

@@ -12,7 +12,7 @@ the linear model therefore decides whether they help.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -128,10 +128,6 @@ class MotorRow:
     one_step: float
     identification: float
     unseen: Mapping[str, float]
-
-    def to_data(self) -> dict[str, Any]:
-        """The fields by name, in built-in types."""
-        return asdict(self)
 
 
 def records(case: Case, settings: Settings, bench: Bench | None = None, sign: float = 1.0) -> tuple[Record, Record]:

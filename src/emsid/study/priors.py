@@ -8,7 +8,7 @@ P(0) = 1e8 decides them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import inf
 from typing import Any
 
@@ -60,10 +60,6 @@ class PriorRow:
         small = [abs(difference) < 0.01 for difference in self.recursive]
         last = max((k for k, each in enumerate(small) if not each), default=-1) + 1
         return self.covariances[last] if last < len(small) else None
-
-    def to_data(self) -> dict[str, Any]:
-        """The fields by name, in built-in types."""
-        return asdict(self)
 
 
 def priors(structures: Sequence[Structure], record: Record, unseen: Record, start: int) -> tuple[PriorRow, ...]:

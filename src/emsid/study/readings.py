@@ -12,7 +12,7 @@ the sample time nor the numbers of its inputs and its motor. So each of these is
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
 
@@ -93,10 +93,6 @@ class Largest:
     unseen: float
     median: float
     motor: Mapping[str, Any] = field(default_factory=dict)
-
-    def to_data(self) -> dict[str, Any]:
-        """The fields by name, in built-in types."""
-        return asdict(self)
 
 
 def motors() -> Iterator[tuple[dict[str, Any], Motor]]:

@@ -59,10 +59,6 @@ class SummaryRow:
     paper_unseen: float | None
     check: bool
 
-    def to_data(self) -> dict[str, Any]:
-        """The fields by name, in built-in types."""
-        return asdict(self)
-
 
 def summary(part: Part, *, own_records: bool = False) -> list[SummaryRow]:
     """A row for every model of a study, by the first method it was fitted with."""
@@ -102,13 +98,13 @@ def study_data(result: Study) -> dict[str, Any]:
     data: dict[str, Any] = {
         "schema": 3,
         "rows": [row.to_data() for row in result.rows],
-        "summary": [row.to_data() for part in result.parts for row in summary(part, own_records=result.own_records)],
-        "paper_ratios": [row.to_data() for part in result.parts for row in paper_ratios(part)],
+        "summary": [asdict(row) for part in result.parts for row in summary(part, own_records=result.own_records)],
+        "paper_ratios": [asdict(row) for part in result.parts for row in paper_ratios(part)],
         "load_friction_mse": result.load_friction_mse,
-        "load_friction": curve.to_data() if curve else None,
-        "excitation": {part.name: [each.to_data() for each in part.excitations] for part in result.parts},
-        "richer_input": richer.to_data() if richer else None,
-        "priors": {part.name: [each.to_data() for each in part.priors] for part in result.parts},
+        "load_friction": asdict(curve) if curve else None,
+        "excitation": {part.name: [asdict(each) for each in part.excitations] for part in result.parts},
+        "richer_input": asdict(richer) if richer else None,
+        "priors": {part.name: [asdict(each) for each in part.priors] for part in result.parts},
         "survey": survey.to_data() if survey else None,
         "findings": [finding.to_data() for finding in findings(result)],
     }
@@ -142,7 +138,7 @@ def _of_part(result: Study, part: Part) -> Iterable[Finding]:
         yield Finding("study-own-simulator", TWO_MASSES, {"study": part.name, "fixed": list(FIXED)})
     ratios = paper_ratios(part)
     if ratios and known_motor:
-        yield Finding("study-paper-ratios", PAPER, {"study": part.name, "rows": [row.to_data() for row in ratios]})
+        yield Finding("study-paper-ratios", PAPER, {"study": part.name, "rows": [asdict(row) for row in ratios]})
     excited = about_excitation(part, result.richer if part.name == EXPERIMENT and not result.own_records else None)
     if excited:
         yield excited

@@ -7,7 +7,7 @@ It takes about two minutes, so its result for the default settings is kept in ``
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from emsid.estimation.nonlinear.control import FREE, Control
@@ -42,7 +42,7 @@ class Survey:
 
     def to_data(self) -> dict[str, Any]:
         """Everything in built-in types."""
-        parts = {name: [row.to_data() for row in getattr(self, name)] for name in _ROWS}
+        parts = {name: [asdict(row) for row in getattr(self, name)] for name in _ROWS}
         return {**parts, "recorded": self.recorded}
 
 

@@ -8,8 +8,7 @@ are less kind: of another integrator, with the noise of the bench, and with fixe
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,10 +41,6 @@ class TwoMassRow:
     errors: Mapping[str, float]
     intervals: Mapping[str, float]
     covered: int
-
-    def to_data(self) -> dict[str, Any]:
-        """The fields by name, in built-in types."""
-        return asdict(self)
 
 
 def row(name: str, fit: GreyBoxFit, truth: Motor, factor: float = 1.0) -> TwoMassRow:

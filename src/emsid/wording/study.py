@@ -42,7 +42,7 @@ def load_friction(f: Finding, argument: Spelling) -> str:
 def paper_ratios(f: Finding, argument: Spelling) -> str:
     """Data: study, rows (data, paper, free_run, one_step)."""
     rows = [
-        f"on {row['data'] if row['data'] != 'unseen' else 'unseen'} data {row['paper']:.3g} in the paper, "
+        f"on {row['data']} data {row['paper']:.3g} in the paper, "
         f"{row['free_run']:.3g} here in free run and {row['one_step']:.3g} one step ahead"
         for row in f.data["rows"]
     ]

@@ -88,8 +88,8 @@ def recorded(path: str) -> list[emsid.Record]:
 
 def simulated(rng: np.random.Generator) -> list[emsid.Record]:
     """Two experiments with the plant a little off the values that the search starts with."""
-    truth = PLANT.put(
-        {name: value * rng.uniform(0.9, 1.1) for name, value in zip(PLANT.usual, PLANT.values, strict=True)}
+    truth = PLANT.with_values(
+        {name: value * rng.uniform(0.9, 1.1) for name, value in zip(PLANT.default_free, PLANT.values, strict=True)}
     )
     records = []
     for amplitude in (1.0, 1.3):

@@ -63,7 +63,7 @@ def experiment(seed: int, seconds: float = 10.0) -> emsid.Record:
     """An experiment with the true parameters and 5 mrad of noise."""
     rng = np.random.default_rng(seed)
     voltage = 3.0 * np.repeat(rng.uniform(-1.0, 1.0, int(seconds / 0.5)), round(0.5 / DT))
-    clean = PLANT.put(TRUTH).simulate(voltage[:, None], DT, np.zeros(2), (Signal.POSITION,))
+    clean = PLANT.with_values(TRUTH).simulate(voltage[:, None], DT, np.zeros(2), (Signal.POSITION,))
     noisy = clean + 5e-3 * rng.standard_normal(clean.shape)
     return emsid.Record(voltage, noisy, DT, "voltage", "angle", "V", "rad", name=f"experiment {seed}")
 

@@ -31,7 +31,7 @@ FREE = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb", "voltage_de
 STEP = 0.05  # rad/s, of the quantised speed
 
 
-STICTION = MOTOR.put({"rotor_friction.stribeck": 4e-3, "rotor_friction.stribeck_rate": 0.1})
+STICTION = MOTOR.with_values({"rotor_friction.stribeck": 4e-3, "rotor_friction.stribeck_rate": 0.1})
 EXCESS = "rotor_friction.stribeck"
 
 

@@ -80,27 +80,27 @@ def test_a_straight_command_is_simulated_as_a_fine_one(delay: float):
     t = np.arange(300)
     volts = 4 * np.sin(0.05 * t + 1) * np.sin(0.31 * t) + 0.2 * rng.standard_normal(300)
     volts[0] = 0.0
-    plant = START.put({**TRUTH, "drive.delay": delay}).held(Hold.FIRST)
+    plant = START.with_values({**TRUTH, "drive.delay": delay}).with_hold(Hold.FIRST)
     run = plant.simulate(volts[:, None], DT, np.zeros(2), (Signal.SPEED,))[:, 0]
     within = np.interp((np.arange(300 * FINE) + 0.5) / FINE - delay / DT, t, volts).reshape(300, FINE)
     fine = mass_of(TRUTH).run(within, DT)[0][:300]
     assert np.std(run - fine) < 1.5e-3 * np.std(fine)
-    held = plant.held(Hold.ZERO).simulate(volts[:, None], DT, np.zeros(2), (Signal.SPEED,))[:, 0]
+    held = plant.with_hold(Hold.ZERO).simulate(volts[:, None], DT, np.zeros(2), (Signal.SPEED,))[:, 0]
     assert np.std(held - fine) > 0.02 * np.std(fine)
 
 
 @pytest.mark.parametrize(
     "plant",
     [
-        START.put({"drive.delay": 2.3 * DT}),
-        emsid.plants.DrivenMotor(emsid.Motor()).put({"drive.delay": 1.4 * DT}),
+        START.with_values({"drive.delay": 2.3 * DT}),
+        emsid.plants.DrivenMotor(emsid.Motor()).with_values({"drive.delay": 1.4 * DT}),
         emsid.plants.LinearAxis(),
     ],
 )
 def test_blocks_of_a_straight_command_give_the_same_as_one_run(plant: emsid.plants.Plant):
     volts = np.cumsum(np.random.default_rng(0).standard_normal(120))[:, None]
     signals = (Signal.SPEED, Signal.POSITION)
-    straight = plant.held(Hold.FIRST)
+    straight = plant.with_hold(Hold.FIRST)
     start = np.zeros(straight.states)
     state, parts = straight.start(start, volts[0], DT, signals), []
     for first, last in ((0, 1), (1, 2), (2, 50), (50, 120)):
@@ -113,7 +113,7 @@ def test_blocks_of_a_straight_command_give_the_same_as_one_run(plant: emsid.plan
 
 def test_the_current_of_a_straight_command_is_that_at_the_sample():
     volts = np.linspace(0, 5, 50)[:, None]
-    motor = START.put({"voltage_dead_zone.half_width": 0.0}).held(Hold.FIRST)
+    motor = START.with_values({"voltage_dead_zone.half_width": 0.0}).with_hold(Hold.FIRST)
     speed, current = motor.simulate(volts, DT, np.zeros(2), (Signal.SPEED, Signal.CURRENT)).T
     assert current == pytest.approx(volts[:, 0] - motor.value("motor_constant") * speed)
 

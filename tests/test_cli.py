@@ -839,7 +839,9 @@ def test_named_physical_parameters_are_estimated_and_no_others(run, log, tmp_pat
     path, out = tmp_path / "axis.csv", tmp_path / "out"
     rng = np.random.default_rng(4)
     force = np.repeat(rng.uniform(-60, 60, 40), 50)
-    axis = emsid.LinearAxis().put({"mass": 20.0, "viscous_friction": 30.0, "friction.coulomb": 8.0, "offset": 2.0})
+    axis = emsid.LinearAxis().with_values(
+        {"mass": 20.0, "viscous_friction": 30.0, "friction.coulomb": 8.0, "offset": 2.0}
+    )
     position = axis.simulate(force[:, None], 0.01, np.zeros(2), (Signal.POSITION,))[:, 0]
     table(path, len(force), u=force, y=position + rng.normal(0, 1e-5, len(force)))
     words = ("identify", path, *IDENTIFY, "--models", "linear-axis", "--unit", "y=m", "--out", out)

@@ -135,7 +135,7 @@ def test_a_plant():
     pendulum = done("plant")["pendulum"]
     assert "pendulum" in PLANTS
     u = 3 * np.sin(0.05 * np.arange(400))[:, None]
-    truth = pendulum.put({"g": 9.0, "d": 0.5})
+    truth = pendulum.with_values({"g": 9.0, "d": 0.5})
     record = emsid.Record(u, truth.simulate(u, 0.01, np.zeros(2), ()), 0.01)
     fit = emsid.fit(pendulum, record)
     assert fit.estimate == pytest.approx([9.0, 0.5], rel=1e-5)

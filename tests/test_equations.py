@@ -115,7 +115,7 @@ PLANTS: dict[str, Any] = {
     "rigid-motor": DrivenMotor(replace(PLAIN, inductance=0.0, load_inertia=1e-30).rigid()),
     "motor": DrivenMotor(PLAIN),
     "linear-axis": LinearAxis(friction=Friction()),
-    "plant": OWN.put({"gain": 0.0, "damping": 0.0}),
+    "plant": OWN.with_values({"gain": 0.0, "damping": 0.0}),
 }
 
 
@@ -124,7 +124,7 @@ def by_parameters(text: str, model: GreyBox, u: Array) -> Array:
     name, _, rest = text.partition(": ")
     found = {key: float(number) for key, number in re.findall(r"([\w.]+) = ([\d.e+-]+)", rest)}
     late = {key: found.pop(key) for key in ("drive.freewheel",) if key in found}  # needs the supply
-    plant = PLANTS[name].put(found).put(late)
+    plant = PLANTS[name].with_values(found).with_values(late)
     return GreyBox(plant, model.signals).simulate(u, dt=DT).output
 
 

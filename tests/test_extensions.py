@@ -175,7 +175,7 @@ def test_a_law_on_an_axis_has_the_units_of_an_axis():
     units = {name: handle.parameter.unit for name, handle in axis.handles.items()}
     assert units["friction.rise"] == "N"
     assert units["friction.rate.backward"] == "s/m"
-    assert axis.usual == ("mass", "viscous_friction", "friction.coulomb", "offset")
+    assert axis.default_free == ("mass", "viscous_friction", "friction.coulomb", "offset")
 
 
 def test_a_law_that_is_not_registered_is_refused_where_it_would_be_lost(tmp_path):

@@ -237,7 +237,7 @@ def test_a_sensor_scales_lags_and_averages():
 
 
 def test_a_motor_is_recovered_from_start_values_half_off():
-    start = MOTOR.put(
+    start = MOTOR.with_values(
         {name: MOTOR.value(name) * factor for name, factor in zip(FREE, (1.5, 0.5, 1.5, 0.5), strict=True)}
     )
     fit = simulation_error(start, record_of(MOTOR), free=FREE)
@@ -260,7 +260,7 @@ def test_an_axis_is_recovered_from_its_position_without_start_values():
 def test_two_masses_are_recovered_from_beside_another_resonance(factors):
     truth = DrivenMotor(Motor(load_friction=Friction(), rotor_friction=Friction(8e-3)))
     free = ("motor_constant", "rotor_inertia", "shaft_stiffness", "rotor_friction.coulomb")
-    start = truth.put({name: truth.value(name) * f for name, f in zip(free, factors, strict=True)})
+    start = truth.with_values({name: truth.value(name) * f for name, f in zip(free, factors, strict=True)})
     fit = simulation_error(start, record_of(truth, VOLTAGE[:600]), free=free)
     assert fit.ending is Ending.CONVERGED
     assert fit.names == free
@@ -406,7 +406,9 @@ def test_a_datasheet_gives_the_start_and_the_bounds_of_a_search():
             "rotor_inertia": "unknown",
         },
     )
-    fit = simulation_error(MOTOR.put({"rotor_inertia": 1e-3}), record_of(MOTOR, noise=0.05), datasheet=sheet, free=FREE)
+    fit = simulation_error(
+        MOTOR.with_values({"rotor_inertia": 1e-3}), record_of(MOTOR, noise=0.05), datasheet=sheet, free=FREE
+    )
     rows = {row.name: row for row in fit.table}
     assert rows["motor_constant"].datasheet == pytest.approx(0.052)
     assert rows["motor_constant"].value == pytest.approx(MOTOR.value("motor_constant"), rel=0.02)
@@ -489,7 +491,7 @@ def test_fixed_values_stay_fixed_where_a_parameter_is_split_by_direction(fixed, 
 
 
 def test_a_parameter_that_is_known_in_one_direction_is_estimated_in_the_other():
-    motor = MOTOR.put({"rotor_friction.coulomb.backward": 9e-3})
+    motor = MOTOR.with_values({"rotor_friction.coulomb.backward": 9e-3})
     sheet = {"voltage_dead_zone.b_l": Given(-0.4), "rotor_friction.coulomb.backward": Given(None)}
     known = {"resistance": MOTOR.value("resistance"), "rotor_viscous": MOTOR.value("rotor_viscous")}
     fit = simulation_error(
@@ -585,7 +587,7 @@ def test_it_is_a_model_that_comes_back_from_data():
 
 def test_a_free_run_starts_from_the_first_samples_and_a_prediction_is_closer():
     record = record_of(MOTOR, noise=0.2)
-    model = GreyBox(MOTOR.put({"motor_constant": 0.052}), SPEED)
+    model = GreyBox(MOTOR.with_values({"motor_constant": 0.052}), SPEED)
     late = record[300:]
     free, ahead = model.simulate(late, 5), model.predict(late, 1, 5)
     assert not free.counted[:5].any()
@@ -668,10 +670,10 @@ def test_a_profile_fits_every_other_parameter_and_the_initial_states():
     profile = likelihood_profile(fit, "rotor_inertia")
     value = float(profile.values[-1])
     again = simulation_error(
-        fit.model.plant.put({"rotor_inertia": value}),
+        fit.model.plant.with_values({"rotor_inertia": value}),
         fit.segments,
         free=[name for name in FREE if name != "rotor_inertia"],
-        look_around=False,
+        find_start=False,
     )
     deviance = 2 * (again.cost - fit.cost) / fit.noise_variance / fit.colour[FREE.index("rotor_inertia")]
     assert profile.deviance[-1] == pytest.approx(deviance, rel=1e-3)
@@ -691,7 +693,7 @@ def test_standstills_are_those_of_the_motor_and_not_of_the_sensor_and_say_in_whi
     commands = (VOLTAGE[:400], np.repeat([0.0, 4.0, 0.0], 100))
     pieces = [replace(record_of(plant, u), name=name) for u, name in zip(commands, ("sines", "pulse"), strict=True)]
     pieces[1] = replace(pieces[1], times=(7.0,))
-    fit = simulation_error(plant, pieces, free=("motor_constant",), look_around=False)
+    fit = simulation_error(plant, pieces, free=("motor_constant",), find_start=False)
     found = stops(fit)
     assert [fit.segments[stop.segment].name for stop in found][-2:] == ["pulse", "pulse"]
     for k, u in enumerate(commands):
@@ -729,7 +731,7 @@ def test_a_plant_of_the_users_own():
     record = record_of(truth, VOLTAGE, signals=SPEED, unit="rad")
     slow = replace(truth, derivative=derivative.py_func, output=output.py_func)
     assert np.allclose(slow.simulate(VOLTAGE[:50, None], DT, np.zeros(2), SPEED), record.output[:50], atol=1e-12)
-    fit = simulation_error(truth.put({"g": 7.0, "d": 1.0}), record)
+    fit = simulation_error(truth.with_values({"g": 7.0, "d": 1.0}), record)
     assert fit.estimate == pytest.approx([9.0, 0.5], rel=1e-5)
     with pytest.raises(ModelError, match="is not registered and cannot be saved"):
         fit.model.to_data()
@@ -744,7 +746,7 @@ def coupled_drives():
 def test_the_example_finds_the_drives_that_it_simulated(coupled_drives, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     fit, outside = coupled_drives["main"]([])
-    assert fit.names == coupled_drives["PLANT"].usual
+    assert fit.names == coupled_drives["PLANT"].default_free
     assert outside == pytest.approx([0.01, 0.01], rel=0.3)  # its noise
     assert (tmp_path / "coupled-drives.svg").exists()
 
@@ -849,7 +851,7 @@ def test_values_that_are_not_physical_are_refused_by_name(build, message):
 )
 def test_a_parameter_at_a_bound_is_found_with_the_origin_of_the_bound(arguments, side, because):
     free = [name for name in FREE if name not in arguments.get("fixed", {})]
-    start = MOTOR.put({"motor_constant": arguments.get("bounds", {}).get("motor_constant", (0.055,))[0]})
+    start = MOTOR.with_values({"motor_constant": arguments.get("bounds", {}).get("motor_constant", (0.055,))[0]})
     fit = simulation_error(start, GOOD, free=free, **arguments)
     (finding,) = [each for each in fit.findings if each.code == "parameter-at-bound"]
     (row,) = [row for row in fit.table if row.status is Status.AT_BOUND]
@@ -866,7 +868,12 @@ def test_a_fit_that_stalls_says_whether_others_end_there_too(monkeypatch, wanted
     monkeypatch.setattr("emsid.models.plants.search.estimation.AGREEING", wanted)  # of 6
     bounds = {"motor_constant": (0.0501, 0.06)}
     fit = simulation_error(
-        MOTOR.put({"motor_constant": 0.0501}), GOOD, free=FREE, bounds=bounds, weighting=in_steps, look_around=False
+        MOTOR.with_values({"motor_constant": 0.0501}),
+        GOOD,
+        free=FREE,
+        bounds=bounds,
+        weighting=in_steps,
+        find_start=False,
     )
     assert fit.ending is ending
     assert {code, "parameter-at-bound"} <= set(codes(fit))
@@ -944,7 +951,7 @@ def test_one_geared_motor_from_steps_both_ways(recordings):
             "drive.supply", "drive.knee", "drive.beyond", "drive.delay",
         ),
         bounds={"drive.beyond": (1.0, 8.0)},
-        look_around=False,
+        find_start=False,
     )  # fmt: skip
     assert len(fit.segments) == 26
     error, output = errors(fit), np.concatenate([one.output for one in steps])

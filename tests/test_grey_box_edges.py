@@ -86,7 +86,10 @@ def test_parameters_kept_from_the_start_have_the_values_of_the_datasheet():
     sheet = {"resistance": Given(2.5), "motor_constant": Given(0.06), "rotor_viscous": Given(3e-5, 0.5)}
     free = ("resistance", "rotor_viscous", *FREE)
     fit = simulation_error(
-        MOTOR.put({"motor_constant": 0.09}), simulated_record(np.random.default_rng(0)), free=free, datasheet=sheet
+        MOTOR.with_values({"motor_constant": 0.09}),
+        simulated_record(np.random.default_rng(0)),
+        free=free,
+        datasheet=sheet,
     )
     kept = {row.name: row.value for row in fit.table if row.status is Status.KEPT}
     assert kept
@@ -329,7 +332,7 @@ def test_a_motor_that_lowers_a_load_gives_power_back_and_is_no_wrong_sign():
     record = Record(volts, noisy, DT, output_units=("rad/s", "A"))
     assert np.mean(volts * noisy[:, 1]) < -1.0
     free = ("resistance", "load_torque", *USUAL[:2])  # of torques of one sign only the sum is identifiable
-    fit = simulation_error(lowering.put({"load_torque": 0.0}), record, free=free)
+    fit = simulation_error(lowering.with_values({"load_torque": 0.0}), record, free=free)
     assert fit.model.plant.value("load_torque") == pytest.approx(-0.05, rel=0.02)
 
 
@@ -400,7 +403,9 @@ def test_an_axis_of_unknown_force_is_identified_in_units_of_its_command():
     axis = LinearAxis(mass=2.0, viscous_friction=8.0, drive=Drive(gain=4.0))
     exact = axis.simulate(LEVELS[:, None], DT, np.zeros(2), (Signal.POSITION,))
     noisy = exact + 1e-3 * np.random.default_rng(5).standard_normal(exact.shape)
-    fit = simulation_error(axis, Record(LEVELS, noisy, DT, output_units=("m",)), free=("drive.gain", *axis.usual))
+    fit = simulation_error(
+        axis, Record(LEVELS, noisy, DT, output_units=("m",)), free=("drive.gain", *axis.default_free)
+    )
     combinations = {c.quantity.name: (c.quantity.formula, c.quantity.unit, c.quantity.value) for c in fit.combinations}
     assert combinations == {
         "time constant": ("M/F_v", "s", pytest.approx(0.25, rel=1e-3)),
@@ -429,7 +434,7 @@ def test_a_shaft_with_an_effect_on_the_record_is_estimated():
 def test_an_interval_that_includes_zero_is_a_finding():
     free = (*USUAL, "rotor_friction.stribeck")
     plant = DrivenMotor(replace(ONE_MASS, rotor_friction=replace(ONE_MASS.rotor_friction, stribeck_rate=0.3)))
-    fit = simulation_error(plant, driven(noise=0.1), free=free, look_around=False)
+    fit = simulation_error(plant, driven(noise=0.1), free=free, find_start=False)
     (row,) = [row for row in fit.table if row.name == "rotor_friction.stribeck"]
     assert row.value < 1.96 * row.standard_error
     zero = Finding("intervals-include-zero", "rigid-motor", {"parameters": ["rotor_friction.stribeck"]})
@@ -475,7 +480,7 @@ def test_intervals_of_an_excess_contain_the_true_value_in_heavy_noise():
 
 
 def test_exact_data_leave_the_uncertainty_of_the_simulation():
-    fit = simulation_error(DrivenMotor(ONE_MASS).put({"motor_constant": 0.075}), driven(noise=0.0), free=USUAL)
+    fit = simulation_error(DrivenMotor(ONE_MASS).with_values({"motor_constant": 0.075}), driven(noise=0.0), free=USUAL)
     truth = np.array([ONE_MASS.motor_constant, ONE_MASS.rotor_inertia, ONE_MASS.rotor_friction.coulomb[0]])
     assert np.all(np.abs(fit.estimate - truth) < 1.96 * fit.standard_error)
     assert np.all(fit.standard_error < 1e-9 * truth)
@@ -539,7 +544,7 @@ def test_codes_without_a_bridge_mean_no_drive_or_are_refused(model, unit, nothin
     assert np.array_equal(exact, stopped)
     shown = "m/s" if unit == "N" else "rad/s"
     record = Record(CODED, exact, DT, input_units=(unit,), output_units=(shown,), name="log")
-    options = Options(free=plant.usual[1:], codes=((999.0, Bridge.COAST),))
+    options = Options(free=plant.default_free[1:], codes=((999.0, Bridge.COAST),))
     result = identify(record, models=(model,), options=options)
     assert Finding("codes-without-bridge", model, {"codes": [999.0], "nothing": nothing}) in assumptions(plant, record)
     assert result.chosen.model.plant.drive.codes == options.codes
@@ -665,7 +670,7 @@ OWN = OwnPlant(decay, whole, (Parameter("a", "a", "1/s", "rate"),), (2.0,), 1, n
 )
 def test_a_plant_that_cannot_be_simulated_is_refused(changes, message):
     record = Record(LEVELS, OWN.simulate(LEVELS[:, None], DT, np.zeros(1), ()), DT)
-    assert simulation_error(OWN.put({"a": 1.5}), record).estimate == pytest.approx([2.0], rel=1e-8)
+    assert simulation_error(OWN.with_values({"a": 1.5}), record).estimate == pytest.approx([2.0], rel=1e-8)
     with pytest.raises(ModelError, match=message):
         simulation_error(replace(OWN, **changes), record)
 
@@ -697,9 +702,9 @@ def test_bounds_or_a_datasheet_of_the_inductance_replace_that_bound(how):
 
 def test_a_very_stiff_shaft_is_simulated_as_rigid_and_a_less_stiff_one_nearly_so():
     u = np.repeat(np.random.default_rng(0).uniform(-10, 10, 20), 10)[:, None]
-    motor = STARTS["motor"].put({"rotor_inertia": 1e-4, "load_inertia": 1e-4, "inductance": 1e-3})
+    motor = STARTS["motor"].with_values({"rotor_inertia": 1e-4, "load_inertia": 1e-4, "inductance": 1e-3})
     runs = [
-        motor.put({"shaft_stiffness": stiffness}).simulate(u, 1e-2, np.zeros(3), (Signal.SPEED,))
+        motor.with_values({"shaft_stiffness": stiffness}).simulate(u, 1e-2, np.zeros(3), (Signal.SPEED,))
         for stiffness in (0.9 * 1800.0, 1.1 * 1800.0, 1e12)  # 60 rad per sample in between
     ]
     assert np.array_equal(runs[1], runs[2])

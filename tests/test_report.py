@@ -234,7 +234,7 @@ def two_outputs(samples=1200):
     y = y + rng.standard_normal(y.shape) * [1.0, 0.01]
     log = Record(u, y, 0.005, ("voltage",), ("speed", "current"), ("V",), ("rad/s", "A"), name="two")
     log = log.mask((np.arange(samples) > 500) & (np.arange(samples) < 560))
-    motors = [RIGID.put({"resistance": k * RIGID.motor.resistance}) for k in (1.02, 1.5)]
+    motors = [RIGID.with_values({"resistance": k * RIGID.motor.resistance}) for k in (1.02, 1.5)]
     signals = (Signal.SPEED, Signal.CURRENT)
     return log, [assess_model(GreyBox(motor, signals), log) for motor in motors]
 

@@ -63,7 +63,7 @@ def chosen(name: str, samples: int | None = None) -> GreyBoxFit:
     ],
 )
 def test_a_plant_in_units_of_its_record_moves_in_them(name, signal, values):
-    plant = PLANTS[name].start.put(values)
+    plant = PLANTS[name].start.with_values(values)
     u = np.repeat(np.random.default_rng(0).uniform(-200, 200, 40), 50)
     y = plant.simulate(u[:, None], 1e-3, np.zeros(3), (signal,))
     scaling = Scaling.of(plant, Record(u, y, 1e-3))
@@ -150,15 +150,15 @@ def test_a_motion_is_nearly_the_same_in_fewer_samples(straight):
     rng = np.random.default_rng(3)
     u = lfilter([0.002], [1.0, -0.998], 20 * rng.standard_normal(20_000))[:, None]
     hold = Hold.FIRST if straight else Hold.ZERO
-    plant = AXIS.put({"mass": 2.0, "friction.coulomb": 0.05}).held(hold)
+    plant = AXIS.with_values({"mass": 2.0, "friction.coulomb": 0.05}).with_hold(hold)
     y = plant.simulate(u, 1e-3, np.zeros(3), (Signal.POSITION,))
     fewer = thinned(Record(u, y, 1e-3), straight)
     assert len(fewer) == 20_000 // 3
     assert fewer.dt == pytest.approx(3e-3)
-    run = plant.held(Hold.ZERO).simulate(fewer.input, fewer.dt, np.zeros(3), (Signal.POSITION,))
+    run = plant.with_hold(Hold.ZERO).simulate(fewer.input, fewer.dt, np.zeros(3), (Signal.POSITION,))
     assert np.max(np.abs(run - fewer.output)) < 2e-4 * np.ptp(y)
     wrong = thinned(Record(u, y, 1e-3), not straight)
-    late = plant.held(Hold.ZERO).simulate(wrong.input, fewer.dt, np.zeros(3), (Signal.POSITION,))
+    late = plant.with_hold(Hold.ZERO).simulate(wrong.input, fewer.dt, np.zeros(3), (Signal.POSITION,))
     assert np.max(np.abs(late - fewer.output)) > 2 * np.max(np.abs(run - fewer.output))
 
 

@@ -1,7 +1,7 @@
 """Physical plants, whose resistance, inertia and friction `emsid.fit` estimates.
 
 >>> import emsid
->>> emsid.plants.rigid_motor().usual[:3]
+>>> emsid.plants.rigid_motor().default_free[:3]
 ('resistance', 'rotor_viscous', 'motor_constant')
 """
 

@@ -195,7 +195,7 @@ def _may_be_absolute(output: NDArray[np.float64]) -> bool:
 
 
 def _may_be_of(plant: Plant, record: Record) -> bool:
-    if plant.driven is None or plant.fine:
+    if plant.driven is None or plant.secondary:
         return False
     try:
         check_channels(plant, signals_of(plant, record), record)

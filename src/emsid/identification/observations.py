@@ -196,7 +196,7 @@ def built_in_values(fit: Fit[Any], options: Options) -> list[Finding]:
     taken = [name for name in (*options.free, *options.fixed, *given) if name in plant.handles]
     kept = [
         {"name": name, "value": float(plant.value(name)), "unit": plant.handles[name].parameter.unit}
-        for name in without_overlap(plant, plant.usual, taken)
+        for name in without_overlap(plant, plant.default_free, taken)
         if plant.value(name)
     ]
     name = fit.model.name

@@ -153,7 +153,7 @@ def _estimator(what: Any) -> tuple[Estimator, Any]:
 def is_plant(thing: Any) -> bool:
     """Whether an object implements `emsid.plants.Plant`."""
     return not isinstance(thing, type) and all(
-        hasattr(thing, name) for name in ("handles", "usual", "states", "put", "simulate")
+        hasattr(thing, name) for name in ("handles", "default_free", "states", "with_values", "simulate")
     )
 
 

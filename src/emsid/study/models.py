@@ -102,7 +102,7 @@ def one_mass(motor: Motor, record: Record, control: Control = FREE) -> GreyBoxFi
     """The motor as one mass; a delay replaces the effect of its inductance."""
     plant = DrivenMotor(replace(motor, inductance=0.0).rigid())
     names = _unknown(plant)
-    start = half_off(plant, names).put({"drive.delay": 0.5 * record.dt})
+    start = half_off(plant, names).with_values({"drive.delay": 0.5 * record.dt})
     fixed = {name: plant.value(name) for name in (*FIXED, "load_inertia")}
     return simulation_error(start, record, free=(*names, "drive.delay"), fixed=fixed, control=control)
 
@@ -132,8 +132,8 @@ def chosen(record: Record, known: Mapping[str, float]) -> dict[str, Callable[[Co
 
 def half_off(plant: DrivenMotor, names: Sequence[str]) -> DrivenMotor:
     """The plant with these parameters 50 % too large, as the start of a search."""
-    return plant.put({name: 1.5 * plant.value(name) for name in names})
+    return plant.with_values({name: 1.5 * plant.value(name) for name in names})
 
 
 def _unknown(plant: DrivenMotor) -> tuple[str, ...]:
-    return tuple(name for name in (*plant.usual, *STRIBECK) if name not in KNOWN)
+    return tuple(name for name in (*plant.default_free, *STRIBECK) if name not in KNOWN)

@@ -149,10 +149,12 @@ def by_direction(record: Record, control: Control = FREE) -> GreyBoxFit:
     The search starts with values of the default motor that are 50 % too large.
     """
     plant = DrivenMotor(replace(Motor(), inductance=0.0).rigid())
-    start = plant.put(
+    start = plant.with_values(
         {name: 1.5 * plant.value(name) for name in BY_DIRECTION if name not in ("drive.delay", "voltage_dead_zone.m_l")}
     )
-    return simulation_error(start.put({"drive.delay": 0.5 * record.dt}), record, free=BY_DIRECTION, control=control)
+    return simulation_error(
+        start.with_values({"drive.delay": 0.5 * record.dt}), record, free=BY_DIRECTION, control=control
+    )
 
 
 def regressions(case: Case, settings: Settings) -> list[tuple[Assessment, Assessment]]:

@@ -9,10 +9,10 @@ from math import inf, isfinite
 from typing import Any
 
 from emsid.errors import ModelError
+from emsid.models.plants.by_name import by_full_name
 from emsid.models.plants.parameters import find_handle, refuse_overlap
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS, described
-from emsid.models.plants.wishes import by_full_name
 from emsid.plant.friction import FrictionLaw, find_law
 from emsid.plant.motor import read_number
 
@@ -114,7 +114,7 @@ def applicable(sheet: Mapping[str, Given], plant: Plant) -> dict[str, Given]:
     kind = next((each.described for each in PLANTS.values() if each.plain.name == plant.name), plant)
     if not set(sheet) <= set(kind.handles) | set(plant.handles):
         return {}
-    return {name: given for name, given in sheet.items() if name in plant.handles and name not in plant.lacks}
+    return {name: given for name, given in sheet.items() if name in plant.handles and name not in plant.absent}
 
 
 def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -153,16 +153,16 @@ class Drive:
         """The largest voltage (force) that inputs (N, 1 or 2) command, in V (N), before any limit."""
         return float(np.max(np.abs(self.gain * (self.commands(inputs) + self.offset))))
 
-    def bent(self, wanted: Array) -> Array:
+    def after_knee(self, wanted: Array) -> Array:
         """Voltages (forces) after the knee, in V (N)."""
         if not isfinite(self.knee):
             return wanted
         extra = wanted - np.clip(wanted, -self.knee, self.knee)
         return wanted + (self.beyond - 1.0) * extra
 
-    def made(self, inputs: Array) -> tuple[Array, Array]:
+    def applied(self, inputs: Array) -> tuple[Array, Array]:
         """Voltage (N,) and conducting fraction (N,) for inputs (N, nu), before the delay."""
-        voltage, conducts = self.bent(self.gain * (self.commands(inputs) + self.offset)), np.ones(len(inputs))
+        voltage, conducts = self.after_knee(self.gain * (self.commands(inputs) + self.offset)), np.ones(len(inputs))
         if isfinite(self.supply):
             voltage = np.clip(voltage, -self.supply, self.supply)
             conducts = 1.0 - self.freewheel * (1.0 - np.abs(voltage) / self.supply)
@@ -194,7 +194,7 @@ class Drive:
             )
         straight = self.hold is Hold.FIRST
         whole = int(samples) if most is None else int(min(samples, most))
-        voltage, conducts = self.made(command[None, :])
+        voltage, conducts = self.applied(command[None, :])
         on_their_way = np.empty((whole + 1 + 2 * straight, 2))
         on_their_way[:, 0], on_their_way[:, 1] = voltage[0], conducts[0]
         if straight:
@@ -211,7 +211,7 @@ class Drive:
         """
         if self.hold is Hold.FIRST:
             return self._straight(inputs, commands, dt)
-        voltage, conducts = self.made(inputs)
+        voltage, conducts = self.applied(inputs)
         voltage, conducts = np.concatenate([commands[:, 0], voltage]), np.concatenate([commands[:, 1], conducts])
         late = min(self.delay / dt - (len(commands) - 1), 1.0)
         samples = len(inputs)
@@ -223,7 +223,7 @@ class Drive:
         """The same for a command that goes straight from sample to sample, simulated up to the last one."""
         first = bool(np.isnan(commands[-1, 0]))
         past = commands[:-1] if first else commands
-        rows = np.asfortranarray(np.concatenate([past, np.column_stack(self.made(inputs))]))
+        rows = np.asfortranarray(np.concatenate([past, np.column_stack(self.applied(inputs))]))
         begin = 0 if first else -1
         zero = len(past) - self.delay / dt  # the row that acts at the first sample
         conducting = bool(np.all(rows[:, 1] == 1.0))  # as a plain drive always does

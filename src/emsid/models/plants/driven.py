@@ -63,7 +63,7 @@ class Driven(BasePlant):
         return self.drive.largest(inputs)
 
     @abstractmethod
-    def put_motion(self, motion: Motion) -> Self:
+    def with_motion(self, motion: Motion) -> Self:
         """The plant with this motion."""
 
     def force_scale(self, command: float, output: float) -> float:
@@ -84,11 +84,11 @@ class Driven(BasePlant):
         """That of its drive."""
         return self.drive.hold
 
-    def held(self, hold: Hold) -> Self:
+    def with_hold(self, hold: Hold) -> Self:
         """The plant with a command that goes on like this between its samples."""
         return self.with_drive(hold=hold)
 
-    def turned(self) -> Self:
+    def reversed_drive(self) -> Self:
         """The same plant with the sign of its drive reversed."""
         return self.with_drive(gain=-self.drive.gain)
 
@@ -123,7 +123,7 @@ class Driven(BasePlant):
         lags = moving and sensed and self.sensor.lag > 0
         return ((0,) if moving else ()) + ((1,) if Signal.POSITION in signals else ()) + ((2,) if lags else ())
 
-    def ready(self, asked: Sequence[str], segments: Sequence[Record], limits: Limits) -> Self:
+    def with_starts(self, asked: Sequence[str], segments: Sequence[Record], limits: Limits) -> Self:
         """The plant with a start for a supply, a knee or a lag that is estimated and has no effect yet."""
         dt = segments[0].dt
         largest = max(self.drive.largest(segment.input) for segment in segments)
@@ -134,21 +134,23 @@ class Driven(BasePlant):
             starts["drive.beyond"] = 0.8  # with a factor of one the knee has no effect
         if "sensor.lag" in asked and self.sensor.lag == 0:
             starts["sensor.lag"] = min(dt, limits["sensor.lag"][1])  # the initial reading is then estimated too
-        return self.put(starts)
+        return self.with_values(starts)
 
-    def bent(self, ready: Plant, asked: Sequence[str], limits: Limits) -> list[Plant]:
-        """The ready plant, or several with different starts of an unknown knee that is estimated.
+    def knee_starts(self, start: Plant, asked: Sequence[str], limits: Limits) -> list[Plant]:
+        """The start plant, or several with different starts of an unknown knee that is estimated.
 
         A search cannot pass from a smaller gain beyond the knee to a larger one: at an equal gain the knee has no
         effect and is undetermined.
         """
         if "drive.knee" not in asked or isfinite(self.drive.knee):
-            return [ready]
-        knees = [knee * ready.value("drive.knee") for knee in KNEES]
+            return [start]
+        knees = [knee * start.value("drive.knee") for knee in KNEES]
         either = "drive.beyond" in asked and self.drive.beyond == 1.0
-        slopes = SLOPES if either else (ready.value("drive.beyond"),)
+        slopes = SLOPES if either else (start.value("drive.beyond"),)
         pairs = [{"drive.knee": knee, "drive.beyond": slope} for knee in knees for slope in slopes]
-        return [ready.put({n: float(np.clip(v, *limits.get(n, (v, v)))) for n, v in pair.items()}) for pair in pairs]
+        return [
+            start.with_values({n: float(np.clip(v, *limits.get(n, (v, v)))) for n, v in pair.items()}) for pair in pairs
+        ]
 
     def motion(self, inputs: Array, dt: float, state: Array) -> Array:
         """(N,) the true speed: a sensor with lag or offset never reads zero at standstill."""
@@ -176,7 +178,7 @@ class Driven(BasePlant):
         plain = plain._with(drive=drive, sensor=sensor, steps=data["steps"])
         parameters = dict(data["parameters"])
         late = {name: parameters.pop(name) for name in ("drive.freewheel",) if name in parameters}  # needs the supply
-        return plain.put(parameters).put(late)
+        return plain.with_values(parameters).with_values(late)
 
     def _with(self, **changes: Any) -> Self:
         return replace(self, **changes)  # type: ignore[type-var]

@@ -155,7 +155,7 @@ class FreeRunError:
 
     def plant_at(self, theta: Array) -> Plant:
         """The plant with the parameters in θ."""
-        return self.plant.put(dict(zip(self.free, theta.tolist(), strict=False)))
+        return self.plant.with_values(dict(zip(self.free, theta.tolist(), strict=False)))
 
     def states(self, theta: Array) -> list[Array]:
         """The initial states in θ."""

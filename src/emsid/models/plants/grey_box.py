@@ -190,9 +190,9 @@ _BY_UNIT = {
 
 
 def signals_of(plant: Plant, record: Record) -> tuple[Signal, ...]:
-    """The signals of the outputs of a record, by their units; without a unit, the usual signal of the plant."""
-    usual = Signal.SPEED if plant.channels is None else plant.channels.usual
-    return tuple(_BY_UNIT.get(unit, usual) for unit in record.output_units)
+    """The signals of the outputs of a record, by their units; without a unit, the default signal of the plant."""
+    default = Signal.SPEED if plant.channels is None else plant.channels.default_signal
+    return tuple(_BY_UNIT.get(unit, default) for unit in record.output_units)
 
 
 _NO_QUANTITY = ("", "1", "pwm", "%", "percent", "count", "counts")
@@ -233,7 +233,9 @@ def assumptions(plant: Plant, record: Record) -> list[Finding]:
     ]
     if not record.input_units[0]:
         findings.append(
-            Finding("command-unit-assumed", plant.name, {"channel": record.input_names[0], "unit": channels.made})
+            Finding(
+                "command-unit-assumed", plant.name, {"channel": record.input_names[0], "unit": channels.default_unit}
+            )
         )
         if channels.bridge and (full := _full_duty(record, channels)):
             findings.append(
@@ -241,7 +243,9 @@ def assumptions(plant: Plant, record: Record) -> list[Finding]:
             )
     if channels.codes and not _has_bridge(channels, record):
         codes = [code for code, _ in channels.codes]
-        findings.append(Finding("codes-without-bridge", plant.name, {"codes": codes, "nothing": channels.nothing}))
+        findings.append(
+            Finding("codes-without-bridge", plant.name, {"codes": codes, "nothing": channels.zero_when_open})
+        )
     return findings
 
 

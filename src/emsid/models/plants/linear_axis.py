@@ -98,7 +98,7 @@ class LinearAxis(Driven):
         return _handles(type(self.friction))
 
     @property
-    def usual(self) -> tuple[str, ...]:
+    def default_free(self) -> tuple[str, ...]:
         """Mass, viscous and Coulomb friction, offset."""
         return ("mass", "viscous_friction", f"friction.{self.friction.parameters[0].name}", "offset")
 
@@ -112,7 +112,7 @@ class LinearAxis(Driven):
         """Position and speed, for a force or a command that the drive converts to a force."""
         units = {Signal.SPEED: "m/s", Signal.POSITION: "m", Signal.ROTOR_SPEED: "rad/s", Signal.CURRENT: "A"}
         commands = ("N", "V", "A", "N*m")
-        return Channels(units, Signal.POSITION, commands, "newtons", "", self.drive.codes, nothing="force")
+        return Channels(units, Signal.POSITION, commands, "newtons", "", self.drive.codes, zero_when_open="force")
 
     @property
     def frictions(self) -> Mapping[str, FrictionLaw]:
@@ -187,7 +187,7 @@ class LinearAxis(Driven):
         part = StateSpace(a, b, out / self.sensor.ratio, np.zeros((len(out), 1)), ("speed", "position"))
         return part.with_lag(self.sensor.lag, tuple(range(len(out))))
 
-    def put_motion(self, motion: Motion) -> Self:
+    def with_motion(self, motion: Motion) -> Self:
         """The axis with this motion: the gain gives the mass, and the mass gives the rest."""
         mass = max(self.drive.gain / motion.gain, TINY)
         zone = motion.dead_zone * abs(self.drive.gain)

@@ -111,7 +111,7 @@ class DrivenMotor(Driven):
         return _handles(motor.is_rigid, self.feed, type(motor.rotor_friction), type(motor.load_friction))
 
     @property
-    def usual(self) -> tuple[str, ...]:
+    def default_free(self) -> tuple[str, ...]:
         """Electrical constants, inertia, viscous and Coulomb friction, dead zone; also shaft and load, if not rigid.
 
         Only parameters with an effect are included; with a current or a torque as input there is no dead zone.
@@ -132,7 +132,7 @@ class DrivenMotor(Driven):
         return f"rotor_friction.{self.motor.rotor_friction.parameters[0].name}"
 
     @property
-    def fine(self) -> frozenset[str]:
+    def secondary(self) -> frozenset[str]:
         """The parameters of the shaft and the inductance, if the shaft is elastic."""
         late = ("shaft_stiffness", "shaft_damping", "load_inertia", "inductance")
         return frozenset() if self.motor.is_rigid else frozenset(late)
@@ -193,7 +193,7 @@ class DrivenMotor(Driven):
         return per_unit * self.drive.largest(inputs)
 
     @property
-    def lacks(self) -> tuple[str, ...]:
+    def absent(self) -> tuple[str, ...]:
         """The inductance, for one mass without it."""
         return ("inductance",) if self.motor.is_rigid and self.motor.inductance == 0 else ()
 
@@ -204,7 +204,7 @@ class DrivenMotor(Driven):
         constant = self.feed is Feed.TORQUE and Signal.CURRENT not in signals
         return ("resistance", "inductance", *(("motor_constant",) if constant else ()))
 
-    def fed(self, record: Record) -> Self:
+    def for_command(self, record: Record) -> Self:
         """A rigid motor driven by a current or a torque if the command is in A or N·m."""
         unit = record.input_units[0]
         feed = next((each for each in (Feed.CURRENT, Feed.TORQUE) if unit == _MADE[each][0]), None)
@@ -222,7 +222,7 @@ class DrivenMotor(Driven):
         force = sizes.command * abs(self.drive.gain) * self.motor.motor_constant / self.motor.resistance
         return plausible(measure, force, sizes)
 
-    def unresolved(self, asked: Sequence[str], dt: float) -> dict[str, tuple[float, float]]:
+    def resolution_limits(self, asked: Sequence[str], dt: float) -> dict[str, tuple[float, float]]:
         """An inductance whose time constant is far below the sample time."""
         return {"inductance": (QUICKEST * dt * self.motor.resistance, inf)} if "inductance" in asked else {}
 
@@ -392,7 +392,7 @@ class DrivenMotor(Driven):
         torque = motor.motor_constant * made if self.feed is Feed.CURRENT else made
         return torque if motor.torque_dead_zone is None else motor.torque_dead_zone(torque), np.zeros(len(made))
 
-    def put_motion(self, motion: Motion) -> Self:
+    def with_motion(self, motion: Motion) -> Self:
         """The motor with this motion of one mass; resistance, viscous friction and the ratio of inertias are kept.
 
         With R_a given, K_m follows from the damping, J from K_m and the gain, and the friction from J. For a current
@@ -402,7 +402,7 @@ class DrivenMotor(Driven):
         if self.feed is not Feed.VOLTAGE:
             per_unit = (motor.motor_constant if self.feed is Feed.CURRENT else 1.0) * self.drive.gain
             inertia = max(per_unit / motion.gain, 2 * TINY)
-            return self.put(
+            return self.with_values(
                 {
                     "rotor_inertia": max(inertia - motor.load_inertia, TINY),
                     "rotor_viscous": max(inertia * motion.damping - motor.load_viscous, 0.0),

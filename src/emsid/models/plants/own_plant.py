@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.models.plants.parameters import Handle, Signal
 from emsid.models.plants.plant import BasePlant
-from emsid.models.plants.state import NOTHING, PlantState
+from emsid.models.plants.state import NO_ROWS, PlantState
 from emsid.plant.parameter import Measure, Parameter
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ class OwnPlant(BasePlant):
             if len(found) != 1 or (shape is not None and found != shape):
                 wanted = "(ny,)" if shape is None else shape
                 raise ModelError(f"{self.name}: its {what} has shape {found}; it must be {wanted}")
-        return PlantState(dt, start, NOTHING, NOTHING)
+        return PlantState(dt, start, NO_ROWS, NO_ROWS)
 
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
         """The outputs (N, ny) for inputs (N, nu), and the state after them."""

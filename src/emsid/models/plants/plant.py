@@ -20,7 +20,7 @@ from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.drive import Bridge, Drive, Hold
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Handle, Signal, find_handle, read_at, write_at
-from emsid.models.plants.state import NOTHING, PlantState
+from emsid.models.plants.state import NO_ROWS, PlantState
 from emsid.plant.friction import FrictionLaw
 from emsid.plant.parameter import Measure
 from emsid.record import Record
@@ -49,23 +49,23 @@ class Channels(NamedTuple):
 
     Attributes:
         units: its output signals, each with its unit.
-        usual: the assumed signal of an output without a unit.
+        default_signal: the assumed signal of an output without a unit.
         commands: possible units of its command.
-        made: the assumed unit of a command without a unit: ``volts``.
+        default_unit: the assumed unit of a command without a unit: ``volts``.
         source: the quantity that drives it: ``voltage``.
         codes: values of the input that are not commands.
         bridge: whether the source can short it or leave it open.
-        nothing: the quantity that is zero when it is left open: ``torque``.
+        zero_when_open: the quantity that is zero when it is left open: ``torque``.
     """
 
     units: Mapping[Signal, str]
-    usual: Signal
+    default_signal: Signal
     commands: tuple[str, ...]
-    made: str
+    default_unit: str
     source: str
     codes: tuple[tuple[float, Bridge], ...] = ()
     bridge: bool = False
-    nothing: str = "torque"
+    zero_when_open: str = "torque"
 
 
 class StaticCharacteristic(NamedTuple):
@@ -121,12 +121,12 @@ class Plant(Protocol):
         ...
 
     @property
-    def usual(self) -> tuple[str, ...]:
+    def default_free(self) -> tuple[str, ...]:
         """The parameters estimated by default; those to fix first come first."""
         ...
 
     @property
-    def fine(self) -> frozenset[str]:
+    def secondary(self) -> frozenset[str]:
         """Parameters with small effects; they join the search later."""
         ...
 
@@ -140,7 +140,7 @@ class Plant(Protocol):
         ...
 
     @property
-    def lacks(self) -> tuple[str, ...]:
+    def absent(self) -> tuple[str, ...]:
         """Parameters of parts that this plant does not have."""
         ...
 
@@ -171,7 +171,7 @@ class Plant(Protocol):
         """The value of a parameter in SI units."""
         ...
 
-    def put(self, values: Mapping[str, float]) -> Self:
+    def with_values(self, values: Mapping[str, float]) -> Self:
         """The plant with other parameters."""
         ...
 
@@ -189,7 +189,7 @@ class Plant(Protocol):
         """The output (N, ny) driven by inputs (N, nu) held over ``dt`` seconds, from an initial state."""
         ...
 
-    def fed(self, record: Record) -> Self:
+    def for_command(self, record: Record) -> Self:
         """The plant as the command of a record drives it."""
         ...
 
@@ -198,7 +198,7 @@ class Plant(Protocol):
         """How its inputs go on between their samples."""
         ...
 
-    def held(self, hold: Hold) -> Self:
+    def with_hold(self, hold: Hold) -> Self:
         """The plant with inputs that go on like this between their samples."""
         ...
 
@@ -218,11 +218,11 @@ class Plant(Protocol):
         """The plausible size of a parameter of this measure in records of these sizes; 0 if unknown."""
         ...
 
-    def unresolved(self, asked: Sequence[str], dt: float) -> dict[str, tuple[float, float]]:
+    def resolution_limits(self, asked: Sequence[str], dt: float) -> dict[str, tuple[float, float]]:
         """Bounds beyond which the sample time cannot resolve the effect of a parameter, by its name."""
         ...
 
-    def ready(self, asked: Sequence[str], segments: Sequence[Record], limits: Limits) -> Self:
+    def with_starts(self, asked: Sequence[str], segments: Sequence[Record], limits: Limits) -> Self:
         """The plant with start values for estimated parameters that have no effect at their present values."""
         ...
 
@@ -290,16 +290,16 @@ class DrivenPlant(Plant, Protocol):
         """The divisor of forces when commands and outputs are divided by these; see `scaling`."""
         ...
 
-    def put_motion(self, motion: Motion) -> Self:
+    def with_motion(self, motion: Motion) -> Self:
         """The plant with this motion."""
         ...
 
-    def turned(self) -> Self:
+    def reversed_drive(self) -> Self:
         """The same plant with the sign of its drive reversed."""
         ...
 
-    def bent(self, ready: Plant, asked: Sequence[str], limits: Limits) -> list[Plant]:
-        """The ready plant, or several with different starts of an unknown knee that is estimated."""
+    def knee_starts(self, start: Plant, asked: Sequence[str], limits: Limits) -> list[Plant]:
+        """The start plant, or several with different starts of an unknown knee that is estimated."""
         ...
 
     def with_drive(self, **changes: Any) -> Self:
@@ -337,7 +337,7 @@ class BasePlant(ABC):
         self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
     ) -> PlantState:
         """The initial state itself, without delay or filter."""
-        return PlantState(dt, np.array(state, dtype=float), NOTHING, NOTHING)
+        return PlantState(dt, np.array(state, dtype=float), NO_ROWS, NO_ROWS)
 
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
         """The output (N, ny) driven by inputs (N, nu) held over ``dt`` seconds, from an initial state."""
@@ -349,12 +349,12 @@ class BasePlant(ABC):
         return "plant"
 
     @property
-    def usual(self) -> tuple[str, ...]:
+    def default_free(self) -> tuple[str, ...]:
         """All of them."""
         return tuple(self.handles)
 
     @property
-    def fine(self) -> frozenset[str]:
+    def secondary(self) -> frozenset[str]:
         """None."""
         return frozenset()
 
@@ -374,7 +374,7 @@ class BasePlant(ABC):
         return self
 
     @property
-    def lacks(self) -> tuple[str, ...]:
+    def absent(self) -> tuple[str, ...]:
         """None."""
         return ()
 
@@ -401,7 +401,7 @@ class BasePlant(ABC):
         path, sign = self._handle(name).paths[0]
         return sign * read_at(self, path)
 
-    def put(self, values: Mapping[str, float]) -> Self:
+    def with_values(self, values: Mapping[str, float]) -> Self:
         """The same plant with other parameters, by name, in SI units.
 
         Raises:
@@ -413,7 +413,7 @@ class BasePlant(ABC):
                 plant = write_at(plant, path, sign * float(value))
         return plant
 
-    def fed(self, record: Record) -> Self:
+    def for_command(self, record: Record) -> Self:
         """The same plant for any drive."""
         return self
 
@@ -422,7 +422,7 @@ class BasePlant(ABC):
         """They are held."""
         return Hold.ZERO
 
-    def held(self, hold: Hold) -> Self:
+    def with_hold(self, hold: Hold) -> Self:
         """The same plant.
 
         Raises:
@@ -448,11 +448,11 @@ class BasePlant(ABC):
         """From force and speed, with a force as large as the input."""
         return plausible(measure, sizes.command, sizes)
 
-    def unresolved(self, asked: Sequence[str], dt: float) -> dict[str, tuple[float, float]]:
+    def resolution_limits(self, asked: Sequence[str], dt: float) -> dict[str, tuple[float, float]]:
         """No bounds."""
         return {}
 
-    def ready(self, asked: Sequence[str], segments: Sequence[Record], limits: Limits) -> Self:
+    def with_starts(self, asked: Sequence[str], segments: Sequence[Record], limits: Limits) -> Self:
         """The same plant."""
         return self
 
@@ -486,7 +486,7 @@ class BasePlant(ABC):
 
     def with_data(self, data: Mapping[str, Any]) -> Self:
         """The plant with the parameters described by `to_data`."""
-        return self.put(data["parameters"])
+        return self.with_values(data["parameters"])
 
     def _handle(self, name: str) -> Handle:
         return find_handle(self, name)

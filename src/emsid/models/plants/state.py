@@ -28,5 +28,5 @@ class PlantState(NamedTuple):
     sensed: Array
 
 
-NOTHING = np.empty((0, 2))
+NO_ROWS = np.empty((0, 2))
 """Neither delayed commands nor sensors."""

@@ -408,7 +408,7 @@ def _assuming(fit: GreyBoxFit, x: Array, law: Callable[[Plant, Array], Array]) -
         for name, size in zip(identifiability.names, identifiability.sizes.tolist(), strict=True):
             value = plant.value(name)
             step = 1e-6 * size * (1 if value < plant.handles[name].upper else -1)
-            slopes.append((law(plant.put({name: value + step}), some) - law(plant, some)) * (size / step))
+            slopes.append((law(plant.with_values({name: value + step}), some) - law(plant, some)) * (size / step))
         if all(identifiability.determines(slope) for slope in np.array(slopes).T if np.any(slope)):
             return ""
     return (

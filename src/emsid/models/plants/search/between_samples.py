@@ -51,7 +51,7 @@ def promises_more(task: Task, problem: FreeRunError, cost: float) -> Plant | Non
     The error of its free run may be lowered by what the parameters can explain to first order, so no search is needed
     to see that it does not.
     """
-    straight = problem.plant.held(Hold.FIRST)
+    straight = problem.plant.with_hold(Hold.FIRST)
     names = list(problem.free)
     other = task.problem(straight, names, problem.states(problem.start))
     try:

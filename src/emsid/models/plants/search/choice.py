@@ -48,7 +48,7 @@ from emsid.models.plants.search.refinements import (
 )
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
-from emsid.models.plants.search.starts import motions, plausible_motions
+from emsid.models.plants.search.starts import after_drive, motions, plausible_motions
 from emsid.models.plants.search.task import fixed_values
 from emsid.models.plants.search.thinning import thinned
 from emsid.models.plants.search.trials import Trial, Trials, gain
@@ -94,17 +94,17 @@ def choose(
         refinements: what is tried.
         control: when to stop; the best plant so far is then the answer.
     """
-    plant = plant.fed(record)
+    plant = plant.for_command(record)
     sheet = applicable(datasheet or {}, plant)
     values = fixed_values(plant, fixed)
     unknown = (name for name, given in sheet.items() if given.value is None)
-    usual = without_overlap(plant, (*plant.usual, *unknown), values)
+    free = without_overlap(plant, (*plant.default_free, *unknown), values)
     if not refinements:
         how = weighting or all_alike
         return simulation_error(
-            plant, record, free=usual, fixed=values, datasheet=sheet, weighting=how, hold=hold, control=control
+            plant, record, free=free, fixed=values, datasheet=sheet, weighting=how, hold=hold, control=control
         )
-    search = _Choice(plant, record, usual, values, sheet, hold, control)
+    search = _Choice(plant, record, free, values, sheet, hold, control)
     stopped = search.run(weighting, refinements)
     fit = simulation_error(
         search.found,
@@ -114,7 +114,7 @@ def choose(
         datasheet=sheet,
         weighting=search.weighting,
         hold=hold if search.thinned or search.found.hold is Hold.FIRST else search.found.hold,
-        look_around=False,
+        find_start=False,
         **({"max_iterations": 0} if stopped else {"control": control}),
     )
     findings = [Finding("choice-interrupted", plant.name)] if stopped else []
@@ -138,7 +138,7 @@ class _Choice:
         self,
         plant: DrivenPlant,
         record: Record,
-        usual: tuple[str, ...],
+        free: tuple[str, ...],
         fixed: Mapping[str, float],
         sheet: Mapping[str, Given],
         hold: Hold | str | None,
@@ -158,13 +158,13 @@ class _Choice:
         plain = simulation_error(
             self._scaling.to(plant, record.input.shape[1]),
             replace(scaled, input_units=(), output_units=()),
-            free=usual,
+            free=free,
             fixed={name: value / factors[name] for name, value in fixed.items()},
             datasheet={
                 name: given if given.value is None else replace(given, value=given.value / factors[name])
                 for name, given in sheet.items()
             },
-            bounds={name: physical[name] for name in usual if physical[name][0] > plant.handles[name].lower},
+            bounds={name: physical[name] for name in free if physical[name][0] > plant.handles[name].lower},
             signals=signals,
             hold=hold,
             control=control,
@@ -172,7 +172,7 @@ class _Choice:
         self._may_be_straight = hold is None and is_open(plant, record.segments)
         start = plain.model.plant.driven
         assert start is not None
-        self.asked, self._fixed = usual, tuple(fixed)
+        self.asked, self._fixed = free, tuple(fixed)
         self.weighting: Weighting = all_alike
         self.drifts = 0.0
         self._record = scaled
@@ -181,7 +181,7 @@ class _Choice:
         complete = whole if self.thinned else None
         self._trials = Trials(plain.segments, signals, limits, self.weighting, control, complete)
         self._rng = np.random.default_rng(0)
-        self._starts = [start, *_moving(start, plain.segments, signals)]
+        self._starts = [start, *_started(start, plain.segments, signals)]
         self.trial = Trial(start, plain.names, list(plain.states), plain.cost, [])
 
     def _fewer(self, record: Record, signals: Sequence[Signal], hold: Hold | str | None) -> Record:
@@ -228,7 +228,9 @@ class _Choice:
             return all_alike
         recent = Recent(longest * self._record.dt / FORGOTTEN, 2)
         plant, names = self.trial.plant, self.trial.names
-        if not any(name in self._fixed for name in plant.usual):  # the directions may differ, as drift makes them
+        if not any(
+            name in self._fixed for name in plant.default_free
+        ):  # the directions may differ, as drift makes them
             plant, names = next(iter(by_direction(plant, names, self._record)), (plant, names))
         errors = []
         halves = self._record.split(0.5)
@@ -273,13 +275,15 @@ class _Choice:
             for other in (each for each in LOOK_ALIKE if each is not mine and each in refinements):
                 if name in self.trial.names and LOOK_ALIKE[other] not in self.trial.names:
                     without = tuple(each for each in self.trial.names if each != name)
-                    exchanged = self._tried([other(self.trial.plant.put({name: 0.0}), without, self._record)])[0]
+                    exchanged = self._tried([other(self.trial.plant.with_values({name: 0.0}), without, self._record)])[
+                        0
+                    ]
                     if exchanged is not None and exchanged.cost < self.trial.cost:
                         self._take(exchanged)
 
         if self._may_be_straight:
             hold = Hold.ZERO if self.trial.plant.hold is Hold.FIRST else Hold.FIRST
-            exchanged = self._tried([[(self.trial.plant.held(hold), self.trial.names)]])[0]
+            exchanged = self._tried([[(self.trial.plant.with_hold(hold), self.trial.names)]])[0]
             if exchanged is not None and exchanged.cost < self.trial.cost:
                 self._take(exchanged)
 
@@ -317,16 +321,17 @@ class _Choice:
         self.trial = trial
 
 
-def _moving(plant: DrivenPlant, segments: Sequence[Record], signals: Sequence[Signal]) -> list[DrivenPlant]:
-    """The plant as regressions on the records, and plausible motions, suggest that it moves."""
+def _started(plant: DrivenPlant, segments: Sequence[Record], signals: Sequence[Signal]) -> list[DrivenPlant]:
+    """The plant with the motions that regressions on the records suggest, and with plausible ones."""
     found = []
     is_position = signals[0] is Signal.POSITION
-    likely = list(motions(segments, 0, is_position, True, plant.drive.offset))
+    commanded = after_drive(plant.drive, segments)
+    likely = list(motions(commanded, 0, is_position, True, plant.drive.offset))
     if not is_position:
-        likely += plausible_motions(segments, 0)
+        likely += plausible_motions(commanded, 0)
     for motion in likely:
         try:
-            found.append(plant.put_motion(motion))
+            found.append(plant.with_motion(motion))
         except EmsidError:  # a motion that this plant cannot have
             continue
     return found

@@ -75,7 +75,7 @@ def held_names(task: Task, plant: Plant, names: Sequence[str]) -> tuple[str, ...
 
     A share of 0 or 1 is a choice of what is there, such as an encoder, and no value that may be a little wrong.
     """
-    rest = without_overlap(plant, plant.usual, (*task.asked, *task.fixed))
+    rest = without_overlap(plant, plant.default_free, (*task.asked, *task.fixed))
     unasked = [name for name in rest if plant.value(name) and not set(parts(plant, name)) & set(task.asked)]
     without_effect = plant.without_effect(task.signals)
     known = (*task.fixed, *(name for name in task.asked if name not in names), *unasked)

@@ -75,7 +75,7 @@ def search(task: Task, start: Plant, max_iterations: int) -> Reached:
     if len(names) < len(task.asked):
         problem = task.problem(_put_back(start, task.asked, names, task.known), names)
     so_far: Reached | None = None
-    coarse = [name for name in names if name not in start.fine]
+    coarse = [name for name in names if name not in start.secondary]
     if 0 < len(coarse) < len(names):
         rough = task.problem(problem.plant, coarse)
         minimum = _search(rough, task.limits, max_iterations, task.control)
@@ -179,7 +179,7 @@ def _scan(rough: FreeRunError, names: Sequence[str], task: Task) -> Plant:
     with ThreadPoolExecutor(rough.threads) as pool:
         for name in (name for name in names if name not in rough.free):
             value = best.value(name)
-            trials = [best.put({name: float(np.clip(factor * value, *task.limits[name]))}) for factor in SCAN]
+            trials = [best.with_values({name: float(np.clip(factor * value, *task.limits[name]))}) for factor in SCAN]
             costs = list(pool.map(lambda trial: cost_of(task.problem(trial, (), states)), trials))
             k = int(np.argmin(costs))
             if costs[k] < lowest:
@@ -204,7 +204,7 @@ def colour_of(minimum: Minimum, parameters: int) -> Array:
 
 def _put_back(plant: Plant, asked: Sequence[str], kept: Sequence[str], known: Mapping[str, float]) -> Plant:
     """What is no longer estimated as the datasheet has it, if it does."""
-    return plant.put({name: known[name] for name in asked if name not in kept and name in known})
+    return plant.with_values({name: known[name] for name in asked if name not in kept and name in known})
 
 
 def identified_by(problem: FreeRunError, names: Sequence[str], minimum: Minimum | None) -> Identifiability:

@@ -194,11 +194,11 @@ def likelihood_profile(fit: GreyBoxFit, name: str, level: float = 0.95, control:
                 break
             control.doing(f"profile of {name}", done + (side > 0) * len(STEPS), 2 * len(STEPS))
             value = float(np.clip(best + side * step * error, low, high))
-            moved = plant.put({name: value})
+            moved = plant.with_values({name: value})
             costs[value], plant, states = _others_at_their_best(fit, moved, name, states, least_saving, control)
     for end in _below(*_profile(costs, unit), limit, (low, high)):  # between points far apart it is only a first value
         if np.isfinite(end) and end not in costs:
-            moved = fit.model.plant.put({name: end})
+            moved = fit.model.plant.with_values({name: end})
             costs[end] = _others_at_their_best(fit, moved, name, fit.states, least_saving, control)[0]
     values, deviance = _profile(costs, unit)
     interval = _below(values, deviance, limit, (low, high))
@@ -285,7 +285,7 @@ def _with_band(
         low, high = fit.limits[name]
         step = 1e-6 * max(abs(value), 1e-9)
         below, above = max(value - step, low), min(value + step, high)
-        slopes[k] = (law(plant.put({name: above})) - law(plant.put({name: below}))) / (above - below)
+        slopes[k] = (law(plant.with_values({name: above})) - law(plant.with_values({name: below}))) / (above - below)
     variance = np.einsum("in,ij,jn->n", slopes, fit.covariance, slopes)
     half = float(ndtri(0.5 + level / 2)) * np.sqrt(np.maximum(variance, 0.0))
     edges = np.concatenate([[-np.inf], 0.5 * (x[1:] + x[:-1]), [np.inf]])

@@ -57,7 +57,7 @@ def simulation_error(
     signals: str | Signal | Sequence[str | Signal] | None = None,
     weighting: Weighting = all_alike,
     hold: Hold | str | None = None,
-    look_around: bool = True,
+    find_start: bool = True,
     max_iterations: int = 60,
     threads: int | None = None,
     control: Control = FREE,
@@ -77,7 +77,7 @@ def simulation_error(
         weighting: how errors count by their age: `all_alike`, `Recent`, or any other linear filter (error, dt) → error.
         hold: how the command goes on between its samples: ``"zero"`` (held) or ``"first"`` (straight to the next). By
             default it is held where it repeats its values or jumps; else what simulates the records better is taken.
-        look_around: whether to begin at the datasheet, or where a regression on the records says if that simulates
+        find_start: whether to begin at the datasheet, or where a regression on the records says if that simulates
             better; otherwise the search begins with the plant as it is given.
         max_iterations: of the search, all its rounds together; a parameter that is kept only in the end adds a few.
         threads: how many, by default as many as there are cores.
@@ -90,7 +90,7 @@ def simulation_error(
     """
     plant = DrivenMotor(plant) if isinstance(plant, Motor) else plant
     task = prepare(
-        plant if hold is None else plant.held(as_hold(hold)),
+        plant if hold is None else plant.with_hold(as_hold(hold)),
         records,
         free=free,
         fixed=fixed,
@@ -98,12 +98,12 @@ def simulation_error(
         datasheet=datasheet,
         signals=signals,
         weighting=weighting,
-        from_datasheet=look_around,
+        from_datasheet=find_start,
         threads=threads,
         control=control,
     )
     task = replace(task, hold_given=hold is not None, free_starts=not starts_from_samples(task.plant, task.signals))
-    start = _promising(task, starts_of(task)) if look_around else task.plant
+    start = _promising(task, starts_of(task)) if find_start else task.plant
     first = reached = _begun_again(task, continuation.search(task, start, max_iterations), max_iterations)
     if not task.free_starts and reached.unended:
         freed = replace(task, free_starts=True)
@@ -142,7 +142,7 @@ def _trials(task: Task) -> Trials:
 def _promising(task: Task, starts: Sequence[Plant]) -> Plant:
     """The start that leads furthest down in a few steps; the first where steps are slow, as with an elastic shaft."""
     first = starts[0]
-    if len(starts) == 1 or first.fine or first.driven is None:
+    if len(starts) == 1 or first.secondary or first.driven is None:
         return first
     identified = identified_by(task.problem(first, task.asked), task.asked, None)
     names = keep_identifiable(identified, task.asked, task.preference)
@@ -155,7 +155,7 @@ def _promising(task: Task, starts: Sequence[Plant]) -> Plant:
 def _begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
     """The best of a search that stalled and of some that begin around its end: free runs have narrow, bent valleys."""
     driven = reached.problem.plant.driven
-    if reached.minimum.ending is not Ending.STALLED or driven is None or driven.fine:
+    if reached.minimum.ending is not Ending.STALLED or driven is None or driven.secondary:
         return reached
     states = reached.problem.states(reached.problem.start)
     residuals = reached.problem.residuals(reached.problem.start)
@@ -248,7 +248,7 @@ def _with_bounds_profiled(fit: GreyBoxFit, control: Control) -> GreyBoxFit:
         if finding.code == "parameter-at-bound" and finding.data.get("because") == "physical"
     }
     plant = fit.model.plant
-    if not physical or fit.ending is not Ending.CONVERGED or plant.driven is None or plant.fine:
+    if not physical or fit.ending is not Ending.CONVERGED or plant.driven is None or plant.secondary:
         return fit
     rows = []
     for row in fit.table:

@@ -10,8 +10,8 @@ from emsid.models.plants.search.choice import STARTS
 def rigid_motor() -> DrivenMotor:
     """A motor with its load as one mass, without inductance: J·dω/dt = (K_m/R_a)·D(v) − D·ω − T_f(ω) − T_d.
 
-    Its values are a start for `emsid.fit`; `DrivenMotor.put` gives it others. To begin with a motor of your own, give
-    ``emsid.Motor(…).rigid()``.
+    Its values are a start for `emsid.fit`; `DrivenMotor.with_values` gives it others. To begin with a motor of your
+    own, give ``emsid.Motor(…).rigid()``.
     """
     plant = STARTS["rigid-motor"]
     assert isinstance(plant, DrivenMotor)
@@ -21,7 +21,7 @@ def rigid_motor() -> DrivenMotor:
 def motor() -> DrivenMotor:
     """A motor that turns its load through an elastic shaft, the paper's (4.1) to (4.11).
 
-    Its values are a start for `emsid.fit`; `DrivenMotor.put` gives it others.
+    Its values are a start for `emsid.fit`; `DrivenMotor.with_values` gives it others.
     """
     plant = STARTS["motor"]
     assert isinstance(plant, DrivenMotor)
@@ -31,7 +31,7 @@ def motor() -> DrivenMotor:
 def linear_axis() -> LinearAxis:
     """A mass on a guide, driven by a force: M·dv/dt = D(f) − F_v·v − T_f(v) − offset.
 
-    Its values are a start for `emsid.fit`; `LinearAxis.put` gives it others.
+    Its values are a start for `emsid.fit`; `LinearAxis.with_values` gives it others.
     """
     plant = STARTS["linear-axis"]
     assert isinstance(plant, LinearAxis)

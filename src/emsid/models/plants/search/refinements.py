@@ -35,14 +35,14 @@ def late_command(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> S
     """The command acts after a delay."""
     if "drive.delay" in free:
         return []
-    return [(plant.put({"drive.delay": late * record.dt}), (*free, "drive.delay")) for late in (0.3, 1.0, 2.5)]
+    return [(plant.with_values({"drive.delay": late * record.dt}), (*free, "drive.delay")) for late in (0.3, 1.0, 2.5)]
 
 
 def slow_sensor(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
     """The sensor filters."""
     if "sensor.lag" in free:
         return []
-    return [(plant.put({"sensor.lag": lag * record.dt}), (*free, "sensor.lag")) for lag in (0.5, 2.0, 6.0)]
+    return [(plant.with_values({"sensor.lag": lag * record.dt}), (*free, "sensor.lag")) for lag in (0.5, 2.0, 6.0)]
 
 
 def averaging_sensor(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
@@ -50,7 +50,7 @@ def averaging_sensor(plant: DrivenPlant, free: tuple[str, ...], record: Record) 
     shown = signals_of(plant, record)
     if not {Signal.SPEED, Signal.ROTOR_SPEED} & set(shown) or "sensor.average" in free or plant.value("sensor.average"):
         return []
-    return [(plant.put({"sensor.average": 1.0}), free)]
+    return [(plant.with_values({"sensor.average": 1.0}), free)]
 
 
 def stribeck(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
@@ -61,7 +61,8 @@ def stribeck(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Seque
     largest = 0.3 * max(plant.value(level_name(plant)), 0.03 * plant.largest_force(record.input))
     fast = _top_speed(plant, record)
     return [
-        (plant.put({excess: largest, rate: times / fast}), (*free, excess, rate)) for times in (5.0, 20.0, 60.0, 200.0)
+        (plant.with_values({excess: largest, rate: times / fast}), (*free, excess, rate))
+        for times in (5.0, 20.0, 60.0, 200.0)
     ]
 
 
@@ -78,7 +79,7 @@ def by_direction(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> S
     load, levels = plant.load_name, parts(plant, level_name(plant))
     if load in free and set(levels) <= set(split):  # a level that is known leaves the load what it is
         pull, (forward, backward) = plant.value(load), levels
-        plant = plant.put(
+        plant = plant.with_values(
             {
                 forward: max(plant.value(forward) + pull, 0.0),
                 backward: max(plant.value(backward) - pull, 0.0),
@@ -102,7 +103,7 @@ def constant_load(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> 
     if plant.load_name in free or set(parts(plant, level_name(plant))) <= set(free):
         return []  # a difference of levels already says it
     pull = 0.1 * plant.value(level_name(plant))
-    return [(plant.put({plant.load_name: load}), (*free, plant.load_name)) for load in (0.0, pull, -pull)]
+    return [(plant.with_values({plant.load_name: load}), (*free, plant.load_name)) for load in (0.0, pull, -pull)]
 
 
 REFINEMENTS: tuple[Refinement, ...] = (
@@ -120,7 +121,7 @@ def simplified(plant: DrivenPlant, free: tuple[str, ...]) -> list[Refined]:
     excess = f"{plant.friction_name}.stribeck"
     single = [(name,) for name in ("drive.delay", "sensor.lag", "drive.freewheel", plant.load_name)]
     found: list[Refined] = [
-        (plant.put({names[0]: 0.0}), tuple(name for name in free if name not in names))
+        (plant.with_values({names[0]: 0.0}), tuple(name for name in free if name not in names))
         for names in (*single, (excess, f"{excess}_rate"))
         if set(names) <= set(free)
     ]
@@ -129,7 +130,7 @@ def simplified(plant: DrivenPlant, free: tuple[str, ...]) -> list[Refined]:
         if len(sides) == 2 and set(sides) <= set(free):
             mean = float(np.mean([abs(plant.value(side)) for side in sides]))
             merged = tuple(whole if name == sides[0] else name for name in free if name != sides[1])
-            found.append((plant.put({whole: mean}), merged))
+            found.append((plant.with_values({whole: mean}), merged))
     return found
 
 

@@ -247,7 +247,7 @@ def _at_bounds(
         given, handle = task.sheet.get(name), plant.handles[name]
         if given is not None and given.limits is not None and value in given.limits:
             because = "datasheet"
-        elif value in task.unresolved.get(name, ()):
+        elif value in task.resolution_limits.get(name, ()):
             because = "sample-time"
         else:
             because = "physical" if value in (handle.lower, handle.upper) else "bounds"
@@ -309,7 +309,7 @@ def combinations(
         for name in which:
             value = plant.value(name)
             step = 1e-6 * max(abs(value), 1e-12, sizes[name]) * (1 if value < plant.handles[name].upper else -1)
-            above = plant.put({name: value + step}).quantities()
+            above = plant.with_values({name: value + step}).quantities()
             columns.append([(a.value - q.value) / step for a, q in zip(above, plant.quantities(), strict=True)])
         return np.array(columns).T.reshape(len(plant.quantities()), len(which))
 

@@ -87,4 +87,4 @@ class Scaling:
         values = {name: plant.value(name) for name, handle in plant.handles.items() if len(handle.paths) == 1}
         factors = self.factors(plant)
         changed = {n: v * factors[n] ** power for n, v in values.items() if v and isfinite(v) and factors[n] != 1.0}
-        return plant.put(changed)
+        return plant.with_values(changed)

@@ -87,6 +87,19 @@ def motions(
                         yield Motion(rate * gain, rate, rate * coulomb, rate * drop, width)
 
 
+def after_drive(drive: Drive, segments: Sequence[Record]) -> list[Record]:
+    """Segments whose only input is the command that acts: zero for codes, and after the knee of the drive."""
+    return [
+        replace(
+            segment,
+            input=drive.after_knee(drive.gain * drive.commands(segment.input))[:, None] / drive.gain,
+            input_names=segment.input_names[:1],
+            input_units=segment.input_units[:1],
+        )
+        for segment in segments
+    ]
+
+
 def plausible_motions(segments: Sequence[Record], channel: int) -> Iterator[Motion]:
     """Motions of a speed that are tried whatever the regressions say: `PLAUSIBLE` time constants, `LEVELS` of friction.
 
@@ -109,7 +122,7 @@ def starts_of(task: Task) -> list[Plant]:
     if task.given.driven is None:
         return [task.plant]
     starts: list[tuple[float, Plant]] = []
-    for each in task.given.driven.bent(task.plant, task.asked, task.limits):
+    for each in task.given.driven.knee_starts(task.plant, task.asked, task.limits):
         starts += _suggested(each, task)
     return [plant for _, plant in sorted(starts, key=lambda start: start[0])]
 
@@ -128,26 +141,20 @@ def _suggested(plant: Plant, task: Task) -> list[tuple[float, Plant]]:
         _refuse_signs(first, against)
         return [(cost_of(first), plant)]
     zone = any("dead_zone" in name for name in asked)
-    commanded = [
-        replace(
-            segment,
-            input=drive.bent(drive.gain * drive.commands(segment.input))[:, None] / drive.gain,
-            input_names=segment.input_names[:1],
-            input_units=segment.input_units[:1],
-        )
-        for segment in first.segments
-    ]
+    commanded = after_drive(drive, first.segments)
 
     def tried(motion: Motion, plant: DrivenPlant) -> tuple[float, float, Plant]:
         try:
-            suggested = plant.put_motion(motion)
-            moved = task.problem(plant.put({n: float(np.clip(suggested.value(n), *limits[n])) for n in asked}), asked)
+            suggested = plant.with_motion(motion)
+            moved = task.problem(
+                plant.with_values({n: float(np.clip(suggested.value(n), *limits[n])) for n in asked}), asked
+            )
             return cost_of(moved), cost_of(moved, channel), moved.plant
         except EmsidError:
             return inf, inf, plant
 
     likely = list(motions(commanded, channel, is_position, zone, drive.offset))
-    turned = driven.turned()
+    turned = driven.reversed_drive()
     forward = [(motion, driven) for motion in likely if motion.gain / drive.gain > 0]
     backward = [(motion, turned) for motion in likely if motion.gain / turned.drive.gain > 0]
     with ThreadPoolExecutor(first.threads) as pool:

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from emsid.errors import DataError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.models.plants.by_name import as_bounds, as_signals, by_full_name, full_names
 from emsid.models.plants.datasheet import Given, as_datasheet
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Handle, Signal, find_handle, refuse_overlap, without_overlap
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.motion_check import check_motion
-from emsid.models.plants.wishes import as_bounds, as_signals, by_full_name, full_names
 from emsid.plant.motor import read_number
 from emsid.record import Record, check_same_channels
 from emsid.units import with_unit
@@ -41,7 +41,7 @@ class Task:
         asked: the parameters to estimate.
         fixed: values that are known.
         sheet: what the datasheet says.
-        unresolved: bounds beyond which the sample time does not resolve a parameter.
+        resolution_limits: bounds beyond which the sample time does not resolve a parameter.
         limits: the narrowest bounds of every parameter asked for.
         weighting: how errors count by their age.
         threads: how many.
@@ -57,7 +57,7 @@ class Task:
     asked: tuple[str, ...]
     fixed: Mapping[str, float]
     sheet: Mapping[str, Given]
-    unresolved: Limits
+    resolution_limits: Limits
     limits: Limits
     weighting: Weighting
     threads: int
@@ -106,7 +106,7 @@ def prepare(
         DataError: for records without motion, with other channels or in other units.
     """
     segments = _segments(records)
-    plant = plant.fed(segments[0])
+    plant = plant.for_command(segments[0])
     shown = as_signals(signals) if signals is not None else signals_of(plant, segments[0])
     for segment in segments:
         check_channels(plant, shown, segment)
@@ -117,14 +117,14 @@ def prepare(
     asked = _asked(plant, full_names(plant, free), values, sheet)
     sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
     known = {name: given.value for name, given in sheet.items() if given.value is not None}
-    given = plant.put((known if from_datasheet else {}) | values)
-    unresolved = given.unresolved([n for n in asked if n not in (*sheet, *bounds)], segments[0].dt)
+    given = plant.with_values((known if from_datasheet else {}) | values)
+    unresolved = given.resolution_limits([n for n in asked if n not in (*sheet, *bounds)], segments[0].dt)
     limits = _limits(given, asked, {**unresolved, **bounds}, sheet)
-    ready = given.ready(asked, segments, limits)
-    ready = ready.put({name: max(ready.value(name), low) for name, (low, _) in unresolved.items()})
-    _check_start(ready, asked, limits)
+    start = given.with_starts(asked, segments, limits)
+    start = start.with_values({name: max(start.value(name), low) for name, (low, _) in unresolved.items()})
+    _check_start(start, asked, limits)
     return Task(
-        given, ready, segments, shown, asked, values, sheet, unresolved, limits, weighting,
+        given, start, segments, shown, asked, values, sheet, unresolved, limits, weighting,
         threads or os.cpu_count() or 1, control,
     )  # fmt: skip
 
@@ -174,7 +174,7 @@ def _asked(
                 f"{given.limits[1]:g}]; correct one of them"
             )
     unknown = [name for name, given in sheet.items() if given.value is None]
-    names = tuple(free) if free is not None else without_overlap(plant, (*plant.usual, *unknown), fixed)
+    names = tuple(free) if free is not None else without_overlap(plant, (*plant.default_free, *unknown), fixed)
     refuse_overlap(plant, (*names, *fixed))
     if not names:
         raise ModelError(f"no parameter of {plant.name} is free; it has {', '.join(plant.handles)}")
@@ -232,5 +232,5 @@ def _preference(plant: Plant, asked: Sequence[str], sheet: Mapping[str, Given]) 
     known = sorted(
         (n for n in asked if n in sheet and sheet[n].value is not None), key=lambda n: sheet[n].tolerance or inf
     )
-    usual = [name for name in plant.usual if name in asked]
-    return tuple(dict.fromkeys((*known, *usual, *reversed(asked))))
+    default = [name for name in plant.default_free if name in asked]
+    return tuple(dict.fromkeys((*known, *default, *reversed(asked))))

@@ -170,7 +170,7 @@ class Trials:
     def _problem(self, plant: DrivenPlant, names: Sequence[str], states: Sequence[Array] | None) -> FreeRunError | None:
         bounds = self._bounds(plant, names)
         try:
-            inside = plant.put({name: float(np.clip(plant.value(name), *bounds[name])) for name in names})
+            inside = plant.with_values({name: float(np.clip(plant.value(name), *bounds[name])) for name in names})
             seen = [self._beginning(segment) for segment in self.segments]
             first = [inside.first_state(self.signals, s) for s in seen] if states is None else states
             free: list[tuple[int, ...]] = [() for _ in self.segments]

@@ -69,11 +69,13 @@ class Taylor:
         tolerance: error allowed in one step, relative to the state plus the effect of one volt; infinite for steps
             of fixed length.
         longest_step: the longest step in s.
+        most_steps: the largest number of steps per sample, on average; a simulation that needs more is refused.
     """
 
     order: int = 14
     tolerance: float = 1e-11
     longest_step: float = inf
+    most_steps: float = inf
 
     def __post_init__(self) -> None:
         if not 2 <= self.order <= 40:
@@ -229,7 +231,7 @@ def simulate(
     states = np.empty((len(volts) + 1, len(start)))
     states[0] = start
     spent = np.zeros(len(fields(Energy)))
-    steps = (method.order, method.tolerance, method.longest_step)
+    steps = (method.order, method.tolerance, method.longest_step, _budget(method, len(volts)))
     happened, capacity = _SPARE_EVENTS + len(volts), 0
     while happened > capacity:  # again, if the arrays were too short
         capacity, spent[:] = happened, 0.0
@@ -251,6 +253,11 @@ def simulate(
         events=Events(instant, events[:, 0], events[:, 1], events[:, 2]),
         energy=Energy(*spent.tolist()) if energy else None,
     )
+
+
+def _budget(method: Taylor, samples: int) -> float:
+    """The number of steps that a simulation may take."""
+    return _SPARE_STEPS + method.most_steps * samples
 
 
 def check_inputs(voltage: ArrayLike, dt: ArrayLike, disturbance: ArrayLike) -> tuple[Array, Array, Array]:
@@ -350,6 +357,7 @@ _CURRENT, _SPEED, _TWIST, _ANGLE, _DECAY, _NET, _ROWS = 0, 1, 3, 4, 5, 7, 9
 
 _SLACK = 1e-12  # relative; a thousand times the rounding of a sum of torques
 _MOST_STEPS = 100_000  # in one sample
+_SPARE_STEPS = 10_000  # of a bounded simulation, in addition to those per sample
 _SPARE_EVENTS = 64  # array elements for events, in addition to one per sample
 
 
@@ -363,6 +371,7 @@ def _run(
     order: int,
     tolerance: float,
     longest: float,
+    budget: float,
     energy: bool,
     states: Array,
     spent: Array,
@@ -385,6 +394,7 @@ def _run(
     happened, capacity = 0, len(instant)
     latest = np.full(2, -1)
     clock = 0.0
+    taken = 0.0
     for k in range(len(volts)):
         for body in range(2):
             motion[body] = _motion_at(m, body, x[_SPEED + body])
@@ -392,6 +402,9 @@ def _run(
         branch = 1 + int(torque > m.edge[1]) - int(torque < m.edge[0])
         left = holds[k]
         for _ in range(_MOST_STEPS):
+            if taken >= budget:
+                break
+            taken += 1.0
             _expand(m, x, motion, branch, armature[k], torques[k], s)
             step = min(left, longest, _step_for(m, s, tolerance))
             while True:

@@ -34,12 +34,15 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-LONG_STEPS = Taylor(order=20)
-"""Sample times are long compared with electrical time constants and resonances; a high order needs fewer steps."""
+LONG_STEPS = Taylor(order=20, most_steps=100)
+"""Sample times are long compared with electrical time constants and resonances; a high order needs fewer steps.
+
+A motor that needs more steps is refused, so that a search stays clear of it.
+"""
 QUICKEST = 0.05
 """The shortest electrical time constant in samples; records do not show a shorter one, and it is slow to simulate."""
 STIFFEST = 60.0
-"""The fastest resonance of a shaft in radians per sample; a stiffer shaft is simulated as rigid, which is its limit."""
+"""The fastest motion of a shaft in radians per sample; a stiffer or more damped shaft is simulated as rigid."""
 
 
 _MADE = {
@@ -313,7 +316,7 @@ class DrivenMotor(Driven):
         volts, durations = _pieces(on.voltage, on.dt, on.late)
         if len(volts):
             start, motor = State(*motion.tolist()), self.motor
-            if not motor.is_rigid and self._resonance * on.dt > STIFFEST:
+            if not motor.is_rigid and self._fastest * on.dt > STIFFEST:
                 start, motor = replace(start, rotor_speed=start.load_speed, twist=0.0), motor.rigid()
             whole = simulate(motor, volts, durations, disturbance=self.load_torque, initial=start, method=LONG_STEPS)
             motion = np.array(astuple(whole.final))
@@ -324,10 +327,11 @@ class DrivenMotor(Driven):
         return (current, rotor_speeds, speeds, positions + twist, positions), motion
 
     @property
-    def _resonance(self) -> float:
-        """The angular frequency in rad/s at which rotor and load swing against each other, without damping."""
+    def _fastest(self) -> float:
+        """How fast rotor and load come together, in rad/s: their resonance without damping, or the damping alone."""
         motor = self.motor
-        return float(np.sqrt(motor.shaft_stiffness * (1 / motor.rotor_inertia + 1 / motor.load_inertia)))
+        share = 1 / motor.rotor_inertia + 1 / motor.load_inertia
+        return max(float(np.sqrt(motor.shaft_stiffness * share)), motor.shaft_damping * share)
 
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
         """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), from speed and angle."""

@@ -28,6 +28,7 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record
+from emsid.report.identification_page import which_model
 from emsid.validation.comparison import assess_model
 from emsid.validation.correlation import cross_correlation, power_tests
 from independent.fitting import START, fitted
@@ -253,6 +254,28 @@ def test_the_error_of_the_best_of_several_models_is_judged_where_it_was_not_chos
     assert finding.data["chosen_among"] == 10
     assert len(finding.data["apart"]) == 1
     assert chosen_and_judged_apart(noise_and_models(0, 300)) is None
+
+
+@pytest.mark.parametrize("given", [False, True], ids=["a fraction", "a record of its own"])
+def test_the_error_of_the_chosen_model_is_from_data_that_did_not_choose_it(given):
+    record = WHITE.record(0, 5000)
+    data = (record[:3000], record[3000:]) if given else (record, 0.4)
+    result = emsid.identify(*data, models="arx,friction-narx", options=emsid.Options(na=1, nb=1))
+    (finding,) = (each for each in result.findings if each.code == "free-run-error")
+    if given:
+        assert result.on_choice is None
+        assert len(finding.data["apart"]) == 1
+        return
+    choice, unseen = result.on_choice, result.unseen
+    assert (len(choice.best.record), len(unseen)) == (1000, 1000)
+    assert not holds_some_of(choice.best.record, unseen)
+    errors = [row.simulation_mse for row in choice.rows]
+    assert errors == sorted(errors)
+    assert [fit.model.name for fit in result.fits] == [row.model for row in choice.rows]
+    assert finding.data["chosen_on"] == choice.best.row.samples
+    assert finding.data["outputs"][0]["rmse"] == pytest.approx(result.on_unseen.best.row.simulation_rmse)
+    assert {row["data"] for row in result.to_data()["rows"]} == {"identification", "choice", "unseen"}
+    assert len(which_model(result).tables) == 3
 
 
 def test_overlapping_records_are_seen():

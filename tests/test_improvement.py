@@ -14,7 +14,7 @@ from emsid import Cascade, Narx, Record, arx, concatenate
 from emsid.models.blocks.filters import Rational
 from emsid.models.free_run import free_run_error, mean_squared_error
 from emsid.record import hold_back
-from emsid.record.holding_back import FOLDS, hold_back_records, validation_splits
+from emsid.record.holding_back import FOLDS, LEAST_PART, choice_and_headline, hold_back_records, validation_splits
 from emsid.selection.improvement import CHANCE, NEGLIGIBLE, StretchErrors, better
 
 SOURCES = Path(emsid.__file__).parent
@@ -112,6 +112,16 @@ def test_the_end_of_one_record_is_unseen_and_every_third_of_many() -> None:
     assert [len(segment) for segment in train.segments] == [10, 11, 13, 14]
     assert [len(segment) for segment in test.segments] == [12, 15]
     assert test.name == "one in 3 of 6 records"
+
+
+def test_long_unseen_data_are_divided_into_a_part_that_chooses_and_one_that_does_not() -> None:
+    choice, headline = choice_and_headline(ramp(2 * LEAST_PART))
+    assert choice.input[-1, 0] < headline.input[0, 0]
+    assert len(choice) == len(headline) == LEAST_PART
+    assert choice_and_headline(ramp(2 * LEAST_PART - 1)) is None
+    series = concatenate([ramp(500) for _ in range(5)])
+    assert choice_and_headline(series)[1].breaks == (500,)
+    assert choice_and_headline(concatenate([ramp(1500), ramp(500)])) is None
 
 
 def test_every_part_of_a_short_record_is_unseen_once() -> None:

@@ -220,6 +220,11 @@ EXAMPLES: tuple[Finding, ...] = (
     ),
     Finding(
         "free-run-error",
+        "arx",
+        {"model": "arx", "seen": False, "outputs": ONE_OUTPUT, "chosen_among": 4, "chosen_on": 1500},
+    ),
+    Finding(
+        "free-run-error",
         "rigid-motor",
         {
             "model": "rigid-motor",

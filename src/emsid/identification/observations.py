@@ -28,20 +28,25 @@ BEYOND = 0.1
 
 
 def observations(
-    comparison: Comparison, record: Record, unseen: Record, profiles: Mapping[str, tuple[Profile, ...]]
+    comparison: Comparison,
+    record: Record,
+    unseen: Record,
+    profiles: Mapping[str, tuple[Profile, ...]],
+    choice: Comparison | None = None,
 ) -> list[Finding]:
     """All findings about the models, their free runs on unseen data, and their profiles.
 
     Args:
-        comparison: the models on the unseen data, the best free run first.
+        comparison: the models on the unseen data, the chosen one first.
         record: what they were fitted to.
-        unseen: what they were ranked on.
+        unseen: what their errors are from.
         profiles: by model.
+        choice: the models on further unseen data that chose among them; None where ``unseen`` did.
     """
     seen = holds_some_of(unseen, record)
     return [
         *([Finding("data-not-unseen", unseen.name)] if seen else []),
-        *_about_the_best(comparison, unseen, seen),
+        *_about_the_best(comparison, unseen, seen, choice),
         *about_the_residual(comparison.best),
         *about_powers_of_the_input(comparison.best),
         *about_the_unseen_input(record, unseen, seen),
@@ -55,7 +60,7 @@ def observations(
     ]
 
 
-def _about_the_best(comparison: Comparison, unseen: Record, seen: bool) -> list[Finding]:
+def _about_the_best(comparison: Comparison, unseen: Record, seen: bool, choice: Comparison | None) -> list[Finding]:
     """The error of the best free run."""
     row = comparison.best.row
     if not np.isfinite(row.simulation_mse):
@@ -72,7 +77,8 @@ def _about_the_best(comparison: Comparison, unseen: Record, seen: bool) -> list[
     ]
     data: dict[str, Any] = {"model": row.model, "seen": seen, "outputs": outputs}
     if len(comparison.rows) > 1 and not seen:
-        data |= {"chosen_among": len(comparison.rows), "apart": chosen_and_judged_apart(comparison)}
+        data |= {"chosen_among": len(comparison.rows)}
+        data |= {"chosen_on": choice.best.row.samples} if choice else {"apart": chosen_and_judged_apart(comparison)}
     findings = [Finding("free-run-error", row.model, data)]
     if row.fit_percent <= 0:
         findings += [Finding("no-better-than-mean", " and ".join(unseen.output_names), {"seen": seen})]

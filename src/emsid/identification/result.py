@@ -25,12 +25,13 @@ class Identification(Presented):
 
     Attributes:
         record: the data that the models were fitted to.
-        unseen: the data that they were ranked on.
+        unseen: the data that their errors are from, and that they were ranked on where `on_choice` is None.
         on_record: the models on `record`.
-        on_unseen: the models on `unseen`, the best free run first.
+        on_unseen: the models on `unseen`, the chosen one first.
         findings: all findings, including those of the fits; a finding about a model has its name in the data.
         profiles: likelihood profiles of physical parameters, by model.
         interrupted: whether it was stopped before all models were done.
+        on_choice: the models on further unseen data that chose among them; None where `unseen` did.
     """
 
     record: Record
@@ -40,6 +41,7 @@ class Identification(Presented):
     findings: tuple[Finding, ...] = ()
     profiles: Mapping[str, tuple[Profile, ...]] = field(default_factory=dict)
     interrupted: bool = False
+    on_choice: Comparison | None = None
 
     def __repr__(self) -> str:
         best = self.chosen.model.name[:40]
@@ -47,7 +49,7 @@ class Identification(Presented):
 
     @property
     def chosen(self) -> Fit[Any]:
-        """The model with the best free run on unseen data."""
+        """The model with the best free run on the unseen data that chose."""
         return self.on_unseen.best.fit
 
     @property
@@ -62,7 +64,7 @@ class Identification(Presented):
 
     @property
     def ranked_on(self) -> str:
-        """Name of the data that the models were ranked on, for titles."""
+        """Name of the data that the errors are from, for titles."""
         return "the data they were fitted to" if self.seen else "unseen data"
 
     @property
@@ -91,7 +93,7 @@ class Identification(Presented):
 
     def to_data(self) -> dict[str, Any]:
         """The content of ``result.json``; see `emsid.identification.result_format`."""
-        rows = (*self.on_record.rows, *self.on_unseen.rows)
+        rows = (*self.on_record.rows, *(self.on_choice.rows if self.on_choice else ()), *self.on_unseen.rows)
         from emsid.identification.result_format import FORMAT, VERSION
 
         content = {

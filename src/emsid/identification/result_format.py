@@ -86,7 +86,11 @@ class OutputData(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class RowData(msgspec.Struct, forbid_unknown_fields=True):
-    """The errors of a model on the data it was fitted to (``identification``) or on unseen data (``unseen``)."""
+    """The errors of a model.
+
+    ``data`` is ``identification`` (the data it was fitted to), ``choice`` (unseen data that chose among the models) or
+    ``unseen``; without ``choice`` the rows of ``unseen`` chose.
+    """
 
     experiment: str
     model: str

@@ -42,7 +42,7 @@ from emsid.models.plants.parameters import parts
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record, concatenate
-from emsid.record.holding_back import hold_back_records
+from emsid.record.holding_back import choice_and_headline, hold_back_records
 from emsid.validation.agreement import disagreement
 from emsid.validation.comparison import Comparison, compare
 
@@ -67,7 +67,8 @@ def identify(
     Args:
         records: what to identify from: a record, the path of a file, or several of either.
         unseen: data that no model is fitted to, given in the same way; or the fraction of ``records`` to keep unseen:
-            the last part, or every k-th of many records.
+            the last part, or every k-th of many records. Of a fraction that is long enough one half chooses among the
+            models and the other gives the error of the chosen one; data given by name do both.
         models: names of the models to fit: one name, several with commas, or a list; ``emsid list`` prints all. By
             default the usual ones, with a motor or an axis where the channels can be those of one.
         options: given orders, delay, knots and others; by default all are chosen.
@@ -112,16 +113,28 @@ def identify(
     findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
     taken = _profiles(found.fits, () if found.stopped else options.profile, control)
     on_record = compare(found.fits, train, transient=transient, data="identification")
-    on_unseen = compare(found.fits, test, transient=transient, data="unseen")
+    on_choice, on_unseen = _chosen(found.fits, test, transient, divide=not others)
+    test = on_unseen.best.record
     stopped = found.stopped or taken.stopped or control.cancelled()
     findings = [
-        *observations(on_unseen, train, test, taken.profiles),
+        *observations(on_unseen, train, test, taken.profiles, on_choice),
         *found.failed,
         *findings,
         *([] if stopped else _difference_of_records(on_unseen, (*several, *others))),
         *taken.failed,
     ]
-    return Identification(train, test, on_record, on_unseen, tuple(findings), taken.profiles, stopped)
+    return Identification(train, test, on_record, on_unseen, tuple(findings), taken.profiles, stopped, on_choice)
+
+
+def _chosen(
+    fits: Sequence[Fit[Any]], unseen: Record, transient: int | None, *, divide: bool
+) -> tuple[Comparison | None, Comparison]:
+    """The models on the unseen data that choose among them, None where all do, and on those that give their errors."""
+    parts = choice_and_headline(unseen) if divide and len(fits) > 1 else None
+    if parts is None:
+        return None, compare(fits, unseen, transient=transient, data="unseen")
+    choice = compare(fits, parts[0], transient=transient, data="choice")
+    return choice, compare(fits, parts[1], transient=transient, data="unseen").in_order_of(choice)
 
 
 @dataclass(frozen=True)

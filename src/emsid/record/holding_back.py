@@ -3,6 +3,9 @@
 Normally the end of a record is held back. In a series of experiments, such as steps of ascending height, the last ones
 differ from the rest; there every k-th experiment is held back, so that both parts cover all conditions. In a short
 record one part holds too few samples; there cross-validation holds back each part once, at the cost of several fits.
+
+The error of the best of several models is too small on the data that it was chosen on. Where the unseen data are long
+enough, one part of them chooses and the other gives the error of the model that was chosen.
 """
 
 from __future__ import annotations
@@ -19,6 +22,8 @@ Split = tuple[Sequence[Record], Sequence[Record]]
 
 # Records with fewer samples than `SHORT` in total are cross-validated: each of `FOLDS` parts is unseen once.
 SHORT, FOLDS = 4_000, 4
+LEAST_PART = 1_000
+"""Unseen data are divided into a part that chooses and one that does not where each gets at least this many samples."""
 
 
 def hold_back(record: Record, fraction: float) -> tuple[Record, Record]:
@@ -61,6 +66,24 @@ def hold_back_records(
         return train, replace(rest, name=f"{whole.name}, unseen part")
     train, test = (together(part) for part in every(records, k))
     return train, replace(test, name=f"one in {k} of {len(records)} records")
+
+
+def choice_and_headline(unseen: Record) -> tuple[Record, Record] | None:
+    """Two parts of unseen data: one to choose a model on, one for the error of the model that was chosen.
+
+    Args:
+        unseen: of two segments or more every second one is in the second part; of one segment the second half.
+
+    Returns:
+        None where a part would have fewer than `LEAST_PART` samples.
+    """
+    if len(unseen.segments) > 1:
+        first, second = (concatenate(part) for part in every(unseen.segments, 2))
+    else:
+        first, second = unseen.split(0.5)
+    if min(len(first), len(second)) < LEAST_PART:
+        return None
+    return replace(first, name=f"{unseen.name}, to choose"), replace(second, name=f"{unseen.name}, after the choice")
 
 
 def validation_splits(records: Sequence[Record], fraction: float) -> tuple[list[Record], list[Split]]:

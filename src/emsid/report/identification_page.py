@@ -65,7 +65,13 @@ def summary(result: Identification) -> str:
         if count > 1
         else f"{row.model} is the only model that was fitted."
     )
-    return f"{which} Fitted to {len(result.record):,} samples, run on {row.samples:,} of {result.ranked_on}."
+    fitted = f"{which} Fitted to {len(result.record):,} samples"
+    if result.on_choice is None:
+        return f"{fitted}, run on {row.samples:,} of {result.ranked_on}."
+    return (
+        f"{fitted}, chosen on {result.on_choice.best.row.samples:,}; the errors below are on {row.samples:,} further "
+        "samples that no fit and no choice has used."
+    )
 
 
 def facts(result: Identification) -> list[Fact]:
@@ -111,19 +117,28 @@ def _fact(each: Characteristic, best: str) -> Fact:
 
 def which_model(result: Identification) -> Section:
     """All models with their errors."""
-    unit = _unit(result)
+    unit, chosen = _unit(result), result.on_choice is not None
     return Section(
         "Which model",
         terms=(terms.ONE_STEP, terms.MSE, terms.METHOD),
         tables=(
+            *(
+                views.results_table(
+                    on.rows, unit=unit, caption=f"On the unseen data that chose, {on.best.record.name}."
+                )
+                for on in (result.on_choice,)
+                if on is not None
+            ),
             views.results_table(
-                result.on_unseen.rows, unit=unit, caption=f"On {result.ranked_on}, {result.unseen.name}."
+                result.on_unseen.rows,
+                unit=unit,
+                caption=f"On {result.ranked_on}, {result.unseen.name}{', in the order of the choice' * chosen}.",
             ),
             views.results_table(
                 result.on_record.rows, unit=unit, caption="On the data that the models were fitted to."
             ),
         ),
-        figures=(views.ranking(result.on_unseen),),
+        figures=(views.ranking(result.on_choice or result.on_unseen),),
     )
 
 

@@ -55,7 +55,8 @@ class Row:
         experiment: ``simulation``, ``experiment`` or ``record``.
         model: name of the model.
         method: how it was estimated: ``ls``, ``rls``, …
-        data: ``identification`` (the data the model was fitted to) or ``unseen``.
+        data: ``identification`` (the data the model was fitted to), ``choice`` (unseen data that chose among models) or
+            ``unseen``.
         one_step_mse: MSE (5.14) of the prediction one sample ahead, in the output's unit squared; NaN for a model that
             does not model noise (a cascade, a plant), whose prediction would mean something else.
         simulation_mse: MSE of the free run.
@@ -88,8 +89,8 @@ class Row:
 
     @property
     def data_label(self) -> str:
-        """The data of the row, for tables: ``used in fit`` or ``unseen``."""
-        return "used in fit" if self.data == "identification" else self.data
+        """The data of the row, for tables: ``used in fit``, ``used to choose`` or ``unseen``."""
+        return {"identification": "used in fit", "choice": "used to choose"}.get(self.data, self.data)
 
     @property
     def ranked_by(self) -> float:
@@ -138,10 +139,16 @@ class Comparison(Presented):
     """Several models on the same samples of the same records.
 
     Attributes:
-        assessments: every model run over the record, the best free run first.
+        assessments: every model run over the record, the best free run first (of the data that chose, where these are
+            others).
     """
 
     assessments: tuple[Assessment, ...]
+
+    def in_order_of(self, choice: Comparison) -> Comparison:
+        """The same assessments in the order of the same models in another comparison."""
+        place = {id(fit): k for k, fit in enumerate(choice.fits)}
+        return Comparison(tuple(sorted(self.assessments, key=lambda each: place[id(each.fit)])))
 
     @property
     def rows(self) -> tuple[Row, ...]:
@@ -155,7 +162,7 @@ class Comparison(Presented):
 
     @property
     def best(self) -> Assessment:
-        """The model with the smallest free-run error, `Row.ranked_by`."""
+        """The first model: that with the smallest free-run error, `Row.ranked_by`, on the data that chose."""
         return self.assessments[0]
 
     def __repr__(self) -> str:

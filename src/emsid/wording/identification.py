@@ -118,7 +118,8 @@ def data_not_unseen(f: Finding, argument: Spelling) -> str:
 @words("free-run-error")
 def free_run_error(f: Finding, argument: Spelling) -> str:
     """Data: seen, outputs (name, unit, rmse, fit_percent; None for a constant output); chosen_among (how many models)
-    and apart (RMSE of every output with choice and error on different halves) where several were compared."""
+    where several were compared, with chosen_on (samples of other data that chose) or, where these data chose, apart
+    (RMSE of every output with choice and error on different halves)."""
     outputs = f.data["outputs"]
     if len(outputs) == 1:
         (only,) = outputs
@@ -131,6 +132,8 @@ def _apart(f: Finding) -> str:
     """What the choice among several models did to the error."""
     if f.data.get("chosen_among", 1) < 2:
         return ""
+    if "chosen_on" in f.data:
+        return f"; {f.data['chosen_on']:,} other unseen samples chose it among {f.data['chosen_among']} models"
     chosen = f"; these data also chose it among {f.data['chosen_among']} models"
     apart = f.data["apart"]
     if apart is None:

@@ -112,7 +112,7 @@ def ranking(comparison: Comparison, *, name: str = "ranking") -> Figure:
     rows = comparison.rows
     record = comparison.best.record
     several = len(channels(record)) > 1
-    data = "unseen data" if rows[0].data == "unseen" else "the data used in the fit"
+    data = "the data used in the fit" if rows[0].data == "identification" else "unseen data"
     relative = "; with several outputs, by the mean of MSE divided by variance" * several
     return Figure(
         name,

@@ -112,9 +112,10 @@ EXPLAINED = (
 def text_table(content: document.Table) -> Table:
     """A table of the report, with its caption above."""
     headings: dict[str, Align] = {
-        heading: "left" if k < content.text_columns else "right" for k, heading in enumerate(content.header)
+        heading: "left" if content.is_text(k) else "right" for k, heading in enumerate(content.header)
     }
-    return plain_table(content.caption, headings, content.rows, content.header[1 : content.text_columns])
+    folded = [heading for k, heading in enumerate(content.header) if k > 0 and content.is_text(k)]
+    return plain_table(content.caption, headings, content.rows, folded)
 
 
 def error_table(rows: Sequence[Row], title: str, unit: str = "") -> Table:

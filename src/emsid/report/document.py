@@ -361,6 +361,7 @@ class Table:
         caption: what it shows.
         note: explanation below the table.
         text_columns: how many columns at the left are text; the others are numbers.
+        ends_in_text: whether the last column is text too.
         emphasised: rows in bold.
     """
 
@@ -369,11 +370,16 @@ class Table:
     caption: str = ""
     note: str = ""
     text_columns: int = 1
+    ends_in_text: bool = False
     emphasised: frozenset[int] = frozenset()
 
     def __post_init__(self) -> None:
         if any(len(row) != len(self.header) for row in self.rows):
             raise ValueError(f"table {self.caption!r}: every row needs {len(self.header)} cells")
+
+    def is_text(self, column: int) -> bool:
+        """Whether a column is text, counted from 0."""
+        return column < self.text_columns or (self.ends_in_text and column == len(self.header) - 1)
 
 
 @dataclass(frozen=True)

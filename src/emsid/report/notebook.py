@@ -302,7 +302,7 @@ def html(thing: Any) -> str:
 
 def _html_table(table: Table) -> str:
     def line(cells: Sequence[str], tag: str) -> str:
-        sides = ("left" if k < table.text_columns else "right" for k in range(len(cells)))
+        sides = ("left" if table.is_text(k) else "right" for k in range(len(cells)))
         inner = (f'<{tag} style="text-align: {side}">{escape(c)}</{tag}>' for c, side in zip(cells, sides, strict=True))
         return f"<tr>{''.join(inner)}</tr>"
 

@@ -127,26 +127,26 @@ def summary_table(part: Part, *, own_records: bool = False) -> Table:
     return Table(
         (
             "Model",
-            "Description",
-            "Parameters",
+            "Ratio to linear",
             "Free-run fit",
             mse,
-            "Ratio to linear",
+            "Parameters",
             "Ratio, identification data",
             "Paper",
             "Paper, identification data",
+            "Description",
         ),
         tuple(
             (
                 row.model,
-                f"{row.meaning}{f' – {CHECK}' if row.check else ''}",
-                str(row.parameters),
+                _times(row, row.better_unseen),
                 percent(row.fit_percent),
                 number(row.simulation_mse),
-                _times(row, row.better_unseen),
+                str(row.parameters),
                 _times(row, row.better_identification),
                 times(row.paper_unseen),
                 times(row.paper_identification),
+                f"{row.meaning}{f' – {CHECK}' if row.check else ''}",
             )
             for row in rows
         ),
@@ -159,7 +159,7 @@ def summary_table(part: Part, *, own_records: bool = False) -> Table:
                 *checks,
             )
         ),
-        text_columns=2,
+        ends_in_text=True,
         emphasised=frozenset({rows.index(best)}),
     )
 

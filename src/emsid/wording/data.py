@@ -161,7 +161,7 @@ def much_standstill(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: share, reversals."""
     return (
         f"{f.subject} rests in {100 * f.data['share']:.0f} % of the samples and reverses {f.data['reversals']} times; "
-        "these samples tell of the dead zone only, so record with larger inputs for the rest"
+        "these samples give information on the dead zone only, so record with larger inputs for the rest"
     )
 
 

@@ -29,7 +29,7 @@ def rows_skipped(f: Finding, argument: Spelling) -> str:
     text = f" ({d['text']!r})" if d["text"] else ""
     many = d["count"] > 1
     return (
-        f"{f.subject}: {d['count']} of {d['rows']:,} rows {'are' if many else 'is'} no numbers and "
+        f"{f.subject}: {d['count']} of {d['rows']:,} rows {'have' if many else 'has'} no numbers and "
         f"{'were' if many else 'was'} skipped; {'the first' if many else 'it'} is row {d['line']}{text}"
     )
 
@@ -97,7 +97,7 @@ def several_experiments(f: Finding, argument: Spelling) -> str:
 def sample_time_unknown(f: Finding, argument: Spelling) -> str:
     """Subject: the file. Data: assumed (s)."""
     return (
-        f"{f.subject}: nothing says the sample time; {f.data['assumed']:g} s is assumed, so times and time constants "
+        f"{f.subject}: the sample time is not given; {f.data['assumed']:g} s is assumed, so times and time constants "
         f"count samples. Give the true one with {argument('dt')}"
     )
 

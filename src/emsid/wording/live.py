@@ -53,7 +53,7 @@ def samples_not_tracked(f: Finding, argument: Spelling) -> str:
 @words("source-disconnected", Severity.WARNING)
 def source_disconnected(f: Finding, argument: Spelling) -> str:
     """Subject: the source."""
-    return f"{f.subject} was disconnected; it is opened again as soon as it is there"
+    return f"{f.subject} was disconnected; it is opened again as soon as it is back"
 
 
 @words("source-silent", Severity.WARNING)
@@ -67,7 +67,7 @@ def lines_not_used(f: Finding, argument: Spelling) -> str:
     """Subject: the source. Data: lines (malformed), not_finite, example (a malformed line)."""
     parts = []
     if f.data["lines"]:
-        parts.append(f"{f.data['lines']} lines are no samples, such as {f.data['example']!r}")
+        parts.append(f"{f.data['lines']} lines cannot be read as samples, such as {f.data['example']!r}")
     if f.data["not_finite"]:
         parts.append(f"{f.data['not_finite']} samples are not finite")
     return f"{f.subject}: {' and '.join(parts)}; they are left out here and kept in the log"

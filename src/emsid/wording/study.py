@@ -106,7 +106,7 @@ def largest_ratio(f: Finding, argument: Spelling) -> str:
         f"Both ratios of the paper's simulation, {first} and {second}, are reached by a motor of the family only with "
         f"these inputs: {', '.join(d['reached'])}"
         if d["reached"]
-        else f"In no reading does a motor of the family reach both ratios of the paper's simulation, {first} and "
+        else f"Under no reading does a motor of the family reach both ratios of the paper's simulation, {first} and "
         f"{second}"
     )
     return (

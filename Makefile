@@ -7,7 +7,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c c
 # Python keeps its compiled bytecode, also where the shell forbids it: every process of the tests would compile it anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: study test lint bench coverage clean
+.PHONY: study test lint docs bench coverage clean
 .DELETE_ON_ERROR:
 
 study: $(VENV)/installed
@@ -21,6 +21,12 @@ lint: $(VENV)/tested-with
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# The site: every command on its pages is run, and a warning or a broken link is an error.
+docs: $(VENV)/documented-with
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet -d build/docs/trees docs build/docs/html
+	$(BIN)/python docs/check_site.py build/docs/html
+	@echo "open build/docs/html/index.html"
 
 bench: $(VENV)/measured-with
 	$(BIN)/python bench/run.py
@@ -52,6 +58,10 @@ $(VENV)/tested-with: $(VENV)/installed
 # Compile the kernels once, so that the three test processes do not all compile them.
 $(VENV)/compiled: $(VENV)/tested-with $(shell grep -rlE --include='*.py' 'njit|_kernel|_compiled' src)
 	$(BIN)/python -c 'from emsid.study.workflow import Settings, study; study(Settings(duration=2.0))'
+	@touch $@
+
+$(VENV)/documented-with: $(VENV)/installed
+	$(INSTALL) -e '.[docs]'
 	@touch $@
 
 $(VENV)/measured-with: $(VENV)/installed

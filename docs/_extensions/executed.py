@@ -1,0 +1,250 @@
+"""Run every block of Bash and Python on a page while Sphinx reads it, and show what it prints.
+
+A page is run from top to bottom in an empty folder, in the process of Sphinx: loading compiler and libraries for every
+command would take seconds each. Blocks of Python share one namespace, as the cells of a notebook do. A page whose front
+matter has ``continues: NAME`` begins with the files and names with which that page ended. A picture on a page,
+``![what it shows](speed.svg)``, is the file that the commands have written.
+
+Only fences of the languages in `SHOWN` are not run. A line that fails, a warning of Python, or a program that is left
+running ends the build.
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+import warnings
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+from docutils import nodes
+from sphinx.application import Sphinx
+from sphinx.errors import ExtensionError
+from sphinx.transforms import SphinxTransform
+from sphinx.util import logging
+
+RUN = ("bash", "python")
+"""Languages of fences that are run."""
+SHOWN = ("text", "toml", "json", "csv", "diff", "default", "none", "matlab")
+"""Languages of fences that are content of files or output, not commands."""
+FENCE = re.compile(r"^(`{3,})(\w+)\n(.*?)^\1$", re.MULTILINE | re.DOTALL)
+CONTINUES = re.compile(r"\A---\n.*?^continues: (\S+)$.*?^---\n", re.MULTILINE | re.DOTALL)
+LONGEST = 60
+"""Lines of output of a block that are shown; a page says so where there are more."""
+
+log = logging.getLogger(__name__)
+
+
+class Failed(ExtensionError):
+    """A block that does not run."""
+
+
+@dataclass
+class Page:
+    """A page that has been run.
+
+    Attributes:
+        folder: in which it ran, with the files that it has written.
+        namespace: the names of its Python.
+        printed: what every block printed.
+        seconds: processor time that it took, in this process.
+    """
+
+    folder: Path
+    namespace: dict[str, Any] = field(default_factory=lambda: {"__name__": "__main__"})
+    printed: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+
+class Runner:
+    """Runs pages, each once.
+
+    Args:
+        source: the folder of the pages.
+        work: a folder of the build, in which every page has a folder of its own.
+    """
+
+    def __init__(self, source: Path, work: Path) -> None:
+        self.source, self.work = source, work
+        self.pages: dict[str, Page] = {}
+        self.programs = work / "bin"
+
+    def page(self, name: str) -> Page:
+        """A page by its name, run if it has not been run yet."""
+        if name not in self.pages:
+            text = (self.source / f"{name}.md").read_text("utf-8")
+            page = Page(self.work / "pages" / name)
+            shutil.rmtree(page.folder, ignore_errors=True)
+            if found := CONTINUES.search(text):
+                before = self.page(found[1])
+                shutil.copytree(before.folder, page.folder)
+                page.namespace = dict(before.namespace)
+            page.folder.mkdir(parents=True, exist_ok=True)
+            self._run(name, text, page)
+            self.pages[name] = page
+        return self.pages[name]
+
+    def _run(self, name: str, text: str, page: Page) -> None:
+        began = time.process_time()
+        background: list[subprocess.Popen[bytes]] = []
+        with chdir(page.folder):
+            for language, code in [(found[2], found[3]) for found in FENCE.finditer(text)]:
+                if language not in RUN:
+                    continue
+                output = io.StringIO()
+                with redirect_stdout(output), redirect_stderr(output):
+                    try:
+                        if language == "python":
+                            run_python(code, name, page.namespace)
+                        else:
+                            self._commands(code, background)
+                    except (Exception, SystemExit) as problem:
+                        printed = output.getvalue()
+                        raise Failed(f"{name}.md does not run:\n{code}\n{printed}\n{problem!r}") from problem
+                page.printed.append(output.getvalue())
+            for process in background:
+                try:
+                    process.wait(timeout=30)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    raise Failed(f"{name}.md: {process.args!r} does not end") from None
+        page.seconds = time.process_time() - began
+
+    def _commands(self, code: str, background: list[subprocess.Popen[bytes]]) -> None:
+        """Run the commands of a block; a line that ends with ``&`` in the background."""
+        for line in code.replace("\\\n", " ").splitlines():
+            words = shlex.split(line, comments=True)
+            if not words:
+                continue
+            if words[-1] == "&":
+                background.append(subprocess.Popen(self._shell(line.rpartition("&")[0]), stdout=subprocess.DEVNULL))
+            elif words[0] == "emsid" and not set(words) & {"|", ">", "&&", "<", ";"} and "*" not in line:
+                if status := run_emsid(words):
+                    raise RuntimeError(f"exit status {status}: {line}")
+            else:
+                done = subprocess.run(self._shell(line), capture_output=True, text=True)
+                print(done.stdout, done.stderr, sep="", end="")
+                done.check_returncode()
+
+    def _shell(self, line: str) -> list[str]:
+        """The words that run a line in Bash, where ``emsid`` and ``python`` are this program and this Python."""
+        self.programs.mkdir(parents=True, exist_ok=True)
+        for name, words in (("emsid", "-m emsid"), ("python", "")):
+            path = self.programs / name
+            path.write_text(f'#!/bin/sh\nexec "{sys.executable}" {words} "$@"\n')
+            path.chmod(0o755)
+        return ["bash", "-euo", "pipefail", "-c", f"PATH={shlex.quote(str(self.programs))}{os.pathsep}$PATH; {line}"]
+
+
+def run_emsid(words: list[str]) -> int:
+    """Run the command line of emsid in this process.
+
+    Args:
+        words: the command, from its name on.
+
+    Returns:
+        The exit status.
+    """
+    from emsid.cli import main
+
+    with patch.object(sys, "argv", words):
+        try:
+            main()
+        except SystemExit as end:
+            return int(end.code or 0)
+    return 0
+
+
+def run_python(code: str, page: str, namespace: dict[str, Any]) -> None:
+    """Run a block of Python; a warning is an error, and the value of a last line that is an expression is printed."""
+    tree = ast.parse(code)
+    last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        exec(compile(tree, f"{page}.md", "exec"), namespace)
+        if last is not None:
+            value = eval(compile(ast.Expression(last.value), f"{page}.md", "eval"), namespace)
+            if value is not None:
+                print(repr(value))
+
+
+class ShowOutput(SphinxTransform):
+    """Insert the output below each block, and use the pictures that the page has written."""
+
+    default_priority = 10
+
+    def apply(self, **_: Any) -> None:
+        """Change the tree of this page."""
+        name = self.env.docname
+        if self.env.doc2path(name).suffix != ".md":
+            return
+        blocks = [
+            node
+            for node in self.document.findall(nodes.literal_block)
+            if (node.get("language") or "none") not in SHOWN and "output" not in node["classes"]
+        ]
+        for node in blocks:
+            if node["language"] not in RUN:
+                log.warning("fences are of %s or %s: %s", RUN, SHOWN, node["language"], location=node)
+        blocks = [node for node in blocks if node["language"] in RUN]
+        if not blocks and not CONTINUES.search(self.env.doc2path(name).read_text("utf-8")):
+            return
+        runner: Runner = self.app.runner  # type: ignore[attr-defined]
+        page = runner.page(name)
+        if len(page.printed) != len(blocks):
+            log.warning("%d fences, %d blocks", len(page.printed), len(blocks), location=name)
+        for node, printed in zip(blocks, page.printed, strict=False):
+            if printed.strip():
+                node.parent.insert(node.parent.index(node) + 1, shown(printed))
+        for image in self.document.findall(nodes.image):
+            file = page.folder / image["uri"]
+            if file.is_file():
+                image["uri"] = os.path.relpath(file, Path(self.env.doc2path(name)).parent)
+
+
+def shown(printed: str) -> nodes.container:
+    """Output as nodes: lines of text wrap on a narrow page, lines of tables do not."""
+    lines = [line.rstrip() for line in printed.strip("\n").splitlines()]
+    left_out = len(lines) - LONGEST
+    box = nodes.container(classes=["output"])
+    kinds = [("  " in line.strip() or line.startswith("  "), line) for line in lines[:LONGEST]]
+    while kinds:
+        table = kinds[0][0]
+        size = next((k for k, (each, _) in enumerate(kinds) if each != table), len(kinds))
+        text = "\n".join(line for _, line in kinds[:size])
+        box += nodes.literal_block(text, text, language="none", classes=["output", "aligned" if table else "wrapped"])
+        kinds = kinds[size:]
+    if left_out > 0:
+        box += nodes.paragraph(text=f"… and {left_out} more lines")
+    return box
+
+
+def begin(app: Sphinx) -> None:
+    """One runner for a build."""
+    app.runner = Runner(Path(app.srcdir), Path(app.outdir).parent / "run")  # type: ignore[attr-defined]
+
+
+def report(app: Sphinx, problem: Exception | None) -> None:
+    """Print the processor time of every page."""
+    pages: dict[str, Page] = app.runner.pages  # type: ignore[attr-defined]
+    for name, page in sorted(pages.items(), key=lambda each: -each[1].seconds):
+        print(f"{page.seconds:6.1f} s of processor time: {name}")
+    print(f"{sum(each.seconds for each in pages.values()):6.1f} s of processor time for {len(pages)} pages")
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register with Sphinx."""
+    app.connect("builder-inited", begin)
+    app.connect("build-finished", report)
+    app.add_transform(ShowOutput)
+    return {"parallel_read_safe": False}

@@ -1,0 +1,53 @@
+"""Settings of Sphinx; `make docs` builds the site. CONTRIBUTING.md says why these tools."""
+
+import sys
+from pathlib import Path
+
+import emsid
+
+sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
+
+project, author, version = "emsid", "the authors of emsid", emsid.__version__
+copyright = "the authors of emsid; BSD-3-Clause"
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "executed",  # runs what the pages show
+    "generated",  # pages made from the program: command line, findings
+    "mathml",
+]
+exclude_patterns = ["_extensions"]
+myst_enable_extensions = ["dollarmath", "deflist", "attrs_inline", "colon_fence"]
+myst_heading_anchors = 3
+
+default_role = "py:obj"  # `x` in a docstring
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # signatures on a phone; docstrings say shapes and units
+autodoc_default_options = {"members": True, "inherited-members": False, "show-inheritance": False}
+python_use_unqualified_type_names = True
+napoleon_use_rtype = False
+add_module_names = False
+
+html_theme = "pydata_sphinx_theme"
+html_title = f"emsid {version}"
+html_static_path = ["_static"]
+html_css_files = ["emsid.css"]
+html_math_renderer = "mathml"
+html_show_sourcelink = False
+html_copy_source = False
+html_show_sphinx = False
+html_permalinks_icon = "#"
+html_theme_options = {
+    "logo": {"text": "emsid"},
+    "navbar_end": ["theme-switcher"],
+    "navigation_depth": 2,
+    "show_nav_level": 1,
+    "header_links_before_dropdown": 8,
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "pygments_light_style": "a11y-high-contrast-light",
+    "pygments_dark_style": "a11y-high-contrast-dark",
+}

@@ -28,6 +28,7 @@ from emsid.models.blocks.static_maps import (
     UserMap,
 )
 from emsid.models.free_run import RUNAWAY
+from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.model import Model
 from emsid.models.plants.drive import Drive
 from emsid.models.plants.grey_box import GreyBox
@@ -76,6 +77,15 @@ def regressions() -> Iterator[tuple[str, Narx]]:
         yield name, Narx(structure, np.array(parameters), DT)
 
 
+def state_spaces() -> Iterator[tuple[str, StateSpaceModel]]:
+    a, b, c = np.array([[1.2, -0.4], [1.0, 0.0]]), np.array([[0.1], [0.05]]), np.array([[1.0, 0.5]])
+    gain, none = np.array([[0.3], [0.1]]), np.zeros((2, 1))
+    yield "state space", StateSpaceModel(a, b, c, np.zeros((1, 1)), gain, np.array([0.2]), DT)
+    yield "state space without a noise model", StateSpaceModel(a, b, c, np.array([[0.3]]), none, np.zeros(1), DT)
+    both, gains = np.vstack([c, [0.2, -0.1]]), np.array([[0.3, 0.1], [0.1, 0.2]])
+    yield "state space, two outputs", StateSpaceModel(a, b, both, np.zeros((2, 1)), gains, np.array([0.2, -0.1]), DT)
+
+
 def cascades() -> Iterator[tuple[str, Cascade]]:
     for name, static in MAPS.items():
         yield f"wiener-hammerstein, {name}", Cascade((FAST, static, SLOW), 0.1, 0.2, dt=DT)
@@ -114,7 +124,7 @@ OWN = OwnPlant(
     (3.0, 2.0),
     states=2,
 )
-ALL: dict[str, Model] = {**dict(regressions()), **dict(cascades()), **dict(plants())}
+ALL: dict[str, Model] = {**dict(regressions()), **dict(state_spaces()), **dict(cascades()), **dict(plants())}
 every_model = pytest.mark.parametrize("model", ALL.values(), ids=ALL.keys())
 UNSAVED = ("user", "own plant")
 

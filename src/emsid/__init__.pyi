@@ -39,6 +39,8 @@ from .models.blocks.search.estimation import hammerstein as hammerstein
 from .models.blocks.search.estimation import hammerstein_wiener as hammerstein_wiener
 from .models.blocks.search.estimation import wiener as wiener
 from .models.blocks.search.estimation import wiener_hammerstein as wiener_hammerstein
+from .models.linear.state_space import StateSpaceModel as StateSpaceModel
+from .models.linear.subspace_fit import state_space as state_space
 from .models.model import Model as Model
 from .models.model import Run as Run
 from .models.plants.grey_box import GreyBox as GreyBox

@@ -24,6 +24,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.fitting import fit_cascade
 from emsid.models.free_run import as_record
+from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
 from emsid.models.model import Model
 from emsid.models.plants.grey_box import GreyBox, signals_of
 from emsid.models.plants.motor import DrivenMotor
@@ -46,6 +47,7 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
     ==================================================  ===============================================================
     a structure: `emsid.arx`, `emsid.friction_narx`, …  ``ridge``, ``forgetting`` (then by recursion), ``history``;
                                                         ``free_run=True``, ``start``, ``transient``, ``control``
+    a linear model: `emsid.state_space`                 ``free_run=True``, ``refine``, ``control``
     a cascade: `emsid.wiener_hammerstein`, …            ``control``; orders and static map are given to the cascade
     a plant: `emsid.plants.rigid_motor`, …              ``fixed``, ``free``, ``bounds``, ``datasheet``, ``signals``, …
     ==================================================  ===============================================================
@@ -109,6 +111,7 @@ def _regression(
 
 FITTED: dict[type, Estimator] = {
     Structure: _regression,
+    StateSpaceStructure: fit_state_space,
     Cascade: fit_cascade,
     Motor: simulation_error,
 }

@@ -1,0 +1,293 @@
+r"""A linear model in state space, with several inputs and outputs.
+
+    x(t + 1) = A x(t) + B u(t) + K e(t)
+    y(t)     = C x(t) + D u(t) + y₀ + e(t)
+
+e is white noise, and y₀ the output at an input of zero in steady state. The free run has e = 0. The prediction has
+e = y − ŷ: with A − KC in place of A, measured outputs drive the state (the innovations form; K is the gain of the
+steady-state Kalman filter). With K = 0 all noise is that of the output.
+
+References:
+    Ljung, *System Identification*, 2nd ed. (1999), sec. 4.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import ModelError
+from emsid.models.free_run import as_record, free_run, predict
+from emsid.models.linear_parts import python_control
+from emsid.models.model import Run, levels
+from emsid.models.terms import sum_of_terms
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+# An eigenvalue of A that is one within this fraction has no steady state.
+INTEGRATES = 1e-9
+MATRICES = ("a", "b", "c", "d", "k")
+
+
+@dataclass(frozen=True, eq=False)
+class StateSpaceModel:
+    """A linear model in state space.
+
+    Args:
+        a: (n, n).
+        b: (n, nu).
+        c: (ny, n).
+        d: (ny, nu).
+        k: (n, ny) gain of the innovations.
+        level: (ny,) y₀, the output in steady state at an input of zero.
+        dt: sample time in s.
+        start: samples of a segment from which the initial state is estimated; by default eight for every state.
+        name: name in tables and files.
+
+    Raises:
+        ModelError: for matrices that do not fit together, or numbers that are not finite.
+    """
+
+    a: Array
+    b: Array
+    c: Array
+    d: Array
+    k: Array
+    level: Array
+    dt: float
+    start: int = 0
+    name: str = "state-space"
+
+    def __post_init__(self) -> None:
+        for field in (*MATRICES, "level"):
+            values = np.array(getattr(self, field), dtype=float)
+            if not np.isfinite(values).all():
+                raise ModelError(f"{self.name}: {field} holds numbers that are not finite")
+            values.flags.writeable = False
+            object.__setattr__(self, field, values)
+        n, outputs, inputs = len(self.a), len(self.level), self.b.shape[1] if self.b.ndim == 2 else 0
+        wanted = {"a": (n, n), "b": (n, inputs), "c": (outputs, n), "d": (outputs, inputs), "k": (n, outputs)}
+        for field, shape in wanted.items():
+            if getattr(self, field).shape != shape or not n:
+                raise ModelError(f"{self.name}: {field} of shape {getattr(self, field).shape}; {shape} fits the others")
+        if not (np.isfinite(self.dt) and self.dt > 0):
+            raise ModelError(f"{self.name}: sample time {self.dt} s; it must be a positive number of seconds")
+        least = -(-n // outputs)  # so many samples determine the state
+        object.__setattr__(self, "start", max(int(self.start), least) if self.start else 8 * least)
+
+    @property
+    def order(self) -> int:
+        """n, the number of states."""
+        return len(self.a)
+
+    @property
+    def memory(self) -> int:
+        """The number of samples of a segment that give its initial state."""
+        return self.start
+
+    @property
+    def latency(self) -> int:
+        """Zero: the model does not interpolate its input."""
+        return 0
+
+    @property
+    def poles(self) -> NDArray[np.complex128]:
+        """(n,) eigenvalues of A."""
+        return np.linalg.eigvals(self.a).astype(complex)
+
+    def check_record(self, record: Record) -> None:
+        """Refuse a record of other channels; its outputs may be missing.
+
+        Raises:
+            ModelError: with the difference.
+        """
+        inputs, outputs = self.b.shape[1], len(self.level)
+        if record.input.shape[1] != inputs or record.output.shape[1] not in (0, outputs):
+            raise ModelError(
+                f"{self.name} has {inputs} inputs and {outputs} outputs; {record.name} has "
+                f"{record.input.shape[1]} and {record.output.shape[1]}"
+            )
+
+    def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> Array:
+        """(n,) the steady state for a constant input; zero for a model without one, such as an integrator."""
+        u, rest = levels(self.name, level, self.b.shape[1]), np.eye(self.order) - self.a
+        if np.abs(np.linalg.eigvals(rest)).min() < INTEGRATES:
+            return np.zeros(self.order)
+        return np.asarray(np.linalg.solve(rest, self.b @ u))
+
+    def initial(self, segment: Record, samples: int) -> Array:
+        """(n,) the state after these samples, by least squares on their outputs, with the noise model."""
+        y, u = segment.output[:samples], segment.input[:samples]
+        a, b, d = self.predictor
+        return run_linear(a, b, self.c, d, self.first_state(y, u), np.hstack([u, y - self.level]))[1]
+
+    def first_state(self, y: Array, u: Array) -> Array:
+        """(n,) the state before outputs y (N, ny) and inputs u (N, nu), by least squares on the prediction error."""
+        a, b, d = self.predictor
+        forced, _ = run_linear(a, b, self.c, d, np.zeros(self.order), np.hstack([u, y - self.level]))
+        rows, power = [], self.c
+        for _ in range(len(y)):
+            rows.append(power)
+            power = power @ a
+        return np.asarray(np.linalg.lstsq(np.vstack(rows), (y - self.level - forced).ravel(), rcond=None)[0])
+
+    def run(self, state: Array, inputs: Array) -> tuple[Array, Array]:
+        """The outputs (N, ny) for inputs (N, nu), and the state (n,) after them."""
+        outputs, after = run_linear(self.a, self.b, self.c, self.d, state, inputs)
+        return outputs + self.level, after
+
+    def advance(self, state: Array, u: ArrayLike) -> tuple[Array, Array]:
+        """The output (ny,) for the input (nu,) of one sample, and the state after it."""
+        outputs, after = self.run(state, levels(self.name, u, self.b.shape[1])[None, :])
+        return outputs[0], after
+
+    def ahead(self, segment: Record, samples: int, horizon: int) -> Array:
+        """ŷ(t | t − horizon): simulated from the state that measured outputs up to ``horizon`` samples before give.
+
+        What the innovations add to the state of the free run decays with A.
+        """
+        start, u, y = self.initial(segment, samples), segment.input[samples:], segment.output[samples:]
+        everything, none = np.eye(self.order), np.zeros((self.order, self.b.shape[1]))
+        free = run_linear(self.a, self.b, everything, none, start, u)[0]
+        values = free @ self.c.T + u @ self.d.T + self.level
+        if horizon <= len(u):
+            a, b, _ = self.predictor
+            both, nothing = np.hstack([u, y - self.level]), np.zeros((self.order, b.shape[1]))
+            added = run_linear(a, b, everything, nothing, start, both)[0] - free
+            last = len(u) - horizon + 1
+            values[horizon - 1 :] += added[:last] @ (self.c @ np.linalg.matrix_power(self.a, horizon - 1)).T
+        return values
+
+    @property
+    def predictor(self) -> tuple[Array, Array, Array]:
+        """A − KC, [B − KD, K] and [D, 0]: the predictor, driven by u and y − y₀."""
+        return (
+            self.a - self.k @ self.c,
+            np.hstack([self.b - self.k @ self.d, self.k]),
+            np.hstack([self.d, np.zeros((len(self.level),) * 2)]),
+        )
+
+    def simulate(self, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None) -> Run:
+        """Free run over a record, or over inputs alone; see `emsid.models.free_run.free_run`."""
+        return free_run(self, as_record(self, record, dt), transient)
+
+    def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
+        """The output ``horizon`` samples ahead of the last measured output that is used."""
+        return predict(self, record, horizon, transient)
+
+    def response(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """(F, ny, nu) the frequency response at frequencies (F,) in Hz."""
+        z = np.exp(2j * np.pi * np.atleast_1d(np.asarray(frequency, dtype=float)) * self.dt)
+        resolvent = z[:, None, None] * np.eye(self.order) - self.a
+        return np.asarray(
+            self.c @ np.linalg.solve(resolvent, np.broadcast_to(self.b, (len(z), *self.b.shape))) + self.d
+        )
+
+    def equation(self) -> str:
+        """The difference equations with numbers."""
+        inputs = ["u(t)"] if self.b.shape[1] == 1 else [f"u{j + 1}(t)" for j in range(self.b.shape[1])]
+        outputs = ["y(t)"] if len(self.level) == 1 else [f"y{i + 1}(t)" for i in range(len(self.level))]
+        noises = [each.replace("y", "e") for each in outputs]
+        states = [f"x{i + 1}(t)" for i in range(self.order)]
+
+        def line(left: str, parts: Sequence[tuple[Array, Sequence[str]]], rest: str = "") -> str:
+            terms = [(float(v), name) for values, names in parts for v, name in zip(values, names, strict=True)]
+            return f"{left} = {sum_of_terms(terms)}{rest}"
+
+        lines = [
+            line(f"x{i + 1}(t+1)", [(self.a[i], states), (self.b[i], inputs), (self.k[i], noises)])
+            for i in range(self.order)
+        ]
+        lines += [
+            line(
+                outputs[i], [(self.c[i], states), (self.d[i], inputs), (self.level[i : i + 1], [""])], f" + {noises[i]}"
+            )
+            for i in range(len(outputs))
+        ]
+        return "\n".join(lines)
+
+    def to_control(self) -> Any:
+        """The same as `control.StateSpace` of python-control, without y₀ and noise.
+
+        Raises:
+            ModelError: where python-control is not installed.
+        """
+        return python_control().ss(self.a, self.b, self.c, self.d, self.dt)
+
+    def to_data(self) -> dict[str, Any]:
+        """Everything that `from_data` needs, in built-in types."""
+        matrices = {field: getattr(self, field).tolist() for field in (*MATRICES, "level")}
+        return {"name": self.name, **matrices, "dt": float(self.dt), "start": self.start}
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> StateSpaceModel:
+        """The model described by `to_data`.
+
+        Raises:
+            ModelError: for data that do not describe a model.
+        """
+        try:
+            stored = msgspec.convert(data, _Stored)
+            arrays = {field: np.array(getattr(stored, field), dtype=float) for field in (*MATRICES, "level")}
+        except (msgspec.ValidationError, ValueError) as problem:
+            raise ModelError(f"not a state-space model: {problem}") from None
+        return cls(**arrays, dt=stored.dt, start=stored.start, name=stored.name)
+
+
+class _Stored(msgspec.Struct, forbid_unknown_fields=True):
+    name: str
+    a: list[list[float]]
+    b: list[list[float]]
+    c: list[list[float]]
+    d: list[list[float]]
+    k: list[list[float]]
+    level: list[float]
+    dt: float
+    start: int
+
+
+def run_linear(a: Array, b: Array, c: Array, d: Array, state: Array, inputs: Array) -> tuple[Array, Array]:
+    """The outputs (N, ny) of x(t + 1) = A x + B u, y = C x + D u from a state (n,), and the state after them."""
+    after, outputs = np.array(state, dtype=float), np.empty((len(inputs), len(c)))
+    a, b, c, d, u = (np.ascontiguousarray(each) for each in (a, b, c, d, inputs))
+    _run(a, b, c, d, after, u, outputs)
+    return outputs, after
+
+
+@numba.njit(cache=True, nogil=True)
+def _run(a: Array, b: Array, c: Array, d: Array, x: Array, u: Array, y: Array) -> None:
+    """Write y (N, ny) for u (N, nu) and leave in x (n,) the state after them."""
+    n, inputs, following = len(a), u.shape[1], np.empty(len(a))
+    for t in range(len(u)):
+        for i in range(len(c)):
+            total = 0.0
+            for j in range(n):
+                total += c[i, j] * x[j]
+            for j in range(inputs):
+                total += d[i, j] * u[t, j]
+            y[t, i] = total
+        for i in range(n):
+            total = 0.0
+            for j in range(n):
+                total += a[i, j] * x[j]
+            for j in range(inputs):
+                total += b[i, j] * u[t, j]
+            following[i] = total
+        for i in range(n):
+            x[i] = following[i]
+
+
+def run_reference(a: Array, b: Array, c: Array, d: Array, state: Array, inputs: Array) -> tuple[Array, Array]:
+    """`run_linear` by its definition, in NumPy: a slow and simple reference."""
+    x, outputs = np.array(state, dtype=float), []
+    for u in inputs:
+        outputs.append(c @ x + d @ u)
+        x = a @ x + b @ u
+    return np.array(outputs), x

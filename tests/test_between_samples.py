@@ -129,6 +129,7 @@ def test_a_hold_is_asked_for_by_its_name():
 def test_the_speed_of_an_encoder_is_a_mean_over_the_sample_before():
     fit = fitted(ENCODER, 1, fixed={"sensor.average": 1})
     assert np.max(deviations(fit)) < 4
+    assert fit.standard_error[0] < 2.5e-6  # the deviation of 25 estimates is 1.0e-6
     assert np.max(deviations(fitted(ENCODER, 1))) > 5
 
 

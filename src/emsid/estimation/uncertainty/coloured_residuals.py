@@ -3,28 +3,104 @@ r"""The covariance of an estimate under stationary coloured noise, whose colour 
 At a least-squares minimum ``cov θ̂ = (JᵀJ)⁻¹ JᵀΓJ (JᵀJ)⁻¹`` with Γ the covariance of the noise.
 `robust_covariance` estimates JᵀΓJ from the products of residual and derivative. This assumes nothing, but needs many
 samples in which the derivative is not zero; the edge of a dead zone, for example, affects only the few samples around
-standstill. If the noise is stationary, its colour can be estimated from all samples. An autoregression A(q)e = w of
-the residual, var w = σ², has Γ = σ²HHᵀ with H = 1/A(q), so that
+standstill. If the noise is stationary, its colour can be estimated from all samples. A residual
 
-    JᵀΓJ = σ²‖HᵀJ‖²,      HᵀJ: the columns of J through 1/A(q), backwards in time.
+    A(q)e = (1 − c·q⁻¹)w,      var w = σ²,
 
-The autoregression solves the Yule–Walker equations (it is stable by construction); Schwarz's criterion gives its order.
+has Γ = σ²HHᵀ with H = (1 − c·q⁻¹)/A(q), so that
+
+    JᵀΓJ = σ²‖HᵀJ‖²,      HᵀJ: the columns of J through H, backwards in time.
+
+The autoregression solves the Yule–Walker equations (it is stable by construction). The zero c is for differences: a
+speed from the counts of an encoder has noise with c = 1, and no short autoregression has so little power at low
+frequencies. It is the one of `ZEROS` whose residual through 1/(1 − c·q⁻¹) has the most likely autoregression; the
+effect c^t of what was before the first sample is projected out. An estimate of a zero near one has an error of order
+1/N, so a grid is enough. Schwarz's criterion gives the order and decides whether there is a zero.
 
 References:
     Söderström, Stoica, *System Identification*, sec. 7.5 (the covariance of output-error estimates in coloured noise)
-    and 3.3 (Yule–Walker). Schwarz, *Estimating the dimension of a model*, Annals of Statistics 6 (1978).
+    and 3.3 (Yule–Walker). Schwarz, *Estimating the dimension of a model*, Annals of Statistics 6 (1978). Shephard,
+    Harvey, *On the probability of estimating a deterministic component in the local level model*, Journal of Time
+    Series Analysis 11 (1990) (zeros near one).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.estimation.uncertainty.robust_covariance import long_run_variance
+
 Array = NDArray[np.float64]
 
 MOST_POLES = 20
+ZEROS = (0.5, 0.8, 0.9, 0.95, 0.98, 1.0)
+"""The zeros of a residual that are tried."""
+
+
+class Colour(NamedTuple):
+    """A(q)e = (1 − zero·q⁻¹)w.
+
+    Attributes:
+        zero: of a moving average of order one; 0 without.
+        polynomial: (n + 1,) A(q) = 1 + a₁q⁻¹ + …
+        variance: of w.
+    """
+
+    zero: float
+    polynomial: Array
+    variance: float
+
+    def backwards(self, jacobian: Array) -> Array:
+        """(N, p), with a zero (N + 1, p): HᵀJ of derivatives (N, p), the last sample first."""
+        from scipy.signal import lfilter
+
+        if self.zero:  # w before the first sample is in the first residual
+            jacobian = np.concatenate([np.zeros((1, jacobian.shape[1])), jacobian])
+        through: Array = lfilter([1.0, -self.zero], self.polynomial, jacobian[::-1], axis=0)
+        return through
+
+    def whitened(self, residual: Array) -> Array:
+        """(N,) w of a residual (N,)."""
+        from scipy.signal import lfilter
+
+        white: Array = lfilter(self.polynomial, [1.0], _without_zero(residual, self.zero))
+        return white
+
+
+def colour(pieces: Sequence[Array]) -> Colour:
+    """The colour of pieces (Nᵢ,) of one stationary residual."""
+    samples = sum(len(piece) for piece in pieces)
+    plain = Colour(0.0, *autoregression(pieces))
+    best = plain, _schwarz(plain, samples)
+    for zero in ZEROS:
+        candidate = Colour(zero, *autoregression([_without_zero(piece, zero) for piece in pieces]))
+        criterion = _schwarz(candidate, samples)
+        if criterion < best[1]:
+            best = candidate, criterion
+    return best[0]
+
+
+def _schwarz(colour: Colour, samples: int) -> float:
+    """Schwarz's criterion; infinite where there is no residual."""
+    if not colour.variance > 0:
+        return -np.inf if colour.zero == 0 else np.inf
+    parameters = len(colour.polynomial) - 1 + (colour.zero > 0)
+    return float(samples * np.log(colour.variance) + parameters * np.log(samples))
+
+
+def _without_zero(residual: Array, zero: float) -> Array:
+    """(N,) a residual through 1/(1 − c·q⁻¹), without the effect of what was before it."""
+    from scipy.signal import lfilter
+
+    if zero == 0:
+        return residual
+    through: Array = lfilter([1.0], [1.0, -zero], residual)
+    before = zero ** np.arange(len(residual))
+    return through - before * (before @ through) / (before @ before)
 
 
 def autoregression(pieces: Sequence[Array], most: int = MOST_POLES) -> tuple[Array, float]:
@@ -56,18 +132,44 @@ def coloured_covariance(pieces: Sequence[tuple[Array, Array]]) -> Array:
         pieces: residual (Nᵢ,) and derivative (Nᵢ, p) of every segment and channel; the derivatives together have full
             rank.
     """
-    from scipy.signal import lfilter
-
-    polynomial, variance = autoregression([residual for residual, _ in pieces])
+    noise = colour([residual for residual, _ in pieces])
     triangle = np.linalg.qr(np.concatenate([jacobian for _, jacobian in pieces]), mode="r")
     inverse = np.linalg.inv(triangle)
     spread = np.zeros_like(triangle)
     for _, jacobian in pieces:
-        backwards = lfilter([1.0], polynomial, (jacobian @ inverse)[::-1], axis=0)
-        spread += variance * backwards.T @ backwards
+        backwards = noise.backwards(jacobian @ inverse)
+        spread += noise.variance * backwards.T @ backwards
     samples = sum(len(residual) for residual, _ in pieces)
     freedom = samples / max(samples - len(triangle), 1)
     covariance: Array = freedom * inverse @ spread @ inverse.T
+    return covariance
+
+
+def whitened_sandwich(pieces: Sequence[tuple[Array, Array]]) -> Array | None:
+    """(p, p) covariance of the estimate by `long_run_variance`, from scores without the zero of the residual.
+
+    ``Σₜ Jₜeₜ = Σₜ (HᵀJ)ₜwₜ`` is one number in two sums; the terms of the second are hardly correlated, so that
+    Bartlett's weights do not overestimate its variance.
+
+    Args:
+        pieces: as in `coloured_covariance`.
+
+    Returns:
+        None where the residual has no zero.
+    """
+    noise = colour([residual for residual, _ in pieces])
+    if noise.zero == 0:
+        return None
+    inverse = np.linalg.inv(np.linalg.qr(np.concatenate([jacobian for _, jacobian in pieces]), mode="r"))
+    scores, before = [], []
+    for residual, jacobian in pieces:
+        backwards = noise.backwards(jacobian @ inverse)
+        scores.append(backwards[-2::-1] * noise.whitened(residual)[:, None])
+        before.append(backwards[-1])  # of w before the first sample, which no residual shows
+    edges = noise.variance * np.array(before).T @ np.array(before)
+    samples = sum(len(residual) for residual, _ in pieces)
+    freedom = samples / max(samples - len(inverse), 1)
+    covariance: Array = freedom * inverse @ (long_run_variance(scores) + edges) @ inverse.T
     return covariance
 
 

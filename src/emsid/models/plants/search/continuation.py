@@ -20,7 +20,7 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.linear.information import inverse_triangle
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
-from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance
+from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance, whitened_sandwich
 from emsid.estimation.uncertainty.identifiability import Identifiability, identifiability
 from emsid.findings import Finding
 from emsid.models.plants.free_run_error import FreeRunError
@@ -265,9 +265,9 @@ def _with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
     for residual, jacobian in problem.exactly(minimum.estimate):
         parts = np.split(np.arange(len(residual)), channels)
         pieces += [(residual[part], jacobian[np.ix_(part, columns)]) for part in parts]
-    covariance = coloured_covariance(pieces)
+    covariance, whitened = coloured_covariance(pieces), whitened_sandwich(pieces)
     within = np.ix_(columns, columns)
-    sandwich, found = np.diag(minimum.covariance)[columns], np.diag(covariance)
+    sandwich, found = np.diag(minimum.covariance[within] if whitened is None else whitened), np.diag(covariance)
     ratio = np.divide(sandwich, found, out=np.ones(len(columns)), where=found > 0)  # nothing is left of exact data
     wider = np.sqrt(np.maximum(ratio, 1.0))
     whole = minimum.covariance.copy()

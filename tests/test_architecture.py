@@ -40,7 +40,7 @@ LAYERS = (
     {"report"},
     {"cli"},
     {"__main__"},
-    {"blocks", "plants", "regression"},  # public faces, see below
+    {"blocks", "linear", "plants", "regression"},  # public faces, see below
 )
 LEVEL = {package: level for level, packages in enumerate(LAYERS) for package in packages}
 
@@ -61,7 +61,7 @@ SEARCHES = ("models.regression.search", "models.blocks.search", "models.plants.s
 SEARCHERS = ("models.verbs", "identification", "study", "report", "cli", "blocks", "plants", "regression")
 # What users reach as `emsid.blocks` and so on: modules that pass on names of `models` and define nothing. They stand at
 # the end of the layers, so no module of the package can import them.
-FACES = ("blocks", "plants", "regression")
+FACES = ("blocks", "linear", "plants", "regression")
 
 # The only import that points the other way, by design: a result loads the report when somebody looks at it.
 UPWARD = ("presentation", "report.notebook")

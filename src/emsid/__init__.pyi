@@ -4,6 +4,7 @@ from . import excitation as excitation
 from . import findings as findings
 from . import first_look as first_look
 from . import identification as identification
+from . import linear as linear
 from . import plant as plant
 from . import plants as plants
 from . import regression as regression

@@ -50,19 +50,29 @@ CIRCLE = 1.0
 
 
 def cva(block: Array, rest: Array) -> Array:
-    """The weight of canonical variates: the inverse square root of the covariance of Y without the future inputs."""
+    """The weight of canonical variates: the inverse square root of the covariance of Y without the future inputs.
+
+    Args:
+        block: (f, z) the part of the factor's rows of Y that the past explains.
+        rest: (f, f) the part that it does not explain.
+    """
     values, vectors = np.linalg.eigh(block @ block.T + rest @ rest.T)
     values = np.maximum(values, LEAST * values[-1])
     return np.asarray((vectors / np.sqrt(values)) @ vectors.T)
 
 
 def moesp(block: Array, rest: Array) -> Array:
-    """No weight: the past is an instrument (PO-MOESP)."""
+    """No weight: the past is an instrument (PO-MOESP).
+
+    Args:
+        block: (f, z) the part of the factor's rows of Y that the past explains.
+        rest: (f, f) the part that it does not explain.
+    """
     return np.eye(len(block))
 
 
 Weighting = Callable[[Array, Array], Array]
-"""The weight (f, f) of the rows of Y from the block that Z explains (f, z) and the factor of the rest (f, f)."""
+"""The weight (f, f) of the rows of Y from the part that Z explains (f, z) and the rest (f, f)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,6 +32,7 @@ from emsid.estimation.linear.subspace import (
     Weighting,
     cva,
     input_part,
+    moesp,
     noise_gain,
     response_rows,
 )
@@ -41,6 +42,17 @@ from emsid.models.linear.state_space import StateSpaceModel, run_linear
 from emsid.record import Record, check_same_channels
 
 Array = NDArray[np.float64]
+
+__all__ = [
+    "StateSpaceError",
+    "StateSpaceStructure",
+    "SubspaceModels",
+    "cva",
+    "fit_state_space",
+    "moesp",
+    "state_space",
+    "subspace_models",
+]
 
 HORIZON = 20
 """Samples of past and of future by default; fewer in short records."""
@@ -58,7 +70,15 @@ DIFFERENCE = 1e-5
 
 @dataclass(frozen=True)
 class StateSpaceStructure:
-    """A state-space model before its estimation; see `state_space`."""
+    """A state-space model before its estimation; see `state_space`.
+
+    Args:
+        order: number of states; None to choose it.
+        direct: whether there is a D.
+        horizon: samples of past and future data.
+        weighting: of the singular value decomposition.
+        name: in tables and files.
+    """
 
     order: int | None = None
     direct: bool = False

@@ -27,7 +27,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import fit_cascade
 from emsid.models.blocks.gain import unit_gain
-from emsid.models.blocks.static_maps import DeadZone, Polynomial, UserMap
+from emsid.models.blocks.static_maps import CubicSpline, DeadZone, Polynomial, UserMap
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -49,6 +49,11 @@ ALIKE = unit_gain(
             Rational([0.1, 0.05], [-1.3, 0.45]),
         )
     )
+)
+# A smooth map with more knots than it needs: the interval of a value includes the bias of the penalty on roughness.
+ARCTANGENT = np.linspace(-4, 4, 16)
+SMOOTH = unit_gain(
+    Cascade((MODEL.blocks[0], CubicSpline(ARCTANGENT, np.arctan(1.5 * ARCTANGENT)), MODEL.blocks[2])),
 )
 # Standard deviation of the input, whose colour is a pole at 0.7.
 SPREAD, INPUT_POLE = 1.5, 0.7
@@ -114,6 +119,8 @@ _CASES = (
     Case("white noise", MODEL, noise=0.05),
     Case("coloured noise, pole 0.9", MODEL, noise=0.05, pole=0.9),
     Case("filters hardly told apart", ALIKE, noise=0.03, pole=0.6, samples=4_000, model=ALIKE),
+    Case("smooth map", SMOOTH, noise=0.05, model=SMOOTH),
+    Case("smooth map, coloured noise", SMOOTH, noise=0.05, pole=0.9, model=SMOOTH),
     Case(
         "model error, a pole missing",
         Cascade((*MODEL.blocks, Rational([0.5], [-0.5])), output_offset=0.1),

@@ -28,7 +28,12 @@ residual (an unstable filter, a simulation that overflowed) counts as a failed s
 a criterion that is independent of units and scale, or when the step is at the level of rounding, as in a problem
 with an exact solution. `Ending` lists the other ways in which a search can end.
 
+**Penalties.** A curve that should be smooth adds ½μ‖Rθ + c‖² to the cost, as further rows of the linear problem. Its
+weight μ is chosen from every linearisation (`smoothing`). Intervals treat Rθ + c as normal with variance σ²/μ, so that
+they include the bias of a smooth curve (Nychka 1988).
+
 References:
+    Nychka, *Bayesian confidence intervals for smoothing splines*, JASA 83 (1988).
     Nocedal, Wright, *Numerical Optimization*, 2nd ed., ch. 10. Dennis, Schnabel, *Numerical Methods for
     Unconstrained Optimization and Nonlinear Equations*, ch. 10. Moré, *The Levenberg–Marquardt algorithm:
     implementation and theory* (1978). Nielsen, *Damping parameter in Marquardt's method*, IMM-REP-1999-05.
@@ -52,6 +57,7 @@ from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.information import Information, Solution, inverse_triangle
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.estimation.nonlinear.losses import SQUARES, Loss
+from emsid.estimation.nonlinear.smoothing import Penalty, chosen_weights
 from emsid.estimation.uncertainty.robust_covariance import long_run_variance
 from emsid.findings import Finding
 
@@ -122,6 +128,7 @@ class Minimum:
         findings: how it ended, which bounds were reached, and what the data do not determine.
         iterations: steps taken.
         costs: V at the start and after every step.
+        penalty: the penalties with their weights, in all parameters; the information includes them, V does not.
     """
 
     estimate: Array
@@ -139,6 +146,7 @@ class Minimum:
     findings: tuple[Finding, ...]
     iterations: int
     costs: tuple[float, ...]
+    penalty: Penalty
 
     def judged(self) -> Minimum:
         """The same; of a search that stalled before a minimum without intervals, at one as converged.
@@ -208,7 +216,15 @@ class _Point:
     theta: Array
     cost: float
     blocks: Sequence[Block]
-    information: Information  # of the parameters that are not fixed
+    information: Information  # of the parameters that are not fixed, with the penalty
+    lengths: Array  # of the columns of √w·J, without the penalty
+    weights: Array  # of the penalties
+    penalty: Penalty  # all of them together, with their weights
+
+    @property
+    def penalised_cost(self) -> float:
+        """The cost with the penalty."""
+        return self.cost + self.penalty.cost(self.theta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,6 +280,7 @@ class _Search:
     least_saving: float
     noise: float
     control: Control
+    penalties: Sequence[Penalty]
 
     def begin(self, theta: Array, damping: float) -> _Iterate:
         """The state at the start.
@@ -273,8 +290,8 @@ class _Search:
         """
         if not np.isfinite(_cost(self.problem, theta, self.loss)):
             raise ModelError("the residual at the start is not finite; check the data and the start values")
-        point = _linearise(self.problem, theta, self.box.varied, self.loss)
-        if point.information.samples < len(self.box.varied):
+        point = self._linearise(theta, np.ones(len(self.penalties)))
+        if point.information.samples + len(point.penalty.rows) < len(self.box.varied):
             raise ModelError(
                 f"{int(point.information.samples)} samples for {len(self.box.varied)} free parameters; "
                 "give more data or fix some parameters"
@@ -292,7 +309,7 @@ class _Search:
             theta, damping = self._descend(iterate)
         if theta is None:
             return None
-        point = _linearise(self.problem, theta, self.box.varied, self.loss)
+        point = self._linearise(theta, iterate.point.weights)
         new = self._at(point, iterate.scale, damping, iterate.offset, (*iterate.costs, point.cost))
         self.control.report(Activity("", new.steps, cost=new.point.cost, offset=new.offset))
         return new
@@ -321,10 +338,19 @@ class _Search:
         return _End(ending, (Finding(code, data={"steps": iterate.steps, "offset": _finite(iterate.offset), **data}),))
 
     def _at(self, point: _Point, scale: Array, damping: float, before: float, costs: tuple[float, ...]) -> _Iterate:
-        scale = np.maximum(scale, np.linalg.norm(point.information.factor[:-1, :-1], axis=0))
+        scale = np.maximum(scale, point.lengths)
         remaining = _bounded_step(point.information, *self.box.limits(point.theta))
         offset = _relative_offset(point.information, remaining, self.noise)
         return _Iterate(point, scale, damping, remaining, offset, before, costs)
+
+    def _linearise(self, theta: Array, weights: Array) -> _Point:
+        """The linearisation at θ, with the penalties; their weights are chosen, starting from the given ones."""
+        cost, blocks, information = _linearise(self.problem, theta, self.box.varied, self.loss)
+        weights = chosen_weights(self.penalties, information, theta, self.box.varied, weights)
+        penalty = Penalty.weighted(self.penalties, weights, len(theta))
+        lengths = np.linalg.norm(information.factor[:-1, :-1], axis=0)
+        information = penalty.added(information, theta, self.box.varied)
+        return _Point(theta, cost, blocks, information, lengths, weights, penalty)
 
     def _undamped(self, iterate: _Iterate) -> Array | None:
         """θ after the undamped step, if the change of the cost is below its rounding; otherwise None."""
@@ -344,7 +370,8 @@ class _Search:
                 break
             self.control.check()
             theta = self.box.moved(point.theta, step)
-            ratio = (point.cost - _trial_cost(self.problem, theta, self.loss)) / promised
+            trial = _trial_cost(self.problem, theta, self.loss) + point.penalty.cost(theta)
+            ratio = (point.penalised_cost - trial) / promised
             if ratio > 0:
                 return theta, max(damping * max(0.1, 1 - (2 * min(ratio, 1.0) - 1) ** 3), LEAST_DAMPING)
             damping *= growth
@@ -377,8 +404,9 @@ def gauss_newton(
     names: Sequence[str] = (),
     control: Control = FREE,
     covariances: bool = True,
+    penalties: Sequence[Penalty] = (),
 ) -> Minimum:
-    """The θ that minimises Σ ℓ(r(θ)) within bounds, from a start.
+    """The θ that minimises Σ ℓ(r(θ)), and penalties if any, within bounds, from a start.
 
     Args:
         problem: residuals and their derivative. It may raise `Stopped`, which ends the search like ``control``.
@@ -396,6 +424,7 @@ def gauss_newton(
         control: checked before every trial step; if it ends the search, the best θ so far is returned. It gets a
             report of every step.
         covariances: whether they are computed; otherwise they are infinite.
+        penalties: on roughness, in all parameters; the weight of each is chosen from the data.
 
     Raises:
         ModelError: for a start outside its bounds or without a finite residual, bounds that cross, blocks of other
@@ -403,7 +432,7 @@ def gauss_newton(
         Stopped: by ``problem``, at the start.
     """
     theta, box = _check_start(start, lower, upper, names)
-    search = _Search(problem, box, loss, max_iterations, tolerance, least_saving, noise, control)
+    search = _Search(problem, box, loss, max_iterations, tolerance, least_saving, noise, control, penalties)
     iterate = search.begin(theta, damping)
     while (end := search.end(iterate)) is None:
         try:
@@ -438,8 +467,10 @@ def _check_start(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Se
     return theta, _Box(low, high, np.flatnonzero(low < high))
 
 
-def _linearise(problem: Problem, theta: Array, varied: Indices, loss: Loss) -> _Point:
-    """The linearisation at θ, where the residual is known to exist."""
+def _linearise(
+    problem: Problem, theta: Array, varied: Indices, loss: Loss
+) -> tuple[float, tuple[Block, ...], Information]:
+    """The cost, the residuals with their derivatives and the information at θ, where the residual exists."""
     blocks = tuple(problem.linearised(theta))
     information = Information.empty(len(varied))
     cost = 0.0
@@ -459,7 +490,7 @@ def _linearise(problem: Problem, theta: Array, varied: Indices, loss: Loss) -> _
             raise ModelError(f"the derivative with respect to parameters {bad.tolist()} is not finite")
         information = information.add_columns(columns)
         cost += float(np.sum(loss.cost(residual)))
-    return _Point(theta, cost, blocks, information)
+    return cost, blocks, information
 
 
 def _cost(problem: Problem, theta: Array, loss: Loss) -> float:
@@ -553,11 +584,13 @@ def _conclude(iterate: _Iterate, box: _Box, loss: Loss | None, labels: Sequence[
         findings.append(Finding("parameter-at-bound", labels[k], {"side": side, "bound": float(theta[k])}))
     white = robust = np.diag(np.full(len(columns), np.inf))
     if loss is not None:
-        white, robust = _covariances(point.blocks, columns, information, solution, loss)
+        white, robust = _covariances(point.blocks, columns, information, solution, loss, point.penalty.rows)
     residuals = tuple(r for r, _ in point.blocks)
     samples = sum(len(r) for r in residuals)
     square = float(sum(np.sum(r**2) for r in residuals))
-    freedom = samples - solution.rank
+    determined = columns[np.isfinite(np.diag(solution.covariance))]
+    kept = np.flatnonzero(np.isin(columns, determined))
+    freedom = samples - solution.rank + point.penalty.held(information.select(kept), determined)
     return Minimum(
         estimate=theta,
         cost=point.cost,
@@ -574,6 +607,7 @@ def _conclude(iterate: _Iterate, box: _Box, loss: Loss | None, labels: Sequence[
         findings=tuple(findings),
         iterations=iterate.steps,
         costs=iterate.costs,
+        penalty=point.penalty,
     )
 
 
@@ -613,12 +647,17 @@ def _among_all(part: Array, columns: Indices, count: int) -> Array:
 
 
 def _covariances(
-    blocks: Sequence[Block], columns: Indices, information: Information, solution: Solution, loss: Loss
+    blocks: Sequence[Block],
+    columns: Indices,
+    information: Information,
+    solution: Solution,
+    loss: Loss,
+    penalty: Array,
 ) -> tuple[Array, Array]:
     """The covariances for white and for coloured noise, for the parameters in ``columns``.
 
-    With a loss other than squares the Hessian of the robust covariance is mean(ℓ″)·JᵀJ and the score is Jₜℓ′(rₜ)
-    (Huber 1981, ch. 7).
+    The rows (k, p) of a penalty have the scores that they are expected to have, of variance σ². With a loss other than
+    squares the Hessian of the robust covariance is mean(ℓ″)·JᵀJ and the score is Jₜℓ′(rₜ) (Huber 1981, ch. 7).
     """
     determined = np.isfinite(np.diag(solution.covariance))
     residual = np.concatenate([r for r, _ in blocks])
@@ -628,18 +667,21 @@ def _covariances(
     spread[~determined, ~determined] = np.inf
     white, robust = spread.copy(), spread
     kept = columns[determined]
-    if samples <= len(kept) or not mean_curvature > 0:
+    if samples + len(penalty) <= len(kept) or not mean_curvature > 0:
         white[determined, determined] = robust[determined, determined] = np.inf
         return white, robust
     bread = Information.empty(len(kept))
     for r, jacobian in blocks:
         bread = bread.add_columns(np.vstack([jacobian.T[kept], r]))
+    bread = bread.add(penalty[:, kept], np.zeros(len(penalty)))
     triangle = bread.factor[:-1, :-1]
     inverse = inverse_triangle(triangle)
     pull = loss.weight(residual) * residual
-    correction = samples / (samples - len(kept)) / mean_curvature**2
+    rough = penalty[:, kept] @ inverse
+    correction = samples / (samples - len(kept) + np.sum(rough**2)) / mean_curvature**2
     within = np.ix_(np.flatnonzero(determined), np.flatnonzero(determined))
     white[within] = correction * np.mean(pull**2) * (inverse @ inverse.T)
     scores = [(jacobian[:, kept] @ inverse) * (loss.weight(r) * r)[:, None] for r, jacobian in blocks]
-    robust[within] = correction * (inverse @ long_run_variance(scores) @ inverse.T)
+    spread_of_scores = long_run_variance(scores) + np.mean(pull**2) * rough.T @ rough
+    robust[within] = correction * (inverse @ spread_of_scores @ inverse.T)
     return white, robust

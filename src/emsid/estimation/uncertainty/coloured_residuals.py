@@ -125,15 +125,17 @@ def autoregression(pieces: Sequence[Array], most: int = MOST_POLES) -> tuple[Arr
     return best[1], best[2]
 
 
-def coloured_covariance(pieces: Sequence[tuple[Array, Array]]) -> Array:
+def coloured_covariance(pieces: Sequence[tuple[Array, Array]], penalty: Array | None = None) -> Array:
     """(p, p) covariance of the estimate.
 
     Args:
-        pieces: residual (Nᵢ,) and derivative (Nᵢ, p) of every segment and channel; the derivatives together have full
-            rank.
+        pieces: residual (Nᵢ,) and derivative (Nᵢ, p) of every segment and channel; the derivatives together, with the
+            rows of the penalty, have full rank.
+        penalty: (k, p) the rows of a penalty on roughness, with its weight.
     """
     noise = colour([residual for residual, _ in pieces])
-    triangle = np.linalg.qr(np.concatenate([jacobian for _, jacobian in pieces]), mode="r")
+    rows = [jacobian for _, jacobian in pieces] + ([] if penalty is None else [penalty])
+    triangle = np.linalg.qr(np.concatenate(rows), mode="r")
     inverse = np.linalg.inv(triangle)
     spread = np.zeros_like(triangle)
     for _, jacobian in pieces:

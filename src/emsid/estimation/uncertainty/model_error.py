@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.nonlinear.gauss_newton import Infeasible, Problem
+from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance
 from emsid.estimation.uncertainty.robust_covariance import automatic_window, weighted_variance
 
@@ -43,7 +44,9 @@ STEP = 1.5
 FLATTEST, STEEPEST = 0.2, 5.0
 
 
-def model_error_covariance(problem: Problem, theta: Array, own: Indices, others: Indices, part: Problem) -> Array:
+def model_error_covariance(
+    problem: Problem, theta: Array, own: Indices, others: Indices, part: Problem, penalty: Penalty | None = None
+) -> Array:
     """(p, p) covariance of the parameters ``own`` at a minimum of squares.
 
     Args:
@@ -52,17 +55,23 @@ def model_error_covariance(problem: Problem, theta: Array, own: Indices, others:
         own: p positions in θ; the derivatives with respect to these and ``others`` have full rank.
         others: positions of parameters that are estimated too but not returned, such as initial states.
         part: the problem on the samples that give the second term of H; ``problem`` itself for all samples.
+        penalty: on roughness, with its weight. It belongs to H; its rows are errors of the variance of the residual,
+            so that the covariance includes the bias of a smooth curve.
     """
-    order = np.concatenate([others, own])
+    order, penalty = np.concatenate([others, own]), penalty or Penalty.none(len(theta))
     blocks = problem.linearised(theta)
-    inverse = np.linalg.inv(np.linalg.qr(np.concatenate([jacobian[:, order] for _, jacobian in blocks]), mode="r"))
+    rows = [*(jacobian[:, order] for _, jacobian in blocks), penalty.rows[:, order]]
+    inverse = np.linalg.inv(np.linalg.qr(np.concatenate(rows), mode="r"))
     directions = np.zeros((len(theta), len(own)))
     directions[order] = inverse[:, len(others) :]
     pieces = [(residual, jacobian @ directions) for residual, jacobian in blocks]
     samples = sum(len(residual) for residual, _ in pieces)
     scores = [residual[:, None] * orthonormal for residual, orthonormal in pieces]
     correction = samples / max(samples - len(order), 1)
-    spread = upper_bound(coloured_covariance(pieces), correction * weighted_variance(scores, automatic_window(scores)))
+    rough = penalty.rows @ directions
+    coloured = coloured_covariance(pieces, rough)
+    spread = upper_bound(coloured, correction * weighted_variance(scores, automatic_window(scores)))
+    spread += correction * np.mean(np.concatenate([residual for residual, _ in pieces]) ** 2) * rough.T @ rough
     bend = _residual_curvature(part, theta, directions, STEP * np.sqrt(np.diag(spread)))
     bent, axes = np.linalg.eigh(np.eye(len(own)) + bend * samples / sum(map(len, part.residuals(theta))))
     flat = inverse[len(others) :, len(others) :] @ (axes / np.clip(bent, FLATTEST, STEEPEST)) @ axes.T

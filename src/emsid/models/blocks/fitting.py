@@ -24,6 +24,7 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton, undetermined
 from emsid.estimation.nonlinear.losses import SQUARES, Loss, Squares
+from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.estimation.uncertainty.model_error import model_error_covariance
 from emsid.findings import Finding
 from emsid.models.blocks.cascade import Cascade, check_channels
@@ -137,6 +138,19 @@ class FreeRun:
         """φ₀, and the initial states of a free run."""
         states = [self.cascade.starting(u, y[: self.cascade.memory]) for u, y in self.segments]
         return np.concatenate([self.freedom.start[self.freedom.free], *states])
+
+    @cached_property
+    def penalties(self) -> tuple[Penalty, ...]:
+        """On the roughness of every map that has one, in (φ, states)."""
+        count, free = self.cascade.states * len(self.segments), self.freedom.free
+        found = []
+        for block, span in zip(self.cascade.blocks, self.cascade.spans, strict=True):
+            rows = block.roughness() if isinstance(block, StaticMap) else None
+            if rows is not None and len(rows):
+                moved = rows @ self.freedom.spread[span]
+                constant = rows @ self.freedom.start[span] - moved @ self.freedom.start[free]
+                found.append(Penalty(np.pad(moved, ((0, 0), (0, count))), constant))
+        return tuple(found)
 
     def check_values(self) -> None:
         """Refuse a start at which the output of a block is not finite.
@@ -272,6 +286,7 @@ def search(
         least_saving=least_saving,
         names=names,
         control=control,
+        penalties=problem.penalties,
     )
     return minimum, problem
 
@@ -313,7 +328,8 @@ def _with_model_error(minimum: Minimum, problem: FreeRun) -> Array:
     own, states = determined[determined < count], determined[determined >= count]
     if len(own) and minimum.samples > len(determined):
         part = problem.shortened(CURVATURE_SAMPLES)
-        covariance[np.ix_(own, own)] = model_error_covariance(problem, minimum.estimate, own, states, part)
+        found = model_error_covariance(problem, minimum.estimate, own, states, part, minimum.penalty)
+        covariance[np.ix_(own, own)] = found
     return covariance
 
 

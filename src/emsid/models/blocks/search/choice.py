@@ -106,7 +106,7 @@ def improving(
     sizes = {family: map_sizes(family, topology, shown, orders, settings) for family in families}
     leading, short = families[0], len(rounds) > 1
     direct = leading.direct and not topology.outer
-    typical = sizes[leading][min(int(direct), len(sizes[leading]) - 1) if short else len(sizes[leading]) // 2]
+    typical = _typical(leading, sizes[leading][int(direct) :] or sizes[leading], short)
     best: Choice | None = None
     for rate in oversamplings(shown) if settings.oversampling is None else (settings.oversampling,):
         control.doing(f"start values at {rate} times the sampling rate")
@@ -138,11 +138,18 @@ def improving(
 
     if len(families) > 1:
         control.doing("family of the static map")
-        best = refined_further(best, [(family, sizes[family][len(sizes[family]) // 2]) for family in families[1:]])
+        best = refined_further(best, [(family, _typical(family, sizes[family], False)) for family in families[1:]])
         yield best
     assert best.family is not None
+    if best.family.smooth:
+        return
     control.doing(f"size of the {best.family.name}")
     yield refined_further(best, [(best.family, size) for size in sizes[best.family] if size != best.size])
+
+
+def _typical(family: Family, sizes: Sequence[int], short: bool) -> int:
+    """The size that compares a family with others: the first of a short record or a smooth map, or else the middle."""
+    return sizes[0] if short or family.smooth else sizes[len(sizes) // 2]
 
 
 def _simplest(choices: Sequence[Choice], complexity: Callable[[Choice], int]) -> Choice:
@@ -377,12 +384,15 @@ def _with_map(model: Cascade, topology: Topology, family: Family, size: int, par
     return start
 
 
-def with_spread_knots(choice: Choice, records: Sequence[Record], settings: CascadeSearch) -> Cascade:
-    """The model of the choice with knots spread over all data."""
+def with_spread_knots(
+    choice: Choice, topology: Topology, orders: Orders, records: Sequence[Record], settings: CascadeSearch
+) -> Cascade:
+    """The model of the choice with knots spread over all data; a smooth map gets as many as its family has."""
     family = choice.family
     if family is None or not family.sizes or len(choice.model.blocks) < 2:
         return choice.model
-    return started(choice.model, lambda x, z: family.start(x, z, choice.size), as_arrays(records))
+    size = map_sizes(family, topology, records, orders, settings)[-1] if family.smooth else choice.size
+    return started(choice.model, lambda x, z: family.start(x, z, size), as_arrays(records))
 
 
 def _through(order: int | None) -> Rational:

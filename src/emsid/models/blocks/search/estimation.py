@@ -241,7 +241,7 @@ def estimate(
         assert best is not None
         control.doing(f"fitting {topology.name} to all data")
         found = searched(
-            with_spread_knots(best, several, settings),
+            with_spread_knots(best, topology, orders, several, settings),
             several,
             transient=settings.transient,
             loss=settings.loss,

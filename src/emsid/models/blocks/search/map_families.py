@@ -40,6 +40,7 @@ class Family:
         start: the map of a given size that is closest to points x (m,), z (m,), up to a constant level.
         sizes: numbers of knots (or degrees) to choose from; empty if the family has one size. If the trial is of this
             family, its size is the first.
+        smooth: whether a penalty keeps its maps smooth, so that choices use the first size and the last fit the last.
         loses_sign: whether its maps lose the sign, so that signs must be recovered before a linear start.
         trial: for the input of the map, maps that are linear in their parameters and test the filters.
     """
@@ -47,6 +48,7 @@ class Family:
     name: str
     start: Callable[[Array, Array, int], StaticMap]
     sizes: tuple[int, ...] = ()
+    smooth: bool = False
     loses_sign: bool = False
     trial: Callable[[Array], tuple[StaticMap, ...]] = spline_trial
 
@@ -64,7 +66,8 @@ def family(map_: type[StaticMap]) -> Family:
         map_: the class.
     """
     own_trials = map_.trials.__func__ is not StaticMap.trials.__func__  # type: ignore[attr-defined]
-    return Family(map_.kind, map_.started, map_.sizes, map_.loses_sign, map_.trials if own_trials else spline_trial)
+    trial = map_.trials if own_trials else spline_trial
+    return Family(map_.kind, map_.started, map_.sizes, map_.smooth, map_.loses_sign, trial)
 
 
 def given(map_: StaticMap, name: str = "given") -> Family:

@@ -39,6 +39,8 @@ class StaticMap(ABC):
         absorbs_shift: whether its family contains f(x − x₀).
         owns_level: whether its family contains f + c.
         sizes: numbers of knots (or degrees) that a search chooses from; empty if there is one size only.
+        smooth: whether a penalty keeps it smooth, see `roughness`. Then its size needs no choice: a search compares
+            models with the smallest and fits the largest.
         loses_sign: whether signs must be recovered before a linear model can start the search.
         tried: whether a search tries it if no static map is given.
     """
@@ -48,6 +50,7 @@ class StaticMap(ABC):
     absorbs_shift: ClassVar[bool] = True
     owns_level: ClassVar[bool] = False
     sizes: ClassVar[tuple[int, ...]] = ()
+    smooth: ClassVar[bool] = False
     loses_sign: ClassVar[bool] = False
     tried: ClassVar[bool] = False
 
@@ -138,6 +141,10 @@ class StaticMap(ABC):
     def size(self) -> int:
         """Its number of knots, or its degree; 0 if there is one size only."""
         return 0
+
+    def roughness(self) -> Array | None:
+        """(k, p) R with ‖Rθ‖² = ∫f″(x)² dx, for a map that is fitted with a penalty on it; None for the others."""
+        return None
 
     def check(self) -> None:
         """Refuse parameters outside the family.

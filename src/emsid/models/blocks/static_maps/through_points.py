@@ -198,9 +198,16 @@ class CubicSpline(_ThroughPoints):
     """
 
     kind: ClassVar[str] = "spline"
-    sizes: ClassVar[tuple[int, ...]] = (8, 12, 18, 25, 35)
+    sizes: ClassVar[tuple[int, ...]] = (20, 40)
+    smooth: ClassVar[bool] = True
     word: ClassVar[str] = "spline"
     of_knots: ClassVar[tuple[str, ...]] = ("curvatures",)
+
+    def roughness(self) -> Array:
+        """(K − 2, K) R: the second derivative is linear between knots, so the integral of its square is exact."""
+        h = np.diff(self.knots)
+        product = np.diag((h[1:] + h[:-1]) / 3) + np.diag(h[1:-1] / 6, 1) + np.diag(h[1:-1] / 6, -1)
+        return np.asarray(np.linalg.cholesky(product).T @ self.curvatures[1:-1]) if len(h) > 1 else np.zeros((0, 2))
 
     @cached_property
     def curvatures(self) -> Array:

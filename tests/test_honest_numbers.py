@@ -16,7 +16,7 @@ from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
 from emsid.estimation.uncertainty.whiteness import whiteness
 from emsid.findings import Finding
 from emsid.identification.observations import (
-    about_powers_of_the_input,
+    about_nonlinear_terms,
     chosen_and_judged_apart,
     observations,
 )
@@ -30,7 +30,8 @@ from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record
 from emsid.report.identification_page import which_model
 from emsid.validation.comparison import assess_model
-from emsid.validation.correlation import cross_correlation, power_tests
+from emsid.validation.correlation import cross_correlation
+from emsid.validation.nonlinear_correlation import free_run_tests, nonlinear_terms, nonlinear_tests
 from independent.fitting import START, fitted
 from independent.regressions import EQUATIONS, Equation
 from independent.settings import DT, RESISTANCE, SETTINGS, TRUTH, mass_of
@@ -308,16 +309,49 @@ def test_a_cube_shows_the_odd_nonlinearity_that_the_input_does_not():
     error = np.where(best.simulation.counted, (record.output - best.simulation.output)[:, 0], np.nan)
     u = record.input[:, 0]
     assert np.max(np.abs(cross_correlation(error, u, (), 50)[50:])) < 3.5
-    square, cube = power_tests(error, u, (), 50)
+    square, cube, absolute, product = free_run_tests(best, 0)
+    assert (square.term, cube.term, absolute.term) == ("u1²", "u1³", "|u1|")
     assert cube.depends
     assert abs(cube.largest) > 2 * cube.limit
     assert not square.depends
-    (finding,) = about_powers_of_the_input(best)
-    assert (finding.code, finding.data["power"]) == ("residual-depends-on-power", 3)
+    assert not absolute.depends
+    assert not product.depends
+    (finding,) = about_nonlinear_terms(best)
+    assert (finding.code, finding.data["term"], finding.data["kind"]) == ("residual-depends-on-term", "u1³", "odd")
     linear = dead_zone_record(0.0)
-    assert not about_powers_of_the_input(assess_model(emsid.fit(emsid.arx(0, 60), linear).model, linear))
+    assert not about_nonlinear_terms(assess_model(emsid.fit(emsid.arx(0, 60), linear).model, linear))
+
+
+@pytest.mark.parametrize(
+    ("missing", "term"),
+    [(lambda u: np.maximum(u, 0.0), "a²"), (lambda u: u**3, "a³"), (lambda u: 1.0 * (np.abs(u) < 0.2), "|a|")],
+    ids=["one side", "cube", "around zero"],
+)
+def test_every_kind_of_nonlinearity_is_seen_by_its_own_term(missing, term):
+    rng = np.random.default_rng(9)
+    a = lfilter([0.6], [1, -0.8], rng.standard_normal(3000))
+    error = lfilter([0, 1], [1, -0.5], missing(a)) + 0.2 * rng.standard_normal(3000)
+    powers = np.vander(a, 2)
+    tests = nonlinear_tests(error - powers @ np.linalg.lstsq(powers, error)[0], nonlinear_terms(a[:, None], "a"), ())
+    assert max(tests, key=lambda test: abs(test.largest)).term == term
+    assert max(abs(test.largest) / test.limit for test in tests) > 2
+
+
+def test_the_product_of_two_inputs_is_seen_and_noise_is_not():
+    rng = np.random.default_rng(8)
+    alarms = 0
+    for _ in range(40):
+        inputs = rng.standard_normal((600, 2))
+        noise = lfilter([1], [1, -0.7], rng.standard_normal(600))
+        tests = nonlinear_tests(noise, nonlinear_terms(inputs, "ab"), (300,))
+        alarms += any(test.depends for test in tests)
+    assert [test.term for test in tests] == ["a²", "a³", "|a|", "b²", "b³", "|b|", "a·b"]
+    assert alarms <= binom.ppf(0.999, 40, 0.02)
+    error = np.roll(inputs[:, 0] * inputs[:, 1], 2) + rng.standard_normal(600)
+    (found,) = (test for test in nonlinear_tests(error, nonlinear_terms(inputs, "ab"), ()) if test.depends)
+    assert (found.term, found.kind, found.at_lag) == ("a·b", "product", 2)
 
 
 def test_an_input_of_two_values_has_no_powers():
     u = np.sign(np.random.default_rng(0).standard_normal(500))
-    assert power_tests(u, u, (), 20) == []
+    assert nonlinear_terms(u[:, None], "u") == []

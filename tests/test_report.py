@@ -70,6 +70,7 @@ from emsid.report.views import grey_box as grey_box_views
 from emsid.report.views.timeline import timeline
 from emsid.validation.comparison import Row, assess, assess_model, compare
 from emsid.validation.correlation import autocorrelation, cross_correlation
+from emsid.validation.nonlinear_correlation import free_run_tests
 from emsid.wording import sentence
 
 NASTY = '<script>alert("$x_1$")</script>'
@@ -293,6 +294,7 @@ def every_figure():
     linear = assess(emsid.least_squares(emsid.arx(2, 2, inputs=2), two_inputs), two_inputs)
     yield "two inputs", views.inputs([two_inputs])
     yield "two inputs, residuals", views.residuals([linear])
+    yield "two inputs, nonlinear correlations", views.nonlinear_correlations([linear])
     yield "every mark", every_mark()
 
 
@@ -674,6 +676,18 @@ def test_labels_name_the_method_where_a_model_stands_there_twice():
     assert views.labels([assess(fit, record) for fit in both]) == ("arx (LS)", "arx (RLS)")
     assert views.labels([assess(both[0], record)]) == ("arx",)
     assert views.labels([assess(both[0], record)] * 2) == ("arx (LS), no. 1", "arx (LS), no. 2")
+
+
+def test_nonlinear_correlations_are_drawn_with_the_band_of_their_test():
+    result = COMPARISONS["whole"]
+    tests = free_run_tests(result.best, 0)
+    plots = views.nonlinear_correlations(result.assessments).plots
+    assert [plot.title for plot in plots] == [f"Residual against {test.term}" for test in tests]
+    for plot, test in zip(plots, tests, strict=True):
+        np.testing.assert_array_equal(plot.marks[0].y, test.curve)
+        assert [mark.value for mark in plot.marks[-2:]] == [test.limit, -test.limit]
+    constant = assess(RECURSIVE[0], replace(drive(), input=np.ones((len(drive()), 1))))
+    assert views.nonlinear_correlations([constant]) is None
 
 
 def test_residuals_show_shares_and_autocorrelation():

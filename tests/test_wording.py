@@ -87,9 +87,14 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("regression-biased", data={"lags": 25, "p_value": 3e-12, "largest": -0.34, "lag": 1}),
     Finding("intervals-allow-for-colour", data={"lags": 25, "p_value": 3e-12, "largest": -0.34, "lag": 1}),
     Finding(
-        "residual-depends-on-power",
+        "residual-depends-on-term",
         "speed",
-        {"model": "arx", "input": "voltage", "power": 3, "largest": -7.2, "at_lag": 4, "limit": 3.9},
+        {"model": "arx", "term": "voltage³", "kind": "odd", "largest": -7.2, "at_lag": 4, "limit": 3.9},
+    ),
+    Finding(
+        "residual-depends-on-term",
+        "speed",
+        {"model": "arx", "term": "a·b", "kind": "product", "largest": 7.2, "at_lag": 4, "limit": 3.9},
     ),
     # searches
     Finding("search-stalled", data=SO_FAR),

@@ -20,7 +20,7 @@ from emsid.models.plants.search.diagnostics import Profile
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record
 from emsid.validation.comparison import Assessment, Comparison, models_noise
-from emsid.validation.correlation import power_tests
+from emsid.validation.nonlinear_correlation import free_run_tests
 from emsid.validation.residual_test import residual_tests
 
 BEYOND = 0.1
@@ -48,7 +48,7 @@ def observations(
         *([Finding("data-not-unseen", unseen.name)] if seen else []),
         *_about_the_best(comparison, unseen, seen, choice),
         *about_the_residual(comparison.best),
-        *about_powers_of_the_input(comparison.best),
+        *about_nonlinear_terms(comparison.best),
         *about_the_unseen_input(record, unseen, seen),
         *(
             Finding("free-run-diverged", row.model, {"model": row.model, "sample": int(row.diverged_at), "seen": seen})
@@ -140,22 +140,22 @@ def about_the_residual(best: Assessment) -> list[Finding]:
     ]
 
 
-LAGS = 50
-"""Lags of the nonlinear cross-correlation tests, in samples."""
-
-
-def about_powers_of_the_input(best: Assessment) -> list[Finding]:
-    """The powers of inputs that the residual of the best free run depends on, which a linear test does not see."""
-    record, findings = best.record, []
-    counted = best.simulation.counted
-    errors = np.where(counted[:, None], record.output - best.simulation.output, np.nan)
-    for output, error in zip(record.output_names, errors.T, strict=True):
-        for name, u in zip(record.input_names, record.input.T, strict=True):
-            tests = [test for test in power_tests(error, u, record.breaks, LAGS) if test.depends]
-            if tests:
-                worst = max(tests, key=lambda test: abs(test.largest))
-                data = {"model": best.row.model, "input": name} | worst._asdict()
-                findings.append(Finding("residual-depends-on-power", output, data))
+def about_nonlinear_terms(best: Assessment) -> list[Finding]:
+    """The nonlinear function of inputs that the residual of the best free run depends on most, for every output."""
+    findings = []
+    for channel, output in enumerate(best.record.output_names):
+        tests = [test for test in free_run_tests(best, channel) if test.depends]
+        if tests:
+            worst = max(tests, key=lambda test: abs(test.largest))
+            data = {
+                "model": best.row.model,
+                "term": worst.term,
+                "kind": worst.kind,
+                "largest": worst.largest,
+                "at_lag": worst.at_lag,
+                "limit": worst.limit,
+            }
+            findings.append(Finding("residual-depends-on-term", output, data))
     return findings
 
 

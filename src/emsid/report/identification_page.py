@@ -150,7 +150,11 @@ def free_runs(result: Identification) -> Section:
     )
     return Section(
         f"Free runs on {result.ranked_on}",
-        figures=(views.responses(linear_first, intervals), views.residuals(linear_first)),
+        figures=(
+            views.responses(linear_first, intervals),
+            views.residuals(linear_first),
+            *(each for each in (views.nonlinear_correlations(linear_first),) if each is not None),
+        ),
     )
 
 

@@ -7,7 +7,6 @@ References:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,61 +57,6 @@ def cross_correlation(error: Array, u: Array, breaks: Sequence[int], lags: int) 
         return nothing
     shares = _lagged_products(e, v, lags) / np.sqrt(variance)
     return shares if np.isfinite(shares).all() else nothing
-
-
-class PowerTest(NamedTuple):
-    """The correlation of a residual with a power of an input, beside what lower powers have in common with it.
-
-    Attributes:
-        power: of the input.
-        largest: the largest correlation in absolute value, in standard deviations, with its sign.
-        at_lag: the input is this many samples earlier.
-        limit: that 99 of 100 independent residuals do not reach at any lag.
-    """
-
-    power: int
-    largest: float
-    at_lag: int
-    limit: float
-
-    @property
-    def depends(self) -> bool:
-        """Whether the residual depends on this power."""
-        return abs(self.largest) > self.limit
-
-
-def power_tests(
-    error: Array, u: Array, breaks: Sequence[int], lags: int, powers: Sequence[int] = (2, 3)
-) -> list[PowerTest]:
-    """The nonlinear cross-correlation tests: the residual against powers of the input.
-
-    The correlation with the input itself is blind to what a nonlinearity leaves after the best linear model. An even
-    characteristic shows in u², an odd one (a dead zone, Coulomb friction) in u³. Billings, Voon, *Correlation based
-    model validity tests for non-linear models*, Int. J. Control 44 (1986).
-
-    Args:
-        error: (N,) NaN where it is not known.
-        u: (N,) input.
-        breaks: the first sample of every segment but the first.
-        lags: the largest lag in samples.
-        powers: of the input, ascending.
-    """
-    from scipy.special import ndtri
-
-    size = float(np.max(np.abs(u - u.mean()))) or 1.0
-    x = (u - u.mean()) / size
-    found = []
-    for power in powers:
-        lower = np.vander(x, power, increasing=True)
-        left = x**power - lower @ np.linalg.lstsq(lower, x**power, rcond=1e-9)[0]
-        if float(np.std(left)) < 1e-6:  # an input of two values has no powers of its own
-            continue
-        correlation = cross_correlation(error, left, breaks, lags)
-        past = correlation[len(correlation) // 2 :]
-        k = int(np.argmax(np.abs(past)))
-        limit = float(-ndtri(0.005 / len(past)))
-        found.append(PowerTest(power, float(past[k]), k, limit))
-    return found
 
 
 def _longest_lag(signal: Array, breaks: Sequence[int], lags: int) -> int:

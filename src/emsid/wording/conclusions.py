@@ -48,14 +48,14 @@ def residual_coloured(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("residual-depends-on-power", Severity.WARNING)
-def residual_depends_on_power(f: Finding, argument: Spelling) -> str:
-    """Subject: the output. Data: input, power, largest, at_lag, limit."""
-    kind = "odd" if f.data["power"] % 2 else "even"
+@words("residual-depends-on-term", Severity.WARNING)
+def residual_depends_on_term(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: term, kind (even, odd, product), largest, at_lag, limit."""
+    kind = f.data["kind"]
+    lacks = "a product of these signals" if kind == "product" else f"an {kind} nonlinearity"
     return (
-        f"the residual of {f.subject} is correlated with {f.data['input']}{'⁰¹²³⁴⁵⁶⁷⁸⁹'[f.data['power']]} "
-        f"({f.data['largest']:.1f} standard deviations at lag {f.data['at_lag']}, limit {f.data['limit']:.1f}): the "
-        f"model lacks an {kind} nonlinearity"
+        f"the residual of {f.subject} is correlated with {f.data['term']} ({f.data['largest']:.1f} standard deviations "
+        f"at lag {f.data['at_lag']}, limit {f.data['limit']:.1f}): the model lacks {lacks}"
     )
 
 

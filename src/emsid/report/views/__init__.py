@@ -9,7 +9,7 @@ from emsid.report.views.free_run import measured_and_simulated, ranking, respons
 from emsid.report.views.motor import nonlinearities
 from emsid.report.views.record import critical_intervals, inputs
 from emsid.report.views.recursion import convergence
-from emsid.report.views.residuals import residuals
+from emsid.report.views.residuals import nonlinear_correlations, residuals
 from emsid.report.views.sections import model_section
 from emsid.report.views.tables import Reference, motor_table, parameter_table, regressor_column, results_table
 
@@ -23,6 +23,7 @@ __all__ = [
     "measured_and_simulated",
     "model_section",
     "motor_table",
+    "nonlinear_correlations",
     "nonlinearities",
     "parameter_table",
     "ranking",

@@ -14,6 +14,7 @@ from emsid.report.document import Axis, Dash, Figure, Histogram, Level, Line, Ma
 from emsid.report.views.conventions import MODELS, channels, labels, of_output, output_axis
 from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.validation.correlation import autocorrelation, cross_correlation
+from emsid.validation.nonlinear_correlation import free_run_tests
 
 if TYPE_CHECKING:
     from emsid.validation.comparison import Assessment
@@ -107,6 +108,52 @@ def _residual_plots(assessments: Sequence[Assessment], channel: int, most: int) 
             )
         )
     return plots
+
+
+def nonlinear_correlations(assessments: Sequence[Assessment], *, name: str = "nonlinear-correlations") -> Figure | None:
+    """The residuals of free runs against u², u³, |u| and products, with the band of `nonlinear_tests`.
+
+    Args:
+        assessments: models run over one record.
+        name: of the figure.
+
+    Returns:
+        None where there is nothing to draw, as for inputs of two values.
+    """
+    record = assessments[0].record
+    plots = [plot for channel in channels(record) for plot in _nonlinear_plots(assessments, channel)]
+    if not plots:
+        return None
+    return Figure(
+        name,
+        f"Residuals of the free run on {record.name} against nonlinear functions of the inputs, at samples before. A "
+        "linear model passes the test against the input itself even where it lacks a nonlinearity: an even one shows "
+        "in the square and the absolute value, an odd one such as a dead zone or dry friction in the cube, a gain that "
+        "depends on the motion in the product with the simulated output.",
+        tuple(plots),
+        columns=2,
+    )
+
+
+def _nonlinear_plots(assessments: Sequence[Assessment], channel: int) -> list[Plot]:
+    record = assessments[0].record
+    marks: dict[str, list[Mark]] = {}
+    limit = 0.0
+    for label, stroke, each in zip(labels(assessments), cycle(MODELS), assessments, strict=False):
+        for k, test in enumerate(free_run_tests(each, channel)):
+            limit = max(limit, test.limit)
+            lag = record.dt * np.arange(len(test.curve), dtype=np.float64)
+            marks.setdefault(test.term, []).append(Line(lag, test.curve, "" if k else label, stroke))
+    return [
+        Plot(
+            (*drawn, Level(limit, "99 % if independent, all lags"), Level(-limit)),
+            Axis("Lag", "s"),
+            Axis("In standard deviations", "1"),
+            f"Residual{of_output(record, channel, ' of ')} against {term}",
+            height=0.8,
+        )
+        for term, drawn in marks.items()
+    ]
 
 
 def _histogram_edges(errors: Sequence[Array], bins: int = 61) -> Array:

@@ -1,0 +1,149 @@
+"""The nonlinear cross-correlation tests: the residual of a free run against nonlinear functions of its inputs.
+
+The correlation with the input itself is blind to what a nonlinearity leaves after the best linear model. An even
+characteristic shows in u² and |u|, an odd one (a dead zone, Coulomb friction) in u³, a gain that depends on the motion
+in the product of the input and the simulated output. Of every function only that part is taken that lower ones, and the
+signals themselves, do not have in common with it.
+
+References:
+    Billings, Voon, *Correlation based model validity tests for non-linear models*, Int. J. Control 44 (1986).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.validation.correlation import cross_correlation
+
+if TYPE_CHECKING:
+    from emsid.validation.comparison import Assessment
+
+Array = NDArray[np.float64]
+
+LAGS = 50
+"""Lags of the tests, in samples."""
+CHANCE = 0.01
+"""Chance that an independent residual exceeds the limit of any of its tests at any lag."""
+NOTHING = 1e-6
+"""A function with a smaller deviation, of signals whose largest value is one, is what the others have in common."""
+
+
+class Term(NamedTuple):
+    """A nonlinear function of the inputs.
+
+    Attributes:
+        name: for tables and sentences, ``u³``.
+        kind: ``even``, ``odd`` or ``product``.
+        signal: (N,) what is its own.
+    """
+
+    name: str
+    kind: str
+    signal: Array
+
+
+class NonlinearTest(NamedTuple):
+    """The correlation of a residual with a nonlinear function of its inputs.
+
+    Attributes:
+        term, kind: of the function.
+        curve: (≤ lags + 1,) correlation with the function 0, 1, … samples earlier, in standard deviations.
+        limit: that 99 of 100 independent residuals do not reach at any lag in any of their tests.
+    """
+
+    term: str
+    kind: str
+    curve: Array
+    limit: float
+
+    @property
+    def at_lag(self) -> int:
+        """Where the correlation is largest in absolute value."""
+        return int(np.argmax(np.abs(self.curve)))
+
+    @property
+    def largest(self) -> float:
+        """The largest correlation in absolute value, with its sign."""
+        return float(self.curve[self.at_lag])
+
+    @property
+    def depends(self) -> bool:
+        """Whether the residual depends on this function."""
+        return abs(self.largest) > self.limit
+
+
+def nonlinear_terms(inputs: Array, names: Sequence[str]) -> list[Term]:
+    """u², u³ and |u| of every input (N, nu), and the products of two; an input of two values has no powers."""
+    scaled = [_scaled(u) for u in inputs.T]
+    terms = []
+    for u, x, name in zip(inputs.T, scaled, names, strict=True):
+        powers = _powers(x)
+        terms += [
+            Term(f"{name}²", "even", _own(powers[:, 2], powers[:, :2])),
+            Term(f"{name}³", "odd", _own(powers[:, 3], powers[:, :3])),
+            Term(f"|{name}|", "even", _own(_scaled(np.abs(u)), powers)),
+        ]
+    terms += [_product(scaled[i], scaled[k], f"{names[i]}·{names[k]}") for i, k in combinations(range(len(names)), 2)]
+    return [term for term in terms if float(np.std(term.signal)) > NOTHING]
+
+
+def nonlinear_tests(
+    error: Array, terms: Sequence[Term], breaks: Sequence[int], lags: int = LAGS
+) -> tuple[NonlinearTest, ...]:
+    """The tests of a residual.
+
+    Args:
+        error: (N,) NaN where it is not known.
+        terms: of N samples.
+        breaks: the first sample of every segment but the first.
+        lags: the largest lag in samples.
+    """
+    from scipy.special import ndtri
+
+    tests = []
+    for term in terms:
+        correlation = cross_correlation(error, term.signal, breaks, lags)
+        past = correlation[len(correlation) // 2 :]
+        tests.append(NonlinearTest(term.name, term.kind, past, float(-ndtri(CHANCE / 2 / len(past) / len(terms)))))
+    return tuple(tests)
+
+
+def free_run_tests(each: Assessment, channel: int) -> tuple[NonlinearTest, ...]:
+    """The tests of an output of a free run, the products of the inputs and the simulated output among them."""
+    record, counted = each.record, each.simulation.counted
+    error = np.where(counted, (record.output - each.simulation.output)[:, channel], np.nan)
+    terms = nonlinear_terms(record.input, record.input_names)
+    simulated = each.simulation.output[:, channel]
+    if np.isfinite(simulated).all():
+        y = _scaled(simulated)
+        names = [f"{name}·{record.output_names[channel]} (simulated)" for name in record.input_names]
+        products = [_product(_scaled(u), y, name) for u, name in zip(record.input.T, names, strict=True)]
+        terms += [term for term in products if float(np.std(term.signal)) > NOTHING]
+    return nonlinear_tests(error, terms, record.breaks)
+
+
+def _scaled(u: Array) -> Array:
+    """(N,) a signal about its mean, with a largest value of one."""
+    centred = u - u.mean()
+    return np.asarray(centred / (float(np.max(np.abs(centred))) or 1.0))
+
+
+def _own(signal: Array, others: Array) -> Array:
+    """(N,) the part of a signal that no combination of others (N, m) explains."""
+    own: Array = signal - others @ np.linalg.lstsq(others, signal, rcond=1e-9)[0]
+    return own
+
+
+def _product(a: Array, b: Array, name: str) -> Term:
+    powers = np.column_stack([_powers(a), _powers(b)[:, 1:]])
+    return Term(name, "product", _own(a * b, powers))
+
+
+def _powers(x: Array) -> Array:
+    """(N, 4) 1, x, x², x³."""
+    return np.stack([np.ones_like(x), x, x**2, x**3], axis=1)

@@ -713,9 +713,11 @@ def test_a_very_stiff_shaft_is_simulated_as_rigid_and_a_less_stiff_one_nearly_so
 
 def test_a_strongly_damped_shaft_is_simulated_as_rigid_and_takes_no_longer():
     u = np.repeat(np.random.default_rng(0).uniform(-10, 10, 20), 10)[:, None]
-    motor = STARTS["motor"].put({"rotor_inertia": 1e-4, "load_inertia": 1e-4, "inductance": 1e-3})
+    motor = STARTS["motor"].with_values({"rotor_inertia": 1e-4, "load_inertia": 1e-4, "inductance": 1e-3})
     runs = [
-        motor.put({"shaft_stiffness": 1e-3, "shaft_damping": damping}).simulate(u, 1e-2, np.zeros(3), (Signal.SPEED,))
+        motor.with_values({"shaft_stiffness": 1e-3, "shaft_damping": damping}).simulate(
+            u, 1e-2, np.zeros(3), (Signal.SPEED,)
+        )
         for damping in (0.95 * 0.3, 1.1 * 0.3, 1e4)  # 60 rad per sample in between; by steps the last takes minutes
     ]
     assert np.array_equal(runs[1], runs[2])
@@ -724,6 +726,6 @@ def test_a_strongly_damped_shaft_is_simulated_as_rigid_and_takes_no_longer():
 
 def test_a_motor_that_takes_too_many_steps_is_refused_at_once():
     u = np.ones((3000, 1))
-    motor = STARTS["motor"].put({"inductance": 1e-7})
+    motor = STARTS["motor"].with_values({"inductance": 1e-7})
     with pytest.raises(ModelError, match="out of all proportion"):
         motor.simulate(u, 1e-2, np.zeros(3), (Signal.SPEED,))

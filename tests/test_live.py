@@ -438,7 +438,11 @@ def driven(server: Server, folder: Path, limits: Limits, seconds: float, control
     receiver = Receiver(open_source(url(server)), log, lambda: open_source(url(server)))
     try:
         return drive(
-            receiver, LineParser(), lambda dt: 4.0 * np.sin(20 * dt * np.arange(round(seconds / dt))), limits, control
+            receiver,
+            LineParser(),
+            lambda dt: 4.0 * np.sign(np.sin(20 * dt * np.arange(round(seconds / dt)))),
+            limits,
+            control,
         )
     finally:
         receiver.close()
@@ -454,7 +458,7 @@ def test_a_run_over_a_socket_ends_at_zero_volts(tmp_path: Path) -> None:
     record = read_log(tmp_path / "log.txt")
     assert record.dt == pytest.approx(DT)
     assert record.input[-1, 0] == 0.0
-    assert 3.5 < np.abs(record.input).max() <= 4.01
+    assert np.abs(record.input).max() == pytest.approx(4.0, abs=0.01)
     assert np.abs(record.output).max() > 10
 
 

@@ -1,4 +1,4 @@
-"""Whether the recommended model is the best one on data that nobody has seen: ``python bench/recommendation.py FOLDER``.
+"""Whether the recommended model is the best one on data left out: ``python bench/recommendation.py FOLDER``.
 
 Every folder below FOLDER, and FOLDER itself, is a set of recordings. As a new user would, the script asks ``emsid
 describe`` for the command to run, and runs it, with a part of the data left out: of four files or more every fourth,

@@ -31,7 +31,7 @@ ELSEWHERE = {
     "log-not-written": QUIET,
     "tracking-errors-coloured": QUIET,
     "motor-not-at-zero": "test_live.py::test_a_run_over_a_socket_ends_at_zero_volts",
-    "next-use-model": "test_conclusions.py::test_what_to_do_next_follows_from_what_was_found",
+    "model-recommended": "test_verdict.py::test_a_model_without_use_is_unusable_and_not_recommended",
     "residual-independent-of-input": (
         "test_conclusions.py::test_a_residual_depends_on_the_input_where_the_model_misses_something"
     ),
@@ -50,6 +50,7 @@ ELSEWHERE = {
 
 ALWAYS = {
     "free-run-error",  # of every model that does not diverge
+    "next-experiment",  # one for every identification
     "study-largest-ratio",
     "study-noise-free",
     "study-one-step",
@@ -93,7 +94,8 @@ def present() -> dict[str, set[str]]:
     plant = emsid.identify(motor(5), motor(6), models="rigid-motor", options=known)
     found = {}
     for name, result in (("regression", regression), ("cascade", cascade), ("plant", plant)):
-        findings = (*result.findings, *result.verdicts, *result.next_steps, *result.chosen.findings)
+        about_models = (*result.model_verdicts, *result.recommendation)
+        findings = (*result.findings, *result.verdicts, *about_models, *result.next_steps, *result.chosen.findings)
         found[name] = {each.code for each in findings}
     return found
 

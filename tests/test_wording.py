@@ -68,6 +68,22 @@ RECURSIVE = {
     "covariance": 1e8,
     "ridge": -0.28,
 }
+LEAVES = {"block": 2, "at": 1.571, "value": -90.0, "low": -1.2, "high": 1.1}
+TOO_LATE = {"delay": 3.6, "rise": 0.4, "samples": 360}
+PAST = {"output": "speed", "input": "u", "lags": 51, "at_lag": 4, "limit": 3.9, "p_value": 0.0, "passed": False}
+LIMITS = [
+    {"code": "explains-little", "fit_percent": 42.0},
+    {"code": "depends-on-past-inputs", "share": 0.12, **PAST, "largest": 12.3},
+    {"code": "depends-on-nonlinear-term", "share": 0.12, **PAST, "largest": -8.0, "term": "u³", "kind": "odd"},
+    {"code": "one-step-errors-coloured", "output": "speed", "largest": 0.6, "at_lag": 1},
+    {"code": "pieces-differ", "kind": "gain", "output": "speed", "unit": "rad/s", "spread": 0.08, "share": 0.4},
+    {"code": "pieces-differ", "kind": "delay", "output": "speed", "unit": "rad/s", "spread": 0.02, "share": 0.4},
+    {"code": "pieces-differ", "kind": "level", "output": "speed", "unit": "rad/s", "spread": 2.0, "share": 0.4},
+    {"code": "larger-on-unseen", "ratio": 2.8},
+    {"code": "error-in-one-stretch", "share": 0.7, "first": 3000, "last": 3200},
+    {"code": "search-not-finished", "ending": "stalled"},
+]
+RECOMMENDED = {"fit_percent": 97.3, "models": 9, "seen": False, "verdict": "model-supported", "reasons": []}
 
 EXAMPLES: tuple[Finding, ...] = (
     # linear estimation
@@ -277,8 +293,73 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("residual-not-tested", "arx", {"model": "arx", "output": "speed"}),
     Finding("next-check-data", "log.csv", {"fit_percent": 12.0}),
     Finding("next-physical-model", "arx"),
-    Finding("next-other-experiment", "log.csv, unseen part"),
-    Finding("next-use-model", "arx"),
+    # the verdict on a model
+    Finding("model-supported", "arx", {"model": "arx", "reasons": [], "tests": []}),
+    Finding("model-supported", "arx", {"model": "arx", "reasons": [], "tests": [{"passed": False}]}),
+    *(
+        Finding("model-unusable", "arx", {"model": "arx", "reasons": [reason], "tests": []})
+        for reason in ({"code": "diverges", "sample": 54}, {"code": "no-better-than-mean", "fit_percent": -37.2})
+    ),
+    Finding(
+        "model-implausible",
+        "wiener",
+        {
+            "model": "wiener",
+            "reasons": [
+                {"code": "map-turns-without-data", "model": "wiener", "block": 2, "at": 1.571},
+                {"code": "map-leaves-range", **LEAVES},
+                {"code": "knots-without-data", "block": 2, "knots": [365.0]},
+                {"code": "zero-cancels-pole", "block": 1, "pole": [0.9, 0.0]},
+                {"code": "faster-than-sampling", "pole": 0.1, "samples": 0.434},
+                {"code": "delay-longer-than-rise", **TOO_LATE},
+            ],
+            "tests": [],
+        },
+    ),
+    Finding("model-limited", "arx", {"model": "arx", "reasons": LIMITS, "tests": []}),
+    *(
+        Finding("model-recommended", "wiener", RECOMMENDED | more)
+        for more in (
+            {"models": 1, "seen": True, "fit_percent": None},
+            {"verdict": "model-limited", "reasons": LIMITS[:2]},
+            {"verdict": "model-limited", "reasons": LIMITS},
+            {"verdict": "model-implausible", "reasons": [{"code": "map-turns-without-data", "block": 2, "at": 1.571}]},
+            {
+                "instead_of": "hammerstein",
+                "because": {"code": "map-leaves-range", **LEAVES},
+                "ratio": 1.013,
+            },
+            {"instead_of": "hammerstein", "because": None, "ratio": 1.013},
+        )
+    ),
+    Finding(
+        "no-model-recommended",
+        "arx",
+        RECOMMENDED | {"verdict": "model-unusable", "reasons": [{"code": "diverges", "sample": 54}]},
+    ),
+    *(
+        Finding("next-experiment", "log.csv", {"kind": kind, **more})
+        for kind, more in (
+            ("longer", {"samples": 30, "needed": 50}),
+            ("without-feedback", {}),
+            ("more-levels", {"levels": 2}),
+            ("larger-input", {}),
+            ("faster-sampling", {"dt": 0.01}),
+            ("finer-sensor", {}),
+            ("both-directions", {"input": "u"}),
+            ("fill-range", {"at": [1.571, 2.5]}),
+            ("fill-range", {}),
+            ("repeat-input", {}),
+            ("other-input", {}),
+            ("in-use", {}),
+        )
+    ),
+    # plausibility
+    Finding("map-turns-without-data", "wiener", {"model": "wiener", "block": 2, "at": 1.571}),
+    Finding("map-leaves-range", "wiener", {"model": "wiener", **LEAVES}),
+    Finding("faster-than-sampling", data={"model": "output-error", "pole": 0.1, "samples": 0.434}),
+    Finding("delay-longer-than-rise", data={"model": "arx", **TOO_LATE}),
+    Finding("zero-cancels-pole", data={"model": "arx", "pole": [0.9, 0.0]}),
     # the quality of data
     Finding("channel-constant", "u", {"level": 2.0}),
     Finding("record-too-short", "log.csv", {"samples": 14, "needed": 50}),

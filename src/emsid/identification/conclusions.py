@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.estimation.fit import Fit
 from emsid.findings import Finding, finite
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record
-from emsid.validation.comparison import Assessment, Comparison
+from emsid.validation.comparison import Assessment
 
 Array = NDArray[np.float64]
 
@@ -38,58 +39,77 @@ def _verdict(best: Assessment, channel: int) -> Finding:
 
 
 def predictable_share(error: Array, record: Record) -> float | None:
-    """The share of the variance of a residual that its inputs predict, at lags of 0, 1, 2, 4, 8, … samples.
+    """The share of the variance of one residual (N,) that its inputs predict; see `predictable_shares`.
+
+    Returns:
+        None where the residual or the input is constant, or there are too few samples.
+    """
+    known = error[np.isfinite(error)]
+    regressors = _past_inputs(record, np.isfinite(error))
+    if regressors is None or not np.ptp(known) > 0:
+        return None
+    return float(predictable_shares(error[:, None], record)[0])
+
+
+def predictable_shares(errors: Array, record: Record) -> Array:
+    """(m,) the shares of the variances of residuals that the inputs predict, at lags of 0, 1, 2, 4, 8, … samples.
 
     Of every input it takes u, |u|, u·|u| and its sign, so that it sees a dead zone and friction that a linear model
     misses. Each quarter of the samples is predicted by coefficients from the other quarters, so that chance predicts
     nothing; below zero counts as zero.
 
     Args:
-        error: (N,) the residual, NaN where it does not count.
+        errors: (N, m) residuals on the same samples, NaN where they do not count.
         record: of the inputs.
-
-    Returns:
-        None where the residual or the input is constant, or there are too few samples.
     """
+    found = _past_inputs(record, np.asarray(np.isfinite(errors).all(axis=1)))
+    if found is None or not errors.size:
+        return np.zeros(errors.shape[1])
+    phi, usable = found
+    e = errors[usable]
+    quarters = np.array_split(np.arange(len(e)), 4)
+    factors = [np.linalg.qr(np.hstack([np.ones((len(k), 1)), phi[k], e[k]]), mode="r") for k in quarters]
+    left = np.empty_like(e)
+    for number, part in enumerate(quarters):
+        others = np.vstack([each for k, each in enumerate(factors) if k != number])
+        centres = others[:, 0] @ others / float(others[:, 0] @ others[:, 0])  # the means of all columns
+        others = others - others[:, :1] * centres
+        count = 1 + phi.shape[1]
+        coefficients = np.linalg.lstsq(others[:, 1:count], others[:, count:], rcond=1e-6)[0]
+        left[part] = e[part] - centres[count:] - (phi[part] - centres[1:count]) @ coefficients
+    variance = np.var(e, axis=0)
+    shares = 1 - np.mean(left**2, axis=0) / np.where(variance > 0, variance, np.inf)
+    return np.where(variance > 0, np.maximum(shares, 0.0), 0.0)
+
+
+def _past_inputs(record: Record, known: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]] | None:
+    """Functions of past inputs as columns, on the samples where they and the residuals are known (N,)."""
     lags = [0, *(2**k for k in range(12) if 2**k <= min(len(segment) for segment in record.segments) // 8)]
-    columns = [np.ones((len(error), 1))]
-    usable = np.isfinite(error)
+    usable = known.copy()
+    columns = []
     for u in record.input.T:
         for signal in (u, np.abs(u), u * np.abs(u), np.sign(u)):
             if np.ptp(signal) > 0:
                 columns += [np.roll(signal, lag)[:, None] / np.max(np.abs(signal)) for lag in lags]
     for start in (0, *record.breaks):
         usable[start : start + lags[-1]] = False
-    phi, e = np.hstack(columns)[usable], error[usable]
-    if len(e) < 4 * phi.shape[1] or phi.shape[1] == 1 or not np.ptp(e) > 0:
+    if not columns or np.count_nonzero(usable) < 4 * (1 + len(columns)):
         return None
-    left = np.empty(len(e))
-    for part in np.array_split(np.arange(len(e)), 4):
-        others = np.setdiff1d(np.arange(len(e)), part)
-        centre = e[others].mean()
-        coefficients = np.linalg.lstsq(phi[others], e[others] - centre, rcond=1e-6)[0]
-        left[part] = e[part] - centre - phi[part] @ coefficients
-    return max(0.0, float(1 - np.mean(left**2) / np.var(e)))
+    return np.hstack(columns)[usable], usable
 
 
-def next_steps(comparison: Comparison, record: Record, unseen: Record, *, seen: bool) -> Iterable[Finding]:
-    """What to do next, the most useful first.
+def next_steps(chosen: Assessment, fits: Iterable[Fit[Any]], record: Record) -> Iterable[Finding]:
+    """What to do next besides another experiment, the most useful first.
 
     Args:
-        comparison: the models on the unseen data.
+        chosen: the recommended model on the unseen data.
+        fits: of all models.
         record: what they were fitted to.
-        unseen: what they were ranked on.
-        seen: whether the models were fitted to some of it.
     """
-    best = comparison.best
-    fit = best.row.fit_percent
-    depends = any(each.code == "residual-depends-on-input" for each in verdicts(best))
-    physical = any(isinstance(each, GreyBoxFit) for each in comparison.fits)
+    fit = chosen.row.fit_percent
+    depends = any(each.code == "residual-depends-on-input" for each in verdicts(chosen))
+    physical = any(isinstance(each, GreyBoxFit) for each in fits)
     if not np.isfinite(fit) or fit < POOR:
         yield Finding("next-check-data", record.name, {"fit_percent": finite(fit)})
     if (depends or not fit >= GOOD) and not physical:
-        yield Finding("next-physical-model", best.row.model)
-    if seen or unseen.name.startswith(f"{record.name},"):
-        yield Finding("next-other-experiment", unseen.name)
-    if fit >= POOR:
-        yield Finding("next-use-model", best.row.model)
+        yield Finding("next-physical-model", chosen.row.model)

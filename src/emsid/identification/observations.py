@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
 from emsid.findings import Finding, finite
 from emsid.identification.options import Options
+from emsid.identification.plausibility import Plausibility
 from emsid.identification.result import holds_some_of
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.search.diagnostics import advice
@@ -34,7 +35,7 @@ def observations(
     profiles: Mapping[str, tuple[Profile, ...]],
     choice: Comparison | None = None,
 ) -> list[Finding]:
-    """All findings about the models, their free runs on unseen data, and their profiles.
+    """All findings about the free runs of the models on unseen data, and about their profiles.
 
     Args:
         comparison: the models on the unseen data, the chosen one first.
@@ -55,7 +56,6 @@ def observations(
             for row in comparison.rows
             if row.diverged_at is not None
         ),
-        *(finding for fit in comparison.fits for finding in about_a_fit(fit, record)),
         *(about_a_profile(model, each) for model, some in profiles.items() for each in some),
     ]
 
@@ -180,10 +180,15 @@ def about_the_unseen_input(record: Record, unseen: Record, seen: bool = False) -
     return findings
 
 
-def about_a_fit(fit: Fit[Any], record: Record) -> list[Finding]:
-    """Findings of the estimator, and of a cascade on the data it was fitted to."""
-    noticed = [*fit.findings, *(advice(fit, record) if isinstance(fit.model, Cascade) else ())]
-    return [each.about(fit.model.name) for each in noticed]
+def about_the_fits(fits: Iterable[Fit[Any]], record: Record) -> list[Finding]:
+    """Findings of the estimators, and on how plausible the models are on the data they were fitted to."""
+    found: list[Finding] = []
+    plausibility = Plausibility(record)
+    for fit in fits:
+        noticed = [*fit.findings, *(advice(fit, record) if isinstance(fit.model, Cascade) else ())]
+        found += [each.about(fit.model.name) for each in noticed]
+        found += plausibility.findings(fit)
+    return found
 
 
 def about_a_profile(model: str, profile: Profile) -> Finding:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from emsid.findings import Finding, plain
 from emsid.identification.characteristics import Characteristic, characteristics
 from emsid.identification.conclusions import next_steps, verdicts
+from emsid.identification.recommendation import experiment, recommendation
 from emsid.presentation import Presented
 from emsid.record import Record
 from emsid.record.overlap import shared_stretch
@@ -32,6 +34,7 @@ class Identification(Presented):
         profiles: likelihood profiles of physical parameters, by model.
         interrupted: whether it was stopped before all models were done.
         on_choice: the models on further unseen data that chose among them; None where `unseen` did.
+        model_verdicts: the verdict on every model, with its residual tests and reasons, the recommended one first.
     """
 
     record: Record
@@ -42,6 +45,7 @@ class Identification(Presented):
     profiles: Mapping[str, tuple[Profile, ...]] = field(default_factory=dict)
     interrupted: bool = False
     on_choice: Comparison | None = None
+    model_verdicts: tuple[Finding, ...] = ()
 
     def __repr__(self) -> str:
         best = self.chosen.model.name[:40]
@@ -49,8 +53,18 @@ class Identification(Presented):
 
     @property
     def chosen(self) -> Fit[Any]:
-        """The model with the best free run on the unseen data that chose."""
+        """The recommended model: the best free run on the data that chose, or a plausible one as good within noise."""
         return self.on_unseen.best.fit
+
+    @cached_property
+    def recommendation(self) -> tuple[Finding, Finding]:
+        """The recommended model with the reasons for it, and the experiment to run next."""
+        verdict = self.model_verdicts[0]
+        choice = self.on_choice or self.on_unseen
+        return (
+            recommendation(choice, verdict, self.findings, seen=self.seen),
+            experiment(verdict, self.record, self.unseen, seen=self.seen),
+        )
 
     @property
     def fits(self) -> tuple[Fit[Any], ...]:
@@ -79,8 +93,8 @@ class Identification(Presented):
 
     @property
     def next_steps(self) -> tuple[Finding, ...]:
-        """What to do next, the most useful first."""
-        return tuple(next_steps(self.on_unseen, self.record, self.unseen, seen=self.seen))
+        """What to do next besides another experiment, the most useful first."""
+        return tuple(next_steps(self.on_unseen.best, self.fits, self.record))
 
     def findings_about(self, model: str) -> tuple[Finding, ...]:
         """The findings about this model."""
@@ -106,6 +120,8 @@ class Identification(Presented):
             "profiles": [{"model": name} | each.to_data() for name, some in self.profiles.items() for each in some],
             "findings": [finding.to_data() for finding in self.findings],
             "characteristics": [each.to_data() for each in self.characteristics],
+            "recommendation": [finding.to_data() for finding in self.recommendation],
+            "verdicts": [finding.to_data() for finding in self.model_verdicts],
             "residual": [finding.to_data() for finding in self.verdicts],
             "next": [finding.to_data() for finding in self.next_steps],
         }

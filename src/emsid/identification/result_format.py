@@ -13,7 +13,7 @@ import msgspec
 
 from emsid.errors import FormatError
 
-FORMAT, VERSION = "emsid result", 3
+FORMAT, VERSION = "emsid result", 4
 
 Number = float | None
 
@@ -142,6 +142,8 @@ class ResultFile(msgspec.Struct, forbid_unknown_fields=True):
     profiles: list[ProfileData]
     findings: list[FindingData]
     characteristics: list[CharacteristicData]
+    recommendation: list[FindingData]
+    verdicts: list[FindingData]
     residual: list[FindingData]
     next: list[FindingData]
 

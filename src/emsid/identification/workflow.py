@@ -6,7 +6,7 @@ data, which no step of a fit uses.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -20,6 +20,7 @@ from emsid.findings import Finding
 from emsid.first_look.advice import questions
 from emsid.identification.candidates import CANDIDATES, fit_or_problem, usual_for
 from emsid.identification.observations import (
+    about_the_fits,
     built_in_values,
     failure,
     missing_models,
@@ -27,6 +28,7 @@ from emsid.identification.observations import (
     profile_failure,
 )
 from emsid.identification.options import Options
+from emsid.identification.recommendation import recommended_first
 from emsid.identification.records import Records, given_records
 from emsid.identification.requests import (
     check_physics,
@@ -37,6 +39,7 @@ from emsid.identification.requests import (
     unused_requests,
 )
 from emsid.identification.result import Identification
+from emsid.identification.verdict import implausible_models, model_verdicts
 from emsid.models.plants.grey_box import assumptions
 from emsid.models.plants.parameters import parts
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
@@ -113,27 +116,32 @@ def identify(
     findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
     taken = _profiles(found.fits, () if found.stopped else options.profile, control)
     on_record = compare(found.fits, train, transient=transient, data="identification")
-    on_choice, on_unseen = _chosen(found.fits, test, transient, divide=not others)
+    about_fits = about_the_fits(found.fits, train)
+    on_choice, on_unseen = _chosen(found.fits, test, transient, implausible_models(about_fits), divide=not others)
     test = on_unseen.best.record
     stopped = found.stopped or taken.stopped or control.cancelled()
     findings = [
         *observations(on_unseen, train, test, taken.profiles, on_choice),
+        *about_fits,
         *found.failed,
         *findings,
         *([] if stopped else _difference_of_records(on_unseen, (*several, *others))),
         *taken.failed,
     ]
-    return Identification(train, test, on_record, on_unseen, tuple(findings), taken.profiles, stopped, on_choice)
+    verdicts = model_verdicts(on_record, on_unseen, about_fits)
+    return Identification(
+        train, test, on_record, on_unseen, tuple(findings), taken.profiles, stopped, on_choice, verdicts
+    )
 
 
 def _chosen(
-    fits: Sequence[Fit[Any]], unseen: Record, transient: int | None, *, divide: bool
+    fits: Sequence[Fit[Any]], unseen: Record, transient: int | None, implausible: Collection[str], *, divide: bool
 ) -> tuple[Comparison | None, Comparison]:
     """The models on the unseen data that choose among them, None where all do, and on those that give their errors."""
     parts = choice_and_headline(unseen) if divide and len(fits) > 1 else None
     if parts is None:
-        return None, compare(fits, unseen, transient=transient, data="unseen")
-    choice = compare(fits, parts[0], transient=transient, data="choice")
+        return None, recommended_first(compare(fits, unseen, transient=transient, data="unseen"), implausible)
+    choice = recommended_first(compare(fits, parts[0], transient=transient, data="choice"), implausible)
     return choice, compare(fits, parts[1], transient=transient, data="unseen").in_order_of(choice)
 
 

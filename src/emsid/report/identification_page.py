@@ -39,7 +39,7 @@ def report(result: Identification, argument: Spelling = as_python) -> Report:
             "", terms=(terms.FREE_RUN, terms.FIT), figures=(views.measured_and_simulated(best, name="best-free-run"),)
         ),
         notices=tuple(Notice(sentence(each, argument), severity(each).value) for each in first),
-        advice=tuple(sentence(each, argument) for each in result.next_steps),
+        advice=tuple(sentence(each, argument) for each in (*result.recommendation, *result.next_steps)),
         sections=(
             which_model(result),
             *([Section("More findings", remarks=others)] if others else []),
@@ -60,8 +60,8 @@ def summary(result: Identification) -> str:
     """The best model, the number of models, and the amount of data."""
     row, count = result.on_unseen.best.row, len(result.fits)
     which = (
-        f"{row.model} is the best of {count} models: its free run (simulation from the input alone) on "
-        f"{result.ranked_on} has the smallest error."
+        f"{row.model} is recommended of {count} models, ranked by their free runs (simulation from the input alone) on "
+        f"{result.ranked_on}."
         if count > 1
         else f"{row.model} is the only model that was fitted."
     )
@@ -82,7 +82,7 @@ def facts(result: Identification) -> list[Fact]:
     )
     errors = best.row.outputs or (best.row,)
     found = [
-        Fact(best.row.model, "model with the best free run"),
+        Fact(best.row.model, "recommended model"),
         Fact(percent(best.row.fit_percent), f"fit of its free run on {result.ranked_on}"),
     ]
     if isfinite(best.row.simulation_rmse) and len(errors) == 1:

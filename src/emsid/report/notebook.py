@@ -281,7 +281,7 @@ def _(comparison: Comparison) -> tuple[list[str], Table | None, list[str]]:
 def _(result: Identification) -> tuple[list[str], Table | None, list[str]]:
     _, table, notes = tables(result.on_unseen)
     after = [*notes, *map(worded, _problems(result))]
-    return [f"Free run on {result.ranked_on}: the best model is {result.chosen.model.name}."], table, after
+    return [f"Free run on {result.ranked_on}: {worded(result.recommendation[0])}"], table, after
 
 
 def html(thing: Any) -> str:

@@ -108,6 +108,42 @@ def disagreement(model: Model, records: Sequence[Record]) -> Disagreement | None
     return worst if worst.share > NOTABLE else None
 
 
+PIECES = 4
+"""Pieces of the data that a model was fitted to, and of those that it was not, which are compared."""
+SMALL = 0.03
+"""Differences between pieces of less than this share of the output's standard deviation do not matter."""
+
+
+def difference_of_pieces(runs: Sequence[tuple[Record, Run]], name: str) -> Disagreement | None:
+    """The largest difference between pieces of the data in the free runs of one model; None where they hardly differ.
+
+    Args:
+        runs: of the model, with their records, each of which is cut into `PIECES`.
+        name: of the model.
+    """
+    pieces = [piece for record, run in runs for piece in _cut(record, run)]
+    pieces = [(record, run) for record, run in pieces if np.count_nonzero(run.counted) >= SAMPLES]
+    if len(pieces) < 2 or any(run.diverged_at is not None for _, run in runs):
+        return None
+    found = [
+        _in_one_output(name, pieces, channel, difference)
+        for channel in range(pieces[0][1].output.shape[1])
+        for difference in DIFFERENCES
+    ]
+    error = np.concatenate([(record.output - run.output)[run.counted] for record, run in pieces])
+    spread = np.concatenate([record.output[run.counted] for record, run in pieces]).std(axis=0)
+    sizes = np.sqrt(np.mean(error**2, axis=0)) / np.maximum(spread, np.finfo(float).tiny)
+    size = dict(zip(pieces[0][0].output_names, sizes.tolist(), strict=True))
+    clear = [each for each in found if each.share > NOTABLE and np.sqrt(each.share) * size[each.output] > SMALL]
+    return max(clear, key=lambda each: each.share, default=None)
+
+
+def _cut(record: Record, run: Run) -> list[tuple[Record, Run]]:
+    """A run and its record in pieces of equal length."""
+    edges = [len(record) * k // PIECES for k in range(PIECES + 1)]
+    return [(record[a:b], Run(run.output[a:b], run.counted[a:b], None)) for a, b in pairwise(edges) if b > a]
+
+
 def _in_one_output(
     model: str, runs: Sequence[tuple[Record, Run]], channel: int, difference: Difference
 ) -> Disagreement:

@@ -150,6 +150,10 @@ class Comparison(Presented):
         place = {id(fit): k for k, fit in enumerate(choice.fits)}
         return Comparison(tuple(sorted(self.assessments, key=lambda each: place[id(each.fit)])))
 
+    def led_by(self, chosen: Assessment) -> Comparison:
+        """The same with one of the assessments first."""
+        return Comparison((chosen, *(each for each in self.assessments if each is not chosen)))
+
     @property
     def rows(self) -> tuple[Row, ...]:
         """A row for every model."""

@@ -7,11 +7,16 @@ References:
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+SIGNIFICANCE = 0.01
+"""Chance that a test rejects a residual that is independent of the input."""
+EXCITED = 1e-2
+"""Directions of lagged inputs with less than this part of the largest variance are not tested together."""
 # The length of every segment of a signal, and its Fourier transform.
 Spectra = list[tuple[int, NDArray[np.complex128]]]
 
@@ -57,6 +62,68 @@ def cross_correlation(error: Array, u: Array, breaks: Sequence[int], lags: int) 
         return nothing
     shares = _lagged_products(e, v, lags) / np.sqrt(variance)
     return shares if np.isfinite(shares).all() else nothing
+
+
+class InputTest(NamedTuple):
+    """Whether a residual is independent of the past of an input, with 99 % bands.
+
+    Attributes:
+        lags: how many were tested, from 0.
+        largest: the largest correlation in absolute value, in standard deviations, with its sign.
+        at_lag: the input is this many samples earlier.
+        limit: that 99 of 100 independent residuals do not reach at any lag.
+        p_value: of the portmanteau test, the chance of correlations at all lags as large together as these.
+    """
+
+    lags: int
+    largest: float
+    at_lag: int
+    limit: float
+    p_value: float
+
+    @property
+    def depends(self) -> bool:
+        """Whether the residual depends on the input, by one lag or by all of them together."""
+        return abs(self.largest) > self.limit or self.p_value < SIGNIFICANCE
+
+
+def input_test(error: Array, u: Array, breaks: Sequence[int], lags: int) -> InputTest | None:
+    """Test a residual against the past of an input, lag by lag and by a portmanteau test over all lags.
+
+    The correlations r (lags + 1,) of independent signals have the covariance P, a Toeplitz matrix of
+    Σ R_e(k)·R_u(k + τ) (Ljung, eq. 16.68), so that rᵀP⁻¹r follows χ². Directions of P that a smooth input hardly
+    excites are left out.
+
+    Args:
+        error: (N,) NaN where it is not known.
+        u: (N,) input.
+        breaks: the first sample of every segment but the first.
+        lags: the largest lag in samples.
+
+    Returns:
+        None where one of the signals is constant.
+    """
+    from scipy.linalg import toeplitz
+    from scipy.special import chdtrc, ndtri
+
+    both = cross_correlation(error, u, breaks, lags)
+    past = both[len(both) // 2 :]
+    if not past.any():
+        return None
+    k, most = int(np.argmax(np.abs(past))), len(past) - 1
+    known = np.isfinite(error)
+    e, v = (
+        _spectra(x, breaks)
+        for x in (np.where(known, error - float(np.mean(error[known])), 0.0), u - float(np.mean(u[known])))
+    )
+    own_e = _lagged_products(e, e, most) * (1 - np.abs(np.arange(-most, most + 1)) / (most + 1))
+    own_u = _lagged_products(v, v, 2 * most)
+    covariance = np.correlate(own_u, own_e, "valid")[most:]
+    size, axes = np.linalg.eigh(toeplitz(covariance / covariance[0]))
+    kept = size > EXCITED * size[-1]
+    statistic = float(np.sum((axes.T[kept] @ past) ** 2 / size[kept]))
+    p_value = float(chdtrc(int(np.count_nonzero(kept)), statistic))
+    return InputTest(len(past), float(past[k]), k, float(-ndtri(0.005 / len(past))), p_value)
 
 
 def _longest_lag(signal: Array, breaks: Sequence[int], lags: int) -> int:

@@ -21,6 +21,7 @@ from emsid.wording import live as live
 from emsid.wording import plants as plants
 from emsid.wording import search as search
 from emsid.wording import study as study
+from emsid.wording import verdict as verdict
 from emsid.wording.catalogue import CATALOGUE, Entry, Severity, Spelling, as_python, sentence, severity, words
 
 __all__ = ["CATALOGUE", "Entry", "Severity", "Spelling", "as_python", "sentence", "severity", "words"]

@@ -15,7 +15,7 @@ def choices_cut_short(f: Finding, argument: Spelling) -> str:
 def zero_cancels_pole(f: Finding, argument: Spelling) -> str:
     real, imaginary = f.data["pole"]
     where = f"{real:.4g}" + (f" ± {imaginary:.4g}i" if imaginary else "")
-    return f"{_block(f)}: a zero nearly cancels the pole at {where}; try a lower order"
+    return f"{_in_block(f)}a zero nearly cancels the pole at {where}; try a lower order"
 
 
 @words("dead-zone-side-unseen", Severity.WARNING)
@@ -63,6 +63,50 @@ def parameters_without_interval(f: Finding, argument: Spelling) -> str:
 
 def _block(f: Finding) -> str:
     return f"block {f.data['block']}"
+
+
+def _in_block(f: Finding) -> str:
+    """The block, for a model that has blocks."""
+    return f"{_block(f)}: " if "block" in f.data else ""
+
+
+@words("map-turns-without-data", Severity.WARNING)
+def map_turns_without_data(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: block, at (input of the map)."""
+    return (
+        f"{_block(f)}: the static map turns back at {f.data['at']:.4g}, where there are hardly any data; use fewer "
+        "knots or another map, or record there"
+    )
+
+
+@words("map-leaves-range", Severity.WARNING)
+def map_leaves_range(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: block, at (input of the map), value (output at rest), low, high (measured)."""
+    d = f.data
+    return (
+        f"{_block(f)}: at {d['at']:.4g}, where there are hardly any data, the static map would give an output of "
+        f"{d['value']:.4g}; measured are {d['low']:.4g} to {d['high']:.4g}. Use fewer knots or another map, or record "
+        "there"
+    )
+
+
+@words("faster-than-sampling", Severity.WARNING)
+def faster_than_sampling(f: Finding, argument: Spelling) -> str:
+    """Data: pole, samples (its time constant)."""
+    return (
+        f"the pole at {f.data['pole']:.3g} has a time constant of {f.data['samples']:.2g} samples, which these data do "
+        "not resolve; try a lower order, or sample faster"
+    )
+
+
+@words("delay-longer-than-rise", Severity.WARNING)
+def delay_longer_than_rise(f: Finding, argument: Spelling) -> str:
+    """Data: delay, rise (s), samples (of delay)."""
+    d = f.data
+    return (
+        f"its delay of {d['delay']:.3g} s ({d['samples']} samples) is longer than the whole response of the record, "
+        f"{d['rise']:.3g} s, so it imitates something else; check signs and columns, or give {argument('nk')}"
+    )
 
 
 @words("dead-time-at-input")

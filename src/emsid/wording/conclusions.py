@@ -75,18 +75,3 @@ def next_physical_model(f: Finding, argument: Spelling) -> str:
         "Fit a physical model too, to estimate friction, dead zone and delay as parameters: "
         f"{argument('models')} rigid-motor, or motor for a flexible shaft"
     )
-
-
-@words("next-other-experiment")
-def next_other_experiment(f: Finding, argument: Spelling) -> str:
-    """Subject: the unseen data."""
-    return (
-        "The models were ranked on a part of the same experiment. Record a second one, with an input like those in "
-        f"later use, and rank on it ({argument('unseen')})"
-    )
-
-
-@words("next-use-model")
-def next_use_model(f: Finding, argument: Spelling) -> str:
-    """Subject: the model."""
-    return f"Use {f.subject}: it is saved as {f.subject}.json, which emsid validate and emsid.load read"

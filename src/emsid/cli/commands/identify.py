@@ -251,6 +251,7 @@ def _print(result: "Identification") -> None:
     title = f"on {result.ranked_on} ({result.unseen.name})"
     show(error_table(result.on_unseen.rows, title, result.unseen.output_units[0]))
     say(EXPLAINED)
+    say(*(sentence(finding, option) for finding in result.recommendation))
     if result.characteristics:
         show(characteristics_table(result.characteristics))
     for fit in result.fits:
@@ -259,5 +260,5 @@ def _print(result: "Identification") -> None:
     say(f"chosen: {result.chosen.model.name}")
     if not isinstance(result.chosen, GreyBoxFit):
         say(result.chosen.model.equation())
-    noticed = (*result.findings, *result.verdicts, *result.next_steps)
+    noticed = (*result.findings, *result.verdicts, *result.model_verdicts, *result.next_steps)
     say(*(sentence(finding, option) for finding in noticed))

@@ -348,17 +348,22 @@ class Narx:
             ModelError: if python-control is not installed, or the model has no linear term in an input.
         """
         control = python_control()
+        below, above = self.linear_part()
+        if not above.any():
+            raise ModelError(f"{self.name} has no term that is linear in an input")
+        return control.TransferFunction([[np.trim_zeros(b, "f") for b in above]], [[below] * len(above)], self.dt)
+
+    def linear_part(self) -> tuple[Array, Array]:
+        """A (memory + 1,) and B (nu, memory + 1) in powers of q⁻¹, of the terms linear in one past output or input."""
         rows = np.zeros((1 + self.structure.inputs, self.structure.memory + 1))
         for regressor, value in zip(self.structure.regressors, self.parameters, strict=True):
             if len(regressor.factors) == 1 and regressor.factors[0] == Factor(
                 (only := regressor.factors[0]).channel, only.lag
             ):
                 rows[only.channel, only.lag] += -value if regressor.negative else value
-        if not rows[1:].any():
-            raise ModelError(f"{self.name} has no term that is linear in an input")
         below = -rows[0]
         below[0] = 1.0
-        return control.TransferFunction([[np.trim_zeros(b, "f") for b in rows[1:]]], [[below] * len(rows[1:])], self.dt)
+        return below, rows[1:]
 
     def to_data(self) -> dict[str, Any]:
         """Regressors as text, parameters, sample time."""

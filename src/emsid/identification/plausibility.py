@@ -1,0 +1,199 @@
+"""What makes a fitted model implausible, whatever its error is on the data at hand.
+
+A static map that turns or leaves the range of the output where there are hardly any data, poles that zeros cancel,
+poles faster than the sampling, and a delay longer than the response of the drive are signs that the structure is too
+rich, or that it imitates something else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.estimation.fit import Fit
+from emsid.findings import Finding
+from emsid.first_look.baseline import baseline
+from emsid.first_look.dynamics import response
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.regression.narx import Narx
+from emsid.models.regression.regressors import Factor
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+SPARSE = 0.002
+"""A window of a map's input with a smaller share of the samples has hardly any data."""
+WINDOW = 0.02
+"""Half the width of that window, as a share of the range of the input."""
+GRID = 200
+"""Points at which a map is looked at, besides its knots."""
+TURNS = 0.05
+"""A map turns if it goes back by more than this share of its range over the data."""
+BEYOND = 1.0
+"""A map leaves the range of the output by more than this multiple of that range."""
+FASTEST, IMMEDIATE = float(np.exp(-1.0)), 1e-3
+"""A real pole below the first has a time constant shorter than the sample time; below the second it is a delay."""
+CANCELS = 0.02
+"""A zero this close to a pole, as a share of the distance of the pole to the unit circle, cancels it."""
+SLOW = 5
+"""Delays of up to this many samples are never too long."""
+RISE = 2.2
+"""Rise time (10 to 90 %) over time constant of a first-order response."""
+
+IMPLAUSIBLE = frozenset(
+    {
+        "delay-longer-than-rise",
+        "faster-than-sampling",
+        "knots-without-data",
+        "map-leaves-range",
+        "map-turns-without-data",
+        "zero-cancels-pole",
+    }
+)
+"""The findings that make a model implausible."""
+
+
+class Plausibility:
+    """The checks of models that were fitted to one record.
+
+    Args:
+        record: what they were fitted to.
+    """
+
+    def __init__(self, record: Record) -> None:
+        self.record = record
+        self._rise: float | None = None
+
+    def findings(self, fit: Fit[Any]) -> list[Finding]:
+        """Why a model is implausible, without what the fit itself has found."""
+        model = fit.model
+        if self.record.input.shape[1] != 1 or self.record.output.shape[1] != 1:
+            return []
+        found: list[Finding] = []
+        if isinstance(model, Cascade):
+            found += [each for k, x in self._entering(model) for each in self._of_map(model, k, x)]
+            poles = [pole for block in model.blocks if isinstance(block, Rational) for pole in block.poles]
+            found += [*_too_fast(poles), *self._too_late(_delay_of(model))]
+        elif isinstance(model, Narx):
+            below, above = model.linear_part()
+            poles = list(np.roots(below)) if len(below) > 1 else []
+            found += self._too_late(_first_lag(model))
+            if _is_linear(model):
+                found += [*_cancelled(poles, list(np.roots(above[0]))), *(_too_fast(poles) if model.start else ())]
+        return [each.about(model.name) for each in found]
+
+    def _entering(self, model: Cascade) -> Iterator[tuple[int, Array]]:
+        """The index and the input signal of every static map, for the input of the record."""
+        at = [k for k, block in enumerate(model.blocks) if isinstance(block, StaticMap)]
+        pieces = [segment.input[:, 0] for segment in self.record.segments]
+        with np.errstate(all="ignore"):
+            signals = [model.signals(u, model.resting(float(u[0]))) for u in pieces]
+        for k in at:
+            x = np.concatenate([each[k] for each in signals])
+            x = x[np.isfinite(x)]
+            if len(x) and np.ptp(x) > 0:
+                yield k, x
+
+    def _of_map(self, model: Cascade, k: int, x: Array) -> Iterator[Finding]:
+        """A map that turns, or leaves the range of the output, where its input (m,) has hardly any data."""
+        block = model.blocks[k]
+        assert isinstance(block, StaticMap)
+        grid = np.unique(np.concatenate([np.linspace(x.min(), x.max(), GRID), block.marks()[0]]))
+        values, sparse = block.value(grid), _sparse(grid, x)
+        if not sparse.any() or sparse.all() or not np.isfinite(values).all():
+            return
+        turn = _turn(values, sparse)
+        if turn is not None:
+            yield Finding("map-turns-without-data", model.name, {"block": k + 1, "at": float(grid[turn])})
+        y = self.record.output[:, 0]
+        outputs = np.array([_at_rest_after(model, k, float(value)) for value in values])
+        beyond = np.where(sparse, np.maximum(outputs - y.max(), y.min() - outputs), -np.inf)
+        worst = int(np.argmax(beyond))
+        if beyond[worst] > BEYOND * np.ptp(y):
+            data = {"block": k + 1, "at": float(grid[worst]), "value": float(outputs[worst])}
+            yield Finding("map-leaves-range", model.name, data | {"low": float(y.min()), "high": float(y.max())})
+
+    def _too_late(self, delay: int) -> Iterator[Finding]:
+        """A delay longer than the rise time of the record, and longer than the delay that the record shows."""
+        if delay <= SLOW or self.rise is None:
+            return
+        if delay > self.rise:
+            dt = self.record.dt
+            yield Finding("delay-longer-than-rise", "", {"delay": delay * dt, "rise": self.rise * dt, "samples": delay})
+
+    @property
+    def rise(self) -> float | None:
+        """Delay and rise time of the record in samples, by the small linear model of the first look."""
+        if self._rise is None:
+            record = self.record
+            seen = response(record.input[:, 0], record.output[:, 0], record.breaks)
+            linear = baseline(record, seen.delay)
+            usable = linear is not None and linear.fit > 0 and np.isfinite(linear.time_constant)
+            self._rise = RISE * linear.time_constant + (seen.delay or 0) if usable and linear is not None else np.nan
+        return None if np.isnan(self._rise) else self._rise
+
+
+def _sparse(grid: Array, x: Array) -> NDArray[np.bool_]:
+    """(m,) where on a grid (m,) a signal x has hardly any values."""
+    ordered, reach = np.sort(x), WINDOW * float(np.ptp(x))
+    counts = np.searchsorted(ordered, grid + reach, "right") - np.searchsorted(ordered, grid - reach)
+    return np.asarray(counts < SPARSE * len(x))
+
+
+def _turn(values: Array, sparse: NDArray[np.bool_]) -> int | None:
+    """The largest turn of a curve among its sparse points; None where it does not turn there."""
+    enough = TURNS * float(np.ptp(values[~sparse]))
+    rising = np.sign(np.diff(values))
+    extremes = np.flatnonzero(rising[1:] * rising[:-1] < 0) + 1
+    ends = np.concatenate([[0], extremes, [len(values) - 1]])
+    sizes = {
+        int(here): min(abs(values[here] - values[before]), abs(values[after] - values[here]))
+        for before, here, after in zip(ends[:-2], ends[1:-1], ends[2:], strict=True)
+        if sparse[here]
+    }
+    worst = max(sizes, key=lambda k: sizes[k], default=None)
+    return worst if worst is not None and sizes[worst] > enough else None
+
+
+def _at_rest_after(model: Cascade, k: int, value: float) -> float:
+    """The output at rest where the output of block k is constant."""
+    for block in model.blocks[k + 1 :]:
+        _, value = block.resting(value)
+    return value + model.output_offset
+
+
+def _too_fast(poles: list[complex]) -> Iterator[Finding]:
+    """A real pole whose time constant is shorter than the sample time."""
+    fast = [float(pole.real) for pole in poles if abs(pole.imag) < 1e-9 and IMMEDIATE < pole.real < FASTEST]
+    if fast:
+        yield Finding("faster-than-sampling", "", {"pole": min(fast), "samples": float(-1 / np.log(min(fast)))})
+
+
+def _cancelled(poles: list[complex], zeros: list[complex]) -> Iterator[Finding]:
+    """Poles that a zero nearly cancels."""
+    for pole in poles:
+        near = any(abs(zero - pole) < CANCELS * max(1 - abs(pole), 1e-3) for zero in zeros)
+        if near and pole.imag >= 0 and abs(pole) > IMMEDIATE:
+            yield Finding("zero-cancels-pole", "", {"pole": [float(pole.real), float(pole.imag)]})
+
+
+def _delay_of(model: Cascade) -> int:
+    """The delay of a cascade in samples, with that of its filters."""
+    return model.delay + sum(block.delay for block in model.blocks if isinstance(block, Rational)) // model.oversampling
+
+
+def _first_lag(model: Narx) -> int:
+    """The smallest lag of an input."""
+    lags = [f.lag for regressor in model.structure.regressors for f in regressor.factors if f.channel]
+    return min(lags, default=0)
+
+
+def _is_linear(model: Narx) -> bool:
+    """Whether all regressors are past outputs, past inputs or a constant."""
+    of_signals = [regressor.factors for regressor in model.structure.regressors if regressor.factors]
+    return all(len(factors) == 1 and factors[0] == Factor(factors[0].channel, factors[0].lag) for factors in of_signals)

@@ -1,0 +1,198 @@
+"""The verdict on every model: supported by the data, to be used with limits, implausible, or unusable.
+
+It has three sources. Residual tests with 99 % bands: whether the residual of the free run on unseen data is independent
+of the past of the inputs (lag by lag, and by a portmanteau test over all lags) and of their powers, and whether the
+one-step errors of a model with a noise model are white. Agreement: between pieces of the data, and between fitted and
+unseen data. Plausibility: see `plausibility`.
+
+In a long record, a test rejects every model for deviations that do not matter. A residual that fails a test therefore
+limits a model only if the inputs predict more than `PREDICTABLE` of its variance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.estimation.fit import Ending
+from emsid.findings import Finding, finite
+from emsid.identification.conclusions import POOR, PREDICTABLE, predictable_shares
+from emsid.identification.plausibility import IMPLAUSIBLE
+from emsid.selection.improvement import STRETCHES
+from emsid.validation.agreement import difference_of_pieces
+from emsid.validation.comparison import Assessment, Comparison, Row, models_noise
+from emsid.validation.correlation import input_test
+from emsid.validation.nonlinear_correlation import free_run_tests
+from emsid.validation.residual_test import residual_tests
+
+Array = NDArray[np.float64]
+
+LAGS = 50
+"""Lags of the tests against inputs, in samples."""
+LARGER = 1.5
+"""An error, as a share of the output's deviation, is larger on unseen data from this ratio on."""
+SMALL = 0.02
+"""An error below this share of the output's deviation is small on any data."""
+CONCENTRATED = 0.5
+"""The share of the squared error in one of the stretches above which the error is in this stretch."""
+UNFINISHED = {Ending.STALLED, Ending.OUT_OF_BUDGET, Ending.INTERRUPTED}
+
+Reason = dict[str, Any]
+
+
+def model_verdicts(on_record: Comparison, on_unseen: Comparison, findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """A verdict on every model, in the order of their ranks.
+
+    Args:
+        on_record: the models on the data they were fitted to.
+        on_unseen: the models on unseen data.
+        findings: about the models; some make them implausible.
+    """
+    fitted = {each.row.model: each for each in on_record.assessments}
+    against: dict[str, list[Reason]] = {}
+    for finding in findings:
+        if finding.code in IMPLAUSIBLE:
+            against.setdefault(finding.model, []).append({"code": finding.code, **finding.data})
+    shares = _shares(on_unseen.assessments)
+    return tuple(
+        _verdict(each, fitted[each.row.model], against.get(each.row.model, []), share)
+        for each, share in zip(on_unseen.assessments, shares, strict=True)
+    )
+
+
+def implausible_models(findings: Iterable[Finding]) -> frozenset[str]:
+    """The names of the models that some of the findings make implausible."""
+    return frozenset(finding.model for finding in findings if finding.code in IMPLAUSIBLE)
+
+
+def _verdict(unseen: Assessment, fitted: Assessment, implausible: list[Reason], shares: Sequence[float]) -> Finding:
+    row = unseen.row
+    unusable = _unusable(unseen)
+    tests = [] if unusable else residual_table(unseen)
+    limits = [] if unusable else [*_poor(row), *_from_tests(tests, unseen, shares), *_disagreements(unseen, fitted)]
+    if unseen.fit.ending in UNFINISHED:
+        limits.append({"code": "search-not-finished", "ending": unseen.fit.ending.value})
+    data = {"model": row.model, "reasons": [*unusable, *implausible, *limits], "tests": tests}
+    if unusable:
+        return Finding("model-unusable", row.model, data)
+    if implausible:
+        return Finding("model-implausible", row.model, data)
+    return Finding("model-limited" if limits else "model-supported", row.model, data)
+
+
+def _unusable(unseen: Assessment) -> list[Reason]:
+    """Why a model cannot be used at all."""
+    row = unseen.row
+    if row.diverged_at is not None:
+        return [{"code": "diverges", "sample": int(row.diverged_at)}]
+    if row.fit_percent <= 0:
+        return [{"code": "no-better-than-mean", "fit_percent": finite(row.fit_percent)}]
+    return []
+
+
+def _poor(row: Row) -> list[Reason]:
+    """A fit that is better than the mean, and poor."""
+    return [{"code": "explains-little", "fit_percent": float(row.fit_percent)}] if row.fit_percent < POOR else []
+
+
+def residual_table(assessment: Assessment) -> list[Reason]:
+    """All residual tests of one model with their 99 % limits; ``passed`` where a residual stays within its limit."""
+    record, counted = assessment.record, assessment.simulation.counted
+    errors = np.where(counted[:, None], record.output - assessment.simulation.output, np.nan)
+    found: list[Reason] = []
+    for channel, (output, error) in enumerate(zip(record.output_names, errors.T, strict=True)):
+        for name, u in zip(record.input_names, record.input.T, strict=True):
+            past = input_test(error, u, record.breaks, LAGS)
+            if past is not None:
+                of = {"output": output, "input": name}
+                found.append({"test": "past-inputs", **of, **past._asdict(), "passed": not past.depends})
+        found += [
+            {
+                "test": "nonlinear-term",
+                "output": output,
+                "term": each.term,
+                "kind": each.kind,
+                "largest": each.largest,
+                "at_lag": each.at_lag,
+                "limit": each.limit,
+                "passed": not each.depends,
+            }
+            for each in free_run_tests(assessment, channel)
+        ]
+    if models_noise(assessment.fit.model):
+        found += [
+            {
+                "test": "whiteness",
+                "output": each.output,
+                "lags": each.lags,
+                "largest": each.largest_autocorrelation,
+                "at_lag": each.at_lag,
+                "p_value": each.p_value,
+                "passed": each.white,
+            }
+            for each in residual_tests(record, assessment.prediction)
+        ]
+    return found
+
+
+def _from_tests(tests: Sequence[Reason], unseen: Assessment, shares: Sequence[float]) -> list[Reason]:
+    """The failed tests that limit a model: one for the inputs, and one for the one-step errors, of every output."""
+    found = []
+    for output, share in zip(unseen.record.output_names, shares, strict=True):
+        failed = [each for each in tests if each["output"] == output and not each["passed"]]
+        of_inputs = [each for each in failed if each["test"] != "whiteness"]
+        if of_inputs and share > PREDICTABLE:
+            worst = max(of_inputs, key=lambda each: abs(each["largest"]) / each["limit"])
+            found.append({"code": f"depends-on-{worst['test']}", "share": share, **worst})
+        found += [{"code": "one-step-errors-coloured", **each} for each in failed if each["test"] == "whiteness"]
+    return found
+
+
+def _disagreements(unseen: Assessment, fitted: Assessment) -> list[Reason]:
+    """Differences between pieces of the data, between unseen and fitted data, and between stretches."""
+    found: list[Reason] = []
+    runs = [(each.record, each.simulation) for each in (fitted, unseen)]
+    differs = difference_of_pieces(runs, unseen.row.model)
+    if differs is not None:
+        spread = max(differs.values) - min(differs.values)
+        data = {"kind": differs.difference.name, "output": differs.output, "unit": differs.unit}
+        found.append({"code": "pieces-differ", **data, "spread": spread, "share": differs.share})
+    sizes = [1 - each.row.fit_percent / 100 for each in (fitted, unseen)]
+    if np.isfinite(sizes).all() and sizes[1] > max(LARGER * sizes[0], SMALL) and sizes[0] > 0:
+        found.append({"code": "larger-on-unseen", "ratio": sizes[1] / sizes[0]})
+    found += _concentrated(unseen)
+    return found
+
+
+def _concentrated(unseen: Assessment) -> list[Reason]:
+    """The stretch that has most of the squared error, if one has."""
+    record, counted = unseen.record, np.flatnonzero(unseen.simulation.counted)
+    spread = np.maximum(record.output[counted].std(axis=0), np.finfo(float).tiny)
+    squares = np.mean(((record.output - unseen.simulation.output)[counted] / spread) ** 2, axis=1)
+    stretches = np.array_split(np.arange(len(counted)), STRETCHES)
+    if len(counted) < 10 * STRETCHES or not squares.sum() > 0:
+        return []
+    sums = np.array([float(squares[each].sum()) for each in stretches])
+    worst = int(np.argmax(sums))
+    share = float(sums[worst] / sums.sum())
+    if share < CONCENTRATED:
+        return []
+    first, last = counted[stretches[worst][[0, -1]]]
+    return [{"code": "error-in-one-stretch", "share": share, "first": int(first), "last": int(last)}]
+
+
+def _shares(assessments: Sequence[Assessment]) -> list[list[float]]:
+    """The predictable share of the residual variance of every model and output; zero where it is not known."""
+    record, counted = assessments[0].record, assessments[0].simulation.counted
+    errors = np.stack([record.output - each.simulation.output for each in assessments])  # (models, N, ny)
+    usable = [
+        each.row.diverged_at is None and bool(np.isfinite(error[counted]).all())
+        for each, error in zip(assessments, errors, strict=True)
+    ]
+    columns = errors[usable].transpose(1, 0, 2).reshape(len(record), -1)
+    found = predictable_shares(np.where(counted[:, None], columns, np.nan), record)
+    known = iter(found.reshape(-1, record.output.shape[1]).tolist())
+    return [next(known) if good else [0.0] * record.output.shape[1] for good in usable]

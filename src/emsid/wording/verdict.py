@@ -1,0 +1,177 @@
+"""Words for the verdict on a model, the recommendation and the next experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from emsid.findings import Finding
+from emsid.units import with_unit
+from emsid.wording.catalogue import CATALOGUE, Severity, Spelling, as_python, words
+from emsid.wording.lists import listed
+
+Reason = Mapping[str, Any]
+
+
+def _of_lag(d: Reason) -> str:
+    """A correlation with its limit."""
+    return f"{d['largest']:.1f} standard deviations at lag {d['at_lag']}, 99 % limit {d['limit']:.1f}"
+
+
+def _spread(d: Reason) -> str:
+    if d["kind"] == "gain":
+        return f"{100 * d['spread']:.2g} %"
+    if d["kind"] == "delay":
+        return f"{1e3 * d['spread']:.3g} ms"
+    return with_unit(f"{d['spread']:.3g}", d["unit"])
+
+
+_SHORT: dict[str, Callable[[Reason], str]] = {
+    "diverges": lambda d: f"its free run diverges at sample {d['sample']}",
+    "explains-little": lambda d: f"it explains little of the output (a fit of {d['fit_percent']:.0f} %)",
+    "no-better-than-mean": lambda d: "it is no better than the mean of the output",
+    "depends-on-past-inputs": lambda d: (
+        f"the input predicts {100 * d['share']:.0f} % of the residual of {d['output']} ({_of_lag(d)})"
+    ),
+    "depends-on-nonlinear-term": lambda d: (
+        f"the input predicts {100 * d['share']:.0f} % of the residual of {d['output']}, which depends on {d['term']} "
+        f"({_of_lag(d)})"
+    ),
+    "one-step-errors-coloured": lambda d: (
+        f"its one-step errors are correlated (up to {d['largest']:.2f} at lag {d['at_lag']}), so its prediction is not "
+        "the best one"
+    ),
+    "pieces-differ": lambda d: (
+        f"the {d['kind']} of {d['output']} differs by up to {_spread(d)} between pieces of the data, which makes "
+        f"{100 * d['share']:.0f} % of the squared error"
+    ),
+    "larger-on-unseen": lambda d: f"its error is {d['ratio']:.2g} times larger on unseen data than on fitted data",
+    "error-in-one-stretch": lambda d: (
+        f"{100 * d['share']:.0f} % of its squared error is in the samples {d['first']} to {d['last']}"
+    ),
+    "search-not-finished": lambda d: f"its search did not reach a minimum ({d['ending']})",
+}
+
+
+def reason_in_words(reason: Reason) -> str:
+    """A reason of a verdict as a clause."""
+    code = reason["code"]
+    if code in _SHORT:
+        return _SHORT[code](reason)
+    text = CATALOGUE[code].wording(Finding(code, "", {k: v for k, v in reason.items() if k != "model"}), as_python)
+    return text.partition("; ")[0].partition(". ")[0]
+
+
+def _because(f: Finding) -> str:
+    return "; ".join(reason_in_words(each) for each in f.data["reasons"])
+
+
+@words("model-supported")
+def model_supported(f: Finding, argument: Spelling) -> str:
+    """Data: reasons (none), tests."""
+    failed = [each for each in f.data["tests"] if not each["passed"]]
+    but = " (residual tests fail by little: the inputs predict hardly any of it)" if failed else ""
+    return f"supported by these data: nothing speaks against it{but}"
+
+
+@words("model-limited")
+def model_limited(f: Finding, argument: Spelling) -> str:
+    """Data: reasons, tests."""
+    return f"usable with limits: {_because(f)}"
+
+
+@words("model-implausible", Severity.WARNING)
+def model_implausible(f: Finding, argument: Spelling) -> str:
+    """Data: reasons, tests."""
+    return f"implausible: {_because(f)}"
+
+
+@words("model-unusable", Severity.WARNING)
+def model_unusable(f: Finding, argument: Spelling) -> str:
+    """Data: reasons, tests."""
+    return f"not usable: {_because(f)}"
+
+
+@words("model-recommended")
+def model_recommended(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: fit_percent, models, seen, verdict, reasons; instead_of, because (None for no
+    finding), ratio where another model has a smaller error that is so within noise."""
+    d = f.data
+    where = "the data they were fitted to" if d["seen"] else "unseen data"
+    fit = "" if d["fit_percent"] is None else f" (a fit of {d['fit_percent']:.1f} %)"
+    if "instead_of" in d:
+        because = "" if d["because"] is None else f", and is implausible ({reason_in_words(d['because'])})"
+        why = (
+            f"{d['instead_of']} has a smaller error on {where}, by {100 * (d['ratio'] - 1):.2g} %, which is within "
+            f"noise{because}; {f.subject} is preferred{fit}"
+        )
+    elif d["models"] > 1:
+        why = f"its free run on {where} has the smallest error of {d['models']} models{fit}"
+    else:
+        why = f"it is the only model{fit}"
+    return f"Recommended: {f.subject}. Reasons: {why}; {_LEVELS[d['verdict']]}{_first_reasons(d['reasons'])}"
+
+
+_LEVELS = {
+    "model-supported": "nothing speaks against it",
+    "model-limited": "use it with its limits in mind: ",
+    "model-implausible": "no plausible model is as good, but be careful: ",
+}
+
+
+def _first_reasons(reasons: list[Reason]) -> str:
+    shown = "; ".join(reason_in_words(each) for each in reasons[:2])
+    more = len(reasons) - 2
+    return f"{shown}; and {more} more, see its verdict" if more > 0 else shown
+
+
+@words("no-model-recommended", Severity.PROBLEM)
+def no_model_recommended(f: Finding, argument: Spelling) -> str:
+    """Subject: the model with the smallest error. Data: as of model-recommended."""
+    return (
+        f"No model is recommended: that with the smallest error is {f.subject}, and {_first_reasons(f.data['reasons'])}"
+    )
+
+
+def _fill_range(d: Reason) -> str:
+    places = [f"{x:.3g}" for x in d.get("at", [])]
+    near = f" around {listed(places)}" if places else " where they are rare"
+    return f"record more samples with inputs{near}, so that the shape of the static map is known there"
+
+
+_EXPERIMENTS: dict[str, Callable[[Reason], str]] = {
+    "longer": lambda d: f"record at least {d['needed']} samples, better some hundred",
+    "without-feedback": lambda d: (
+        "record without a controller, or with a test signal added to its command, since the input follows the output"
+    ),
+    "more-levels": lambda d: (
+        "record an input of many levels over the whole range, such as an amplitude-modulated PRBS; this one has too "
+        "few to show dead zone, friction and saturation"
+    ),
+    "larger-input": lambda d: "record with larger inputs: much of this record is inside the dead zone, or at rest",
+    "faster-sampling": lambda d: f"sample at least five times faster than every {1e3 * d['dt']:.3g} ms",
+    "finer-sensor": lambda d: (
+        "measure the output with a finer sensor, or record larger movements: its steps are coarse"
+    ),
+    "both-directions": lambda d: (
+        f"record {d['input']} in both directions: friction and dead zone of the other one are not in these data"
+    ),
+    "fill-range": _fill_range,
+    "repeat-input": lambda d: (
+        "repeat the same input two or three times in one record: what then differs is noise or a change of the drive, "
+        "and what stays is missing in the model"
+    ),
+    "other-input": lambda d: (
+        "record a second experiment, with an input like those in later use, and rank on it; here the models were "
+        "ranked on a part of the experiment that they were fitted to"
+    ),
+    "in-use": lambda d: "record the drive in its later use, and run the recommended model on that record",
+}
+
+
+@words("next-experiment")
+def next_experiment(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: kind, and what it needs: at, dt, input, needed."""
+    sentence = _EXPERIMENTS[f.data["kind"]](f.data)
+    then = {"other-input": f" ({argument('unseen')})", "in-use": " (emsid validate)"}.get(f.data["kind"], "")
+    return f"Next experiment: {sentence}{then}"

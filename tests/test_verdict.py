@@ -1,0 +1,306 @@
+"""The verdict on every model: residual tests, agreement, plausibility, and the recommendation that follows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import emsid
+from emsid.blocks import CubicSpline, PiecewiseLinear, Polynomial, Rational
+from emsid.estimation.fit import Ending, Fit
+from emsid.findings import Finding
+from emsid.identification.conclusions import predictable_shares
+from emsid.identification.plausibility import IMPLAUSIBLE, Plausibility
+from emsid.identification.recommendation import EXPERIMENTS, experiment, recommendation, recommended_first
+from emsid.identification.verdict import implausible_models, model_verdicts
+from emsid.validation.agreement import difference_of_pieces
+from emsid.validation.comparison import as_fit, compare
+from emsid.validation.correlation import input_test
+
+DT, POLE = 0.01, 0.9
+
+
+def held(seed, samples=1200, each=8, low=-1.0, high=1.0):
+    return np.repeat(np.random.default_rng(seed).uniform(low, high, samples // each), each)
+
+
+def record(seed=0, samples=1200, noise=0.02, of=lambda u: u, name="bench", **how):
+    """A first-order drive behind a static map, with white noise in the measurement."""
+    u = held(seed, samples, **how)
+    y = lfilter([0.0, 1 - POLE], [1.0, -POLE], of(u))
+    noisy = y + noise * np.random.default_rng([1, seed]).standard_normal(len(y))
+    return emsid.Record(u, noisy, DT, input_units=("V",), output_units=("rad/s",), name=name)
+
+
+def linear(gain=1.0, pole=POLE, delay=1, name="filter"):
+    """A model of that drive without a map."""
+    return as_fit(emsid.Cascade((Rational([gain * (1 - pole)], [-pole], delay),), name=name))
+
+
+def mapped(static, name="hammerstein"):
+    return as_fit(emsid.Cascade((static, Rational([1 - POLE], [-POLE], 1)), name=name))
+
+
+def verdicts(*fits, known=None, unseen=None, findings=()):
+    known, unseen = known or record(0), unseen or record(1, name="other")
+    return model_verdicts(compare(fits, known, data="identification"), compare(fits, unseen), findings)
+
+
+def reasons(verdict):
+    return [each["code"] for each in verdict.data["reasons"]]
+
+
+# --- residual tests --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("colour", "of_input"), [(0.0, 0.0), (0.9, 0.9)])
+def test_of_independent_residuals_one_in_a_hundred_fails_each_test(colour, of_input):
+    rng = np.random.default_rng(3)
+    failed = np.zeros(2)
+    for _ in range(150):
+        e, u = (lfilter([1.0], [1.0, -a], rng.standard_normal(900))[100:] for a in (colour, of_input))
+        test = input_test(e, u, (), 30)
+        failed += abs(test.largest) > test.limit, test.p_value < 0.01
+    assert np.all(failed <= 6)  # of 150; more in one of 250 such tests
+
+
+def test_a_weak_influence_at_many_lags_is_seen_by_the_portmanteau_test():
+    rng = np.random.default_rng(4)
+    u, noise = rng.standard_normal((2, 2000))
+    spread = lfilter(np.full(30, 0.027), [1.0], u)
+    test = input_test(noise + spread, u, (), 30)
+    assert abs(test.largest) < test.limit
+    assert test.p_value < 1e-3
+    assert test.depends
+
+
+def test_a_residual_is_found_to_depend_at_its_lag():
+    u = np.random.default_rng(5).standard_normal(1500)
+    test = input_test(0.3 * np.roll(u, 7) + np.random.default_rng(6).standard_normal(1500), u, (), 30)
+    assert (test.at_lag, test.depends) == (7, True)
+    assert input_test(np.ones(100), u[:100], (), 30) is None
+
+
+def test_shares_of_several_residuals_are_those_of_each_alone():
+    known = record(2)
+    errors = np.random.default_rng(7).standard_normal((1200, 2)) + np.abs(known.input) * [0.0, 3.0]
+    both = predictable_shares(errors, known)
+    assert both == pytest.approx([predictable_shares(errors[:, [k]], known)[0] for k in (0, 1)])
+    assert both[0] < 0.02
+    assert both[1] > 0.3
+
+
+def test_a_model_without_a_fault_is_supported():
+    (verdict,) = verdicts(linear())
+    assert verdict.code == "model-supported"
+    assert verdict.data["reasons"] == []
+    tests = verdict.data["tests"]
+    assert {each["test"] for each in tests} == {"past-inputs", "nonlinear-term"}
+    assert all(each["passed"] and each["limit"] > 2.5 for each in tests)
+
+
+@pytest.mark.parametrize(
+    ("fit", "code"),
+    [
+        (linear(pole=0.8), "depends-on-past-inputs"),
+        (mapped(Polynomial(np.array([0.0, 1.0]))), "depends-on-nonlinear-term"),
+    ],
+)
+def test_a_model_that_misses_dynamics_or_a_map_is_limited(fit, code):
+    bent = (lambda u: u**2 + u) if code == "depends-on-nonlinear-term" else (lambda u: u)
+    (verdict,) = verdicts(fit, known=record(0, of=bent), unseen=record(1, of=bent, name="other"))
+    assert verdict.code == "model-limited"
+    assert code in reasons(verdict)
+    assert any(not each["passed"] for each in verdict.data["tests"])
+
+
+def test_one_step_errors_of_a_model_of_noise_are_tested():
+    known, unseen = record(0, noise=0.1), record(1, noise=0.1, name="other")
+    (coloured,) = verdicts(emsid.least_squares(emsid.arx(1, 1), known), known=known, unseen=unseen)
+    assert "one-step-errors-coloured" in reasons(coloured)
+    (verdict,) = verdicts(linear(), known=known, unseen=unseen)
+    assert "one-step-errors-coloured" not in reasons(verdict)
+
+
+@pytest.mark.parametrize(
+    ("fit", "code"),
+    [(linear(gain=-1.0), "no-better-than-mean"), (linear(gain=1e6), "diverges")],
+)
+def test_a_model_without_use_is_unusable_and_not_recommended(fit, code):
+    unseen = record(1, name="other")
+    (verdict,) = verdicts(fit)
+    assert verdict.code == "model-unusable"
+    assert reasons(verdict) == [code]
+    found = recommendation(compare([fit], unseen), verdict, (), seen=False)
+    assert found.code == "no-model-recommended"
+    assert found.code != "model-recommended"
+
+
+def test_a_search_without_an_end_is_a_limit():
+    (verdict,) = verdicts(replace(linear(), ending=Ending.STALLED))
+    assert reasons(verdict) == ["search-not-finished"]
+
+
+# --- agreement -------------------------------------------------------------------------------------------------------
+
+
+def test_pieces_that_differ_are_found_by_kind_and_size():
+    fit, known = linear(), record(0)
+    unseen = record(1, name="other")
+    lifted = replace(unseen, output=unseen.output + 0.3)
+    run = [(each, fit.model.simulate(each)) for each in (known, lifted)]
+    found = difference_of_pieces(run, "filter")
+    assert found.difference.name == "level"
+    assert max(found.values) - min(found.values) == pytest.approx(0.3, abs=0.02)
+    assert difference_of_pieces([(each, fit.model.simulate(each)) for each in (known, unseen)], "filter") is None
+    (verdict,) = verdicts(fit, unseen=lifted)
+    assert {"pieces-differ", "larger-on-unseen"} <= set(reasons(verdict))
+
+
+def test_an_error_in_one_stretch_is_named():
+    unseen = record(1, name="other")
+    y = unseen.output.copy()
+    y[600:640] += 1.0
+    (verdict,) = verdicts(linear(), unseen=replace(unseen, output=y))
+    stretch = next(each for each in verdict.data["reasons"] if each["code"] == "error-in-one-stretch")
+    assert stretch["first"] <= 640
+    assert stretch["last"] >= 600
+    assert stretch["share"] > 0.5
+
+
+def test_an_error_that_hardly_explains_anything_is_a_limit():
+    (verdict,) = verdicts(linear(gain=0.4))
+    assert "explains-little" in reasons(verdict)
+
+
+# --- plausibility ----------------------------------------------------------------------------------------------------
+
+
+def implausible(fit, known=None):
+    return {each.code: each.data for each in Plausibility(known or record(0)).findings(fit)}
+
+
+def sparse(seed=0):
+    """A record whose inputs above 1 are rare."""
+    u = held(seed)
+    u[600:602] = 1.571
+    y = lfilter([0.0, 1 - POLE], [1.0, -POLE], u)
+    return emsid.Record(u, y, DT)
+
+
+KNOTS = np.array([-1.0, -0.5, 0.0, 0.5, 1.0, 1.571])
+
+
+def test_a_spline_that_leaves_the_range_of_the_output_is_implausible():
+    found = implausible(mapped(CubicSpline(KNOTS, np.array([-1.0, -0.5, 0.0, 0.5, 1.0, -90.0]))), sparse())
+    assert found["map-leaves-range"]["value"] == pytest.approx(-90.0)
+    assert found["map-leaves-range"]["at"] == pytest.approx(1.571)
+    assert implausible(mapped(CubicSpline(KNOTS, KNOTS)), sparse()) == {}
+
+
+def test_a_map_that_turns_where_there_are_no_data_is_implausible_and_one_that_turns_among_data_is_not():
+    turning = np.array([-1.0, -0.5, 0.0, 0.5, 1.0, 1.2])
+    knots = np.array([-1.0, -0.5, 0.0, 0.5, 1.0, 1.3])
+    found = implausible(mapped(PiecewiseLinear(np.append(knots, 1.571), np.append(turning, 0.8))), sparse())
+    assert found["map-turns-without-data"]["at"] == pytest.approx(1.3)
+    assert "map-turns-without-data" not in implausible(mapped(PiecewiseLinear(KNOTS, np.abs(KNOTS))), sparse())
+
+
+def test_a_delay_longer_than_the_response_is_implausible():
+    assert implausible(linear(delay=90))["delay-longer-than-rise"]["samples"] == 90
+    assert "delay-longer-than-rise" not in implausible(linear(delay=3))
+    late = emsid.Record(np.roll(record(0).input, -90, axis=0)[:1100], record(0).output[:1100], DT)
+    assert "delay-longer-than-rise" not in implausible(linear(delay=90), late)
+    lag = emsid.Structure.parse("y(t-1)", "u(t-90)").model(np.array([0.9, 0.1]), record())
+    assert "delay-longer-than-rise" in implausible(as_fit(lag))
+
+
+def test_a_pole_faster_than_the_sampling_is_implausible():
+    fast = emsid.Cascade((Rational([0.09], [-1.0, 0.09], 1),), name="filter")  # poles 0.9 and 0.1
+    assert implausible(as_fit(fast))["faster-than-sampling"]["pole"] == pytest.approx(0.1)
+    assert implausible(linear()) == {}
+
+
+def test_a_pole_that_a_zero_cancels_is_implausible_in_a_regression_too():
+    structure = emsid.arx(2, 2)  # (1 - 0.5q⁻¹)(1 - 0.9q⁻¹) over q⁻¹(1 - 0.5q⁻¹)
+    cancelled = structure.model(np.array([-1.4, 0.45, 0.1, -0.05]), record())
+    assert implausible(as_fit(cancelled))["zero-cancels-pole"]["pole"] == pytest.approx([0.5, 0.0])
+    assert implausible(as_fit(structure.model(np.array([-1.4, 0.45, 0.1, 0.05]), record()))) == {}
+
+
+@pytest.mark.parametrize("code", sorted(IMPLAUSIBLE))
+def test_any_of_these_findings_makes_a_model_implausible(code):
+    (verdict,) = verdicts(linear(), findings=[Finding(code, "filter", {"model": "filter"})])
+    assert (verdict.code, reasons(verdict)) == ("model-implausible", [code])
+    (other,) = verdicts(linear(), findings=[Finding(code, "other", {"model": "other"})])
+    assert other.code == "model-supported"
+
+
+# --- the recommendation ----------------------------------------------------------------------------------------------
+
+
+def chosen_of(better_by, implausible="a"):
+    """The recommended of two models, of which one is implausible."""
+    unseen = record(1, name="other")
+    fits = [linear(name="a"), linear(gain=1 - better_by, name="b")]
+    findings = [Finding("map-leaves-range", implausible, {"model": implausible})]
+    choice = recommended_first(compare(fits, unseen), implausible_models(findings))
+    found = {each.model: each for each in verdicts(*fits, unseen=unseen, findings=findings)}
+    name = choice.best.row.model
+    return name, recommendation(choice, found[name], findings, seen=False)
+
+
+def test_an_implausible_model_is_not_recommended_over_a_plausible_one_within_noise():
+    name, why = chosen_of(0.005)
+    assert (name, why.code, why.subject) == ("b", "model-recommended", "b")
+    assert why.data["instead_of"] == "a"
+    assert why.data["because"]["code"] == "map-leaves-range"
+    name, why = chosen_of(0.5)
+    assert (name, why.data["verdict"]) == ("a", "model-implausible")
+    assert "instead_of" not in why.data
+    name, why = chosen_of(0.005, implausible="b")
+    assert (name, why.data["verdict"]) == ("a", "model-supported")
+
+
+def next_of(known, reason=None, unseen=None, seen=False):
+    unseen = unseen or record(1, name="other")
+    (verdict,) = verdicts(linear())
+    if reason is not None:
+        verdict = replace(verdict, data=verdict.data | {"reasons": [reason]})
+    found = experiment(verdict, known, unseen, seen=seen)
+    assert found.code == "next-experiment"
+    return found.data["kind"]
+
+
+def test_the_next_experiment_is_about_what_the_data_leave_open():
+    known = record(0)
+    two_levels = replace(known, input=np.sign(known.input))
+    assert next_of(two_levels) == "more-levels"
+    assert next_of(known[:40]) == "longer"
+    assert next_of(record(0, low=0.2, high=1.0)) == "both-directions"
+    assert next_of(known, {"code": "map-leaves-range", "at": 1.571}) == "fill-range"
+    assert next_of(known, {"code": "knots-without-data", "knots": [1.0]}) == "fill-range"
+    assert next_of(known, {"code": "pieces-differ"}) == "repeat-input"
+    assert next_of(known, seen=True) == "other-input"
+    assert next_of(known, unseen=record(1, name="bench, unseen part")) == "other-input"
+    assert next_of(known) == "in-use"
+
+
+def test_every_finding_of_the_first_look_that_asks_for_an_experiment_has_words():
+    from emsid.wording import CATALOGUE
+    from emsid.wording.verdict import _EXPERIMENTS
+
+    assert set(EXPERIMENTS) <= set(CATALOGUE)
+    assert set(EXPERIMENTS.values()) <= set(_EXPERIMENTS)
+
+
+def test_an_identification_has_a_verdict_for_every_model_and_recommends_one():
+    result = emsid.identify(record(0), record(1, name="other"), models="arx", options=emsid.Options(na=1, nb=1, nk=1))
+    assert [each.model for each in result.model_verdicts] == [fit.model.name for fit in result.fits]
+    why, then = result.recommendation
+    assert why.subject == result.chosen.model.name == "arx"
+    assert then.data["kind"] == "in-use"
+    assert isinstance(result.chosen, Fit)

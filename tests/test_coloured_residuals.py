@@ -23,9 +23,9 @@ def residual_of(noise: np.ndarray) -> np.ndarray:
 
 def test_the_noise_of_differences_has_a_zero_near_one():
     rng = np.random.default_rng(0)
-    zeros = [colour([residual_of(differences(rng))]).zero for _ in range(20)]
+    zeros = [colour([(residual_of(differences(rng)), SLOW)]).zero for _ in range(20)]
     assert min(zeros) >= 0.95
-    assert [colour([residual_of(rng.standard_normal(SAMPLES))]).zero for _ in range(20)].count(0.0) >= 18
+    assert [colour([(residual_of(rng.standard_normal(SAMPLES)), SLOW)]).zero for _ in range(20)].count(0.0) >= 18
     assert whitened_sandwich([(rng.standard_normal(SAMPLES), SLOW)]) is None
 
 
@@ -46,6 +46,14 @@ def test_what_was_before_the_first_sample_counts():
     """A constant under differences is known from the first and the last count alone."""
     noise = np.diff(np.random.default_rng(2).standard_normal(SAMPLES + 1))
     constant = np.ones((SAMPLES, 1))
-    assert colour([noise]).zero == 1.0
+    assert colour([(noise, constant)]).zero == 1.0
     error = float(np.sqrt(coloured_covariance([(noise, constant)])[0, 0])) * SAMPLES
     assert error == pytest.approx(np.sqrt(2), rel=0.2)
+
+
+def test_what_a_fit_takes_from_low_frequencies_is_no_zero():
+    """Ten slow parameters leave white noise without low frequencies."""
+    rng, slow = np.random.default_rng(3), np.polynomial.legendre.legvander(np.linspace(-1, 1, 100), 9)
+    noises = [rng.standard_normal(100) for _ in range(40)]
+    residuals = [noise - slow @ np.linalg.lstsq(slow, noise)[0] for noise in noises]
+    assert [colour([(residual, slow)]).zero for residual in residuals].count(0.0) >= 36

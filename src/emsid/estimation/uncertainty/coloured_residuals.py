@@ -63,44 +63,60 @@ class Colour(NamedTuple):
         through: Array = lfilter([1.0, -self.zero], self.polynomial, jacobian[::-1], axis=0)
         return through
 
-    def whitened(self, residual: Array) -> Array:
-        """(N,) w of a residual (N,)."""
+    def whitened(self, signals: Array) -> Array:
+        """(N, …) w of a residual (N,), or H⁻¹J of derivatives (N, p)."""
         from scipy.signal import lfilter
 
-        white: Array = lfilter(self.polynomial, [1.0], _without_zero(residual, self.zero))
+        white: Array = lfilter(self.polynomial, [1.0], _without_zero(signals, self.zero), axis=0)
         return white
 
 
-def colour(pieces: Sequence[Array]) -> Colour:
-    """The colour of pieces (Nᵢ,) of one stationary residual."""
-    samples = sum(len(piece) for piece in pieces)
-    plain = Colour(0.0, *autoregression(pieces))
-    best = plain, _schwarz(plain, samples)
-    for zero in ZEROS:
-        candidate = Colour(zero, *autoregression([_without_zero(piece, zero) for piece in pieces]))
-        criterion = _schwarz(candidate, samples)
-        if criterion < best[1]:
-            best = candidate, criterion
-    return best[0]
+def colour(pieces: Sequence[tuple[Array, Array]]) -> Colour:
+    """The colour of the noise in one stationary residual.
+
+    Args:
+        pieces: as in `coloured_covariance`. A fit takes out of the residual what its derivatives describe, mostly low
+            frequencies, so that any residual seems to have a zero. The restricted likelihood allows for that.
+    """
+    best, least = None, np.inf
+    for zero in (0.0, *ZEROS):
+        candidate = Colour(zero, *autoregression([_without_zero(residual, zero) for residual, _ in pieces]))
+        if candidate.variance > 0 or zero == 0:
+            criterion = _criterion(candidate, [jacobian for _, jacobian in pieces])
+            if best is None or criterion < least:
+                best, least = candidate, criterion
+    assert best is not None
+    return best
 
 
-def _schwarz(colour: Colour, samples: int) -> float:
-    """Schwarz's criterion; infinite where there is no residual."""
+def _criterion(colour: Colour, jacobians: Sequence[Array]) -> float:
+    """Schwarz's criterion by the restricted likelihood, without terms that all colours share.
+
+    ``−2·log L = (N − p)·log σ² + log|H⁻¹H⁻ᵀ|⁻¹ + log|(H⁻¹J)ᵀH⁻¹J|``; the second term is that of what was before the
+    first sample.
+    """
     if not colour.variance > 0:
-        return -np.inf if colour.zero == 0 else np.inf
+        return -np.inf
+    samples = sum(len(jacobian) for jacobian in jacobians)
+    whitened = [colour.whitened(jacobian) for jacobian in jacobians]
+    size = np.abs(np.diag(np.linalg.qr(np.concatenate(whitened), mode="r")))
+    restricted = 2 * float(np.sum(np.log(size, out=np.full(len(size), -np.inf), where=size > 0)))
+    edges = sum(np.log1p(np.sum(colour.zero ** (2.0 * np.arange(1, len(j) + 1)))) for j in jacobians)
     parameters = len(colour.polynomial) - 1 + (colour.zero > 0)
-    return float(samples * np.log(colour.variance) + parameters * np.log(samples))
+    freedom = samples - len(size)
+    return float(freedom * np.log(colour.variance) + restricted + edges + parameters * np.log(samples))
 
 
-def _without_zero(residual: Array, zero: float) -> Array:
-    """(N,) a residual through 1/(1 − c·q⁻¹), without the effect of what was before it."""
+def _without_zero(signals: Array, zero: float) -> Array:
+    """(N, …) signals through 1/(1 − c·q⁻¹), without the effect of what was before them."""
     from scipy.signal import lfilter
 
     if zero == 0:
-        return residual
-    through: Array = lfilter([1.0], [1.0, -zero], residual)
-    before = zero ** np.arange(len(residual))
-    return through - before * (before @ through) / (before @ before)
+        return signals
+    through: Array = lfilter([1.0], [1.0, -zero], signals, axis=0)
+    before = zero ** np.arange(len(signals))
+    found: Array = through - np.multiply.outer(before, before @ through) / (before @ before)
+    return found
 
 
 def autoregression(pieces: Sequence[Array], most: int = MOST_POLES) -> tuple[Array, float]:
@@ -133,7 +149,7 @@ def coloured_covariance(pieces: Sequence[tuple[Array, Array]], penalty: Array | 
             rows of the penalty, have full rank.
         penalty: (k, p) the rows of a penalty on roughness, with its weight.
     """
-    noise = colour([residual for residual, _ in pieces])
+    noise = colour(pieces)
     rows = [jacobian for _, jacobian in pieces] + ([] if penalty is None else [penalty])
     triangle = np.linalg.qr(np.concatenate(rows), mode="r")
     inverse = np.linalg.inv(triangle)
@@ -159,7 +175,7 @@ def whitened_sandwich(pieces: Sequence[tuple[Array, Array]]) -> Array | None:
     Returns:
         None where the residual has no zero.
     """
-    noise = colour([residual for residual, _ in pieces])
+    noise = colour(pieces)
     if noise.zero == 0:
         return None
     inverse = np.linalg.inv(np.linalg.qr(np.concatenate([jacobian for _, jacobian in pieces]), mode="r"))

@@ -47,18 +47,29 @@ LEVEL = {package: level for level, packages in enumerate(LAYERS) for package in 
 # Inside a package: a part (left) knows nothing of its siblings (right).
 STRANGERS = {
     "estimation.linear": ("estimation.nonlinear", "estimation.uncertainty"),
-    "models.model": ("models.regression", "models.blocks", "models.plants"),
-    "models.free_run": ("models.regression", "models.blocks", "models.plants"),
-    "models.terms": ("models.regression", "models.blocks", "models.plants"),
-    "models.regression": ("models.blocks", "models.plants"),
-    "models.linear": ("models.regression", "models.blocks", "models.plants"),
-    "models.blocks": ("models.plants",),
-    "models.blocks.static_maps": ("models.regression", "models.blocks"),
-    "models.plants": ("models.regression", "models.blocks"),
+    "models.model": ("models.regression", "models.blocks", "models.feedback", "models.plants"),
+    "models.free_run": ("models.regression", "models.blocks", "models.feedback", "models.plants"),
+    "models.terms": ("models.regression", "models.blocks", "models.feedback", "models.plants"),
+    "models.regression": ("models.blocks", "models.feedback", "models.plants"),
+    "models.linear": ("models.regression", "models.blocks", "models.feedback", "models.plants"),
+    "models.blocks": ("models.feedback", "models.plants"),
+    "models.feedback": ("models.plants",),
+    "models.blocks.static_maps": ("models.regression", "models.blocks", "models.feedback"),
+    "models.plants": ("models.regression", "models.blocks", "models.feedback"),
 }
 # A search fits a model; the model does not know it. Besides itself, a search is known to these only.
-SEARCHES = ("models.regression.search", "models.blocks.search", "models.plants.search")
-SEARCHERS = ("models.verbs", "identification", "study", "report", "cli", "blocks", "plants", "regression")
+SEARCHES = ("models.regression.search", "models.blocks.search", "models.feedback.search", "models.plants.search")
+SEARCHERS = (
+    "models.feedback.search",
+    "models.verbs",
+    "identification",
+    "study",
+    "report",
+    "cli",
+    "blocks",
+    "plants",
+    "regression",
+)
 # What users reach as `emsid.blocks` and so on: modules that pass on names of `models` and define nothing. They stand at
 # the end of the layers, so no module of the package can import them.
 FACES = ("blocks", "linear", "plants", "regression")

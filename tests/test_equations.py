@@ -16,6 +16,7 @@ from scipy.signal import lfilter, resample
 
 from emsid import DrivenMotor, LinearAxis
 from emsid.models.blocks.cascade import Cascade
+from emsid.models.feedback.model import FeedbackModel
 from emsid.models.model import Model
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.narx import Narx
@@ -102,6 +103,32 @@ def by_blocks(text: str, u: Array) -> Array:
     return signals["y"][::rate][BEFORE : BEFORE + len(u)]
 
 
+def by_steps(text: str, u: Array) -> Array:
+    """Line by line in one step, and step after step."""
+    faster = re.search(r", with u interpolated .* t = 0, 1/(\d+), … samples(?: of [\d.e-]+ s)?$", text, re.MULTILINE)
+    rate = int(faster[1]) if faster else 1
+    text = text.replace(faster[0], "") if faster else text
+    late = re.match(r"v\(t\) = u\(t(?:-(\d+))?\)\n", text)
+    delay = rate * int(late[1] or 0) if late else 0
+    padded = np.concatenate([np.zeros(BEFORE), u, u[-1:] * np.linspace(1, 0, 100)])
+    fine = np.concatenate([np.zeros(delay), resample(padded, rate * len(padded))])
+    text = text.replace(" + e(t)", "").replace(";", ",")
+    text = re.sub(r"(\b[a-z]\d?)\(t\)", r"\1", text[late.end() :] if late else text)
+    maps = {"linear": points("linear"), "spline": points("spline"), "f": lambda x, p1: p1 * np.cbrt(x)}
+    lines = [line.split(" = ") for line in text.split("\n")]
+    now: dict[str, Any] = {name.split("(")[0]: 0.0 for name, _ in lines}
+    outputs = []
+    for level in fine[: rate * (BEFORE + len(u))]:
+        now |= {"v": level, "u": level}
+        after = {}
+        for name, right in lines:
+            value = value_of(right, maps | now)
+            (after if "(" in name else now)[name.split("(")[0]] = value
+        outputs.append(now["y"])
+        now |= after
+    return np.array(outputs)[::rate][BEFORE:]
+
+
 PLAIN = replace(
     Motor(),
     rotor_friction=Friction(),
@@ -141,6 +168,8 @@ def test_the_printed_equation_simulates_as_the_model_does(name: str) -> None:
         found = by_regression(text, u, float(start[-1, 0]) if model.memory else 0.0)[:, None]
     elif isinstance(model, Cascade):
         found = by_blocks(text, u)[:, None]
+    elif isinstance(model, FeedbackModel):
+        found = by_steps(text, u)[:, None]
     else:
         assert isinstance(model, GreyBox)
         found = by_parameters(text, model, u)

@@ -27,6 +27,7 @@ from emsid.models.blocks.static_maps import (
     StaticMap,
     UserMap,
 )
+from emsid.models.feedback.model import FeedbackModel
 from emsid.models.free_run import RUNAWAY
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.model import Model
@@ -100,6 +101,29 @@ def cascades() -> Iterator[tuple[str, Cascade]]:
             yield f"oversampling {rate}, delay {delay}", Cascade((FAST, bend, SLOW), 0.1, 0.2, delay, rate, dt=DT)
 
 
+LOOP = np.array([[0.8, 0.2, 0.3, 0.1], [-0.2, 0.7, 0.1, -0.2], [1.0, 0.3, 0.2, 0.0], [1.0, 0.1, 0.05, 0.1]])
+TWO_LOOPS = np.array(
+    [
+        [0.8, 0.2, 0.3, 0.1, -0.1],
+        [-0.2, 0.7, 0.1, -0.2, 0.05],
+        [1.0, 0.3, 0.2, 0.0, 0.0],
+        [0.2, -0.5, 0.0, 0.0, 0.0],
+        [1.0, 0.1, 0.05, 0.1, 0.0],
+    ]
+)
+
+
+def feedback() -> Iterator[tuple[str, FeedbackModel]]:
+    for name, static in MAPS.items():
+        yield f"feedback, {name}", FeedbackModel(LOOP, (static,), np.array([1.5]), 0.2, dt=DT)
+    yield "feedback, two maps", FeedbackModel(TWO_LOOPS, (MAPS["saturation"], MAPS["spline"]), dt=DT)
+    yield "feedback, no map", FeedbackModel(LOOP[[0, 1, 3]][:, :3], dt=DT)
+    yield "feedback, no state", FeedbackModel(np.array([[1.0, 0.0], [0.3, 0.7]]), (MAPS["dead-zone"],), dt=DT)
+    for rate, delay in ((1, 2), (2, 0), (3, 20)):
+        loop = FeedbackModel(LOOP, (MAPS["polynomial"],), np.zeros(1), 0.2, delay, rate, dt=DT)
+        yield f"feedback, oversampling {rate}, delay {delay}", loop
+
+
 def plants() -> Iterator[tuple[str, GreyBox]]:
     rigid = replace(Motor(), inductance=0.0).rigid()
     speed, both, current = (Signal.SPEED,), (Signal.POSITION, Signal.SPEED), (Signal.SPEED, Signal.CURRENT)
@@ -124,7 +148,13 @@ OWN = OwnPlant(
     (3.0, 2.0),
     states=2,
 )
-ALL: dict[str, Model] = {**dict(regressions()), **dict(state_spaces()), **dict(cascades()), **dict(plants())}
+ALL: dict[str, Model] = {
+    **dict(regressions()),
+    **dict(state_spaces()),
+    **dict(cascades()),
+    **dict(feedback()),
+    **dict(plants()),
+}
 every_model = pytest.mark.parametrize("model", ALL.values(), ids=ALL.keys())
 UNSAVED = ("user", "own plant")
 

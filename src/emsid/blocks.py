@@ -1,4 +1,4 @@
-"""The blocks of a cascade: linear filters and static maps.
+"""The blocks of a cascade, linear filters and static maps, and the feedback model, which has static maps in a loop.
 
 >>> import emsid
 >>> cascade = emsid.Cascade((emsid.blocks.Rational([1.0, 0.5]), emsid.blocks.DeadZone(-0.2, 0.2)))
@@ -28,6 +28,9 @@ from emsid.models.blocks.static_maps import (
     closest,
     register,
 )
+from emsid.models.blocks.static_maps.static_map import Pieces
+from emsid.models.feedback.kernels import LoopSignals
+from emsid.models.feedback.model import FeedbackModel, FeedbackState
 
 __all__ = [
     "STATIC_MAPS",
@@ -42,7 +45,11 @@ __all__ = [
     "CubicSpline",
     "DeadZone",
     "Family",
+    "FeedbackModel",
+    "FeedbackState",
+    "LoopSignals",
     "NumberedMap",
+    "Pieces",
     "PiecewiseLinear",
     "Polynomial",
     "Rational",

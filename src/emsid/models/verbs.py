@@ -23,6 +23,8 @@ from emsid.estimation.linear.recursive import recursive_least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.fitting import fit_cascade
+from emsid.models.feedback.fitting import fit_feedback
+from emsid.models.feedback.model import FeedbackModel
 from emsid.models.free_run import as_record
 from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
 from emsid.models.model import Model
@@ -49,6 +51,7 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
                                                         ``free_run=True``, ``start``, ``transient``, ``control``
     a linear model: `emsid.state_space`                 ``free_run=True``, ``refine``, ``control``
     a cascade: `emsid.wiener_hammerstein`, …            ``control``; orders and static map are given to the cascade
+    a feedback model: `emsid.feedback`                  ``control``; orders and static maps are given to the structure
     a plant: `emsid.plants.rigid_motor`, …              ``fixed``, ``free``, ``bounds``, ``datasheet``, ``signals``, …
     ==================================================  ===============================================================
 
@@ -113,6 +116,7 @@ FITTED: dict[type, Estimator] = {
     Structure: _regression,
     StateSpaceStructure: fit_state_space,
     Cascade: fit_cascade,
+    FeedbackModel: fit_feedback,
     Motor: simulation_error,
 }
 """The estimator of each kind of model; it takes the model, the records, and options by name."""

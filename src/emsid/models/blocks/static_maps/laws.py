@@ -13,7 +13,7 @@ from emsid.errors import ModelError
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.findings import Finding
 from emsid.models.blocks.static_maps.inverse import monotone_inverse, numbers_of
-from emsid.models.blocks.static_maps.static_map import Scaling, StaticMap, closest, combination
+from emsid.models.blocks.static_maps.static_map import Pieces, Scaling, StaticMap, closest, combination
 from emsid.models.blocks.static_maps.through_points import CubicSpline
 from emsid.models.terms import sum_of_terms
 
@@ -130,6 +130,10 @@ class DeadZone(NumberedMap):
         """m_r, 0 or m_l."""
         return self.m_r * (x > self.b_r) + self.m_l * (x < self.b_l)
 
+    def pieces(self) -> Pieces:
+        """Three lines."""
+        return Pieces.lines([self.b_l, self.b_r], [self.m_l, 0.0, self.m_r], 0.0)
+
     def parameter_gradient(self, x: Array) -> Array:
         """−m outside the zone for the edges, the distance to the edge for the slopes."""
         right, left = (x > self.b_r).astype(float), (x < self.b_l).astype(float)
@@ -222,6 +226,14 @@ class Saturation(NumberedMap):
         """m between the limits, zero at them."""
         return self.slope_between * self._between(x)
 
+    def pieces(self) -> Pieces:
+        """Three lines, or one where the slope is zero."""
+        m = self.slope_between
+        if not m:
+            return Pieces.lines([0.0], [0.0, 0.0], float(np.clip(0.0, self.low, self.high)))
+        first, last = (self.low, self.high) if m > 0 else (self.high, self.low)
+        return Pieces.lines([first / m, last / m], [0.0, m, 0.0], first)
+
     def parameter_gradient(self, x: Array) -> Array:
         """x between the limits; one at an active limit."""
         linear = self.slope_between * x
@@ -312,6 +324,10 @@ class CoulombLinear(NumberedMap):
             return np.full_like(x, self.linear)
         return self.linear + self.coulomb * (1 - self._sign(x) ** 2) / self.width
 
+    def pieces(self) -> Pieces:
+        """One line, and the sign."""
+        return Pieces.lines([0.0], [self.linear, self.linear], 0.0)._replace(jump=self.coulomb, width=self.width)
+
     def parameter_gradient(self, x: Array) -> Array:
         """sgn(x) and x."""
         return np.stack([self._sign(x), x])
@@ -373,6 +389,10 @@ class Abs(NumberedMap):
         """sgn(x)."""
         slope: Array = np.sign(x)
         return slope
+
+    def pieces(self) -> Pieces:
+        """Two lines."""
+        return Pieces.lines([0.0], [-1.0, 1.0], 0.0)
 
     def parameter_gradient(self, x: Array) -> Array:
         """(0, N)."""

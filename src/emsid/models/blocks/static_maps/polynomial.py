@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.models.blocks.static_maps.inverse import monotone_inverse
-from emsid.models.blocks.static_maps.static_map import StaticMap, closest
+from emsid.models.blocks.static_maps.static_map import Pieces, StaticMap, closest
 from emsid.models.terms import sum_of_terms, vector
 
 Array = NDArray[np.float64]
@@ -101,6 +101,13 @@ class Polynomial(StaticMap):
         """Pₖ(t)."""
         rows = np.polynomial.legendre.legvander(self._centred(x), len(self.coefficients) - 1).T
         return np.ascontiguousarray(rows)
+
+    def pieces(self) -> Pieces:
+        """One piece."""
+        powers = np.polynomial.legendre.leg2poly(self.coefficients)
+        powers = np.pad(powers, (0, len(self.coefficients) - len(powers)))
+        scale = (2 / (self.high - self.low)) ** np.arange(len(powers))
+        return Pieces(np.array([-np.inf]), np.array([(self.low + self.high) / 2]), (powers * scale)[None, :])
 
     def inverse(self, z: ArrayLike) -> Array:
         """x between low and high, if the polynomial is monotone there."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from enum import Enum
-from typing import Any, ClassVar, Self, TypeVar
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,32 @@ class Scaling(Enum):
     FREE = "free"  # all of them
     JOINT = "joint"  # those with o = |i|
     NONE = "none"
+
+
+class Pieces(NamedTuple):
+    """A map as polynomials between break points, for compiled loops.
+
+    Attributes:
+        edges: (K,) the left end of each piece; the first is −∞.
+        origins: (K,) where the powers of each piece are zero.
+        coefficients: (K, d + 1) of the powers of x − origin, the constant first.
+        jump: amplitude of sgn(x), which is added.
+        width: if positive, the sign is tanh(x/width).
+    """
+
+    edges: Array
+    origins: Array
+    coefficients: Array
+    jump: float = 0.0
+    width: float = 0.0
+
+    @classmethod
+    def lines(cls, corners: ArrayLike, slopes: ArrayLike, value: float) -> Pieces:
+        """Straight lines: k corners, k + 1 slopes, and the value at the first corner."""
+        at, steep = np.asarray(corners, dtype=float), np.asarray(slopes, dtype=float)
+        values = value + np.concatenate([[0.0], np.cumsum(steep[1:-1] * np.diff(at))])
+        origins = np.concatenate([at[:1], at])
+        return cls(np.concatenate([[-np.inf], at]), origins, np.column_stack([[values[0], *values], steep]))
 
 
 class StaticMap(ABC):
@@ -144,6 +170,10 @@ class StaticMap(ABC):
 
     def roughness(self) -> Array | None:
         """(k, p) R with ‖Rθ‖² = ∫f″(x)² dx, for a map that is fitted with a penalty on it; None for the others."""
+        return None
+
+    def pieces(self) -> Pieces | None:
+        """The map as polynomials between break points; None if it is none, and compiled loops cannot evaluate it."""
         return None
 
     def check(self) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import ModelError
 from emsid.findings import Finding
 from emsid.models.blocks.static_maps.inverse import monotone_inverse, numbers_of
-from emsid.models.blocks.static_maps.static_map import StaticMap, closest
+from emsid.models.blocks.static_maps.static_map import Pieces, StaticMap, closest
 from emsid.models.terms import vector
 
 Array = NDArray[np.float64]
@@ -167,6 +167,11 @@ class PiecewiseLinear(_ThroughPoints):
         piece, _ = self._locate(x)
         return (np.diff(self.values) / np.diff(self.knots))[piece]
 
+    def pieces(self) -> Pieces:
+        """A line between each two knots, the outer ones without an end."""
+        slopes = np.diff(self.values) / np.diff(self.knots)
+        return Pieces.lines(self.knots, [slopes[0], *slopes, slopes[-1]], self.values[0])
+
     def parameter_gradient(self, x: Array) -> Array:
         """The hat functions."""
         piece, part = self._locate(x)
@@ -228,6 +233,16 @@ class CubicSpline(_ThroughPoints):
     def slope(self, x: Array) -> Array:
         """f′(x)."""
         return self._evaluate(x)[1]
+
+    def pieces(self) -> Pieces:
+        """A cubic between each two knots, and a line at either end."""
+        second, h = self.curvatures @ self.values, np.diff(self.knots)
+        slopes = np.diff(self.values) / h - h * (2 * second[:-1] + second[1:]) / 6
+        cubic = np.column_stack([self.values[:-1], slopes, second[:-1] / 2, np.diff(second) / h / 6])
+        last = slopes[-1] + h[-1] * (second[-2] + second[-1]) / 2
+        lines = np.array([[self.values[0], slopes[0], 0.0, 0.0], [self.values[-1], last, 0.0, 0.0]])
+        edges = np.concatenate([[-np.inf], self.knots])
+        return Pieces(edges, np.append(self.knots[0], self.knots), np.vstack([lines[:1], cubic, lines[1:]]))
 
     def parameter_gradient(self, x: Array) -> Array:
         """(K, N) the cardinal splines, one at their own knot and zero at the others."""

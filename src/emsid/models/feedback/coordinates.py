@@ -1,0 +1,370 @@
+r"""The redundant directions of a feedback model, coordinates without them, and its normal form.
+
+**Directions.** A change of the state, x′ = (I + E)x, changes the linear part by dA = EA − AE, dB = EB, dC = −CE and the
+output not at all. A map can be changed by df = c + k·z + d·f′ − s·z·f′ + o·f without a change of the output if the rest
+of the model makes up for it:
+
+    c, k: a level and a line, subtracted from the linear part          o: the unit of w, divided out of B_w and D_yw
+    d:    a shift of z, subtracted from z₀                             s: the unit of z, multiplied into C_z and D_zu
+
+Those (c, k, d, s, o) whose df the family of the map contains are redundant. They are found numerically along the run,
+for maps of any family; maps that declare that they absorb a shift or take factors do so to the accuracy of their knots.
+A constant added to x⁺ moves the state by (I − A)⁻¹ of it.
+
+**Coordinates.** θ = θ₀ + Cφ, with C orthogonal to these directions (data-driven local coordinates, McKelvey,
+Helmersson, Ribarits, Automatica 40, 2004), in units in which a change of each element has the same effect on its row.
+
+**Normal form.** x₁ is the output without what passes directly, and the columns of A but the first are shifts (observer
+form), so the linear part reads as a difference equation. The largest element of every row of z and column of w is one:
+z and w have the units of a signal. A map that contains a line has no level and no slope in the middle of its data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.models.blocks.static_maps import Scaling, StaticMap
+from emsid.models.feedback.kernels import LoopSignals
+from emsid.models.feedback.model import FeedbackModel
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Steps along the run in which directions are compared.
+COMPARED = 400
+# A change of a map is contained in its family if its remainder is smaller than this fraction; directions whose singular
+# value is smaller depend on others.
+CONTAINED, DEPENDENT = 1e-7, 1e-9
+# A transformation of the state that is worse conditioned than this is not made.
+WORST_CONDITION = 1e10
+
+
+@dataclass(frozen=True, eq=False)
+class Visited:
+    """The signals of a model over its records, of which only distributions are used.
+
+    Attributes:
+        x, z, w: (K, n), (K, m), (K, m).
+        u, y: (K,).
+    """
+
+    x: Array
+    z: Array
+    w: Array
+    u: Array
+    y: Array
+
+    @classmethod
+    def of(cls, u: list[Array], runs: list[LoopSignals]) -> Visited:
+        """From the inputs at the steps of the model, and its runs."""
+        x, z, w, y = (np.concatenate([getattr(each, name) for each in runs]) for name in "xzwy")
+        return cls(x, z, w, np.concatenate(u), y)
+
+    def thinned(self, most: int) -> Visited:
+        """At most this many steps of it."""
+        every = max(1, -(-len(self.u) // most))
+        return Visited(*(each[::every] for each in (self.x, self.z, self.w, self.u, self.y)))
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A change of a model to first order.
+
+    Attributes:
+        matrix: of M.
+        maps: of the parameters of every map.
+        map_offsets: (m,) of z₀.
+        output_offset: of y₀.
+    """
+
+    matrix: Array
+    maps: list[Array]
+    map_offsets: Array
+    output_offset: float = 0.0
+
+    @classmethod
+    def none(cls, model: FeedbackModel) -> Change:
+        """No change."""
+        parts = [np.zeros(len(each.parameters)) for each in model.maps]
+        return cls(np.zeros(model.matrix.shape), parts, np.zeros(len(model.maps)))
+
+    def moved_by_constant(self, model: FeedbackModel, constant: Array, behind: float) -> Change:
+        """With a constant added to x⁺ (n,) and to y moved into the offsets."""
+        n, m = model.states, len(model.maps)
+        shift = resting_shift(model.matrix[:n, :n], constant)
+        offsets = self.map_offsets + model.matrix[n : n + m, :n] @ shift
+        return replace(self, map_offsets=offsets, output_offset=behind + float(model.matrix[-1, :n] @ shift))
+
+    def vector(self, model: FeedbackModel) -> Array:
+        """(p,) in the order of the parameters."""
+        return np.concatenate([self.matrix[model.free_entries], *self.maps, self.map_offsets, [self.output_offset]])
+
+
+def directions(model: FeedbackModel, visited: Visited) -> Array:
+    """(p, k) the redundant directions."""
+    n = model.states
+    found = []
+    for i in range(n):
+        for j in range(n):
+            change = Change.none(model)
+            change.matrix[i] += model.matrix[j]
+            change.matrix[:, j] -= model.matrix[:, i]
+            found.append(change.vector(model))
+    seen = visited.thinned(COMPARED)
+    shifts = [_within(each, seen.z[:, i], each.slope(seen.z[:, i])) for i, each in enumerate(model.maps)]
+    for i, each in enumerate(model.maps):
+        found += [_of_a_map(model, i, mix, own, shifts).vector(model) for mix, own in _contained(each, seen.z[:, i])]
+    return np.array(found).reshape(-1, len(model.parameters)).T
+
+
+def _within(map_: StaticMap, z: Array, values: Array) -> Array:
+    """(p,) the change of a map's parameters that is closest to a change of its values."""
+    rows = map_.parameter_gradient(z)
+    return np.asarray(np.linalg.lstsq(rows.T, values, rcond=None)[0], dtype=float)
+
+
+def _contained(map_: StaticMap, z: Array) -> list[tuple[Array, Array]]:
+    """The redundant mixtures (c, k, d, s, o) of a map, each with the change (p,) of its parameters."""
+    slope, value = map_.slope(z), map_.value(z)
+    generators = np.stack([np.ones_like(z), z, slope, -z * slope, value])
+    length = np.linalg.norm(generators, axis=1)
+    length[length == 0] = 1.0
+    units = generators / length[:, None]
+    parts = np.stack([_within(map_, z, unit) for unit in units])
+    rest = units - parts @ map_.parameter_gradient(z)
+    if map_.scaling is Scaling.FREE:
+        rest[3] = 0.0
+    used = [k for k in range(5) if k != 2 or not map_.absorbs_shift]  # then z₀ is fixed, and a shift changes nothing
+    _, sizes, axes = np.linalg.svd(rest[used].T, full_matrices=True)
+    sizes = np.pad(sizes, (0, len(used) - len(sizes)))
+    mixtures = np.zeros((len(used), 5))
+    mixtures[:, used] = axes
+    return [(mix / length, mix @ parts) for mix, size in zip(mixtures, sizes, strict=True) if size < CONTAINED]
+
+
+def _of_a_map(model: FeedbackModel, i: int, mix: Array, own: Array, shifts: list[Array]) -> Change:
+    """The change of the model that makes up for that of one map.
+
+    Args:
+        model: with its maps.
+        i: the map.
+        mix: (5,) c, k, d, s, o.
+        own: (p,) the change of its parameters.
+        shifts: for every map, the change of its parameters that shifts its input.
+    """
+    n, m = model.states, len(model.maps)
+    level, line, shift, unit_in, unit_out = mix
+    change = Change.none(model)
+    change.maps[i][:] = own
+    into, out = model.matrix[n + i, : n + 1], model.matrix[:, n + 1 + i]
+    constants = -(level + line * model.map_offsets[i]) * out
+    change.matrix[:, : n + 1] -= line * np.outer(out, into)
+    change.matrix[n : n + m, : n + 1][i] += unit_in * into
+    change.matrix[:, n + 1 + i] -= unit_out * out
+    change = change.moved_by_constant(model, constants[:n], float(constants[-1]))
+    change.map_offsets[i] += unit_in * model.map_offsets[i] - shift
+    for j, each in enumerate(model.maps):
+        if each.absorbs_shift:  # z₀ is fixed; a shift of z goes into the map
+            change.maps[j][:] += change.map_offsets[j] * shifts[j]
+            change.map_offsets[j] = 0.0
+    return change
+
+
+def weights(model: FeedbackModel, visited: Visited) -> Array:
+    """(p,) the effect of a change of every parameter on its row, relative to the row's own size."""
+    seen = visited.thinned(COMPARED)
+    out = np.column_stack([seen.x, seen.z, seen.y[:, None]])
+    entering = np.column_stack([seen.x, seen.u[:, None], seen.w])
+    rows, columns = _size(out), np.sqrt(np.mean(entering**2, axis=0))
+    columns[columns == 0] = 1.0
+    table = columns[None, :] / rows[:, None]
+    n = model.states
+    of_w = _size(seen.w)
+    parts = [
+        np.sqrt(np.mean(each.parameter_gradient(seen.z[:, i]) ** 2, axis=1)) / of_w[i]
+        for i, each in enumerate(model.maps)
+    ]
+    of_maps = [np.maximum(part, 1e-6 * part.max(initial=1e-300)) for part in parts]
+    return np.concatenate([table[model.free_entries], *of_maps, 1 / rows[n:-1], [1 / rows[-1]]])
+
+
+def _size(signals: Array) -> Array:
+    """The standard deviation of every column, one where it is constant."""
+    size = np.std(signals, axis=0)
+    return np.where(size > 0, size, 1.0)
+
+
+def coordinates(model: FeedbackModel, visited: Visited, held: Mask | None = None) -> Array:
+    """(p, f) C: the directions in which the parameters are free.
+
+    Args:
+        model: θ₀.
+        visited: its signals.
+        held: (p,) parameters that keep their values; they remove as many redundant directions as they determine.
+    """
+    scale = weights(model, visited)
+    fixed = fixed_offsets(model) if held is None else held | fixed_offsets(model)
+    redundant = directions(model, visited) * scale[:, None]
+    length = np.linalg.norm(redundant, axis=0)
+    redundant = redundant[:, length > 0] / length[length > 0]
+    if fixed.any() and redundant.size:
+        _, sizes, axes = np.linalg.svd(redundant[fixed], full_matrices=True)
+        rank = int(np.sum(sizes > DEPENDENT))
+        redundant = redundant @ axes[rank:].T
+    redundant = redundant[~fixed]
+    size = redundant.shape[0]
+    basis = np.eye(size)
+    if redundant.size:
+        left, sizes, _ = np.linalg.svd(redundant, full_matrices=True)
+        basis = left[:, int(np.sum(sizes > DEPENDENT * max(sizes.max(initial=0.0), 1e-300))) :]
+    spread = np.zeros((len(scale), basis.shape[1]))
+    spread[~fixed] = basis / scale[~fixed][:, None]
+    return spread
+
+
+def fixed_offsets(model: FeedbackModel) -> Mask:
+    """(p,) the offsets z₀ of maps that absorb a shift."""
+    fixed = np.zeros(len(model.parameters), dtype=bool)
+    first = len(fixed) - 1 - len(model.maps)
+    fixed[first:-1] = [each.absorbs_shift for each in model.maps]
+    return fixed
+
+
+def with_state(model: FeedbackModel, transform: Array) -> FeedbackModel:
+    """The same model with the state x′ = Tx."""
+    n = model.states
+    matrix = model.matrix.copy()
+    matrix[:n] = transform @ matrix[:n]
+    matrix[:, :n] = np.linalg.solve(transform.T, matrix[:, :n].T).T
+    return replace(model, matrix=matrix)
+
+
+def with_units(model: FeedbackModel, i: int, unit_in: float, unit_out: float) -> FeedbackModel:
+    """The same model with the input of one map divided by ``unit_in`` and its output by ``unit_out``."""
+    n = model.states
+    matrix, offsets, maps = model.matrix.copy(), model.map_offsets.copy(), list(model.maps)
+    maps[i] = maps[i].scaled(1 / unit_in, 1 / unit_out)
+    matrix[n + i] /= unit_in
+    offsets[i] /= unit_in
+    matrix[:, n + 1 + i] *= unit_out
+    return replace(model, matrix=matrix, maps=tuple(maps), map_offsets=offsets)
+
+
+@dataclass(frozen=True, eq=False)
+class Same:
+    """A model with the same output, and its state x′ = Tx + s.
+
+    Attributes:
+        model: the other model.
+        transform: (n, n) T.
+        shift: (n,) s.
+    """
+
+    model: FeedbackModel
+    transform: Array
+    shift: Array
+
+    def state(self, x: Array) -> Array:
+        """(n,) or (K, n) x′."""
+        return x @ self.transform.T + self.shift
+
+
+def whitened(model: FeedbackModel, visited: Visited) -> Same:
+    """The same model with states, z and w of unit size over its records, and uncorrelated states."""
+    n = model.states
+    transform = np.eye(n)
+    if n:
+        size, axes = np.linalg.eigh(np.atleast_2d(np.cov(visited.x.T)))
+        if size[-1] > 0:
+            transform = (axes / np.sqrt(np.maximum(size, 1e-12 * size[-1]))).T
+            model = with_state(model, transform)
+    for i, each in enumerate(model.maps):
+        if each.scaling is Scaling.FREE:
+            model = with_units(model, i, float(_size(visited.z[:, i])), float(_size(visited.w[:, i])))
+    return Same(model, transform, np.zeros(n))
+
+
+def normal_form(model: FeedbackModel, visited: Visited) -> tuple[Same, Mask]:
+    """The same model in the normal form, and (p,) the parameters that the form fixes."""
+    n, m = model.states, len(model.maps)
+    shift = np.zeros(n)
+    for i in range(m):
+        model, moved = _without_line(model, i, visited.z[:, i])
+        shift = shift + moved
+    held = np.zeros(model.matrix.shape, dtype=bool)
+    transform, x = _observer(model), visited.x
+    if transform is not None:
+        model, x, shift = with_state(model, transform), x @ transform.T, transform @ shift
+        matrix = model.matrix.copy()
+        matrix[:n, 1:n] = np.eye(n)[:, : n - 1]
+        matrix[-1, :n] = np.eye(1, n)[0]
+        model = replace(model, matrix=matrix)
+        held[:n, 1:n] = held[-1, :n] = True
+    entering = np.append(_size(x), _size(visited.u))
+    for i, each in enumerate(model.maps):
+        if each.scaling is not Scaling.FREE:
+            continue
+        into = int(np.argmax(np.abs(model.matrix[n + i, : n + 1]) * entering))
+        rows = [*range(n), n + m]
+        behind = rows[int(np.argmax(np.abs(model.matrix[rows, n + 1 + i])))]
+        factors = model.matrix[n + i, into], 1 / model.matrix[behind, n + 1 + i]
+        if np.isfinite(factors).all() and all(factors):
+            model = with_units(model, i, *map(float, factors))
+            held[n + i, into] = held[behind, n + 1 + i] = True
+    fixed = np.zeros(len(model.parameters), dtype=bool)
+    fixed[: int(model.free_entries.sum())] = held[model.free_entries]
+    return Same(model, np.eye(n) if transform is None else transform, shift), fixed
+
+
+def _observer(model: FeedbackModel) -> Array | None:
+    """(n, n) T to the observer form; None if the linear part does not show every state at its output."""
+    n = model.states
+    if not n:
+        return None
+    a, c = model.matrix[:n, :n], model.matrix[-1, :n]
+    polynomial = np.poly(a).real
+    rows = [c]
+    for k in range(1, n):
+        rows.append(rows[-1] @ a + polynomial[k] * c)
+    transform = np.array(rows)
+    scaled = transform / np.maximum(np.linalg.norm(transform, axis=1, keepdims=True), 1e-300)
+    return transform if np.isfinite(transform).all() and np.linalg.cond(scaled) < WORST_CONDITION else None
+
+
+def _without_line(model: FeedbackModel, i: int, z: Array) -> tuple[FeedbackModel, Array]:
+    """The same model without level and slope of a map in the middle of its data, and (n,) the change of its state.
+
+    The model is unchanged where the family of the map does not contain lines, or an integrator would have to hold the
+    level.
+    """
+    map_, n = model.maps[i], model.states
+    if not map_.owns_level:
+        return model, np.zeros(n)
+    middle = np.array([float(np.median(z))])
+    slope = float(map_.slope(middle)[0])
+    level = float(map_.value(middle)[0]) - slope * float(middle[0])
+    at = np.unique(z[:: max(1, len(z) // COMPARED)])
+    line = slope * at + level
+    part = _within(map_, at, line)
+    if np.abs(part @ map_.parameter_gradient(at) - line).max() > CONTAINED * max(np.abs(line).max(), 1e-300):
+        return model, np.zeros(n)
+    maps = list(model.maps)
+    maps[i] = map_.with_parameters(map_.parameters - part)
+    out, into = model.matrix[:, n + 1 + i], model.matrix[n + i, : n + 1]
+    matrix = model.matrix.copy()
+    matrix[:, : n + 1] += slope * np.outer(out, into)
+    constants = (level + slope * model.map_offsets[i]) * out
+    shift = resting_shift(matrix[:n, :n], constants[:n])
+    if np.abs(shift - matrix[:n, :n] @ shift - constants[:n]).max(initial=0.0) > CONTAINED * np.abs(constants).max():
+        return model, np.zeros(n)
+    offsets = model.map_offsets + matrix[n:-1, :n] @ shift
+    behind = model.output_offset + float(constants[-1] + matrix[-1, :n] @ shift)
+    return replace(model, matrix=matrix, maps=tuple(maps), map_offsets=offsets, output_offset=behind), -shift
+
+
+def resting_shift(a: Array, constant: Array) -> Array:
+    """(n,) the state at which a constant (n,) added to x⁺ comes to rest, (I − A)⁻¹ of it."""
+    return np.asarray(np.linalg.lstsq(np.eye(len(a)) - a, constant, rcond=None)[0], dtype=float)

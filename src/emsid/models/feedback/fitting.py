@@ -1,0 +1,282 @@
+"""A feedback model fitted to its free run, from start values, by Gauss–Newton steps with exact derivatives.
+
+The search runs in the coordinates of `coordinates`, chosen anew after every round, together with the initial state of
+every segment. The result is in the normal form, and its covariance is that of the parameters that this form leaves
+free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.linear.least_squares import check_excitation
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.nonlinear.gauss_newton import Infeasible, Minimum, gauss_newton
+from emsid.findings import Finding
+from emsid.models.feedback.coordinates import Visited, coordinates, normal_form, whitened
+from emsid.models.feedback.model import FeedbackModel, check_channels
+from emsid.models.feedback.start import starting
+from emsid.models.free_run import check_sample_time
+from emsid.models.terms import check_whole
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+Segments = tuple[tuple[Array, Array], ...]
+
+# Steps in one choice of coordinates, and the number of choices.
+STEPS, ROUNDS = 25, 6
+# The largest number of elements of initial states that are estimated with the model; of more, each is estimated alone.
+MOST_STATES = 60
+# Less than this fraction of the cost saved in a round ends the search.
+SAVED = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRun:
+    """The free-run residuals of a feedback model, as a `Problem` for `gauss_newton`.
+
+    The parameters are φ (f,) in θ = θ₀ + Cφ, and then the initial state (n,) of every segment.
+
+    Attributes:
+        model: θ₀.
+        spread: (p, f) C.
+        segments: (u, y) of each.
+        transient: samples at the start of every segment that are left out of the residual.
+    """
+
+    model: FeedbackModel
+    spread: Array
+    segments: Segments
+    transient: int
+
+    def at(self, theta: Array) -> FeedbackModel:
+        """The model with these parameters."""
+        return self.model.with_parameters(self.model.parameters + self.spread @ theta[: self.spread.shape[1]])
+
+    def state(self, theta: Array, k: int) -> Array:
+        """(n,) the initial state of a segment."""
+        first = self.spread.shape[1] + k * self.model.states
+        return theta[first : first + self.model.states]
+
+    def residuals(self, theta: Array) -> list[Array]:
+        """Model minus measurement, per segment."""
+        model = self.at(theta)
+        model.check()
+        with np.errstate(all="ignore"):
+            return [
+                (model.output(u, self.state(theta, k)) - y)[self.transient :] for k, (u, y) in enumerate(self.segments)
+            ]
+
+    def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
+        """Residual and derivative, per segment; the derivative by the states of other segments is zero."""
+        model, free, blocks = self.at(theta), self.spread.shape[1], []
+        count = len(model.parameters)
+        for k, (u, y) in enumerate(self.segments):
+            passed = model.trajectory(u, self.state(theta, k))
+            rows = model.gradient(u, passed)[self.transient :]
+            derivative = np.zeros((len(theta), len(rows)))
+            derivative[:free] = self.spread.T @ rows[:, :count].T
+            first = free + k * model.states
+            derivative[first : first + model.states] = rows[:, count:].T
+            if not np.isfinite(derivative).all():
+                raise Infeasible(f"the derivative of {model.name} is not finite")
+            residual = (passed.y[:: model.oversampling] - y)[self.transient :]
+            blocks.append((residual, derivative.T))
+        return blocks
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A model with its initial states, and how the last search ended.
+
+    Attributes:
+        model: with its parameters.
+        states: (n,) for every segment.
+        minimum: of the last round.
+        settled: whether the search has converged.
+    """
+
+    model: FeedbackModel
+    states: list[Array]
+    minimum: Minimum
+    settled: bool
+
+    @property
+    def error(self) -> float:
+        """The root mean square of the residual."""
+        return float(np.sqrt(2 * self.minimum.cost / self.minimum.samples))
+
+
+def fit_feedback(
+    start: FeedbackModel,
+    records: Record | Sequence[Record],
+    *,
+    transient: int | None = None,
+    max_iterations: int = STEPS * ROUNDS,
+    tolerance: float = 0.05,
+    control: Control = FREE,
+) -> Fit[FeedbackModel]:
+    """Fit a feedback model to the free-run error on one or several records, from start values.
+
+    Args:
+        start: a model whose free run on the records is finite.
+        records: one input and one output each; every segment is an experiment.
+        transient: samples at the start of every segment that are left out of the errors.
+        max_iterations: the largest number of Gauss–Newton steps.
+        tolerance: see `gauss_newton`.
+        control: when to stop.
+
+    Returns:
+        The fit, in the normal form of `coordinates`.
+
+    Raises:
+        ModelError: for records with other channels or too few samples, or a start that diverges.
+    """
+    several = [records] if isinstance(records, Record) else list(records)
+    if transient is not None:
+        check_whole(f"{start.name}: transient", transient, 0, "these are samples to be left out")
+    if several and start.dt is None:
+        start = replace(start, dt=several[0].dt)
+    segments = gather(start, several, transient)
+    skipped = max(transient or 0, start.edge)
+    return conclude(
+        searched(start, segments, skipped, max_iterations, tolerance, control), segments, skipped, tolerance, control
+    )
+
+
+def searched(
+    start: FeedbackModel,
+    segments: Segments,
+    transient: int,
+    max_iterations: int = STEPS * ROUNDS,
+    tolerance: float = 0.05,
+    control: Control = FREE,
+    least_saving: float = 0.0,
+) -> Found:
+    """The minimum near a start, in rounds of new coordinates; no covariances."""
+    model, cost, left = start, np.inf, max_iterations
+    states = [starting(model, u, y[: model.memory]) for u, y in segments]
+    found = None
+    while found is None or (left > 0 and not found.settled):
+        same = whitened(model, _visited(model, segments, states))
+        states = [same.state(x) for x in states]
+        spread = coordinates(same.model, _visited(same.model, segments, states))
+        problem = FreeRun(same.model, spread, segments, transient)
+        minimum = _gauss_newton(problem, states, min(STEPS, left), tolerance, control, False, least_saving)
+        left -= max(minimum.iterations, 1)
+        model = problem.at(minimum.estimate)
+        states = [problem.state(minimum.estimate, k) for k in range(len(segments))]
+        converged = minimum.ending in (Ending.CONVERGED, Ending.RANK_DEFICIENT)
+        slow = minimum.cost > (1 - SAVED) * cost or minimum.iterations < STEPS
+        found = Found(model, states, minimum, converged or slow or control.ending is not None)
+        cost = minimum.cost
+    return found
+
+
+def conclude(
+    found: Found, segments: Segments, transient: int, tolerance: float = 0.05, control: Control = FREE
+) -> Fit[FeedbackModel]:
+    """The fit at a minimum, in the normal form, with covariances."""
+    model, states = found.model, found.states
+    same, held = normal_form(model, _visited(model, segments, states))
+    states = [same.state(x) for x in states]
+    spread = coordinates(same.model, _visited(same.model, segments, states), held)
+    problem = FreeRun(same.model, spread, segments, transient)
+    minimum = _gauss_newton(problem, states, STEPS if found.settled else 0, tolerance, control, True)
+    minimum = replace(minimum, ending=found.minimum.ending) if not found.settled else minimum.judged()
+    model, free = problem.at(minimum.estimate), problem.spread.shape[1]
+    own = minimum.covariance[:free, :free]
+    lost = np.isinf(np.diag(own))
+    covariance = problem.spread @ np.where(np.isfinite(own), own, 0.0) @ problem.spread.T
+    unknown = np.abs(problem.spread[:, lost]).max(axis=1, initial=0.0) > 0
+    covariance[unknown, unknown] = np.inf
+    kept = np.flatnonzero(np.diag(covariance) > 0)
+    fit = minimum.fit(model, [model.names[k] for k in kept])
+    return replace(
+        fit,
+        findings=_findings(minimum, [model.names[k] for k in np.flatnonzero(unknown)]),
+        estimate=model.parameters[kept],
+        covariance=covariance[np.ix_(kept, kept)],
+    )
+
+
+def _findings(minimum: Minimum, unknown: list[str]) -> tuple[Finding, ...]:
+    """The findings of a minimum; coordinates without effect are named by the parameters that they move."""
+    return tuple(
+        Finding(each.code, data={"without_effect": unknown, "inseparable": []})
+        if each.code == "parameters-undetermined"
+        else each
+        for each in minimum.findings
+    )
+
+
+def _gauss_newton(
+    problem: FreeRun,
+    states: Sequence[Array],
+    iterations: int,
+    tolerance: float,
+    control: Control,
+    covariances: bool,
+    least_saving: float = 0.0,
+) -> Minimum:
+    free = problem.spread.shape[1]
+    theta = np.concatenate([np.zeros(free), *states])
+    low, high = np.full(len(theta), -np.inf), np.full(len(theta), np.inf)
+    if len(theta) - free > MOST_STATES:
+        low[free:] = high[free:] = theta[free:]
+    return gauss_newton(
+        problem,
+        theta,
+        lower=low,
+        upper=high,
+        max_iterations=iterations,
+        tolerance=tolerance,
+        least_saving=least_saving,
+        names=(
+            *(f"coordinate {k + 1}" for k in range(free)),
+            *("starting states" for _ in range(len(theta) - free)),
+        ),
+        control=control,
+        covariances=covariances,
+    )
+
+
+def _visited(model: FeedbackModel, segments: Segments, states: Sequence[Array]) -> Visited:
+    """The signals of a model over the segments.
+
+    Raises:
+        ModelError: if its run diverges.
+    """
+    runs = [model.trajectory(u, x) for (u, _), x in zip(segments, states, strict=True)]
+    return Visited.of([model.entering(u) for u, _ in segments], runs)
+
+
+def gather(model: FeedbackModel, records: Sequence[Record], transient: int | None) -> Segments:
+    """(u, y) of every segment that is long enough.
+
+    Raises:
+        ModelError: for records of other channels, or if no segment is long enough.
+    """
+    needed = max(transient or 0, model.memory)
+    segments = []
+    for record in records:
+        check_channels(model.name, record)
+        check_sample_time(model, record)
+        check_excitation(record)
+        segments += [
+            (np.ascontiguousarray(piece.input[:, 0]), np.ascontiguousarray(piece.output[:, 0]))
+            for piece in record.segments
+            if len(piece) > needed
+        ]
+    if not segments:
+        raise ModelError(
+            f"{model.name}: no segment is longer than the {needed} samples that its start takes; give more data or a "
+            "smaller order"
+        )
+    return tuple(segments)

@@ -1,0 +1,294 @@
+"""The compiled loops of a feedback model: its run, and the derivative of its output.
+
+The run needs the value of every static map, sample by sample: compiled maps are polynomials between break points
+(`Pieces`); `run_reference` calls the maps themselves, and runs those that are no polynomials. The derivative needs the
+slopes of the maps along the run only, so it is compiled for maps of any kind.
+
+With the matrix M of `FeedbackModel`, split by rows into (x⁺, z, y) and by columns into (x, u, w), the derivative of
+the state with respect to a parameter θ follows from the linearised recursion
+
+    δz  = C_z δx + (∂z/∂θ)                  δw = f′(z) δz + (∂f/∂θ)
+    δx⁺ = A δx + B_w δw + (∂x⁺/∂θ)          δy = C_y δx + D_yw δw + (∂y/∂θ)
+
+where the derivative in brackets of a row of M·(x, u, w) with respect to an element of M is the signal that it
+multiplies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.models.blocks.static_maps.static_map import StaticMap
+
+Array = NDArray[np.float64]
+
+
+class Tables(NamedTuple):
+    """The pieces of several maps, one after the other.
+
+    Attributes:
+        first: (m + 1,) the first piece of each map, and the number of pieces.
+        edges, origins, coefficients: as in `Pieces`, of all maps.
+        signs: (m, 2) jump and width of each map.
+    """
+
+    first: NDArray[np.int64]
+    edges: Array
+    origins: Array
+    coefficients: Array
+    signs: Array
+
+
+def tables_of(maps: Sequence[StaticMap]) -> Tables | None:
+    """The tables of maps; None if one of them is no polynomial between break points."""
+    pieces = [each.pieces() for each in maps]
+    known = [each for each in pieces if each is not None]
+    if len(known) < len(maps):
+        return None
+    degree = max((each.coefficients.shape[1] for each in known), default=1)
+    rows = [np.pad(each.coefficients, ((0, 0), (0, degree - each.coefficients.shape[1]))) for each in known]
+    return Tables(
+        np.cumsum([0, *(len(each.edges) for each in known)]),
+        np.concatenate([np.zeros(0), *(each.edges for each in known)]),
+        np.concatenate([np.zeros(0), *(each.origins for each in known)]),
+        np.concatenate([np.zeros((0, degree)), *rows]),
+        np.array([(each.jump, each.width) for each in known], dtype=float).reshape(-1, 2),
+    )
+
+
+class LoopSignals(NamedTuple):
+    """The signals of a run over K steps, written by `run`.
+
+    Attributes:
+        x: (K, n) the state before each step.
+        z, w: (K, m) inputs and outputs of the maps.
+        y: (K,) output.
+    """
+
+    x: Array
+    z: Array
+    w: Array
+    y: Array
+
+    @classmethod
+    def empty(cls, steps: int, states: int, maps: int) -> LoopSignals:
+        """Room for a run."""
+        return cls(np.empty((steps, states)), np.empty((steps, maps)), np.empty((steps, maps)), np.empty(steps))
+
+
+@numba.njit(cache=True, nogil=True)
+def run(matrix: Array, offsets: Array, tables: Tables, u: Array, state: Array, out: LoopSignals) -> int:
+    """Run the model over an input.
+
+    Args:
+        matrix: (n + m + 1, n + 1 + m) M.
+        offsets: (m + 1,) added to every z, and to y.
+        tables: of the maps.
+        u: (K,) input.
+        state: (n,) the state at the start; overwritten by that after the last step.
+        out: receives the signals.
+
+    Returns:
+        The number of steps before a signal is not finite, K if there is none.
+    """
+    n, m = len(state), len(offsets) - 1
+    new = np.empty(n)
+    for t in range(len(u)):
+        x, z, w = out.x[t], out.z[t], out.w[t]
+        x[:] = state
+        for i in range(m):
+            total = offsets[i] + matrix[n + i, n] * u[t]
+            for j in range(n):
+                total += matrix[n + i, j] * state[j]
+            z[i] = total
+            w[i] = _value(tables, i, total)
+        for i in range(n + 1):
+            row = i if i < n else n + m
+            total = matrix[row, n] * u[t]
+            for j in range(n):
+                total += matrix[row, j] * state[j]
+            for j in range(m):
+                total += matrix[row, n + 1 + j] * w[j]
+            if i < n:
+                new[i] = total
+            else:
+                out.y[t] = total + offsets[m]
+        if not np.isfinite(out.y[t]):
+            return t
+        state[:] = new
+    for j in range(n):
+        if not np.isfinite(state[j]):
+            return len(u) - 1
+    return len(u)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _value(tables: Tables, which: int, x: float) -> float:
+    """The value of one map."""
+    low, high = tables.first[which], tables.first[which + 1] - 1
+    while low < high:  # the last piece whose edge is not above x
+        middle = (low + high + 1) // 2
+        if tables.edges[middle] <= x:
+            low = middle
+        else:
+            high = middle - 1
+    h, row = x - tables.origins[low], tables.coefficients[low]
+    value = float(row[-1])
+    for k in range(len(row) - 2, -1, -1):
+        value = value * h + row[k]
+    jump, width = tables.signs[which]
+    if jump != 0.0:
+        value += jump * (np.tanh(x / width) if width > 0.0 else np.sign(x))
+    return value
+
+
+def run_reference(
+    matrix: Array, offsets: Array, maps: Sequence[StaticMap], u: Array, state: Array, out: LoopSignals
+) -> int:
+    """As `run`, with the maps themselves: slow and simple, and for maps of any kind."""
+    n, m = len(state), len(maps)
+    for t in range(len(u)):
+        signals = np.concatenate([state, u[t : t + 1]])
+        z = matrix[n : n + m, : n + 1] @ signals + offsets[:m]
+        w = np.array([float(each.value(z[i : i + 1])[0]) for i, each in enumerate(maps)])
+        signals = np.concatenate([signals, w])
+        y = matrix[-1] @ signals + offsets[m]
+        out.x[t], out.z[t], out.w[t], out.y[t] = state, z, w, y
+        if not np.isfinite(y):
+            return t
+        state[:] = matrix[:n] @ signals
+    return len(u) if np.isfinite(state).all() else len(u) - 1
+
+
+@numba.njit(cache=True, nogil=True)
+def derivative(
+    matrix: Array,
+    slopes: Array,
+    gradient: Array,
+    owners: NDArray[np.int64],
+    u: Array,
+    x: Array,
+    w: Array,
+    every: int,
+    out: Array,
+) -> None:
+    """The derivative of the output with respect to M, the maps, the offsets and the initial state.
+
+    Its columns are the elements of M row by row without the block D_zw = 0, the parameters of the maps, the offsets of
+    z and y, and the initial state.
+
+    Args:
+        matrix: (n + m + 1, n + 1 + m) M.
+        slopes: (K, m) f′ of every map along the run.
+        gradient: (K, q) ∂f/∂θ of all maps along the run.
+        owners: (q,) the map that each column of ``gradient`` belongs to.
+        u: (K,) input.
+        x, w: (K, n), (K, m) of the run.
+        every: one in so many steps has an output.
+        out: (⌈K/every⌉, p) receives the derivative.
+    """
+    n, m = x.shape[1], w.shape[1]
+    width, q = n + 1 + m, gradient.shape[1]
+    to_maps = n * width  # where the rows of z begin
+    to_output = to_maps + m * (n + 1)
+    of_maps = to_output + width
+    of_offsets = of_maps + q
+    p = of_offsets + m + 1 + n
+    now, new = np.zeros((n, p)), np.zeros((n, p))
+    dw, dy = np.zeros((m, p)), np.zeros(p)
+    for j in range(n):
+        now[j, p - n + j] = 1.0
+    for t in range(len(u)):
+        for i in range(m):
+            row = dw[i]
+            _combined(row, matrix[n + i], now)
+            base = to_maps + i * (n + 1)
+            for j in range(n):
+                row[base + j] += x[t, j]
+            row[base + n] += u[t]
+            row[of_offsets + i] += 1.0
+            for j in range(p):
+                row[j] *= slopes[t, i]
+            for j in range(q):
+                if owners[j] == i:
+                    row[of_maps + j] += gradient[t, j]
+        if t % every == 0:
+            _combined(dy, matrix[n + m], now)
+            _through(dy, matrix[n + m], dw, n)
+            _explicit(dy, to_output, x[t], u[t], w[t])
+            dy[of_offsets + m] += 1.0
+            out[t // every] = dy
+        for i in range(n):
+            _combined(new[i], matrix[i], now)
+            _through(new[i], matrix[i], dw, n)
+            _explicit(new[i], i * width, x[t], u[t], w[t])
+        now, new = new, now
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _combined(row: Array, factors: Array, states: Array) -> None:
+    """row = Σⱼ factorsⱼ statesⱼ."""
+    row[:] = 0.0
+    for j in range(states.shape[0]):
+        factor = factors[j]
+        for k in range(len(row)):
+            row[k] += factor * states[j, k]
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _through(row: Array, factors: Array, dw: Array, n: int) -> None:
+    """row += Σᵢ (factor of wᵢ) δwᵢ."""
+    for i in range(dw.shape[0]):
+        factor = factors[n + 1 + i]
+        if factor != 0.0:
+            for k in range(len(row)):
+                row[k] += factor * dw[i, k]
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _explicit(row: Array, base: int, x: Array, u: float, w: Array) -> None:
+    """Add the signals that the elements of one row of M multiply."""
+    n = len(x)
+    for j in range(n):
+        row[base + j] += x[j]
+    row[base + n] += u
+    for j in range(len(w)):
+        row[base + n + 1 + j] += w[j]
+
+
+@numba.njit(cache=True, nogil=True)
+def pushed(matrix: Array, slopes: Array, forces: Array, every: int, out: Array) -> None:
+    """The change of the output when signals are added to each row of the linear part, to first order.
+
+    Args:
+        matrix: (n + m + 1, n + 1 + m) M.
+        slopes: (K, m) f′ of every map along the run.
+        forces: (K, r) the signals.
+        every: one in so many steps has an output.
+        out: (⌈K/every⌉, (n + 1)·r) receives the change by each signal added to x₁⁺, …, xₙ⁺ and y, row after row.
+    """
+    m, r = slopes.shape[1], forces.shape[1]
+    n = matrix.shape[0] - m - 1
+    now, new = np.zeros((n, n * r)), np.zeros((n, n * r))
+    dw, dy = np.zeros((m, n * r)), np.zeros(n * r)
+    for t in range(len(forces)):
+        for i in range(m):
+            _combined(dw[i], matrix[n + i], now)
+            for k in range(n * r):
+                dw[i, k] *= slopes[t, i]
+        if t % every == 0:
+            _combined(dy, matrix[n + m], now)
+            _through(dy, matrix[n + m], dw, n)
+            out[t // every, : n * r] = dy
+            out[t // every, n * r :] = forces[t]
+        for i in range(n):
+            _combined(new[i], matrix[i], now)
+            _through(new[i], matrix[i], dw, n)
+            for k in range(r):
+                new[i, i * r + k] += forces[t, k]
+        now, new = new, now

@@ -1,0 +1,464 @@
+r"""A linear system with static maps in its feedback (nonlinear LFR).
+
+    x(t+1) = A x(t) + B_u u(t) + B_w w(t)
+    z(t)   = C_z x(t) + D_zu u(t) + z₀          w(t) = f(z(t))
+    y(t)   = C_y x(t) + D_yu u(t) + D_yw w(t) + y₀
+
+with one or several static maps f, each with its own z and w. Friction, a hardening spring, a saturation inside a
+controller act in a loop, which no cascade can show. A Hammerstein model (A and z independent of w), a Wiener model
+(y = w) and a Wiener–Hammerstein model are cases of it; so is a motor with friction, whose speed is driven by a dead
+zone. There is no path from w to z in one step, so every signal follows from those before it.
+
+**Redundancy.** The same output follows from other numbers: n² for the choice of the state (x′ = Tx); one for the unit
+of every z and of every w, if the family of the map can take factors; one for a line k·z and one for a level of f, which
+can be moved into the linear part, if the family of f contains them; one for a shift of z, if the map absorbs it. These
+directions are removed from a fit (`coordinates`); a fitted model is in the normal form of that module, in which the
+rest can be identified if the input excites every map.
+
+**Sampling.** With ``oversampling`` L the input is interpolated (band-limited) to L times the rate and the model makes
+L steps per sample. An oscillator whose input goes on between its samples needs it: its spring force varies between
+them.
+
+References:
+    Vanbeylen, *Nonlinear LFR block-oriented model: potential benefits and improved, user-friendly identification
+    method*, IEEE TIM 62 (2013). Schoukens, Tóth, *On the initialization of nonlinear LFR model identification with the
+    best linear approximation*, IFAC World Congress (2020). Paduart et al., *Identification of nonlinear systems using
+    polynomial nonlinear state space models*, Automatica 46 (2010).
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.models.blocks.block import block_from_data
+from emsid.models.blocks.filters import INTERPOLATION_REACH, between, interpolated
+from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.feedback.kernels import LoopSignals, Tables, derivative, run, run_reference, tables_of
+from emsid.models.feedback.start import starting
+from emsid.models.free_run import as_record, continued, free_run, predict
+from emsid.models.model import Run, levels
+from emsid.models.terms import check_whole
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+# Samples for every element of the initial state of a segment.
+SAMPLES_PER_STATE = 8
+# Steps in which a state comes close to rest, and Newton steps that complete it.
+SETTLING, NEWTON = 2_000, 50
+# Digits of a coefficient: poles close to one another need more than a gain does.
+DIGITS = 10
+
+
+class FeedbackState(NamedTuple):
+    """The state between two samples.
+
+    Attributes:
+        inputs: (k,) past inputs for delay and interpolation, the oldest first.
+        x: (n,) the state of the linear part.
+    """
+
+    inputs: Array
+    x: Array
+
+
+@dataclass(frozen=True, eq=False)
+class FeedbackModel:
+    """A linear system with static maps in its feedback.
+
+    Args:
+        matrix: (n + m + 1, n + 1 + m) the linear part: rows give x(t+1), z, y from the columns x, u, w. The block from
+            w to z is zero.
+        maps: m static maps.
+        map_offsets: (m,) z₀.
+        output_offset: y₀, in the output's unit.
+        delay: nk, samples from the input to its first effect.
+        oversampling: L, how many steps the model makes per sample of the record.
+        name: name in tables and files.
+        dt: sample time in s of its records; None for any.
+
+    Raises:
+        ModelError: for a matrix of another shape, with a path from w to z or with numbers that are not finite, an
+            object that is no static map, or an invalid delay or oversampling.
+    """
+
+    matrix: Array
+    maps: tuple[StaticMap, ...] = ()
+    map_offsets: Array = ()  # type: ignore[assignment]  # made an array below
+    output_offset: float = 0.0
+    delay: int = 0
+    oversampling: int = 1
+    name: str = "feedback"
+    dt: float | None = None
+
+    models_noise: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "maps", tuple(self.maps))
+        offsets = np.zeros(len(self.maps)) if np.size(self.map_offsets) == 0 else self.map_offsets
+        for field, value, dimensions in (("matrix", self.matrix, 2), ("map_offsets", offsets, 1)):
+            array = np.array(value, dtype=float)
+            if array.ndim != dimensions or not np.isfinite(array).all():
+                raise ModelError(f"{self.name}: {field} needs {dimensions} dimensions and finite numbers")
+            array.flags.writeable = False
+            object.__setattr__(self, field, array)
+        n, m = self.states, len(self.maps)
+        if n < 0 or self.matrix.shape != (n + m + 1, n + 1 + m) or len(self.map_offsets) != m:
+            raise ModelError(
+                f"{self.name}: a matrix of shape {self.matrix.shape} and {len(self.map_offsets)} offsets for {m} maps; "
+                "with n states give (n + m + 1, n + 1 + m), and one offset for each map"
+            )
+        if self.matrix[n : n + m, n + 1 :].any():
+            raise ModelError(f"{self.name}: w must not reach z in the same step; that block of the matrix is zero")
+        for k, each in enumerate(self.maps, start=1):
+            if not isinstance(each, StaticMap):
+                raise ModelError(f"{self.name}, map {k}: {each!r} is no static map")
+        check_whole(f"{self.name}: delay", self.delay, 0, "a model cannot look ahead")
+        check_whole(f"{self.name}: oversampling", self.oversampling, 1, "the model makes at least one step per sample")
+        if not np.isfinite(self.output_offset):
+            raise ModelError(f"{self.name}: output offset {self.output_offset}; give a finite number")
+        if self.dt is not None and not (np.isfinite(self.dt) and self.dt > 0):
+            raise ModelError(f"{self.name}: sample time {self.dt} s; it must be a positive number of seconds")
+
+    @property
+    def states(self) -> int:
+        """n, the order of the linear part."""
+        return int(self.matrix.shape[0] - 1 - len(self.maps))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """A name for every parameter: ``x1.u`` is the factor of u in the equation of x1."""
+        z, w, f = (self.numbered(letter) for letter in "zwf")
+        x = tuple(f"x{k + 1}" for k in range(self.states))
+        names = [f"{row}.{column}" for row in x for column in (*x, "u", *w)]
+        names += [f"{row}.{column}" for row in z for column in (*x, "u")]
+        names += [f"y.{column}" for column in (*x, "u", *w)]
+        names += [f"{own}.{name}" for own, each in zip(f, self.maps, strict=True) for name in each.names]
+        return (*names, *(f"{row}.1" for row in z), "y.1")
+
+    @cached_property
+    def free_entries(self) -> NDArray[np.bool_]:
+        """(n + m + 1, n + 1 + m) the elements of M that are parameters: all but those from w to z."""
+        n, m = self.states, len(self.maps)
+        free = np.ones(self.matrix.shape, dtype=bool)
+        free[n : n + m, n + 1 :] = False
+        return free
+
+    @property
+    def parameters(self) -> Array:
+        """(p,) the elements of M row by row, the parameters of the maps, z₀ and y₀."""
+        own = [each.parameters for each in self.maps]
+        return np.concatenate([self.matrix[self.free_entries], *own, self.map_offsets, [self.output_offset]])
+
+    @cached_property
+    def spans(self) -> tuple[slice, ...]:
+        """The slice of the parameters that belongs to each map."""
+        edges = np.cumsum([int(self.free_entries.sum()), *(len(each.parameters) for each in self.maps)])
+        return tuple(slice(int(a), int(b)) for a, b in pairwise(edges))
+
+    def with_parameters(self, theta: Array) -> FeedbackModel:
+        """The same model with other parameters (p,)."""
+        matrix = np.zeros(self.matrix.shape)
+        matrix[self.free_entries] = theta[: int(self.free_entries.sum())]
+        maps = tuple(each.with_parameters(theta[span]) for each, span in zip(self.maps, self.spans, strict=True))
+        first, kept = len(theta) - 1 - len(maps), (self.names, self.spans, self.free_entries)
+        new = copy(self)  # same structure: no new checks
+        vars(new).update(matrix=matrix, maps=maps, map_offsets=theta[first:-1], output_offset=float(theta[-1]))
+        vars(new).pop("_tables", None)
+        vars(new).update(zip(("names", "spans", "free_entries"), kept, strict=True))
+        return new
+
+    def check(self) -> None:
+        """Refuse maps outside their families.
+
+        Raises:
+            Infeasible: with the map.
+        """
+        for k, each in enumerate(self.maps, start=1):
+            try:
+                each.check()
+            except Infeasible as problem:
+                raise Infeasible(f"{self.name}, map {k}: {problem}") from None
+
+    @property
+    def memory(self) -> int:
+        """The number of samples of a segment that its initial state is estimated from."""
+        return self.edge + SAMPLES_PER_STATE * self.states
+
+    @property
+    def edge(self) -> int:
+        """Samples at the start of a segment for which the interpolated or delayed input is not known."""
+        return self.delay + (INTERPOLATION_REACH if self.oversampling > 1 else 0)
+
+    @property
+    def latency(self) -> int:
+        """The delay of the output in samples: interpolation needs the next `INTERPOLATION_REACH` samples."""
+        return max(INTERPOLATION_REACH - self.delay, 0) if self.oversampling > 1 else 0
+
+    @property
+    def _kept(self) -> int:
+        """The number of past inputs that the next output needs."""
+        return self.delay if self.oversampling == 1 else INTERPOLATION_REACH + max(self.delay, INTERPOLATION_REACH)
+
+    def trajectory(self, u: Array, x: Array) -> LoopSignals:
+        """Every signal of the run over an input (N,), L steps per sample, from a state (n,).
+
+        Raises:
+            Infeasible: if a signal is not finite.
+        """
+        out, _ = self.stepped(self.entering(u), x)
+        if not np.isfinite(out.y).all():
+            raise Infeasible(f"the free run of {self.name} diverges; scale the channels or choose a smaller order")
+        return out
+
+    def output(self, u: Array, x: Array) -> Array:
+        """(N,) the free run from an input (N,) and an initial state (n,)."""
+        return self.trajectory(u, x).y[:: self.oversampling]
+
+    def gradient(self, u: Array, passed: LoopSignals) -> Array:
+        """(N, p + n) the derivative of the output with respect to parameters and initial state.
+
+        Args:
+            u: (N,) input.
+            passed: the result of `trajectory`.
+        """
+        v, m = self.entering(u), len(self.maps)
+        slopes, rows, owners = np.empty((len(v), m)), [], []
+        for i, each in enumerate(self.maps):
+            z = np.ascontiguousarray(passed.z[:, i])
+            slopes[:, i] = each.slope(z)
+            rows.append(each.parameter_gradient(z))
+            owners += [i] * len(rows[-1])
+        gradient = np.ascontiguousarray(np.concatenate([np.empty((0, len(v))), *rows]).T)
+        out = np.empty((len(u), len(self.parameters) + self.states))
+        derivative(
+            self.matrix, slopes, gradient, np.array(owners, dtype=np.int64), v, passed.x, passed.w,
+            self.oversampling, out,
+        )  # fmt: skip
+        return out
+
+    def entering(self, u: Array) -> Array:
+        """(NL,) the input interpolated and delayed; its first value holds before the start."""
+        x = interpolated(u, self.oversampling)
+        if self.delay:
+            late = min(self.delay * self.oversampling, len(x))
+            x = np.concatenate([np.full(late, u[0]), x[: len(x) - late]])
+        return np.ascontiguousarray(x)
+
+    def linearised(self, slopes: ArrayLike) -> Array:
+        """(n + 1, n + 1) the matrix from (x, u) to (x⁺, y) with the slopes (m,) of the maps in its feedback."""
+        n, m = self.states, len(self.maps)
+        through = self.matrix[:, n + 1 :] * np.asarray(slopes, dtype=float)
+        closed = self.matrix[:, : n + 1] + through @ self.matrix[n : n + m, : n + 1]
+        return np.delete(closed, np.s_[n : n + m], axis=0)
+
+    def resting(self, level: float) -> Array:
+        """(n,) the steady state for a constant input: where a run ends, completed by Newton steps."""
+        n, start = self.states, np.zeros(self.states)
+        out, end = self.stepped(np.full(SETTLING, level), start)
+        x = end if np.isfinite(out.y).all() else start
+        for _ in range(NEWTON):
+            step, after = self.stepped(np.full(1, level), x)
+            slopes = [float(each.slope(step.z[0, i : i + 1])[0]) for i, each in enumerate(self.maps)]
+            with np.errstate(all="ignore"):
+                try:
+                    move = np.linalg.solve(np.eye(n) - self.linearised(slopes)[:n, :n], after - x)
+                except np.linalg.LinAlgError:  # an integrator rests anywhere
+                    break
+            if not np.isfinite(move).all():
+                break
+            x = x + move
+            if np.abs(move).max(initial=0.0) <= 4 * np.finfo(float).eps * np.abs(x).max(initial=0.0):
+                break
+        return x
+
+    def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> FeedbackState:
+        """The steady state for a constant input; see `Model.at_rest`."""
+        u = float(levels(self.name, level, 1)[0])
+        return FeedbackState(np.full(self._kept, u), self.resting(u))
+
+    def initial(self, segment: Record, samples: int) -> FeedbackState:
+        """The state after the first ``samples`` samples of a segment, see `emsid.models.feedback.start`."""
+        u, y = segment.input[:, 0], segment.output[:samples, 0]
+        x = starting(self, u, y)
+        passed = max(samples - self.latency, 0) * self.oversampling
+        _, after = self.stepped(self.entering(u[: samples + 2 * INTERPOLATION_REACH])[:passed], x)
+        # Before the segment the input is continued point-symmetrically, as for interpolation.
+        before = 2 * u[0] - u[1 : 1 + max(self._kept - samples, 0)][::-1]
+        waiting = np.concatenate([before, u[:samples]])
+        return FeedbackState(waiting[len(waiting) - self._kept :], after)
+
+    def run(self, state: FeedbackState, inputs: Array) -> tuple[Array, FeedbackState]:
+        """The outputs (N, 1) for inputs (N, 1), `latency` samples late, and the state after them."""
+        samples, reach = len(inputs), INTERPOLATION_REACH
+        held = np.concatenate([state.inputs, inputs[:, 0]])
+        v = held[:samples] if self.oversampling == 1 else between(held[: samples + 2 * reach], self.oversampling)
+        out, after = self.stepped(np.ascontiguousarray(v), state.x)
+        return out.y[:: self.oversampling, None].copy(), FeedbackState(held[samples:], after)
+
+    def advance(self, state: FeedbackState, u: ArrayLike) -> tuple[Array, FeedbackState]:
+        """The output (1,) for the input of one sample, `latency` samples late, and the state after it."""
+        outputs, state = self.run(state, levels(self.name, u, 1)[None, :])
+        return outputs[0], state
+
+    def ahead(self, segment: Record, samples: int, horizon: int) -> Array:
+        """The free run: with noise on the output only, past outputs do not help to predict the next."""
+        return continued(self, self.initial(segment, samples), segment, samples)
+
+    def check_record(self, record: Record) -> None:
+        """Refuse a record that has not one input and one output; the output may be missing.
+
+        Raises:
+            ModelError: with the channels to choose from.
+        """
+        check_channels(self.name, record, outputs=(0, 1))
+
+    def simulate(self, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None) -> Run:
+        """Free run; measured outputs at the start of a segment are used only to estimate its initial state.
+
+        Args:
+            record: one input and one output, or inputs alone.
+            transient: samples at the start of every segment, at least `memory`, which is the default.
+            dt: sample time of inputs alone, if the model has none.
+
+        Raises:
+            ModelError: for a record of other channels, or without a segment longer than the transient.
+        """
+        return free_run(self, as_record(self, record, dt), transient)
+
+    def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
+        """The free run; see `ahead`."""
+        return predict(self, record, horizon, transient)
+
+    def equation(self) -> str:
+        """One line for every signal; one step is a sample, or a fraction of it with oversampling."""
+        return _equation(self)
+
+    def to_data(self) -> dict[str, Any]:
+        """The linear part, maps, offsets and delay."""
+        return {
+            "name": self.name,
+            "matrix": self.matrix.tolist(),
+            "maps": [each.to_data() for each in self.maps],
+            "map_offsets": self.map_offsets.tolist(),
+            "output_offset": self.output_offset,
+            "delay": self.delay,
+            "oversampling": self.oversampling,
+            **({} if self.dt is None else {"dt": self.dt}),
+        }
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> FeedbackModel:
+        """The model described by `to_data`.
+
+        Raises:
+            ModelError: for data that do not describe a feedback model.
+        """
+        try:
+            maps = tuple(block_from_data(each) for each in data["maps"])
+            return cls(
+                np.array(data["matrix"], dtype=float),
+                maps,  # type: ignore[arg-type]  # checked by the class
+                np.array(data["map_offsets"], dtype=float),
+                float(data["output_offset"]),
+                int(data["delay"]),
+                int(data["oversampling"]),
+                str(data["name"]),
+                None if data.get("dt") is None else float(data["dt"]),
+            )
+        except (KeyError, TypeError, ValueError) as problem:
+            raise ModelError(f"not a feedback model: {problem!r}") from None
+
+    @cached_property
+    def _tables(self) -> Tables | None:
+        return tables_of(self.maps)
+
+    def stepped(self, v: Array, x: Array) -> tuple[LoopSignals, Array]:
+        """The signals of a run over the input at the model's own steps, NaN from where it diverges; and the last
+        state."""
+        out, state = LoopSignals.empty(len(v), self.states, len(self.maps)), np.array(x, dtype=float)
+        offsets = np.append(self.map_offsets, self.output_offset)
+        with np.errstate(over="ignore", invalid="ignore"):
+            if self._tables is not None:
+                reached = run(self.matrix, offsets, self._tables, v, state, out)
+            else:
+                reached = run_reference(self.matrix, offsets, self.maps, v, state, out)
+        out.y[reached:] = np.nan
+        return out, state
+
+    def numbered(self, letter: str) -> tuple[str, ...]:
+        """z for one map; z1, z2, … for several."""
+        count = len(self.maps)
+        return (letter,) if count == 1 else tuple(f"{letter}{k + 1}" for k in range(count))
+
+
+def _equation(model: FeedbackModel) -> str:
+    """The signals in the order in which a step computes them: z, w, y, then the next state.
+
+    >>> from emsid.models.blocks.static_maps import Saturation
+    >>> print(_equation(FeedbackModel([[0.9, 0.1, -0.2], [1, 0, 0], [1, 0, 0]], (Saturation(),))))
+    z(t) = x1(t)
+    w(t) = min(max(1*z(t), -1), 1)
+    y(t) = x1(t) + e(t)
+    x1(t+1) = 0.9*x1(t) + 0.1*u(t) - 0.2*w(t)
+    """
+    n, m = model.states, len(model.maps)
+    z, w = (model.numbered(letter) for letter in "zw")
+    late = f"-{model.delay}" if model.delay else ""
+    faster = model.oversampling > 1
+    enters = faster or late
+    columns = [*(f"x{k + 1}(t)" for k in range(n)), "v(t)" if enters else "u(t)", *(f"{each}(t)" for each in w)]
+    lines = [f"v(t) = u(t{late}){_sampling(model) if faster else ''}"] if enters else []
+    for i, each in enumerate(model.maps):
+        lines.append(f"{z[i]}(t) = {_sum(model.matrix[n + i], columns, model.map_offsets[i])}")
+        lines.append(f"{w[i]}(t) = {each.expression(f'{z[i]}(t)')}")
+    lines.append(f"y(t) = {_sum(model.matrix[n + m], columns, model.output_offset)} + e(t)")
+    step = f"1/{model.oversampling}" if faster else "1"
+    lines += [f"x{k + 1}(t+{step}) = {_sum(model.matrix[k], columns, 0.0)}" for k in range(n)]
+    return "\n".join(lines)
+
+
+def _sampling(model: FeedbackModel) -> str:
+    """The note on the steps, for oversampling."""
+    step = f" of {model.dt:g} s" if model.dt is not None else ""
+    return f", with u interpolated (band-limited) at t = 0, 1/{model.oversampling}, … samples{step}"
+
+
+def _sum(factors: object, names: list[str], offset: float) -> str:
+    """A sum of products, without zeros and without factors of one."""
+    text = ""
+    for value, name in zip([*factors, offset], [*names, ""], strict=True):  # type: ignore[misc]
+        if value:
+            size = f"{abs(value):.{DIGITS}g}"
+            term = f"{size}*{name}" if name and size != "1" else name or size
+            text += f" {'-' if value < 0 else '+'} {term}"
+    if not text:
+        return "0"
+    return text[3:] if text[1] == "+" else f"-{text[3:]}"
+
+
+def check_channels(name: str, record: Record, outputs: tuple[int, ...] = (1,)) -> None:
+    """Refuse a record that has not one input and one output.
+
+    Args:
+        name: of the model.
+        record: a record.
+        outputs: the allowed numbers of outputs.
+
+    Raises:
+        ModelError: with the channels to choose from.
+    """
+    for side, names in (("input", record.input_names), ("output", record.output_names)):
+        if len(names) not in (outputs if side == "output" else (1,)):
+            raise ModelError(
+                f"{name} has one {side} and {record.name} {len(names)}; choose one of {', '.join(names) or 'them'}"
+            )

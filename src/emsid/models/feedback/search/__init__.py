@@ -1,0 +1,1 @@
+"""The search for feedback models without start values."""

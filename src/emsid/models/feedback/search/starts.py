@@ -1,0 +1,309 @@
+r"""Starts of feedback models: the best linear approximation, and the map that explains most of what a model misses.
+
+**Linear.** An output-error model is realised in observer form; with oversampling its matrix is taken to the power 1/L.
+
+**One map more.** A map is added at a signal z, a direction in the space of (x, u) along the run of the model so far (or
+the measured output). Let φₖ be functions of z without line and level. If Σₖ βⱼₖ φₖ(z) is added to row j of (x⁺, y), the
+output changes by Σ βⱼₖ Sⱼₖ, with the derivative Sⱼₖ of `pushed`. One linear least-squares problem for β, together with
+the changes of the model so far, says how much of the residual this direction can explain; alternating least squares
+reduces β to one column, β = b·cᵀ: b is the column of w, and Σ cₖφₖ the map. The directions that explain most are
+refined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError, ModelError
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.models.blocks.filters import interpolated
+from emsid.models.blocks.search.map_families import Family
+from emsid.models.blocks.static_maps import CubicSpline
+from emsid.models.blocks.static_maps.through_points import spread_knots
+from emsid.models.feedback.coordinates import Visited, coordinates, whitened
+from emsid.models.feedback.fitting import Found, FreeRun, Segments, searched
+from emsid.models.feedback.kernels import LoopSignals, pushed
+from emsid.models.feedback.model import FeedbackModel
+from emsid.models.regression.free_run_fit import fit_free_run
+from emsid.models.regression.structures import arx
+from emsid.record import Record, concatenate
+
+Array = NDArray[np.float64]
+
+# Knots of the spline whose cardinal functions test a direction.
+TRIAL_KNOTS = 8
+# Samples in which directions are compared.
+COMPARED = 3_000
+# Random directions beside those of the signals.
+RANDOM = 24
+# Singular values below this fraction count as zero when directions are compared.
+RIDGE = 1e-6
+# Factors by which the column of w is reduced, until the run does not diverge.
+SHARES = (1.0, 0.5, 0.2, 0.05, 0.01)
+# Steps of the alternating least squares.
+ALTERNATIONS = 10
+
+
+def linear_start(
+    records: Sequence[Record], order: int, oversampling: int = 1, delay: int = 0, control: Control = FREE
+) -> FeedbackModel:
+    """A feedback model without maps: the output-error model of this order, realised in observer form.
+
+    Raises:
+        ModelError: where no linear model can be fitted, or the root of its matrix is not real.
+    """
+    record = concatenate(records) if len(records) > 1 else records[0]
+    structure = arx(order, order + 1, delay, 1, True)
+    fit = fit_free_run(structure, record, max_iterations=20, tolerance=0.1, control=control, covariances=False)
+    a, b, level = fit.estimate[:order], fit.estimate[order:-1], float(fit.estimate[-1])
+    matrix = np.zeros((order + 1, order + 1))
+    matrix[:order, :order] = np.eye(order, k=1)
+    matrix[:order, 0] = -a
+    matrix[:order, order] = b[1:] - a * b[0]
+    matrix[order, 0], matrix[order, order] = 1.0, b[0]
+    if oversampling > 1:
+        matrix = _faster(matrix, oversampling)
+    steady = 1 + float(a.sum())
+    offset = level / steady if abs(steady) > 1e-9 else 0.0
+    return FeedbackModel(matrix, (), np.zeros(0), offset, delay, oversampling, dt=record.dt)
+
+
+def _faster(matrix: Array, rate: int) -> Array:
+    """The linear part with a step that is shorter by a factor, for an input held over the longer one.
+
+    Raises:
+        ModelError: if a pole is negative or zero.
+    """
+    from scipy.linalg import fractional_matrix_power
+
+    n = len(matrix) - 1
+    poles = np.linalg.eigvals(matrix[:n, :n])
+    if np.any((np.abs(poles.imag) < 1e-9) & (poles.real <= 1e-9)):
+        raise ModelError("the linear part has a pole that no faster model has; choose a smaller order")
+    whole = np.vstack([matrix[:n], np.eye(1, n + 1, n)])
+    root = fractional_matrix_power(whole, 1 / rate)
+    if not np.isfinite(root).all() or np.abs(np.imag(root)).max(initial=0.0) > 1e-6 * np.abs(root).max():
+        raise ModelError("the linear part has no real model with shorter steps; choose a smaller order")
+    faster = matrix.copy()
+    faster[:n] = np.real(root)[:n]
+    return faster
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """A signal z that a map can be added at.
+
+    Attributes:
+        row: (n + 1,) of C_z and D_zu.
+        column: (n + 1,) of B_w and D_yw.
+        z, w: (K,) points of the map.
+        error: mean square of the residual that is left, to first order.
+    """
+
+    row: Array
+    column: Array
+    z: Array
+    w: Array
+    error: float
+
+
+def with_one_map_more(
+    found: Found,
+    segments: Segments,
+    transient: int,
+    family: Family,
+    size: int,
+    rng: np.random.Generator,
+    tried: int = 3,
+    steps: int = 10,
+    control: Control = FREE,
+) -> Found | None:
+    """The best model with one more map, refined from the directions that explain most; None if all diverge.
+
+    Args:
+        found: a model with its states, fitted to the segments.
+        segments: (u, y) of each.
+        transient: samples without error at the start of each.
+        family, size: of the map.
+        rng: for directions.
+        tried: how many directions are refined.
+        steps: of the refinement of each; the best is refined to the end by the caller.
+        control: when to stop.
+    """
+    best: Found | None = None
+    for direction in _apart(directions_for(found, segments, transient, rng), tried):
+        start = _joined(found, segments, direction, family, size)
+        if start is None:
+            continue
+        try:
+            new = searched(start, segments, transient, steps, 0.1, control, 1e-3)
+        except EmsidError:
+            continue
+        if best is None or new.minimum.cost < best.minimum.cost:
+            best = new
+        control.check()
+    return best
+
+
+def directions_for(found: Found, segments: Segments, transient: int, rng: np.random.Generator) -> list[Direction]:
+    """Directions in which a map explains part of the residual, the best first."""
+    model, runs = found.model, []
+    for (u, _), x in zip(segments, found.states, strict=True):
+        runs.append(model.trajectory(u, x))
+    inputs = [model.entering(u) for u, _ in segments]
+    same = whitened(model, Visited.of(inputs, runs))
+    states = [same.state(x) for x in found.states]
+    runs = [same.model.trajectory(u, x) for (u, _), x in zip(segments, states, strict=True)]
+    visited = Visited.of(inputs, runs)
+    k, shown = _chosen_part(segments, transient, same.model.oversampling)
+    problem = FreeRun(same.model, coordinates(same.model, visited), (segments[k],), transient)
+    known = _known(problem, states[k], shown)
+    step = slice(0, shown.stop * model.oversampling)
+    part = LoopSignals(*(each[step] for each in runs[k]))
+    n, size = model.states, np.append(np.ones(model.states), np.std(visited.u) or 1.0)
+    found_directions = []
+    for row, z in _signals(same.model, part, inputs[k][step], segments[k][1][: shown.stop], size, rng):
+        direction = _explained(same.model, part, row, z, known, shown)
+        if direction is not None:
+            column = direction.column.copy()
+            column[:n] = np.linalg.solve(same.transform, column[:n])
+            turned = np.append(row[:n] @ same.transform, row[n])
+            found_directions.append(replace(direction, row=turned, column=column))
+    return sorted(found_directions, key=lambda each: each.error)
+
+
+def _chosen_part(segments: Segments, transient: int, rate: int) -> tuple[int, slice]:
+    """The longest segment, and its samples in which directions are compared."""
+    k = int(np.argmax([len(y) for _, y in segments]))
+    return k, slice(transient, min(len(segments[k][1]), transient + COMPARED))
+
+
+def _known(problem: FreeRun, state: Array, shown: slice) -> tuple[Array, Array]:
+    """Columns that the model so far can change its output by, orthonormal, and the residual without them."""
+    (u, y), model = problem.segments[0], problem.model
+    u, y = u[: shown.stop], y[: shown.stop]
+    passed = model.trajectory(u, state)
+    rows = model.gradient(u, passed)[shown]
+    count = len(model.parameters)
+    changes = np.column_stack([rows[:, :count] @ problem.spread, rows[:, count:]])
+    basis, sizes, _ = np.linalg.svd(changes / np.maximum(np.linalg.norm(changes, axis=0), 1e-300), full_matrices=False)
+    basis = basis[:, sizes > RIDGE * sizes.max(initial=0.0)]
+    residual = (y - passed.y[:: model.oversampling])[shown]
+    return basis, residual - basis @ (basis.T @ residual)
+
+
+def _signals(
+    model: FeedbackModel, run: LoopSignals, u: Array, y: Array, size: Array, rng: np.random.Generator
+) -> Iterator[tuple[Array, Array]]:
+    """Rows (n + 1,) of C_z and D_zu with their signal (K,)."""
+    n = model.states
+    signals = np.column_stack([run.x, u])
+    of_output = model.matrix[-1, : n + 1]
+    yield of_output, interpolated(y, model.oversampling) - model.output_offset
+    rows = [of_output, *(np.eye(n + 1) / size)]
+    if n > 1:
+        rows += [model.matrix[-1, :n] @ model.matrix[:n, : n + 1]]  # the output one step later
+    rows += [rng.standard_normal(n + 1) / size for _ in range(RANDOM)]
+    for row in rows:
+        yield row, signals @ row
+
+
+def _explained(
+    model: FeedbackModel, run: LoopSignals, row: Array, z: Array, known: tuple[Array, Array], shown: slice
+) -> Direction | None:
+    """What a map at z can explain; None for a signal without a spread."""
+    try:
+        knots = spread_knots(z, TRIAL_KNOTS)
+    except ModelError:
+        return None
+    trial = CubicSpline(knots, np.zeros(TRIAL_KNOTS)).parameter_gradient(z)
+    straight = np.linalg.qr(np.column_stack([np.ones_like(z), z]))[0]
+    bent = trial.T - straight @ (straight.T @ trial.T)
+    left, sizes, _ = np.linalg.svd(bent, full_matrices=False)
+    functions = np.ascontiguousarray(left[:, sizes > 1e-4 * sizes[0]]) * np.sqrt(len(z))
+    slopes = np.column_stack([np.empty((len(z), 0)), *(each.slope(run.z[:, i]) for i, each in enumerate(model.maps))])
+    count, n = functions.shape[1], model.states
+    out = np.empty((-(-len(z) // model.oversampling), (n + 1) * count))
+    pushed(model.matrix, np.ascontiguousarray(slopes), functions, model.oversampling, out)
+    basis, residual = known
+    columns = out[shown]
+    if not np.isfinite(columns).all():
+        return None
+    columns = columns - basis @ (basis.T @ columns)
+    shape = columns.reshape(len(columns), n + 1, count)
+    length = np.linalg.norm(shape, axis=(0, 2))
+    shape = shape / np.where(length > 0, length, 1.0)[:, None]
+    b, c, error = _one_column(shape, residual)
+    return Direction(row, b / np.where(length > 0, length, 1.0), z, functions @ c, error)
+
+
+def _one_column(shape: Array, residual: Array) -> tuple[Array, Array, float]:
+    """b (r,), c (k,) for which Σ bⱼcₖ shapeⱼₖ is closest to the residual (N,), and the mean square of the rest."""
+    whole = shape.reshape(len(shape), -1)
+    start = np.linalg.lstsq(whole, residual, rcond=RIDGE)[0].reshape(shape.shape[1:])
+    left, sizes, right = np.linalg.svd(start)
+    b, c = left[:, 0], sizes[0] * right[0]
+    for _ in range(ALTERNATIONS):
+        c = np.linalg.lstsq(np.tensordot(shape, b, (1, 0)), residual, rcond=RIDGE)[0]
+        b = np.linalg.lstsq(shape @ c, residual, rcond=RIDGE)[0]
+        length = float(np.linalg.norm(b)) or 1.0
+        b, c = b / length, c * length
+    return b, c, float(np.mean((residual - np.tensordot(shape, b, (1, 0)) @ c) ** 2))
+
+
+def _apart(directions: Sequence[Direction], count: int) -> list[Direction]:
+    """The first directions whose signals are not nearly the same."""
+    chosen: list[Direction] = []
+    for each in directions:
+        z = each.z - each.z.mean()
+        alike = any(
+            abs(z @ (other.z - other.z.mean())) > 0.98 * np.linalg.norm(z) * np.linalg.norm(other.z - other.z.mean())
+            for other in chosen
+        )
+        if not alike:
+            chosen.append(each)
+        if len(chosen) == count:
+            break
+    return chosen
+
+
+def _joined(found: Found, segments: Segments, direction: Direction, family: Family, size: int) -> FeedbackModel | None:
+    """The model with a map of the family in this direction; None if its run diverges however small it is."""
+    model = found.model
+    try:
+        map_ = family.start(direction.z, direction.w, size)
+    except EmsidError:
+        return None
+    for share in SHARES:
+        new = with_map(model, map_, direction.row, share * direction.column)
+        try:
+            runs = [new.output(u, x) for (u, _), x in zip(segments, found.states, strict=True)]
+        except Infeasible:
+            continue
+        worst = max(float(np.abs(run).max()) for run in runs)
+        if worst < 100 * max(float(np.abs(y).max()) for _, y in segments):
+            return new
+    return None
+
+
+def with_map(model: FeedbackModel, map_: object, row: Array, column: Array) -> FeedbackModel:
+    """The model with one map more.
+
+    Args:
+        model: with n states and m maps.
+        map_: the new map, the last one.
+        row: (n + 1,) of C_z and D_zu.
+        column: (n + 1,) of B_w and D_yw.
+    """
+    n, m = model.states, len(model.maps)
+    matrix = np.zeros((n + m + 2, n + m + 2))
+    old = [*range(n + m), n + m + 1]
+    matrix[np.ix_(old, range(n + 1 + m))] = model.matrix
+    matrix[n + m, : n + 1] = row
+    matrix[[*range(n), n + m + 1], n + 1 + m] = column
+    return replace(model, matrix=matrix, maps=(*model.maps, map_), map_offsets=np.append(model.map_offsets, 0.0))  # type: ignore[arg-type]

@@ -1,0 +1,186 @@
+"""Feedback models: their runs and derivatives, the models that are cases of them, their coordinates and their fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import emsid
+from emsid import ModelError, Record
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.static_maps import DeadZone, Polynomial, Saturation, UserMap
+from emsid.models.feedback.coordinates import Visited, coordinates, directions, normal_form, whitened
+from emsid.models.feedback.fitting import fit_feedback
+from emsid.models.feedback.model import FeedbackModel
+from test_models_contract import DT, LOOP, MAPS, TWO_LOOPS
+
+Array = NDArray[np.float64]
+U = np.random.default_rng(0).normal(size=400)
+X = np.array([0.3, -0.2])
+
+
+def loop(name: str = "polynomial", rate: int = 1) -> FeedbackModel:
+    offset = 0.0 if MAPS[name].absorbs_shift else 0.05
+    return FeedbackModel(LOOP, (MAPS[name],), np.array([offset]), 0.2, oversampling=rate, dt=DT)
+
+
+def visited(model: FeedbackModel, u: Array = U, x: Array = X) -> Visited:
+    return Visited.of([model.entering(u)], [model.trajectory(u, x)])
+
+
+@pytest.mark.parametrize("name", [name for name in MAPS if name != "user"])
+def test_the_compiled_run_equals_the_plain_one(name: str) -> None:
+    model = loop(name)
+    plain = loop(name)
+    vars(plain)["_tables"] = None
+    for one, other in zip(model.stepped(U, X)[0], plain.stepped(U, X)[0], strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.parametrize("model", [loop(), loop("spline", 2), loop("dead-zone"), FeedbackModel(
+    TWO_LOOPS, (MAPS["saturation"], MAPS["coulomb-linear"]), dt=DT
+)], ids=["polynomial", "oversampled spline", "dead zone", "two maps"])  # fmt: skip
+def test_the_derivative_is_that_of_differences(model: FeedbackModel) -> None:
+    u, step = U[:120], 1e-6
+    theta, count = model.parameters, len(model.parameters)
+    found = model.gradient(u, model.trajectory(u, X))
+    expected = np.empty_like(found)
+    for k in range(count):
+        move = step * np.eye(1, count, k)[0]
+        ahead, behind = model.with_parameters(theta + move), model.with_parameters(theta - move)
+        expected[:, k] = (ahead.output(u, X) - behind.output(u, X)) / (2 * step)
+    for k in range(2):
+        move = step * np.eye(1, 2, k)[0]
+        expected[:, count + k] = (model.output(u, X + move) - model.output(u, X - move)) / (2 * step)
+    np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
+
+
+def wiener_hammerstein() -> tuple[Cascade, FeedbackModel]:
+    bend = MAPS["polynomial"]
+    cascade = Cascade((Rational([0.3, 0.1], [-0.7]), bend, Rational([0.2, 0.5], [-0.4])), 0.0, 0.3, dt=DT)
+    matrix = [[0.7, 0, 1, 0], [0, 0.4, 0, 1], [0.3 * 0.7 + 0.1, 0, 0.3, 0], [0, 0.2 * 0.4 + 0.5, 0, 0.2]]
+    return cascade, FeedbackModel(np.array(matrix), (bend,), np.zeros(1), 0.3, dt=DT)
+
+
+def hammerstein() -> tuple[Cascade, FeedbackModel]:
+    bend = MAPS["saturation"]
+    cascade = Cascade((bend, Rational([0.0, 0.5], [-0.4])), dt=DT)
+    return cascade, FeedbackModel(np.array([[0.4, 0, 0.5], [0, 1, 0], [1, 0, 0]]), (bend,), dt=DT)
+
+
+def wiener() -> tuple[Cascade, FeedbackModel]:
+    bend = MAPS["spline"]
+    cascade = Cascade((Rational([0.0, 0.5], [-0.4]), bend), dt=DT)
+    return cascade, FeedbackModel(np.array([[0.4, 0.5, 0], [1, 0, 0], [0, 0, 1]]), (bend,), dt=DT)
+
+
+@pytest.mark.parametrize("case", [wiener_hammerstein, hammerstein, wiener])
+def test_a_cascade_is_a_case_of_it(case) -> None:
+    cascade, model = case()
+    zero = Record(U, np.empty((len(U), 0)), DT)
+    first = cascade.run(cascade.at_rest(0.0)._replace(blocks=np.zeros(cascade.states)), U[:, None])[0]
+    second = model.output(U, np.zeros(model.states))
+    np.testing.assert_allclose(second, first[:, 0], rtol=1e-12, atol=1e-12)
+    assert model.simulate(zero).counted.all()
+
+
+def test_a_motor_with_friction_is_a_case_of_it() -> None:
+    """Coulomb friction over an implicit step: the speed is a dead zone of what it would be without friction."""
+    a, b, c = 0.95, 0.5, 0.2
+    model = FeedbackModel(np.array([[0, 0, 1], [a, b, 0], [1, 0, 0]]), (DeadZone(-c, c),), dt=DT)
+    u, speed, expected = np.round(U, 1), 0.0, []
+    for level in u:
+        expected.append(speed)
+        free = a * speed + b * level
+        held = abs(free) <= c
+        speed = 0.0 if held else free - c * np.sign(free)
+    assert expected.count(0.0) > 10  # the motor sticks
+    np.testing.assert_allclose(model.output(u, np.zeros(1)), expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["polynomial", "dead-zone", "saturation", "abs"])
+def test_redundant_directions_leave_the_output_as_it_is(name: str) -> None:
+    model = loop(name)
+    rows = model.gradient(U, model.trajectory(U, X))
+    own, states = np.split(rows, [len(model.parameters)], axis=1)
+    change = own @ directions(model, visited(model))
+    change -= states @ np.linalg.lstsq(states, change, rcond=None)[0]
+    assert change.shape[1] >= 4
+    assert np.abs(change).max() < 1e-9 * np.abs(own).max()
+    free = own @ coordinates(model, visited(model))
+    sizes = np.linalg.svd(np.column_stack([free, states]), compute_uv=False)
+    assert sizes[-1] > 1e-5 * sizes[0]
+
+
+@pytest.mark.parametrize("name", ["polynomial", "dead-zone", "spline", "coulomb-linear", "abs"])
+def test_other_forms_of_a_model_have_the_same_output(name: str) -> None:
+    model = loop(name)
+    expected = model.output(U, X)
+    normal, held = normal_form(model, visited(model))
+    for same in (whitened(model, visited(model)), normal):
+        np.testing.assert_allclose(same.model.output(U, same.state(X)), expected, rtol=1e-9, atol=1e-10)
+    spread = coordinates(normal.model, visited(normal.model, U, normal.state(X)), held)
+    assert not spread[held].any()
+    assert spread.shape[1] == coordinates(model, visited(model)).shape[1]
+
+
+def test_a_fit_finds_the_model_of_noisy_data() -> None:
+    truth, rng = loop(), np.random.default_rng(1)
+    u = rng.normal(size=1500)
+    record = Record(u, truth.output(u, X) + 0.01 * rng.normal(size=len(u)), DT)
+    begin = truth.with_parameters(truth.parameters * (1 + 0.05 * rng.normal(size=len(truth.parameters))))
+    fit = emsid.fit(begin, record)
+    assert fit.ending is emsid.Ending.CONVERGED
+    assert fit.noise_variance == pytest.approx(1e-4, rel=0.1)
+    v = rng.normal(size=500)
+    error = fit.model.simulate(v, dt=DT).output - truth.simulate(v, dt=DT).output
+    assert np.sqrt(np.mean(error[50:] ** 2)) < 2e-3
+    assert set(fit.names) >= {"x1.x1", "x2.u", "y.1"}
+    assert np.all(np.sqrt(np.diag(fit.covariance)) < 0.5)
+
+
+def test_intervals_hold() -> None:
+    """Among 20 records, 95 % intervals of the pole and of the gain contain the truth at least 16 times."""
+    truth = FeedbackModel(np.array([[0.8, 0.5, -1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), (Saturation(0.3, -0.2, 0.2),))
+    inside = {"x1.x1": 0, "x1.u": 0}
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        u = rng.normal(size=1000)
+        record = Record(u, truth.output(u, np.zeros(1)) + 0.05 * rng.normal(size=len(u)), DT)
+        fit = fit_feedback(truth, record)
+        for name, value in (("x1.x1", 0.8), ("x1.u", 0.5)):
+            k = fit.names.index(name)
+            inside[name] += bool(abs(fit.estimate[k] - value) < 1.96 * np.sqrt(fit.covariance[k, k]))
+    assert min(inside.values()) >= 16
+
+
+def test_a_users_own_map_is_fitted() -> None:
+    cubic = UserMap(
+        lambda x, p: p[0] * x**3, lambda x, p: 3 * p[0] * x**2, lambda x, p: x[None] ** 3, np.array([0.2]), ("c",)
+    )
+    truth = FeedbackModel(np.array([[0.8, 0.5, -1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), (cubic,))
+    u = np.random.default_rng(2).normal(size=300)
+    begin = replace(truth, maps=(cubic.with_parameters(np.array([0.1])),))
+    fit = fit_feedback(begin, Record(u, truth.output(u, np.zeros(1)), DT), max_iterations=8)
+    assert np.sqrt(fit.noise_variance) < 1e-6
+    assert ", c=" in fit.model.equation()
+
+
+def test_what_is_no_feedback_model_is_refused() -> None:
+    with pytest.raises(ModelError, match="w must not reach z"):
+        FeedbackModel(np.ones((4, 4)), (Saturation(),))
+    with pytest.raises(ModelError, match="a matrix of shape"):
+        FeedbackModel(np.ones((3, 4)), (Saturation(),))
+    with pytest.raises(ModelError, match="no static map"):
+        FeedbackModel(LOOP, (Rational([1.0]),))  # type: ignore[arg-type]
+    with pytest.raises(ModelError, match="finite"):
+        FeedbackModel(np.full((1, 1), np.nan))
+    with pytest.raises(ModelError, match="one input"):
+        fit_feedback(loop(), Record(np.zeros((50, 2)), np.arange(50.0), DT))
+    steep = FeedbackModel(LOOP, (Polynomial(np.array([0.0, 0.0, 0.0, 500.0])),))
+    with pytest.raises(ModelError, match="diverges"):
+        fit_feedback(steep, Record(U, U, DT))

@@ -18,11 +18,13 @@ from threading import Thread
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from emsid import DataError, EmsidError, FormatError, Motor, Record, RecursiveLeastSquares, arx, friction_narx
 from emsid import save as save_model
 from emsid.estimation import Control, Directional, Forgetting
 from emsid.estimation.linear.change_detection import ChangeDetector
+from emsid.excitation import SIGNALS
 from emsid.live.board import Board, MotorChange, read_change
 from emsid.live.driving import Limits, drive
 from emsid.live.log import Log, read_from
@@ -57,12 +59,12 @@ def url(server: Server) -> str:
     return f"socket://{server.address[0]}:{server.address[1]}"
 
 
-def lines(samples: int = 600, step: int | None = None, noise: float = 0.01) -> bytes:
+def lines(samples: int = 600, step: int | None = None, noise: float = 0.01, dt: float = DT) -> bytes:
     """A first-order motor in the protocol; its gain halves at a step."""
     rng = np.random.default_rng(3)
     u, y, text = np.repeat(rng.uniform(-1, 1, samples // 10 + 1), 10), 0.0, [b"n,t[s],u[V],y[rad/s]"]
     for k in range(samples):
-        text.append(b"%d,%.4f,%.5f,%.6f" % (k, DT * k, u[k], y))
+        text.append(b"%d,%.4f,%.5f,%.6f" % (k, dt * k, u[k], y))
         gain = 0.2 if step is None or k < step else 0.1
         y = 0.9 * y + gain * u[k] + noise * rng.standard_normal()
     return b"\n".join(text) + b"\n"
@@ -139,10 +141,10 @@ def test_a_source_without_faults_gives_no_finding(tmp_path: Path) -> None:
 
 def test_a_change_of_the_motor_is_announced_with_its_delay(tmp_path: Path) -> None:
     settings = Settings(0.01, patience=1, false_alarm=3600)
-    session, found = tracked(lines(9000, step=7000), folder=tmp_path, settings=settings)
+    session, found = tracked(lines(4000, step=3500, dt=0.01), folder=tmp_path, settings=settings)
     (change,) = [each["data"] for each in found if each["kind"] == "finding" and each["code"] == "change-detected"]
-    assert change["since"] == pytest.approx(7.0, abs=0.1)
-    assert 7.0 <= change["time"] < 7.2
+    assert change["since"] == pytest.approx(35.0, abs=0.1)
+    assert 35.0 <= change["time"] < 35.2
     assert change["delay"] == pytest.approx(change["time"] - change["since"])
     assert change["false_alarm"] == pytest.approx(3600)
     assert session.fit is not None
@@ -150,7 +152,7 @@ def test_a_change_of_the_motor_is_announced_with_its_delay(tmp_path: Path) -> No
 
 
 def test_pieces_of_any_size_give_the_same_session(tmp_path: Path) -> None:
-    data = lines(8000, step=6500)
+    data = lines(4000, step=3500, dt=0.01)
     settings = Settings(10.0, patience=1, false_alarm=3600)
     whole, _ = tracked(data, folder=tmp_path / "a", settings=settings)
     parts = [data[k : k + 997] for k in range(0, len(data), 997)]
@@ -589,15 +591,15 @@ def run(capsys: pytest.CaptureFixture[str], command: object) -> object:
 
 
 def test_track_a_file_writes_record_report_model_and_state(tmp_path: Path, run: object) -> None:
-    (tmp_path / "log.csv").write_bytes(lines(9000, step=7000))
+    (tmp_path / "log.csv").write_bytes(lines(4000, step=3500, dt=0.01))
     status, out, _ = run("track", tmp_path / "log.csv", "--forgetting", "0.995", "--out", tmp_path / "out")
     assert status == 0
-    assert "9000 samples" in out
+    assert "4000 samples" in out
     assert out.count("has changed") == 1
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {"record.csv", "report.html", "track.json", "state.json", "arx.json", "figures"}
     data = json.loads((tmp_path / "out" / "track.json").read_text())
-    assert (data["samples"], data["reason"], len(data["changes"])) == (9000, "ended", 1)
+    assert (data["samples"], data["reason"], len(data["changes"])) == (4000, "ended", 1)
     status, out, _ = run(
         "track", tmp_path / "log.csv", "--structure", tmp_path / "out" / "arx.json", "--state",
         tmp_path / "out" / "state.json", "--rule", "frozen", "--json", "--out", tmp_path / "again",
@@ -686,17 +688,64 @@ def test_models_that_are_not_regressions_are_not_tracked(tmp_path: Path, run: ob
     assert (status, "not linear in its parameters" in err) == (2, True)
 
 
-def test_false_alarms_come_as_often_as_stated() -> None:
-    """60 to 170 alarms of white Gaussian errors where 100 are stated; the margin covers the settling as well."""
-    detector, state = ChangeDetector(run=3000.0, settling=60), ChangeDetector().start()
-    errors = np.random.default_rng(5).standard_normal(300_000)
-    ones, alarms, at = np.ones(len(errors)), 0, 0
-    while True:
-        state, alarm = detector.update(state, errors[at:], ones[at:])
+COLOURS = {"white": [1.0], "slow": [1.0, -0.95], "resonant": [1.0, -1.8, 0.9]}
+
+
+@pytest.mark.parametrize("colour", COLOURS)
+def test_false_alarms_come_as_often_as_stated(colour: str) -> None:
+    """The mean time to the first false alarm of Gaussian errors, white or not; 80 runs have a deviation of 11 %."""
+    rng, settling, detector = np.random.default_rng(5), 600, ChangeDetector(run=2000.0, settling=600)
+    time = alarms = 0
+    for _ in range(80):
+        errors = lfilter([1.0], COLOURS[colour], rng.standard_normal(7000))[100:]
+        _, alarm = detector.update(detector.start(), errors, np.ones(len(errors)))
+        time += (len(errors) if alarm is None else alarm.index) - settling
+        alarms += alarm is not None
+    assert 1400 <= time / alarms <= 3400
+
+
+@pytest.mark.parametrize(("colour", "size", "most"), [("white", 1.0, 50), ("resonant", 2.0, 50)])
+def test_a_level_is_announced_soon(colour: str, size: float, most: int) -> None:
+    """The delay of 18 of 20 alarms, with a false alarm in a million samples."""
+    rng, settling, detector = np.random.default_rng(6), 1000, ChangeDetector(run=1e6, settling=1000)
+    delays = []
+    for _ in range(20):
+        errors = lfilter([1.0], COLOURS[colour], rng.standard_normal(3000))[100:]
+        errors[2 * settling :] += size * errors.std()
+        _, alarm = detector.update(detector.start(), errors, np.ones(len(errors)))
+        delays.append(len(errors) if alarm is None else alarm.index - 2 * settling)
+    assert min(delays) >= 0
+    assert sorted(delays)[17] <= most
+
+
+def test_bursts_that_come_again_are_announced_no_more() -> None:
+    """As the errors of a linear structure at every reversal: three alarms in the first minutes, then none."""
+    rng, detector, alarms = np.random.default_rng(7), ChangeDetector(1e6, 1000, 3.0), []
+    state = detector.start()
+    errors = rng.standard_normal(60_000)
+    for k in range(1500, len(errors), 1000):
+        errors[k : k + 50] += 4.0 * rng.choice([-1.0, 1.0])
+    at = 0
+    while at < len(errors):
+        state, alarm = detector.update(state, errors[at:], np.ones(len(errors) - at))
         if alarm is None:
             break
-        at, alarms = at + alarm.index + 1, alarms + 1
-    assert 60 <= alarms <= 170
+        at += alarm.index + 1
+        alarms.append(at)
+    assert len(alarms) <= 3
+    assert max(alarms, default=0) < 10_000
+
+
+def test_a_load_is_announced_although_the_structure_is_too_small() -> None:
+    """A linear structure of a motor with a dead zone and friction, driven for 40 s; the load comes at 30 s."""
+    dt, load = 5e-3, (MotorChange(30.0, "disturbance", 0.02),)
+    board = Board(Motor(), dt, Bench.typical(), load)
+    volts = SIGNALS["multisine"](2000, dt, 6.0, np.random.default_rng(1))
+    rows, _ = board.advance(board.start(), np.tile(volts, 4))
+    detector = ChangeDetector(3600 / dt, 2000, 3.0)
+    tracker = Tracker(RecursiveLeastSquares(arx(1, 1), rule=Directional(0.995)), detector)
+    _, changes, _ = tracker.advance(tracker.start(), Record(rows[:, 1], rows[:, 2], dt))
+    assert 30.0 <= changes[0].time <= 30.5
 
 
 def test_an_inertia_that_grows_is_tracked_faster_than_by_plain_forgetting() -> None:

@@ -42,7 +42,7 @@ GARBAGE = 50
 """Lines of which none is a sample, after which the source is given up."""
 COLOURED = 0.3
 """Correlation of neighbouring prediction errors above which they are not white."""
-SETTLING, SETTLING_EACH, SETTLING_TIME = 200, 20, 5.0
+SETTLING, SETTLING_EACH, SETTLING_TIME = 400, 40, 10.0
 """Samples, samples for each parameter, and seconds, after which changes are looked for."""
 BURSTS = 3.0
 """The margin of the thresholds of changes, for bursts of error that are no change."""

@@ -87,7 +87,7 @@ def tracking_errors_coloured(f: Finding, argument: Spelling) -> str:
     """Data: correlation."""
     return (
         f"neighbouring prediction errors have a correlation of {f.data['correlation']:.2f}: the structure misses a "
-        "part of the motion, intervals are too narrow and false alarms more frequent; choose a larger structure"
+        "part of the motion, intervals are too narrow and changes are seen later; choose a larger structure"
     )
 
 

@@ -1,15 +1,22 @@
 """Detection of changes by cumulative sums of the prediction error, with a stated rate of false alarms.
 
-The error ε of a sample, divided by its standard deviation, is z ~ N(0, 1) as long as the model holds. Three cumulative
-sums of log-likelihood ratios (Page, *Biometrika* 41, 1954) look for a level of z above or below zero by `SHIFT`, as a
-load makes it, and for a larger spread, σ² → `RATIO`·σ², as another inertia makes it under an input that varies::
+The error ε of a sample, divided by its standard deviation, is z. Where the structure misses a part of the motion, the z
+of neighbouring samples are correlated, so they are first made white by an autoregression from their autocorrelations,
+which are learnt on the way (Levinson and Durbin; Box and Jenkins, *Time Series Analysis*, appendix A3.2)::
 
-    g ← max(0, g + s(z))        s = ±δz − δ²/2,    s = ½(z²(1 − 1/ρ) − ln ρ)
+    w = (z(t) − a₁z(t − 1) − … − aₚz(t − p)) / σ
+
+w ~ N(0, 1) as long as the model holds. Three cumulative sums of log-likelihood ratios (Page, *Biometrika* 41, 1954)
+look for a level of w above or below zero by `SHIFT`, as a load makes it, and for a larger spread, σ² → `RATIO`·σ², as
+another inertia makes it under an input that varies::
+
+    g ← max(0, g + s(w))        s = ±δw − δ²/2,    s = ½(w²(1 − 1/ρ) − ln ρ)
 
 An alarm is given where a sum exceeds its threshold. The mean number of samples between false alarms, for errors that
-are white and Gaussian, is that of a Markov chain on a grid of sums (Brook and Evans, *Biometrika* 59, 1972); the
-threshold is chosen for a given number. Where a sum passes it while the sums are only observed, the errors are not
-white, and the threshold is raised. The last sample at which the sum was zero estimates when the change happened.
+are Gaussian, is that of a Markov chain on a grid of sums (Brook and Evans, *Biometrika* 59, 1972); the threshold is
+chosen for a given number. Bursts of error, as at every reversal with friction, make larger sums than Gaussian errors
+do. Such sums, which return to zero without an alarm, raise the threshold, and are forgotten slowly. The last sample at
+which the sum was zero estimates when the change happened.
 """
 
 from __future__ import annotations
@@ -32,25 +39,34 @@ SHIFT, RATIO = 1.0, 3.0
 KINDS = ("level", "level", "spread")
 """What each sum looks for: a higher level, a lower one, a larger spread."""
 
+ORDER = 4
+"""Order p of the autoregression that makes the errors white."""
+
 # Larger errors count as this many standard deviations, so that a single outlier gives no alarm.
 LARGEST = 4.0
-# The variance of the errors follows them at this rate, down to this part of its first value.
+# The variances of the errors follow them at this rate, down to this part of their first values.
 VARIANCE_RATE, VARIANCE_FLOOR = 1e-3, 0.25
-# Noise grows with the output (ripple, gain noise), so every octave of its size has a variance of its own: their number,
+# Memory of the autocorrelations, as the weight of a new sample.
+CORRELATION_RATE = 2e-4
+# Noise grows with the output (ripple, gain noise), so every octave of its size has variances of its own: their number,
 # and the lowest, as an exponent of two.
 OCTAVES, LOWEST = 40, -24
-# An octave has its variance after this part of the settling.
+# The variance of ε in an octave is learnt in this part of the settling, and that of its white part in the next.
 SHARE = 4
 GRID = 120  # sums in the Markov chain
 
-# Errors that are not white, as of a structure that misses a part of the motion, make larger sums. Where a sum exceeds
-# its threshold while it is only observed, the threshold is this many times its largest value.
-MARGIN = 4.0
+# A sum gives an alarm only where it is this many times the largest one that came to nothing before, and this many times
+# that which gave an alarm of its kind before. Both are halved in so many times the settling.
+MARGIN, AGAIN, HALVED = 1.5, 2.0, 30
 
-# The state: samples so far, three sums, the samples since each was zero, their largest values while they were observed,
-# the highest octave of the output, and for every octave a number of samples, the variance, and its first value.
-_COUNT, _SUMS, _SINCE, _LARGEST, _TOP, _FIRST = 0, 1, 4, 7, 10, 11
-_STATE = _FIRST + 3 * OCTAVES
+# The state: samples so far, three sums, the samples since each was zero, their highest values since then, the largest
+# that came to nothing, the highest octave of the output; the samples in the autocorrelations, these, the last z; for
+# every octave a number of samples, the variance of ε, its first value, that of its white part, and its first value.
+_COUNT, _SUMS, _SINCE, _PEAK, _LARGEST, _TOP, _KNOWN = 0, 1, 4, 7, 10, 13, 14
+_CORRELATION = _KNOWN + 1
+_PAST = _CORRELATION + ORDER + 1
+_FIRST, _EACH = _PAST + ORDER, 5
+_STATE = _FIRST + _EACH * OCTAVES
 
 
 @dataclass(frozen=True)
@@ -73,10 +89,10 @@ class ChangeDetector:
     """Cumulative sums of the prediction error.
 
     Args:
-        run: the mean number of samples between false alarms, for white Gaussian errors.
-        settling: the number of samples at the beginning, and after an alarm, that give no alarm. The first half
-            estimates the variance; in the second half the sums are observed. They are observed again where the output
-            is larger than ever before, as when a motor starts.
+        run: the mean number of samples between false alarms, for Gaussian errors.
+        settling: the number of samples at the beginning that give no alarm. The first half estimates variances and
+            autocorrelations; in the second half the sums are observed. They are observed again, for as long as this
+            half, after an alarm, and where the output is larger than ever before, as when a motor starts.
         margin: multiplies the thresholds, at least 1; false alarms are then rarer than stated. It lets pass the short
             bursts of error of a structure that misses a part of the motion, as at a reversal with friction.
 
@@ -119,50 +135,133 @@ class ChangeDetector:
         """
         after = state.copy()
         sizes = np.ones(len(errors)) if outputs is None else outputs
-        found = int(scan(after, errors, variances, sizes, self.thresholds, float(self.settling)))
+        usual = self.thresholds / self.margin
+        found = int(scan(after, errors, variances, sizes, self.thresholds, usual, float(self.settling)))
         if found < 0:
             return after, None
         index, kind = divmod(found, 3)
-        return self.start(), Alarm(index, int(after[_SINCE + kind]), KINDS[kind])
+        alarm = Alarm(index, int(after[_SINCE + kind]), KINDS[kind])
+        after[_LARGEST + kind] = AGAIN / MARGIN * after[_SUMS + kind]
+        after[_SUMS:_LARGEST] = 0.0
+        after[_COUNT] = self.settling // 2
+        return after, alarm
 
 
 @numba.njit(cache=True, nogil=True)
-def scan(state: Array, errors: Array, variances: Array, outputs: Array, thresholds: Array, settling: float) -> int:
+def scan(
+    state: Array,
+    errors: Array,
+    variances: Array,
+    outputs: Array,
+    thresholds: Array,
+    usual: Array,
+    settling: float,
+) -> int:
     """Update the sums in ``state``; returns 3·(index of an alarm) + (its sum), or −1."""
+    kept, work = 0.5 ** (1.0 / (HALVED * settling)), np.zeros((2, ORDER))
     for t in range(len(errors)):
-        square = errors[t] * errors[t] / variances[t]
         size = abs(outputs[t])
         octave = min(max(int(np.floor(np.log2(size))) - LOWEST, 0), OCTAVES - 1) if size > 0.0 else 0
-        own = state[_FIRST + 3 * octave : _FIRST + 3 * octave + 3]
         state[_COUNT] += 1.0
-        own[0] += 1.0
         if octave > state[_TOP]:
             state[_TOP], state[_COUNT] = octave, min(state[_COUNT], settling / 2)
-        if own[0] <= settling / SHARE or not own[1] > 0.0:
-            own[1] += (square - own[1]) / own[0]
-            own[2] = own[1]
-            continue
-        z = min(max(errors[t] / np.sqrt(own[1] * variances[t]), -LARGEST), LARGEST)
-        own[1] = max(own[1] * (1.0 + VARIANCE_RATE * (z * z - 1.0)), VARIANCE_FLOOR * own[2])
-        if state[_COUNT] <= settling / 2:
+        white = whitened(state, octave, errors[t] / np.sqrt(variances[t]), settling / SHARE, work)
+        if state[_COUNT] <= settling / 2 or np.isnan(white):
             continue
         for k in range(3):
             if k == 2:
-                step = 0.5 * (z * z * (1.0 - 1.0 / RATIO) - np.log(RATIO))
+                step = 0.5 * (white * white * (1.0 - 1.0 / RATIO) - np.log(RATIO))
             else:
-                step = (1.0 - 2.0 * k) * SHIFT * z - 0.5 * SHIFT * SHIFT
+                step = (1.0 - 2.0 * k) * SHIFT * white - 0.5 * SHIFT * SHIFT
             total = state[_SUMS + k] + step
             state[_SINCE + k] += 1.0
+            state[_LARGEST + k] *= kept
             if total <= 0.0:
-                total, state[_SINCE + k] = 0.0, 0.0
-            state[_SUMS + k] = total
-            if state[_COUNT] <= settling:
-                state[_LARGEST + k] = max(state[_LARGEST + k], total)
-            elif total > thresholds[k] and (
-                state[_LARGEST + k] <= thresholds[k] or total > MARGIN * state[_LARGEST + k]
-            ):
+                state[_LARGEST + k] = max(state[_LARGEST + k], state[_PEAK + k])
+                total, state[_SINCE + k], state[_PEAK + k] = 0.0, 0.0, 0.0
+            state[_SUMS + k], state[_PEAK + k] = total, max(state[_PEAK + k], total)
+            limit = thresholds[k]
+            if state[_LARGEST + k] > usual[k]:  # larger than those of Gaussian errors
+                limit = max(limit, MARGIN * state[_LARGEST + k])
+            if state[_COUNT] > settling and total > limit:
                 return 3 * t + k
     return -1
+
+
+@numba.njit(cache=True, nogil=True)
+def whitened(state: Array, octave: int, error: float, learning: float, work: Array) -> float:
+    """The white error w of a sample; NaN while the variances of its octave are not known.
+
+    Args:
+        state: of the detector; its autocorrelations, past errors and variances are updated.
+        octave: of the output.
+        error: ε of the sample, divided by √(1 + ζ).
+        learning: the number of samples from which a variance is learnt.
+        work: (2, p) to work in.
+    """
+    own = state[_FIRST + _EACH * octave : _FIRST + _EACH * (octave + 1)]
+    own[0] += 1.0
+    if own[0] <= learning or not own[1] > 0.0:
+        own[1] += (error * error - own[1]) / own[0]
+        own[2] = own[1]
+    past = state[_PAST : _PAST + ORDER]
+    z = min(max(error / np.sqrt(own[1]), -2 * LARGEST), 2 * LARGEST) if own[1] > 0.0 else 0.0
+    white = z - predicted(state[_CORRELATION : _CORRELATION + ORDER + 1], past, work)
+    _correlate(state, z)
+    if own[0] <= learning:
+        return np.nan
+    own[1] = max(own[1] * (1.0 + VARIANCE_RATE * (z * z - 1.0)), VARIANCE_FLOOR * own[2])
+    if own[0] <= 2 * learning or not own[3] > 0.0:
+        own[3] += (white * white - own[3]) / (own[0] - learning)
+        own[4] = own[3]
+        return np.nan
+    white = min(max(white / np.sqrt(own[3]), -LARGEST), LARGEST)
+    own[3] = max(own[3] * (1.0 + VARIANCE_RATE * (white * white - 1.0)), VARIANCE_FLOOR * own[4])
+    return float(white)
+
+
+@numba.njit(cache=True, nogil=True)
+def _correlate(state: Array, z: float) -> None:
+    """Update the autocorrelations and the past errors."""
+    past = state[_PAST : _PAST + ORDER]
+    state[_KNOWN] += 1.0
+    rate = max(1.0 / state[_KNOWN], CORRELATION_RATE)
+    state[_CORRELATION] += rate * (z * z - state[_CORRELATION])
+    for k in range(ORDER):
+        state[_CORRELATION + k + 1] += rate * (z * past[k] - state[_CORRELATION + k + 1])
+    for k in range(ORDER - 1, 0, -1):
+        past[k] = past[k - 1]
+    past[0] = z
+
+
+@numba.njit(cache=True, nogil=True)
+def predicted(correlation: Array, past: Array, work: Array) -> float:
+    """The next value of an autoregression with these autocorrelations, by Levinson's recursion.
+
+    Args:
+        correlation: (p + 1,) from lag 0.
+        past: (p,) the last values, the newest first.
+        work: (2, p) to work in.
+    """
+    weights, before = work[0], work[1]
+    weights[:] = 0.0
+    left = correlation[0]
+    for k in range(ORDER):
+        if not left > 1e-6 * correlation[0]:
+            break
+        rest = correlation[k + 1]
+        for j in range(k):
+            rest -= weights[j] * correlation[k - j]
+        partial = min(max(rest / left, -0.999), 0.999)
+        before[:] = weights
+        for j in range(k):
+            weights[j] = before[j] - partial * before[k - 1 - j]
+        weights[k] = partial
+        left *= 1.0 - partial * partial
+    total = 0.0
+    for j in range(ORDER):
+        total += weights[j] * past[j]
+    return float(total)
 
 
 @cache

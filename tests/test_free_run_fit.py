@@ -156,7 +156,7 @@ def test_the_start_of_a_run_is_estimated_from_several_outputs() -> None:
 
 def test_options_that_contradict_each_other_are_refused() -> None:
     record = second_order(0.1, 200)
-    with pytest.raises(ModelError, match="one-step prediction error"):
+    with pytest.raises(ModelError, match="exclude each other"):
         emsid.fit(arx(2, 1), record, free_run=True, ridge=1.0)
     with pytest.raises(ModelError, match="free_run=True"):
         emsid.fit(arx(2, 1), record, transient=10)

@@ -7,6 +7,7 @@
 
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.regressors import Factor, Regressor, Tables, parse_regressor
+from emsid.models.regression.search.orders import OrderRow, OrderTable, order_grid
 from emsid.models.regression.structures import (
     arx,
     friction_narx,
@@ -20,6 +21,8 @@ from emsid.models.regression.transforms import Transform
 __all__ = [
     "Factor",
     "Narx",
+    "OrderRow",
+    "OrderTable",
     "Regressor",
     "SelectedTerms",
     "Structure",
@@ -28,6 +31,7 @@ __all__ = [
     "arx",
     "friction_narx",
     "input_knots",
+    "order_grid",
     "parse_regressor",
     "polynomial_narx",
     "select_terms",

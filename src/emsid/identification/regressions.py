@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import product
 from typing import Any, ClassVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.intervals import with_honest_intervals
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.search.judge import Judge, fit_to_compare
+from emsid.models.regression.search.orders import output_error_orders
 from emsid.models.regression.search.terms import Trial, prune, select_by_free_run, simplest
 from emsid.models.regression.structures import (
     arx,
@@ -69,6 +72,10 @@ class Regression:
         return with_honest_intervals(fit, record) if not options.ridge and options.forgetting is None else fit
 
 
+# The orders that were chosen for a record, as long as it lives.
+_CHOSEN: WeakKeyDictionary[Record, dict[tuple[Any, ...], Fit[Narx]]] = WeakKeyDictionary()
+
+
 @dataclass(frozen=True)
 class OutputError:
     """A linear model fitted to the free run as a candidate: ARX without the bias of its equation error."""
@@ -83,16 +90,23 @@ class OutputError:
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose options that are not given on selection data, then fit to the free run over the whole record."""
-        return fit_free_run(self.structure(record, options, control), record, control=control)
+        return refit_to(self.chosen(record, options, control), record, control)
 
-    def structure(self, record: Record, options: Options, control: Control) -> Structure:
-        """The structure whose free run is best, every choice fitted to it."""
+    def chosen(self, record: Record, options: Options, control: Control) -> Fit[Narx]:
+        """The fit to selection data of the structure whose free run is best.
 
-        def estimate(structure: Structure, records: Record | Sequence[Record]) -> Fit[Narx]:
-            return fit_to_compare(structure, records, None, control)
-
-        structure = chosen_structure(linear, self.choices, record, options, estimate, control)
-        return replace(structure, name="output-error")
+        Models that begin with these orders ask for them again; the last answer is kept.
+        """
+        given = {name: getattr(options, name, None) for name in self.choices}
+        key = (*given.values(), options.held_back)
+        known = _CHOSEN.setdefault(record, {})
+        if key not in known:
+            tried = [values if (one := given[name]) is None else (one,) for name, values in self.choices.items()]
+            grid = [dict(zip(self.choices, values, strict=True)) for values in product(*tried)]
+            fit = output_error_orders(record, grid, options.held_back, control)
+            structure = replace(fit.model.structure, name="output-error")
+            known[key] = replace(fit, model=replace(fit.model, structure=structure))
+        return known[key]
 
 
 @dataclass(frozen=True)
@@ -156,7 +170,7 @@ class PolynomialNarx:
     def _lags(self, record: Record, options: Options, control: Control) -> tuple[int, int, int, bool]:
         """na, nb, nk and whether there is a constant: those of the output-error model, and at least two outputs and
         three inputs from a delay of at most one sample, since a linear model may need less than its products."""
-        found = self.linear.structure(record, options, control)
+        found = self.linear.chosen(record, options, control).model.structure
         outputs, given = (
             [f.lag for r in found.regressors for f in r.factors if (f.channel > 0) == of_input]
             for of_input in (False, True)

@@ -32,6 +32,7 @@ from emsid.models.plants.grey_box import GreyBox, signals_of
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.regression.free_run_fit import fit_free_run
+from emsid.models.regression.instruments import fit_instruments
 from emsid.models.regression.intervals import with_honest_intervals
 from emsid.models.regression.narx import Narx, Structure
 from emsid.plant import Motor
@@ -48,7 +49,8 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
     what                                                options
     ==================================================  ===============================================================
     a structure: `emsid.arx`, `emsid.friction_narx`, …  ``ridge``, ``forgetting`` (then by recursion), ``history``;
-                                                        ``free_run=True``, ``start``, ``transient``, ``control``
+                                                        ``free_run=True``, ``instruments=True``, ``start``,
+                                                        ``transient``, ``control``
     a linear model: `emsid.state_space`                 ``free_run=True``, ``refine``, ``control``
     a cascade: `emsid.wiener_hammerstein`, …            ``control``; orders and static map are given to the cascade
     a feedback model: `emsid.feedback`                  ``control``; orders and static maps are given to the structure
@@ -57,7 +59,8 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
 
     A structure is linear in its parameters and fitted to the one-step prediction error by least squares, or with
     ``free_run=True`` to the error of the free run, which noise of the output does not bias: ``arx`` then is an
-    output-error model. A cascade and a plant are always fitted to the free run, by Gauss–Newton steps.
+    output-error model. ``instruments=True`` estimates a linear structure without that bias and without a search.
+    A cascade and a plant are always fitted to the free run, by Gauss–Newton steps.
 
     >>> record = Record([1.0, 0.0, 2.0, 1.0, 0.0, 1.0], [0.0, 2.0, 1.0, 4.5, 4.25, 2.125], dt=0.1)
     >>> fit(Structure.parse("y(t-1)", "u(t-1)"), record).estimate.round(6)
@@ -90,20 +93,23 @@ def _regression(
     history: bool = False,
     threads: int | None = None,
     free_run: bool = False,
+    instruments: bool = False,
     start: ArrayLike | None = None,
     transient: int | None = None,
     control: Control = FREE,
 ) -> Fit[Narx]:
     """Least squares; recursive with a forgetting factor or a history; Gauss–Newton steps for the free run."""
+    recursive = forgetting is not None or history
+    if sum((bool(ridge), recursive, free_run, instruments)) > 1 and (free_run or instruments):
+        raise ModelError("ridge, forgetting (or history), free_run and instruments exclude each other; choose one")
+    if instruments:
+        begin = None if start is None else np.asarray(start, dtype=float)
+        return fit_instruments(structure, records, start=begin, control=control)
     if free_run:
-        if ridge or forgetting is not None or history:
-            raise ModelError(
-                "ridge, forgetting and history are for the one-step prediction error; leave them out with free_run"
-            )
         return fit_free_run(structure, records, start=start, transient=transient, control=control)
     if start is not None or transient is not None:
         raise ModelError("start and transient are for a fit to the free run; give free_run=True, or leave them out")
-    if forgetting is None and not history:
+    if not recursive:
         several = (records,) if isinstance(records, Record) else tuple(records)
         fit = least_squares(structure, several, ridge=ridge, threads=threads)
         return fit if ridge else with_honest_intervals(fit, several)

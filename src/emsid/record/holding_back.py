@@ -94,10 +94,15 @@ def validation_splits(records: Sequence[Record], fraction: float) -> tuple[list[
         fraction: the unseen part of every record, where they are long.
     """
     if sum(len(record) for record in records) < SHORT:
-        return list(records), [_without_fold(records, k) for k in range(FOLDS)]
+        return folded(records)
     halves = [hold_back(record, fraction) for record in records]
     identify = [first for first, _ in halves]
     return identify, [(identify, [second for _, second in halves])]
+
+
+def folded(records: Sequence[Record]) -> tuple[list[Record], list[Split]]:
+    """All records for a search to see, and `FOLDS` splits, in which every part of every record is unseen once."""
+    return list(records), [_without_fold(records, k) for k in range(FOLDS)]
 
 
 def is_series(record: Record, k: int) -> bool:

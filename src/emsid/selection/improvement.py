@@ -19,9 +19,10 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf, log
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,3 +113,27 @@ def schwarz_gain(error: float, than: float, samples: float, parameters: int) -> 
     if not than > 0:
         return -inf
     return (samples * log(than / error) if error > 0 else inf) - parameters * log(samples)
+
+
+T = TypeVar("T", bound="Compared")
+
+
+class Compared(Protocol):
+    """A model among others, with its free-run errors on unseen data."""
+
+    @property
+    def errors(self) -> StretchErrors:
+        """On the same samples for all that are compared."""
+        ...
+
+
+def simplest(models: Sequence[T], size: Callable[[T], int]) -> T:
+    """The simplest model that is as good as the best, within noise.
+
+    Args:
+        models: at least one.
+        size: how complex one is: its number of parameters.
+    """
+    best = min(models, key=lambda each: each.errors.mean)
+    good = [each for each in models if each is best or not better(best.errors, each.errors)]
+    return min(good, key=lambda each: (size(each), each.errors.mean))

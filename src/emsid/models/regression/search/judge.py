@@ -22,11 +22,13 @@ from emsid.models.model import Model
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.narx import Narx, Structure
 from emsid.record import Record, concatenate
-from emsid.record.holding_back import Split, validation_splits
+from emsid.record.holding_back import Split, folded, validation_splits
 from emsid.selection.improvement import STRETCHES, StretchErrors
 
 # Samples that a search looks at; a longer record is searched in pieces from all of it.
 SEARCHED = 60_000
+# The same where every part is unseen once.
+FOLDED = 32_000
 PIECES = 8
 # The input of the record, made larger by this factor about its middle, must not make a free run diverge.
 BEYOND = 1.2
@@ -53,9 +55,20 @@ class Judge:
     control: Control = FREE
 
     @classmethod
-    def of(cls, record: Record, held_back: float, transient: int, control: Control = FREE) -> Judge:
-        """The splits of a record, of which a long one is searched in pieces."""
-        fitted, splits = validation_splits([shortened(record, SEARCHED)], held_back)
+    def of(
+        cls, record: Record, held_back: float, transient: int, control: Control = FREE, folds: bool = False
+    ) -> Judge:
+        """The splits of a record, of which a long one is searched in pieces.
+
+        Args:
+            record: all data.
+            held_back: the fraction that is unseen, where the record is not cross-validated.
+            transient: samples at the start of every unseen segment that enter no error.
+            control: when to stop.
+            folds: whether a long record is cross-validated too, in shorter pieces.
+        """
+        searched = [shortened(record, FOLDED if folds else SEARCHED)]
+        fitted, splits = folded(searched) if folds else validation_splits(searched, held_back)
         return cls(fitted, splits, transient, control)
 
     @property

@@ -1,0 +1,112 @@
+"""Orders of linear models from one factor, and linear models estimated with instruments."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import emsid
+from emsid import Ending, ModelError, Record
+from emsid.estimation.linear.filtering import filtered, mirrored
+from emsid.models.regression.search.orders import order_grid, output_error_orders
+
+A, B, OFFSET = [1.0, -1.5, 0.7], [0.0, 1.0, 0.5], 0.6
+TRUTH = np.array([-1.5, 0.7, 1.0, 0.5, OFFSET])
+GRID = [
+    {"nk": nk, "na": na, "nb": nb, "constant": constant}
+    for nk in (0, 1, 2, 3)
+    for na in (1, 2, 3, 4)
+    for nb in (1, 2, 3, 4)
+    for constant in (0, 1)
+]
+
+
+def noisy(samples: int, noise: str, size: float = 1.0, seed: int = 0) -> Record:
+    """y = (B u + offset)/A + v, where v is white, autoregressive, or e/A, which makes it ARX."""
+    rng = np.random.default_rng(seed)
+    u, e = rng.choice([-1.0, 1.0], samples), size * rng.standard_normal(samples)
+    v = {"white": e, "coloured": lfilter([1.0], [1.0, -0.9], e), "arx": lfilter([1.0], A, e)}[noise]
+    return Record(u, lfilter(B, A, u) + lfilter([1.0], A, np.full(samples, OFFSET)) + v, dt=0.01)
+
+
+def test_filtered_rows_are_those_of_scipy() -> None:
+    x = np.random.default_rng(0).standard_normal((3, 50))
+    for above, below in (([1.0], A), (B, A), ([1.0, 0.2, 0.3], [2.0]), (B, [2.0, 0.5])):
+        np.testing.assert_allclose(filtered(above, below, x), lfilter(above, below, x, axis=1), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(filtered(above, below, x[0]), lfilter(above, below, x[0]), rtol=1e-12, atol=1e-12)
+
+
+def test_roots_are_mirrored_into_the_circle() -> None:
+    np.testing.assert_allclose(mirrored(np.poly([2.0, 0.5])), np.poly([0.5, 0.5]))
+    assert np.abs(np.roots(mirrored([1.0, -1.0]))).max() < 1
+    np.testing.assert_array_equal(mirrored([1.0]), [1.0])
+
+
+def test_a_grid_has_the_criteria_of_separate_fits() -> None:
+    record = noisy(2000, "arx")
+    table = order_grid(record, na=(1, 2, 3), nb=(1, 2), nk=(1, 2))
+    assert len(table.rows) == 3 * 2 * 2 * 2
+    row = next(r for r in table.rows if (r.na, r.nb, r.nk, r.constant) == (2, 2, 1, True))
+    short = Record(record.input[1:], record.output[1:], record.dt)  # the grid begins at its largest lag
+    fit = emsid.fit(emsid.arx(2, 2, constant=True), short)
+    samples, residual = 2000 - 3, fit.noise_variance * (fit.samples - 5)
+    assert fit.samples == samples
+    assert row.variance == pytest.approx(residual / samples)
+    assert row.aic == pytest.approx(samples * np.log(residual / samples) + 2 * 5)
+    assert row.bic == pytest.approx(samples * np.log(residual / samples) + 5 * np.log(samples))
+    assert row.fpe == pytest.approx(residual / samples * (samples + 5) / (samples - 5))
+
+
+def test_the_criteria_find_the_true_orders() -> None:
+    table = order_grid(noisy(3000, "arx", 0.5))
+    for row in (table.best("bic"), table.simplest):
+        assert (row.na, row.nb, row.nk, row.constant) == (2, 2, 1, True)
+    assert table.best("free_run").free_run <= table.simplest.free_run
+    assert str(table).splitlines()[0].split()[:3] == ["na", "nb", "nk"]
+    with pytest.raises(ModelError, match="no criterion"):
+        table.best("r2")
+    with pytest.raises(ModelError, match="no value of nb"):
+        order_grid(noisy(300, "arx"), nb=())
+
+
+@pytest.mark.parametrize("noise", ["white", "coloured"])
+def test_orders_of_an_output_error_model_are_found_in_noise_of_any_colour(noise: str) -> None:
+    fit = output_error_orders(noisy(2000, noise, 1.5 if noise == "white" else 0.8), GRID, 0.25)
+    assert len(fit.estimate) == 5
+    u = np.zeros(40)
+    u[0] = 1.0
+    step = lfilter(B, A, np.cumsum(u)) + OFFSET / sum(A)
+    state = fit.model.at_rest(0.0)
+    np.testing.assert_allclose(fit.model.run(state, np.cumsum(u)[:, None])[0][:, 0], step, atol=0.8)  # of 7.5
+
+
+@pytest.mark.parametrize("noise", ["white", "coloured"])
+def test_instruments_have_no_bias_and_honest_intervals(noise: str) -> None:
+    inside, errors = [], []
+    for seed in range(25):
+        fit = emsid.fit(emsid.arx(2, 2, constant=True), noisy(1000, noise, 1.5, seed), instruments=True)
+        assert fit.ending is Ending.CONVERGED
+        low, high = fit.interval().T
+        inside.append((low <= TRUTH) & (high >= TRUTH))
+        errors.append((fit.estimate - TRUTH) / fit.standard_error)
+    assert np.mean(inside) > 0.87  # 125 dependent numbers
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.8  # 0.2 is the standard error of a mean
+    biased = emsid.fit(emsid.arx(2, 2, constant=True), noisy(1000, noise, 1.5))
+    assert np.abs(biased.estimate[0] + 1.5) > 0.2
+
+
+def test_white_noise_of_the_output_gives_the_estimate_of_the_free_run() -> None:
+    record = noisy(3000, "white")
+    one = emsid.fit(emsid.arx(2, 2, constant=True), record, instruments=True)
+    other = emsid.fit(emsid.arx(2, 2, constant=True), record, free_run=True)
+    np.testing.assert_allclose(one.estimate, other.estimate, atol=0.02)
+    np.testing.assert_allclose(one.standard_error, other.standard_error, rtol=0.25)
+
+
+def test_instruments_refuse_what_they_cannot_estimate() -> None:
+    record = noisy(300, "white")
+    with pytest.raises(ModelError, match="linear structures"):
+        emsid.fit(emsid.Structure.parse("y(t-1)", "u(t-1)^2"), record, instruments=True)
+    with pytest.raises(ModelError, match="exclude each other"):
+        emsid.fit(emsid.arx(1, 1), record, instruments=True, free_run=True)

@@ -1,4 +1,4 @@
-"""Limit BLAS and LAPACK to one thread while searches run in parallel.
+"""Threads of searches: a pool for short tasks, and one thread for BLAS and LAPACK while searches run in parallel.
 
 Searches run in one thread per core and use small matrices. If a linear-algebra library starts more threads in each of
 them, everything becomes several times slower.
@@ -7,6 +7,7 @@ them, everything becomes several times slower.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
 from threading import Lock
@@ -32,6 +33,12 @@ def one_blas_thread() -> Iterator[None]:
             _inside -= 1
             if _inside == 0:
                 _limiter.restore_original_limits()
+
+
+@cache
+def short_tasks(threads: int) -> ThreadPoolExecutor:
+    """A pool for tasks of a millisecond or so, which is made once; they must not start other tasks in it."""
+    return ThreadPoolExecutor(threads)
 
 
 @cache

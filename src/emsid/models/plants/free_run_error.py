@@ -21,7 +21,6 @@ References:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
@@ -34,6 +33,7 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible
+from emsid.estimation.threads import short_tasks
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Sizes
 from emsid.record import Record
@@ -253,8 +253,7 @@ class FreeRunError:
                 raise Infeasible(f"{self.names[move[0]]} cannot be moved from {theta[move[0]]:g}: {why}")
             return above - below, [b - a for a, b in zip(before, after, strict=True)]
 
-        with ThreadPoolExecutor(self.threads) as pool:
-            differences = list(pool.map(difference, moves))
+        differences = list(short_tasks(self.threads).map(difference, moves))
         jacobians = [np.zeros((len(r), len(theta)), order="F") for r in here]
         for move, (width, columns) in zip(moves, differences, strict=True):
             for k in move:

@@ -91,14 +91,21 @@ def read_at(thing: Any, path: tuple[str | int, ...]) -> float:
     return float(thing)
 
 
-def write_at(thing: Any, path: tuple[str | int, ...], value: float) -> Any:
-    """The nested value with one number replaced."""
-    step, *rest = path
-    if isinstance(step, int):
-        return tuple(value if k == step else kept for k, kept in enumerate(thing))
+def with_numbers(thing: Any, numbers: Mapping[tuple[str | int, ...], float]) -> Any:
+    """The nested value with numbers replaced, each at its path; every part is made anew once."""
+    if isinstance(thing, tuple):
+        return tuple(numbers.get((k,), kept) for k, kept in enumerate(thing))
     if thing is None:
         thing = DeadZoneLaw(0.0, 0.0)
-    return replace(thing, **{step: write_at(getattr(thing, step), tuple(rest), value) if rest else value})
+    changed: dict[str, Any] = {}
+    inner: dict[str, dict[tuple[str | int, ...], float]] = {}
+    for (step, *rest), value in numbers.items():
+        if rest:
+            inner.setdefault(str(step), {})[tuple(rest)] = value
+        else:
+            changed[str(step)] = value
+    changed |= {step: with_numbers(getattr(thing, step), below) for step, below in inner.items()}
+    return replace(thing, **changed)
 
 
 def full_name(plant: Named, name: str) -> str:

@@ -19,7 +19,7 @@ from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.drive import Bridge, Drive, Hold
 from emsid.models.plants.one_mass import Motion
-from emsid.models.plants.parameters import Handle, Signal, find_handle, read_at, write_at
+from emsid.models.plants.parameters import Handle, Signal, find_handle, read_at, with_numbers
 from emsid.models.plants.state import NO_ROWS, PlantState
 from emsid.plant.friction import FrictionLaw
 from emsid.plant.parameter import Measure
@@ -407,11 +407,11 @@ class BasePlant(ABC):
         Raises:
             ModelError: for an unknown name or a value outside its physical bounds.
         """
-        plant = self
-        for name, value in values.items():
-            for path, sign in self._handle(name).paths:
-                plant = write_at(plant, path, sign * float(value))
-        return plant
+        numbers = {
+            path: sign * float(value) for name, value in values.items() for path, sign in self._handle(name).paths
+        }
+        found: Self = with_numbers(self, numbers)
+        return found
 
     def for_command(self, record: Record) -> Self:
         """The same plant for any drive."""

@@ -10,7 +10,7 @@ import pytest
 import emsid
 from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
-from emsid.excitation.between_samples import may_be_continuous
+from emsid.excitation.between_samples import jumps, may_be_continuous
 from emsid.models.plants.drive import Bridge, Drive, Hold
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
@@ -19,6 +19,7 @@ from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.refinements import averaging_sensor
 from emsid.record import Record
+from emsid.validation.comparison import assess_model
 from independent.fitting import START, fitted
 from independent.one_mass import FINE
 from independent.settings import DT, SETTINGS, TRUTH, mass_of
@@ -38,15 +39,29 @@ def codes(fit: Fit[GreyBox]) -> set[str]:
 
 def test_a_smooth_input_goes_on_between_its_samples_where_the_output_shows_it():
     fit = fitted(CONTINUOUS, 1)
-    assert fit.model.plant.hold is Hold.FIRST
+    assert fit.model.plant.hold is Hold.RECORD
     assert fit.names == tuple(TRUTH)
     assert np.max(deviations(fit)) < 4
     (finding,) = (each for each in fit.findings if each.code == "input-between-samples")
-    assert finding.data == {"hold": "first"}
+    assert finding.data == {"straight": 1, "held": 0}
     held = fitted(CONTINUOUS, 1, hold="zero")
     assert held.model.plant.hold is Hold.ZERO
     assert np.max(deviations(held)) > 4
     assert "input-between-samples" not in codes(held)
+
+
+def test_every_record_shows_how_its_own_input_goes_on():
+    records = [CONTINUOUS.record(2, 800), WHITE.record(2, 800)]
+    fit = simulation_error(START, records, free=tuple(TRUTH))
+    assert fit.model.plant.hold is Hold.RECORD
+    (finding,) = (each for each in fit.findings if each.code == "input-between-samples")
+    assert finding.data == {"straight": 1, "held": 1}
+    assert np.max(deviations(fit)) < 4
+    errors = [assess_model(fit.model, record).row.simulation_rmse for record in records]
+    assert max(errors) < 0.56  # the noise is 0.5
+    straight, held = (GreyBox(fit.model.plant.with_hold(hold), fit.model.signals) for hold in (Hold.FIRST, Hold.ZERO))
+    assert assess_model(straight, records[1]).row.simulation_rmse > 0.58
+    assert assess_model(held, records[0]).row.simulation_rmse > 0.58
 
 
 def test_a_held_input_stays_held():
@@ -54,6 +69,14 @@ def test_a_held_input_stays_held():
     assert fit.model.plant.hold is Hold.ZERO
     assert np.max(deviations(fit)) < 4
     assert "input-between-samples" not in codes(fit)
+
+
+def test_levels_on_a_smooth_input_are_jumps():
+    assert all(jumps(WHITE.record(seed).input[:, 0]) for seed in range(5))
+    assert not any(jumps(CONTINUOUS.record(seed).input[:, 0]) for seed in range(5))
+    t = np.arange(500)
+    assert not jumps(np.abs(t % 100 - 50.0))
+    assert not jumps(np.cumsum(np.random.default_rng(0).standard_normal(500)))
 
 
 def test_a_smooth_input_of_a_digital_output_stays_held():
@@ -99,6 +122,7 @@ def test_a_straight_command_is_simulated_as_a_fine_one(delay: float):
 )
 def test_blocks_of_a_straight_command_give_the_same_as_one_run(plant: emsid.plants.Plant):
     volts = np.cumsum(np.random.default_rng(0).standard_normal(120))[:, None]
+    assert may_be_continuous([volts[:, 0]])
     signals = (Signal.SPEED, Signal.POSITION)
     straight = plant.with_hold(Hold.FIRST)
     start = np.zeros(straight.states)
@@ -109,6 +133,12 @@ def test_blocks_of_a_straight_command_give_the_same_as_one_run(plant: emsid.plan
     whole = straight.simulate(volts, DT, start, signals)
     assert np.concatenate(parts) == pytest.approx(whole, rel=1e-9, abs=1e-12)
     assert plant_from_data(plant_to_data(straight)).hold is Hold.FIRST
+    by_record = plant.with_hold(Hold.RECORD)
+    assert by_record.simulate(volts, DT, start, signals) == pytest.approx(whole, rel=1e-12)
+    levels = np.repeat(volts[::10], 10, axis=0)
+    held = plant.with_hold(Hold.ZERO).simulate(levels, DT, start, signals)
+    assert by_record.simulate(levels, DT, start, signals) == pytest.approx(held, rel=1e-12)
+    assert plant_from_data(plant_to_data(by_record)).hold is Hold.RECORD
 
 
 def test_the_current_of_a_straight_command_is_that_at_the_sample():

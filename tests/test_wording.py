@@ -149,7 +149,8 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("map-is-straight", data={"block": 2}),
     Finding("parameters-without-interval", data={"parameters": ["f.b_r", "f.m_r"]}),
     # plants
-    Finding("input-between-samples", "voltage", {"hold": "first"}),
+    Finding("input-between-samples", "voltage", {"straight": 1, "held": 0}),
+    Finding("input-between-samples", "voltage", {"straight": 2, "held": 1}),
     Finding("speed-is-a-mean", "speed"),
     Finding("unit-assumed", "rigid-motor", {"channel": "y", "signal": "speed", "unit": "rad/s"}),
     Finding("command-unit-assumed", "rigid-motor", {"channel": "u", "unit": "volts"}),

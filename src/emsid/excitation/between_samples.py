@@ -2,7 +2,8 @@
 
 An input that often repeats its value is held, as that of a digital output is. One that changes at every sample, and
 much from sample to sample, was not sampled from a signal that goes on in between: half of its power would lie above a
-sixth of the sampling frequency. A smooth one may be either; only the output shows which.
+sixth of the sampling frequency. A smooth one may be either, and only the output shows which; where it has single jumps
+it is more likely held.
 """
 
 from __future__ import annotations
@@ -18,11 +19,19 @@ HOLD_FRACTION = 0.5
 """An input that repeats its value at more than this fraction of the samples is held between samples."""
 ROUGH = 0.5
 """The second differences of a smooth input have less than this part of its variance."""
+JUMP = 5.0
+"""A jump is larger than 95 % of the steps by this factor."""
 
 
 def repeats(inputs: Sequence[Array]) -> bool:
     """Whether inputs (Nᵢ,) repeat their value so often that they are held."""
     return bool(np.mean(np.concatenate([np.diff(u) == 0 for u in inputs])) > HOLD_FRACTION)
+
+
+def jumps(u: Array) -> bool:
+    """Whether an input (N,) has single steps that are much larger than its usual changes, as of levels that are held."""
+    steps = np.abs(np.diff(u))
+    return bool(np.max(steps, initial=0.0) > JUMP * np.quantile(steps, 0.95)) if len(steps) else False
 
 
 def may_be_continuous(inputs: Sequence[Array]) -> bool:

@@ -42,8 +42,8 @@ class Options:
         free: exactly the physical parameters to estimate; by default those that the plant usually has unknown, with
             refinements.
         recent: time in s after which errors of physical models are forgotten; see `Recent`. By default, never.
-        hold: how the input goes on between its samples: ``"zero"`` (held) or ``"first"`` (straight to the next one); by
-            default decided from the data.
+        hold: how the input goes on between its samples: ``"zero"`` (held), ``"first"`` (straight to the next one) or
+            ``"record"`` (as each record shows); by default decided from the data.
         profile: physical parameters whose likelihood profiles are computed.
         held_back: fraction of the record that is selection data; see `emsid.record.hold_back`.
     """

@@ -46,9 +46,13 @@ def codes_without_bridge(f: Finding, argument: Spelling) -> str:
 
 @words("input-between-samples")
 def input_between_samples(f: Finding, argument: Spelling) -> str:
-    """Subject: the input. Data: hold."""
-    how = "goes straight from sample to sample" if f.data["hold"] == "first" else "is held between its samples"
-    return f"the data show that {f.subject} {how}, and it is simulated so; {argument('hold')} sets this"
+    """Subject: the input. Data: straight, held (the numbers of segments in which it goes on like this)."""
+    straight, held = f.data["straight"], f.data["held"]
+    where = f" in {straight} of {straight + held} segments and keeps its value until the next one in the others" if held else ""
+    return (
+        f"the data show that {f.subject} goes straight from sample to sample{where}, and it is simulated so; "
+        f"{argument('hold')} sets this"
+    )
 
 
 @words("speed-is-a-mean")

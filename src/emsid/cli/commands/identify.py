@@ -100,8 +100,8 @@ HoldInput = Annotated[
     str | None,
     typer.Option(
         "--hold",
-        metavar="zero|first",
-        help="Input between the samples: zero (held) or first (straight to the next); by default from the data.",
+        metavar="zero|first|record",
+        help="Input between the samples: zero (held), first (straight to the next), record (as each record shows).",
     ),
 ]
 Average = Annotated[

@@ -13,12 +13,13 @@ force decreases with the duty. Codes among the commands stand for a bridge that 
 **Between the samples** a command is held, as that of a digital output is, or it goes straight from one sample to the
 next, as a signal that was only sampled nearly does. A straight command is simulated in `PIECES` pieces of every sample,
 each with the voltage at its middle. So dead zones, limits and a delay by any part of a sample act where they do, and
-the force on a linear plant is exact in its mean over every piece.
+the force on a linear plant is exact in its mean over every piece. Which of the two it does may differ by record, as where
+steps come from a digital output and sines were sampled.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from math import inf, isfinite
 from typing import NamedTuple
@@ -27,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError, ModelError
+from emsid.excitation.between_samples import jumps, may_be_continuous
 from emsid.models.plants.parameters import TINY, Handle, scalar
 from emsid.plant.parameter import Measure, Parameter
 
@@ -36,6 +38,8 @@ Array = NDArray[np.float64]
 LONGEST_DELAY = 1_000_000
 PIECES = 4
 """Pieces of a sample in which a straight command is simulated."""
+FEWEST = 30
+"""With fewer samples a record does not show how its command goes on; then it goes straight, as in the others."""
 
 
 class Feed(Enum):
@@ -54,10 +58,11 @@ class Bridge(Enum):
 
 
 class Hold(Enum):
-    """How a command goes on between its samples; the names are those of zero-order and first-order hold."""
+    """How a command goes on between its samples; the first names are those of zero-order and first-order hold."""
 
     ZERO = "zero"  # it keeps its value
     FIRST = "first"  # it goes straight to the next sample
+    RECORD = "record"  # straight in a record where it changes at every sample and never jumps, else held
 
 
 class Acting(NamedTuple):
@@ -149,6 +154,14 @@ class Drive:
         coded = np.isin(inputs[:, -1], [code for code, _ in self.codes])
         return np.where(coded, 0.0, command) if coded.any() else command
 
+    def for_inputs(self, inputs: Array) -> Drive:
+        """The drive as it is in a record with inputs (N, nu), where this differs by record."""
+        if self.hold is not Hold.RECORD:
+            return self
+        command = self.commands(inputs)
+        straight = len(command) < FEWEST or (may_be_continuous([command]) and not jumps(command))
+        return replace(self, hold=Hold.FIRST if straight else Hold.ZERO)
+
     def largest(self, inputs: Array) -> float:
         """The largest voltage (force) that inputs (N, 1 or 2) command, in V (N), before any limit."""
         return float(np.max(np.abs(self.gain * (self.commands(inputs) + self.offset))))
@@ -192,7 +205,7 @@ class Drive:
                 f"drive with a delay of {self.delay:g} s, {samples:.3g} samples of {dt:g} s; a model can keep "
                 f"{LONGEST_DELAY:,} of them"
             )
-        straight = self.hold is Hold.FIRST
+        straight = self.hold is not Hold.ZERO
         whole = int(samples) if most is None else int(min(samples, most))
         voltage, conducts = self.applied(command[None, :])
         on_their_way = np.empty((whole + 1 + 2 * straight, 2))
@@ -209,7 +222,7 @@ class Drive:
             commands: the delayed commands before the first sample, the oldest first; see `standing`.
             dt: sample time in s.
         """
-        if self.hold is Hold.FIRST:
+        if self.hold is Hold.FIRST or (self.hold is Hold.RECORD and len(commands) > int(self.delay / dt) + 1):
             return self._straight(inputs, commands, dt)
         voltage, conducts = self.applied(inputs)
         voltage, conducts = np.concatenate([commands[:, 0], voltage]), np.concatenate([commands[:, 1], conducts])
@@ -247,7 +260,8 @@ class Drive:
 
         The first value acts before the first sample, where the first command is assumed.
         """
-        on = self.acting(inputs, self.standing(inputs[0], dt, len(inputs)), dt)
+        drive = self.for_inputs(inputs)
+        on = drive.acting(inputs, drive.standing(inputs[0], dt, len(inputs)), dt)
         return on.voltage, on.conducts, on.late
 
 

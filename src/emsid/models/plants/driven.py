@@ -88,6 +88,15 @@ class Driven(BasePlant):
         """The plant with a command that goes on like this between its samples."""
         return self.with_drive(hold=hold)
 
+    def for_inputs(self, inputs: Array) -> Self:
+        """The plant as it is in a record with inputs (N, nu), where its drive differs by record."""
+        return self if self.hold is not Hold.RECORD else self.with_drive(hold=self.drive.for_inputs(inputs).hold)
+
+    def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
+        """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), from speed and position."""
+        plant = self.for_inputs(inputs)
+        return plant.run(plant.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
+
     def reversed_drive(self) -> Self:
         """The same plant with the sign of its drive reversed."""
         return self.with_drive(gain=-self.drive.gain)

@@ -78,7 +78,8 @@ class GreyBox:
 
     def initial(self, segment: Record, samples: int) -> PlantState:
         """The state after the first ``samples`` samples of a segment, estimated by `beginning`."""
-        start = self.plant.start(self.beginning(segment, samples), segment.input[0], segment.dt, self.signals)
+        plant = self.plant.for_inputs(segment.input)  # the state keeps how the input goes on between its samples
+        start = plant.start(self.beginning(segment, samples), segment.input[0], segment.dt, self.signals)
         with np.errstate(over="ignore", invalid="ignore"):
             return self.run(start, segment.input[:samples])[1]
 
@@ -136,11 +137,11 @@ class GreyBox:
     def beginning(self, segment: Record, samples: int) -> Array:
         """The state at the first sample of a segment, estimated from its first ``samples`` samples."""
         head = segment[: max(samples, 1)]
-        first = self.plant.first_state(self.signals, head)
-        free = self.plant.free_states(self.signals, head)
+        plant = self.plant.for_inputs(segment.input)
+        first, free = plant.first_state(self.signals, head), plant.free_states(self.signals, head)
         if len(head) * len(self.signals) < 4 * len(free) or not len(free):
             return first
-        problem = FreeRunError(self.plant, self.signals, (head,), (), (first,), (free,), all_alike, 1)
+        problem = FreeRunError(plant, self.signals, (head,), (), (first,), (free,), all_alike, 1)
         try:
             found = gauss_newton(problem, problem.start, max_iterations=20, tolerance=1e-6, covariances=False)
             return problem.states(found.estimate)[0]

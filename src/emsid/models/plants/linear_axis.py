@@ -175,10 +175,6 @@ class LinearAxis(Driven):
         sensed = np.array([kept for _, kept in columns])
         return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, on.left, sensed)
 
-    def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
-        """The outputs (N, ny) for a command (N, 1), from a speed and a position."""
-        return self.run(self.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
-
     def linearised(self, signals: Sequence[Signal]) -> StateSpace:
         """A mass with viscous friction, the mean of both directions."""
         drag = float(np.mean(self.viscous_friction)) / self.mass

@@ -333,10 +333,6 @@ class DrivenMotor(Driven):
         share = 1 / motor.rotor_inertia + 1 / motor.load_inertia
         return max(float(np.sqrt(motor.shaft_stiffness * share)), motor.shaft_damping * share)
 
-    def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
-        """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), from speed and angle."""
-        return self.run(self.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
-
     def linearised(self, signals: Sequence[Signal]) -> StateSpace:
         """(4.1)–(4.6) without dry friction and dead zones: armature, two masses and shaft, as far as they exist."""
         m, gain = self.motor, self.drive.gain

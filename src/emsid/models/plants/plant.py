@@ -202,6 +202,10 @@ class Plant(Protocol):
         """The plant with inputs that go on like this between their samples."""
         ...
 
+    def for_inputs(self, inputs: Array) -> Self:
+        """The plant as it is in a record with inputs (N, nu)."""
+        ...
+
     def start_samples(self, signals: Sequence[Signal]) -> int:
         """The number of samples that give its initial state."""
         ...
@@ -342,6 +346,10 @@ class BasePlant(ABC):
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
         """The output (N, ny) driven by inputs (N, nu) held over ``dt`` seconds, from an initial state."""
         return self.run(self.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
+
+    def for_inputs(self, inputs: Array) -> Self:
+        """The same plant."""
+        return self
 
     @property
     def body(self) -> str:

@@ -1,7 +1,8 @@
 """How the command of some records goes on between its samples, decided by the free run where the command may do either.
 
 A command that is taken for held although it goes on is half a sample late, and the inertia, the friction and the dead
-zone are bent to make up for it.
+zone are bent to make up for it. A command that repeats its values or jumps in one record is held there, however it
+goes on in the others.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from emsid.arguments import did_you_mean
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.excitation.between_samples import may_be_continuous
-from emsid.models.plants.drive import Hold
+from emsid.models.plants.drive import FEWEST, Hold
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.task import Task
@@ -30,7 +31,7 @@ def as_hold(hold: Hold | str) -> Hold:
     names = [each.value for each in Hold]
     if not isinstance(hold, Hold) and hold not in names:
         raise ModelError(
-            f"hold is {hold!r}; give zero (held) or first (straight from sample to sample)"
+            f"hold is {hold!r}; give zero (held), first (straight from sample to sample) or record (as each one shows)"
             f"{did_you_mean(str(hold), names)}",
             arguments=("hold",),
         )
@@ -38,28 +39,51 @@ def as_hold(hold: Hold | str) -> Hold:
 
 
 def is_open(plant: Plant, segments: Sequence[Record]) -> bool:
-    """Whether the records must show how the command of a plant goes on: it changes smoothly at every sample."""
+    """Whether records must show how the command of a plant goes on: in some it changes smoothly at every sample."""
     driven = plant.driven
     if driven is None or driven.drive.codes or plant.hold is not Hold.ZERO:
         return False
-    return may_be_continuous([driven.drive.commands(segment.input) for segment in segments])
+    commands = [driven.drive.commands(segment.input) for segment in segments]
+    enough = [command for command in commands if len(command) >= FEWEST]
+    return any(may_be_continuous([command]) for command in enough) if enough else may_be_continuous(commands)
 
 
-def promises_more(task: Task, problem: FreeRunError, cost: float) -> Plant | None:
-    """The plant with a straight command, if that may simulate better than the minimum of a problem with a held one.
+def holds_in(plant: Plant, segments: Sequence[Record]) -> tuple[Hold, ...]:
+    """How the command of a plant goes on between its samples in every segment."""
+    return tuple(plant.for_inputs(segment.input).hold for segment in segments)
+
+
+def promising(task: Task, problem: FreeRunError, cost: float) -> list[Plant]:
+    """The plant with commands that go straight in some or all records, where that may simulate better than a minimum.
+
+    First straight in those that never jump, then in all, unless one of them can only be held.
+    """
+    open_to_all = all(is_open(problem.plant, (segment,)) for segment in task.segments)
+    found: list[Plant] = []
+    patterns = {(Hold.ZERO,) * len(task.segments)}
+    for hold in (Hold.RECORD, Hold.FIRST) if open_to_all else (Hold.RECORD,):
+        plant = problem.plant.with_hold(hold)
+        pattern = holds_in(plant, task.segments)
+        if pattern not in patterns and _promises_more(task, problem, plant, cost):
+            found.append(plant)
+        patterns.add(pattern)
+    return found
+
+
+def _promises_more(task: Task, problem: FreeRunError, straight: Plant, cost: float) -> bool:
+    """Whether another hold may simulate better than the minimum of a problem.
 
     The error of its free run may be lowered by what the parameters can explain to first order, so no search is needed
     to see that it does not.
     """
-    straight = problem.plant.with_hold(Hold.FIRST)
     names = list(problem.free)
     other = task.problem(straight, names, problem.states(problem.start))
     try:
         residual = np.concatenate(other.residuals(other.start))
     except Infeasible:
-        return None
+        return False
     slopes = np.concatenate([jacobian for _, jacobian in problem.linearised(problem.start)])
     sizes = np.linalg.norm(slopes, axis=0)
     slopes = slopes / np.where(sizes > 0, sizes, 1.0)
     left = residual - slopes @ np.linalg.lstsq(slopes, residual, rcond=1e-9)[0]
-    return straight if 0.5 * float(left @ left) < cost else None
+    return bool(0.5 * float(left @ left) < cost)

@@ -35,7 +35,7 @@ from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Signal, parts, without_overlap
 from emsid.models.plants.plant import DrivenPlant, Plant
 from emsid.models.plants.registry import PLANTS
-from emsid.models.plants.search.between_samples import as_hold, is_open
+from emsid.models.plants.search.between_samples import as_hold, holds_in, is_open
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.refinements import (
     EXTRAPOLATES,
@@ -113,7 +113,7 @@ def choose(
         fixed=values,
         datasheet=sheet,
         weighting=search.weighting,
-        hold=hold if search.thinned or search.found.hold is Hold.FIRST else search.found.hold,
+        hold=hold if search.thinned or search.found.hold is not Hold.ZERO else search.found.hold,
         find_start=False,
         **({"max_iterations": 0} if stopped else {"control": control}),
     )
@@ -192,7 +192,7 @@ class _Choice:
         """
         if self._original.drive.codes or signals != (Signal.POSITION,) or len(record.segments) > 1:
             return record
-        straight = is_open(self._original, record.segments) if hold is None else as_hold(hold) is Hold.FIRST
+        straight = is_open(self._original, record.segments) if hold is None else as_hold(hold) is not Hold.ZERO
         return thinned(record, straight)
 
     @property
@@ -282,8 +282,14 @@ class _Choice:
                         self._take(exchanged)
 
         if self._may_be_straight:
-            hold = Hold.ZERO if self.trial.plant.hold is Hold.FIRST else Hold.FIRST
-            exchanged = self._tried([[(self.trial.plant.with_hold(hold), self.trial.names)]])[0]
+            for hold in (Hold.ZERO, Hold.RECORD, Hold.FIRST):
+                self._exchange_hold(hold)
+
+    def _exchange_hold(self, hold: Hold) -> None:
+        """Take another hold where it simulates some segment otherwise, and all of them better."""
+        other, segments = self.trial.plant.with_hold(hold), self._record.segments
+        if holds_in(other, segments) != holds_in(self.trial.plant, segments):
+            exchanged = self._tried([[(other, self.trial.names)]])[0]
             if exchanged is not None and exchanged.cost < self.trial.cost:
                 self._take(exchanged)
 

@@ -31,7 +31,7 @@ from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
-from emsid.models.plants.search.between_samples import as_hold, is_open, promises_more
+from emsid.models.plants.search.between_samples import as_hold, is_open, promising
 from emsid.models.plants.search.conditions import conditions, unconditional
 from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, identified_by, keep_identifiable
 from emsid.models.plants.search.diagnostics import likelihood_profile
@@ -75,8 +75,9 @@ def simulation_error(
             ``"unknown"``, or a `Given`.
         signals: what the outputs of the records are, `Signal` or its name, by default judged by their units.
         weighting: how errors count by their age: `all_alike`, `Recent`, or any other linear filter (error, dt) → error.
-        hold: how the command goes on between its samples: ``"zero"`` (held) or ``"first"`` (straight to the next). By
-            default it is held where it repeats its values or jumps; else what simulates the records better is taken.
+        hold: how the command goes on between its samples: ``"zero"`` (held), ``"first"`` (straight to the next) or
+            ``"record"`` (straight in records where it changes smoothly at every sample and never jumps). By default
+            whichever simulates the records better.
         find_start: whether to begin at the datasheet, or where a regression on the records says if that simulates
             better; otherwise the search begins with the plant as it is given.
         max_iterations: of the search, all its rounds together; a parameter that is kept only in the end adds a few.
@@ -120,11 +121,11 @@ def simulation_error(
 
 def _straight_if_better(task: Task, reached: Reached, max_iterations: int) -> Reached:
     """Where the search ends with a command that goes straight from sample to sample, if that simulates better."""
-    straight = promises_more(task, reached.problem, reached.minimum.cost)
-    if straight is not None:
-        with suppress(Stopped):
+    with suppress(Stopped):
+        for straight in promising(task, reached.problem, reached.minimum.cost):
             again = continuation.search(task, straight, max_iterations)
-            return again if again.minimum.cost < reached.minimum.cost else reached
+            if again.minimum.cost < reached.minimum.cost:
+                reached = again
     return reached
 
 

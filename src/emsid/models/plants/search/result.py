@@ -20,6 +20,7 @@ from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Quantity
+from emsid.models.plants.search.between_samples import holds_in
 from emsid.models.plants.search.conditions import Conditions
 from emsid.models.plants.search.task import Task
 from emsid.record import Record
@@ -199,7 +200,9 @@ def _as_simulated(task: Task, plant: Plant) -> list[Finding]:
     """What was decided about the input between its samples and about the sensor, which is not among the parameters."""
     found = []
     if plant.hold is not Hold.ZERO and not task.hold_given:
-        found.append(Finding("input-between-samples", task.segments[0].input_names[0], {"hold": plant.hold.value}))
+        held = holds_in(plant, task.segments).count(Hold.ZERO)
+        data = {"straight": len(task.segments) - held, "held": held}
+        found.append(Finding("input-between-samples", task.segments[0].input_names[0], data))
     if plant.driven is not None and plant.value("sensor.average") == 1 and "sensor.average" not in task.fixed:
         found.append(Finding("speed-is-a-mean", task.segments[0].output_names[0]))
     return found

@@ -29,7 +29,7 @@ def repeats(inputs: Sequence[Array]) -> bool:
 
 
 def jumps(u: Array) -> bool:
-    """Whether an input (N,) has single steps that are much larger than its usual changes, as of levels that are held."""
+    """Whether an input (N,) has single steps much larger than its usual changes, as between levels that are held."""
     steps = np.abs(np.diff(u))
     return bool(np.max(steps, initial=0.0) > JUMP * np.quantile(steps, 0.95)) if len(steps) else False
 

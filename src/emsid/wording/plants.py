@@ -48,10 +48,10 @@ def codes_without_bridge(f: Finding, argument: Spelling) -> str:
 def input_between_samples(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: straight, held (the numbers of segments in which it goes on like this)."""
     straight, held = f.data["straight"], f.data["held"]
-    where = f" in {straight} of {straight + held} segments and keeps its value until the next one in the others" if held else ""
+    some = f" in {straight} of {straight + held} segments (in the others it keeps its value until the next one)"
     return (
-        f"the data show that {f.subject} goes straight from sample to sample{where}, and it is simulated so; "
-        f"{argument('hold')} sets this"
+        f"the data show that {f.subject} goes straight from sample to sample{some if held else ''}, and it is simulated "
+        f"so; {argument('hold')} sets this"
     )
 
 

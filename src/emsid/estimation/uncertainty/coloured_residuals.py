@@ -63,12 +63,19 @@ class Colour(NamedTuple):
         through: Array = lfilter([1.0, -self.zero], self.polynomial, jacobian[::-1], axis=0)
         return through
 
-    def whitened(self, signals: Array) -> Array:
-        """(N, …) w of a residual (N,), or H⁻¹J of derivatives (N, p)."""
+    def whitened(self, residual: Array) -> Array:
+        """(N,) w of a residual (N,)."""
         from scipy.signal import lfilter
 
-        white: Array = lfilter(self.polynomial, [1.0], _without_zero(signals, self.zero), axis=0)
+        white: Array = lfilter(self.polynomial, [1.0], _without_zero(residual, self.zero))
         return white
+
+    def begun_at_rest(self, signals: Array) -> Array:
+        """(N, p) signals through H⁻¹, with nothing before the first sample."""
+        from scipy.signal import lfilter
+
+        through: Array = lfilter(self.polynomial, [1.0, -self.zero], signals, axis=0)
+        return through
 
 
 def colour(pieces: Sequence[tuple[Array, Array]]) -> Colour:
@@ -78,45 +85,48 @@ def colour(pieces: Sequence[tuple[Array, Array]]) -> Colour:
         pieces: as in `coloured_covariance`. A fit takes out of the residual what its derivatives describe, mostly low
             frequencies, so that any residual seems to have a zero. The restricted likelihood allows for that.
     """
-    best, least = None, np.inf
-    for zero in (0.0, *ZEROS):
-        candidate = Colour(zero, *autoregression([_without_zero(residual, zero) for residual, _ in pieces]))
-        if candidate.variance > 0 or zero == 0:
-            criterion = _criterion(candidate, [jacobian for _, jacobian in pieces])
-            if best is None or criterion < least:
-                best, least = candidate, criterion
-    assert best is not None
-    return best
+    residuals = [residual for residual, _ in pieces]
+    plain = Colour(0.0, *autoregression(residuals))
+    if not plain.variance > 0:
+        return plain
+    zeros = [Colour(c, *autoregression([_without_zero(residual, c) for residual in residuals])) for c in ZEROS]
+    return min((plain, *(each for each in zeros if each.variance > 0)), key=lambda each: _criterion(each, pieces))
 
 
-def _criterion(colour: Colour, jacobians: Sequence[Array]) -> float:
+def _criterion(colour: Colour, pieces: Sequence[tuple[Array, Array]]) -> float:
     """Schwarz's criterion by the restricted likelihood, without terms that all colours share.
 
-    ``−2·log L = (N − p)·log σ² + log|H⁻¹H⁻ᵀ|⁻¹ + log|(H⁻¹J)ᵀH⁻¹J|``; the second term is that of what was before the
-    first sample.
+    ``−2·log L = (N − p)·log min‖w − Zb‖² + log|ZᵀZ| + log|HHᵀ|`` with w and Z the residual and the derivatives through
+    H⁻¹; the last term is that of what was before the first sample.
     """
-    if not colour.variance > 0:
-        return -np.inf
-    samples = sum(len(jacobian) for jacobian in jacobians)
-    whitened = [colour.whitened(jacobian) for jacobian in jacobians]
-    size = np.abs(np.diag(np.linalg.qr(np.concatenate(whitened), mode="r")))
-    restricted = 2 * float(np.sum(np.log(size, out=np.full(len(size), -np.inf), where=size > 0)))
-    edges = sum(np.log1p(np.sum(colour.zero ** (2.0 * np.arange(1, len(j) + 1)))) for j in jacobians)
+    p = pieces[0][1].shape[1]
+    gram, samples, edges = np.zeros((p + 1, p + 1)), 0, 0.0
+    for residual, jacobian in pieces:
+        white = colour.begun_at_rest(np.column_stack([jacobian, residual]))
+        gram += white.T @ white
+        if colour.zero:  # what was before the first sample, eliminated
+            before = colour.zero ** np.arange(1.0, len(white) + 1)
+            size, shared = 1.0 + float(before @ before), before @ white
+            gram -= np.outer(shared, shared) / size
+            edges += float(np.log(size))
+        samples += len(white)
     parameters = len(colour.polynomial) - 1 + (colour.zero > 0)
-    freedom = samples - len(size)
-    return float(freedom * np.log(colour.variance) + restricted + edges + parameters * np.log(samples))
+    try:
+        sizes = 2 * np.log(np.diag(np.linalg.cholesky(gram)))  # the last is that of the sum of squares that is left
+    except np.linalg.LinAlgError:  # derivatives that are alike after the filter
+        return np.inf if colour.zero else 0.0
+    return float((samples - p) * sizes[-1] + sizes[:-1].sum() + edges + parameters * np.log(samples))
 
 
-def _without_zero(signals: Array, zero: float) -> Array:
-    """(N, …) signals through 1/(1 − c·q⁻¹), without the effect of what was before them."""
+def _without_zero(residual: Array, zero: float) -> Array:
+    """(N,) a residual through 1/(1 − c·q⁻¹), without the effect of what was before it."""
     from scipy.signal import lfilter
 
     if zero == 0:
-        return signals
-    through: Array = lfilter([1.0], [1.0, -zero], signals, axis=0)
-    before = zero ** np.arange(len(signals))
-    found: Array = through - np.multiply.outer(before, before @ through) / (before @ before)
-    return found
+        return residual
+    through: Array = lfilter([1.0], [1.0, -zero], residual)
+    before = zero ** np.arange(len(residual))
+    return through - before * (before @ through) / (before @ before)
 
 
 def autoregression(pieces: Sequence[Array], most: int = MOST_POLES) -> tuple[Array, float]:

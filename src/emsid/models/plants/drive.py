@@ -13,8 +13,8 @@ force decreases with the duty. Codes among the commands stand for a bridge that 
 **Between the samples** a command is held, as that of a digital output is, or it goes straight from one sample to the
 next, as a signal that was only sampled nearly does. A straight command is simulated in `PIECES` pieces of every sample,
 each with the voltage at its middle. So dead zones, limits and a delay by any part of a sample act where they do, and
-the force on a linear plant is exact in its mean over every piece. Which of the two it does may differ by record, as where
-steps come from a digital output and sines were sampled.
+the force on a linear plant is exact in its mean over every piece. Which of the two it does may differ by record, as
+where steps come from a digital output and sines were sampled.
 """
 
 from __future__ import annotations

@@ -288,6 +288,13 @@ def test_overlapping_records_are_seen():
     assert not holds_some_of(WHITE.record(1, 600), whole)
 
 
+def test_coarse_readings_that_repeat_by_chance_are_not_an_overlap():
+    """At a constant input, two counts that take turns are equal for 40 samples."""
+    turns, rng = np.tile([3.0, 4.0], 20), np.random.default_rng(0)
+    one, other = (Record(np.ones(240), np.concatenate([rng.integers(0, 9, 200), turns]), 0.1) for _ in range(2))
+    assert not holds_some_of(one, other)
+
+
 def test_standstills_of_two_records_are_not_an_overlap():
     rest = np.zeros(100)
     one, other = (np.concatenate([rest, np.random.default_rng(k).standard_normal(100)]) for k in (0, 1))

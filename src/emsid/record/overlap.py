@@ -1,7 +1,9 @@
 """Whether two records have samples in common, such as two cuts of one file.
 
-Samples are compared exactly, in stretches of `STRETCH`. A stretch at standstill says nothing, as every experiment has
-some like it: of a stretch that counts, at least half of the samples change some output.
+Samples are compared exactly. Stretches of `STRETCH` samples that are equal show how far one record is shifted against
+the other. A stretch at standstill shows nothing, as every experiment has some like it: of a stretch that counts, at
+least half of the samples change some output. The readings of a coarse sensor may repeat by chance, so the records have
+samples in common only if they are equal wherever they overlap after the shift.
 """
 
 from __future__ import annotations
@@ -24,8 +26,20 @@ def shared_stretch(one: Record, other: Record) -> bool:
     few, many = sorted((one, other), key=len)
     if len(few) < STRETCH:
         return False
-    sought = _stretches(few)[::STRETCH]
-    return bool(np.isin(sought[sought != 0], _stretches(many)).any())
+    sought, present = _stretches(few), _stretches(many)
+    for start in range(0, len(sought), STRETCH):
+        if sought[start] and any(
+            _equal_after(few, many, int(k) - start) for k in np.flatnonzero(present == sought[start])
+        ):
+            return True
+    return False
+
+
+def _equal_after(few: Record, many: Record, shift: int) -> bool:
+    """Whether segments are equal wherever they overlap if sample 0 of the first is sample ``shift`` of the second."""
+    here = slice(max(0, -shift), min(len(few), len(many) - shift))
+    there = slice(here.start + shift, here.stop + shift)
+    return np.array_equal(few.output[here], many.output[there]) and np.array_equal(few.input[here], many.input[there])
 
 
 def _stretches(segment: Record) -> NDArray[np.uint64]:

@@ -4,9 +4,11 @@ import sys
 from pathlib import Path
 
 import emsid
+from sphinx.application import Sphinx
 
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 
+suppress_warnings = ["ref.python"]  # `name` in a docstring may be an argument, not one of many attributes
 project, author, version = "emsid", "the authors of emsid", emsid.__version__
 copyright = "the authors of emsid; BSD-3-Clause"
 
@@ -28,6 +30,7 @@ autodoc_typehints = "none"  # signatures on a phone; docstrings say shapes and u
 autodoc_default_options = {"members": True, "inherited-members": False, "show-inheritance": False}
 python_use_unqualified_type_names = True
 napoleon_use_rtype = False
+napoleon_use_ivar = True  # attributes as a list, not each as an object
 add_module_names = False
 
 html_theme = "pydata_sphinx_theme"
@@ -51,3 +54,27 @@ html_theme_options = {
     "pygments_light_style": "a11y-high-contrast-light",
     "pygments_dark_style": "a11y-high-contrast-dark",
 }
+
+
+def escape_bars(app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
+    """Read |x| as an absolute value, and an indented block of a module as an equation with its line breaks."""
+    if what == "module":
+        for k in range(len(lines) - 1, 0, -1):
+            begins = lines[k].startswith("    ") and not lines[k - 1].strip()
+            before = next((line for line in reversed(lines[:k]) if line.strip()), "")
+            if begins and not before.startswith((" ", "=", "-")) and not before.endswith("::"):
+                lines[k:k] = ["::", ""]
+    for k, line in enumerate(lines):
+        parts = line.split("``")
+        lines[k] = "``".join(part if j % 2 else part.replace("|", "\\|") for j, part in enumerate(parts))
+
+
+def skip_fields(app: Sphinx, what: str, name: str, thing: object, skip: bool, options: object) -> bool | None:
+    """Fields of a named tuple stand in its docstring."""
+    return True if type(thing).__name__ == "_tuplegetter" else None
+
+
+def setup(app: Sphinx) -> None:
+    """Connect with autodoc."""
+    app.connect("autodoc-process-docstring", escape_bars)
+    app.connect("autodoc-skip-member", skip_fields)

@@ -17,11 +17,12 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
-import time
 import warnings
-from contextlib import chdir, redirect_stderr, redirect_stdout
+from collections.abc import Iterator
+from contextlib import chdir, contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,6 @@ from unittest.mock import patch
 
 from docutils import nodes
 from sphinx.application import Sphinx
-from sphinx.errors import ExtensionError
 from sphinx.transforms import SphinxTransform
 from sphinx.util import logging
 
@@ -45,10 +45,6 @@ LONGEST = 60
 log = logging.getLogger(__name__)
 
 
-class Failed(ExtensionError):
-    """A block that does not run."""
-
-
 @dataclass
 class Page:
     """A page that has been run.
@@ -57,7 +53,7 @@ class Page:
         folder: in which it ran, with the files that it has written.
         namespace: the names of its Python.
         printed: what every block printed.
-        seconds: processor time that it took, in this process.
+        seconds: processor time that it took.
     """
 
     folder: Path
@@ -95,30 +91,34 @@ class Runner:
         return self.pages[name]
 
     def _run(self, name: str, text: str, page: Page) -> None:
-        began = time.process_time()
+        """Run all blocks of a page; a failure ends the page and is a warning, which ends a strict build."""
+        began = processor_time()
         background: list[subprocess.Popen[bytes]] = []
-        with chdir(page.folder):
-            for language, code in [(found[2], found[3]) for found in FENCE.finditer(text)]:
-                if language not in RUN:
-                    continue
-                output = io.StringIO()
-                with redirect_stdout(output), redirect_stderr(output):
-                    try:
-                        if language == "python":
-                            run_python(code, name, page.namespace)
-                        else:
-                            self._commands(code, background)
-                    except (Exception, SystemExit) as problem:
-                        printed = output.getvalue()
-                        raise Failed(f"{name}.md does not run:\n{code}\n{printed}\n{problem!r}") from problem
-                page.printed.append(output.getvalue())
-            for process in background:
-                try:
-                    process.wait(timeout=30)
-                except subprocess.TimeoutExpired:
-                    process.kill()
-                    raise Failed(f"{name}.md: {process.args!r} does not end") from None
-        page.seconds = time.process_time() - began
+        code = ""
+        with chdir(page.folder), registries():
+            try:
+                for language, code in [(found[2], found[3]) for found in FENCE.finditer(text)]:
+                    if language in RUN:
+                        page.printed.append("")
+                        self._block(name, language, code, page, background)
+                finish(background)
+            except (Exception, SystemExit) as problem:
+                printed = page.printed[-1]
+                log.warning("does not run:\n%s\n%s\n%r", code, printed, problem, location=name)
+                for process in background:
+                    os.killpg(process.pid, signal.SIGKILL)
+        page.seconds = processor_time() - began
+
+    def _block(self, name: str, language: str, code: str, page: Page, background: list[subprocess.Popen[bytes]]) -> None:
+        output = io.StringIO()
+        try:
+            with redirect_stdout(output), redirect_stderr(output):
+                if language == "python":
+                    run_python(code, name, page.namespace)
+                else:
+                    self._commands(code, background)
+        finally:
+            page.printed[-1] = output.getvalue()
 
     def _commands(self, code: str, background: list[subprocess.Popen[bytes]]) -> None:
         """Run the commands of a block; a line that ends with ``&`` in the background."""
@@ -127,9 +127,18 @@ class Runner:
             if not words:
                 continue
             if words[-1] == "&":
-                background.append(subprocess.Popen(self._shell(line.rpartition("&")[0]), stdout=subprocess.DEVNULL))
-            elif words[0] == "emsid" and not set(words) & {"|", ">", "&&", "<", ";"} and "*" not in line:
-                if status := run_emsid(words):
+                shell = self._shell(line.rpartition("&")[0])
+                process = subprocess.Popen(
+                    shell, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True
+                )
+                background.append(process)
+                if "serve" in words:  # it says when it listens, and ends with the page
+                    print(process.stdout.readline().decode(), end="")  # type: ignore[union-attr]
+            elif words[0] == "emsid" and not set(words) & {"|", "&&", "<", ";"} and "*" not in line:
+                target = words[words.index(">") + 1] if ">" in words else None
+                with redirect_stdout(open(target, "w", encoding="utf-8")) if target else nullcontext():
+                    status = run_emsid(words[: words.index(">")] if target else words)
+                if status:
                     raise RuntimeError(f"exit status {status}: {line}")
             else:
                 done = subprocess.run(self._shell(line), capture_output=True, text=True)
@@ -144,6 +153,55 @@ class Runner:
             path.write_text(f'#!/bin/sh\nexec "{sys.executable}" {words} "$@"\n')
             path.chmod(0o755)
         return ["bash", "-euo", "pipefail", "-c", f"PATH={shlex.quote(str(self.programs))}{os.pathsep}$PATH; {line}"]
+
+
+@contextmanager
+def registries() -> Iterator[None]:
+    """Undo what a page registers, at its end."""
+    from emsid.excitation import SIGNALS
+    from emsid.identification.candidates import CANDIDATES
+    from emsid.io import READERS
+    from emsid.models.blocks.static_maps import STATIC_MAPS
+    from emsid.models.plants.registry import PLANTS
+    from emsid.plant.friction import FRICTION_LAWS
+
+    tables: tuple[dict[str, Any], ...] = (READERS, SIGNALS, STATIC_MAPS, FRICTION_LAWS, PLANTS, CANDIDATES)
+    before = [dict(table) for table in tables]
+    try:
+        yield
+    finally:
+        for table, entries in zip(tables, before, strict=True):
+            table.clear()
+            table.update(entries)
+
+
+def finish(background: list[subprocess.Popen[bytes]]) -> None:
+    """Wait for programs in the background, then end those that serve, as Ctrl-C does.
+
+    Raises:
+        RuntimeError: for one that fails, or does not end.
+    """
+    for process in sorted(background, key=serves):
+        if serves(process):
+            os.killpg(process.pid, signal.SIGINT)
+        try:
+            process.communicate(timeout=60)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise RuntimeError(f"{process.args!r} does not end") from None
+        if process.returncode and not serves(process):
+            raise RuntimeError(f"{process.args!r} ends with status {process.returncode}")
+
+
+def serves(process: subprocess.Popen[bytes]) -> bool:
+    """Whether a program serves until it is stopped."""
+    return " serve " in process.args[-1]  # type: ignore[index]
+
+
+def processor_time() -> float:
+    """Seconds of processor time of this process and of the programs that it has started."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
 
 
 def run_emsid(words: list[str]) -> int:
@@ -201,8 +259,6 @@ class ShowOutput(SphinxTransform):
             return
         runner: Runner = self.app.runner  # type: ignore[attr-defined]
         page = runner.page(name)
-        if len(page.printed) != len(blocks):
-            log.warning("%d fences, %d blocks", len(page.printed), len(blocks), location=name)
         for node, printed in zip(blocks, page.printed, strict=False):
             if printed.strip():
                 node.parent.insert(node.parent.index(node) + 1, shown(printed))

@@ -3,8 +3,9 @@
 import sys
 from pathlib import Path
 
-import emsid
 from sphinx.application import Sphinx
+
+import emsid
 
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 

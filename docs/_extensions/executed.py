@@ -109,7 +109,9 @@ class Runner:
                     os.killpg(process.pid, signal.SIGKILL)
         page.seconds = processor_time() - began
 
-    def _block(self, name: str, language: str, code: str, page: Page, background: list[subprocess.Popen[bytes]]) -> None:
+    def _block(
+        self, name: str, language: str, code: str, page: Page, background: list[subprocess.Popen[bytes]]
+    ) -> None:
         output = io.StringIO()
         try:
             with redirect_stdout(output), redirect_stderr(output):

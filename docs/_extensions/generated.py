@@ -23,11 +23,17 @@ READING = "identify", "describe", "validate"
 def command_line() -> str:
     """The page of all commands with their arguments and options."""
     import typer
+
     from emsid.cli import commands  # noqa: F401 - registers them
     from emsid.cli.app import FIRST_STEPS, app
 
     group = typer.main.get_command(app)
-    reading = set.intersection(*(set(option_names(group.commands[name])) for name in READING)) - {"json", "help", "out", "files"}
+    reading = set.intersection(*(set(option_names(group.commands[name])) for name in READING)) - {
+        "json",
+        "help",
+        "out",
+        "files",
+    }
     lines = ["# Command line", "", "What `emsid` alone prints:", "", "```text", FIRST_STEPS, "```", ""]
     lines += ["`emsid --help`, and `--help` after every command, print what stands here.", ""]
     lines += ["Errors are one line on standard error. The exit status is 0, 2 for an error of the user, and 130 after"]

@@ -148,6 +148,9 @@ def test_the_first_screen_says_which_model_and_how_good_and_shows_its_free_run(r
     (figure,) = page.opening.figures
     assert figure.plots[0].marks[0].label == "measured"
     assert page.advice == tuple(sentence(each) for each in (*result.recommendation, *result.next_steps))
+    tests = next(section for section in page.sections if section.title == "Verdicts")
+    assert [row[0] for row in tests.tables[0].rows] == [each.model for each in result.model_verdicts]
+    assert tests.remarks == tuple(sentence(each) for each in result.model_verdicts)
     assert all(notice.severity in ("warning", "problem") for notice in page.notices)
 
 

@@ -17,7 +17,7 @@ from emsid.models.plants.parameters import Handle, Signal, by_direction, scalar
 from emsid.models.plants.plant import BasePlant, Channels, DrivenPlant, Plant, Quantity, Sizes, StaticCharacteristic
 from emsid.models.plants.registry import register
 from emsid.models.plants.search.choice import choose
-from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
+from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.nouns import linear_axis, motor, rigid_motor
 from emsid.models.plants.search.result import Combination, Estimate, GreyBoxFit, Status
@@ -32,6 +32,7 @@ __all__ = [
     "Bridge",
     "Channels",
     "Combination",
+    "Curve",
     "Drive",
     "DrivenMotor",
     "DrivenPlant",
@@ -62,6 +63,8 @@ __all__ = [
     "by_direction",
     "choose",
     "datasheet",
+    "dead_zone_curve",
+    "friction_curve",
     "friction_law",
     "likelihood_profile",
     "linear_axis",

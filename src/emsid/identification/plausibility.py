@@ -21,7 +21,6 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.regression.narx import Narx
-from emsid.models.regression.regressors import Factor
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -83,7 +82,7 @@ class Plausibility:
             below, above = model.linear_part()
             poles = list(np.roots(below)) if len(below) > 1 else []
             found += self._too_late(_first_lag(model))
-            if _is_linear(model):
+            if model.is_linear:
                 found += [*_cancelled(poles, list(np.roots(above[0]))), *(_too_fast(poles) if model.start else ())]
         return [each.about(model.name) for each in found]
 
@@ -191,9 +190,3 @@ def _first_lag(model: Narx) -> int:
     """The smallest lag of an input."""
     lags = [f.lag for regressor in model.structure.regressors for f in regressor.factors if f.channel]
     return min(lags, default=0)
-
-
-def _is_linear(model: Narx) -> bool:
-    """Whether all regressors are past outputs, past inputs or a constant."""
-    of_signals = [regressor.factors for regressor in model.structure.regressors if regressor.factors]
-    return all(len(factors) == 1 and factors[0] == Factor(factors[0].channel, factors[0].lag) for factors in of_signals)

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import isfinite
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from emsid.errors import EmsidError
 from emsid.identification.characteristics import Characteristic
 from emsid.identification.result import Identification
 from emsid.record import Record
 from emsid.report import views
-from emsid.report.document import Fact, Notice, Report, Section
+from emsid.report.document import Fact, Notice, Report, Section, Table
 from emsid.report.numbers import estimate, number, percent
 from emsid.report.views import terms
 from emsid.units import plain_unit, with_unit
+from emsid.validation.bands import Band, free_run_band
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
 
+if TYPE_CHECKING:
+    from emsid.estimation.fit import Fit
+    from emsid.validation.comparison import Assessment
+
+# Responses of this many models are drawn with bands; a free run with its band, if samples times parameters are fewer.
+BANDED, MOST = 3, 1_000_000
 # At most this many characteristics and notices are on the first screen.
 CHARACTERISTICS, NOTICES = 6, 6
 
@@ -36,24 +49,40 @@ def report(result: Identification, argument: Spelling = as_python) -> Report:
         summary=(summary(result),),
         facts=tuple(facts(result)),
         opening=Section(
-            "", terms=(terms.FREE_RUN, terms.FIT), figures=(views.measured_and_simulated(best, name="best-free-run"),)
+            "",
+            terms=(terms.FREE_RUN, terms.FIT),
+            figures=(views.measured_and_simulated(best, band=_band(best), name="best-free-run"),),
         ),
         notices=tuple(Notice(sentence(each, argument), severity(each).value) for each in first),
         advice=tuple(sentence(each, argument) for each in (*result.recommendation, *result.next_steps)),
         sections=(
             which_model(result),
+            verdicts(result, argument),
             *([Section("More findings", remarks=others)] if others else []),
             free_runs(result),
             Section("The data", figures=(views.inputs((result.record, result.unseen)),)),
-            *(
-                views.model_section(
-                    fit, result.record, profiles=result.profiles.get(fit.model.name, ()), argument=argument
-                )
-                for fit in result.fits
-            ),
+            *(_model(result, fit, argument, with_bands=k < BANDED) for k, fit in enumerate(result.fits)),
         ),
         imprint=f"emsid, from {result.record}",
     )
+
+
+def _model(result: Identification, fit: Fit[Any], argument: Spelling, *, with_bands: bool) -> Section:
+    """The section of a model, with the bands of its responses."""
+    profiles = result.profiles.get(fit.model.name, ())
+    section = views.model_section(fit, result.record, profiles=profiles, argument=argument)
+    figures = views.banded(fit, result.record) if with_bands else ()
+    return replace(section, figures=(*section.figures, *figures))
+
+
+def _band(best: Assessment) -> Band | None:
+    """The band of a free run, if it can be computed in a moment."""
+    if len(best.record) * max(len(best.fit.estimate), 1) > MOST:
+        return None
+    try:
+        return free_run_band(best.fit, best.record, transient=int(np.argmax(best.simulation.counted)))
+    except EmsidError:
+        return None
 
 
 def summary(result: Identification) -> str:
@@ -140,6 +169,45 @@ def which_model(result: Identification) -> Section:
         ),
         figures=(views.ranking(result.on_choice or result.on_unseen),),
     )
+
+
+def verdicts(result: Identification, argument: Spelling) -> Section:
+    """The verdict on every model, and its residual tests."""
+    rows = [
+        (
+            each.model,
+            *_tested(each.data["tests"], "past-inputs"),
+            *_tested(each.data["tests"], "nonlinear-term"),
+            _p_values(each.data["tests"], "past-inputs"),
+            _p_values(each.data["tests"], "whiteness"),
+        )
+        for each in result.model_verdicts
+    ]
+    head = ("Model", "Past inputs", "Limit", "Nonlinear terms", "Limit", "Portmanteau p", "Whiteness p")
+    note = (
+        "Largest correlation of the residual with past inputs, and with nonlinear functions of them, in standard "
+        "deviations; 99 of 100 independent residuals stay below the limit. Portmanteau: the chance of all "
+        "correlations with past inputs as large together as these. Whiteness: of one-step errors (Ljung–Box), for "
+        "models of noise."
+    )
+    remarks = tuple(sentence(each, argument) for each in result.model_verdicts)
+    table = Table(head, tuple(rows), f"Residual tests on {result.unseen.name}.", note)
+    return Section("Verdicts", tables=(table,) if rows else (), remarks=remarks)
+
+
+def _tested(tests: Sequence[Mapping[str, Any]], kind: str) -> tuple[str, str]:
+    """The worst test of a kind and its limit."""
+    of_kind = [each for each in tests if each["test"] == kind]
+    if not of_kind:
+        return "–", "–"
+    worst = max(of_kind, key=lambda each: abs(each["largest"]) / each["limit"])
+    return f"{worst['largest']:.1f}", f"{worst['limit']:.1f}"
+
+
+def _p_values(tests: Sequence[Mapping[str, Any]], kind: str) -> str:
+    """The smallest chance of the tests of a kind."""
+    found = [each["p_value"] for each in tests if each["test"] == kind]
+    return number(min(found)) if found else "–"
 
 
 def free_runs(result: Identification) -> Section:

@@ -1,3 +1,10 @@
+from .bands import Band as Band
+from .bands import FrequencyResponse as FrequencyResponse
+from .bands import free_run_band as free_run_band
+from .bands import frequency_response_band as frequency_response_band
+from .bands import friction_band as friction_band
+from .bands import static_map_band as static_map_band
+from .bands import step_response_band as step_response_band
 from .comparison import Assessment as Assessment
 from .comparison import Comparison as Comparison
 from .comparison import OutputErrors as OutputErrors

@@ -186,6 +186,18 @@ class Cascade:
         vars(new).update(blocks=blocks, input_offset=float(theta[-2]), output_offset=float(theta[-1]))
         return new
 
+    def with_estimates(self, names: Sequence[str], values: Array) -> Cascade:
+        """The same cascade with other values of some parameters, by name.
+
+        Raises:
+            Infeasible: for parameters of a model that cannot be run.
+        """
+        theta = self.parameters.copy()
+        theta[[self.names.index(name) for name in names]] = values
+        moved = self.with_parameters(theta)
+        moved.check()
+        return moved
+
     def check(self) -> None:
         """Refuse parameters of a model that cannot be run.
 

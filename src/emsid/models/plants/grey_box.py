@@ -7,7 +7,7 @@ them the model sees only the input. The parameters are estimated in `search.esti
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -63,6 +63,10 @@ class GreyBox:
     def latency(self) -> int:
         """Zero: its input is held between samples."""
         return 0
+
+    def with_estimates(self, names: Sequence[str], values: Array) -> GreyBox:
+        """The same with other values of some parameters of the plant, by name, in SI units."""
+        return replace(self, plant=self.plant.with_values(dict(zip(names, map(float, values), strict=True))))
 
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> PlantState:
         """The plant at standstill at position zero, with a constant command in the past.

@@ -13,7 +13,7 @@ Sign convention (the paper's and MATLAB's): ``A(q)y = B(q)u + e`` with ``A = 1 +
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -29,7 +29,7 @@ from emsid.models.model import Run, levels
 from emsid.models.regression.initial_state import StartError, estimated_outputs
 from emsid.models.regression.kernels import add_regression, fill, fill_rounding, read_only
 from emsid.models.regression.recursion import Recursion, predict_ahead, recursion, run_freely, weigh
-from emsid.models.regression.regressors import Factor, Regressor, Tables, parse_regressor, tables
+from emsid.models.regression.regressors import Regressor, Tables, parse_regressor, tables
 from emsid.models.regression.sensitivities import largest_output_lag, parts
 from emsid.record import Record
 
@@ -353,13 +353,23 @@ class Narx:
             raise ModelError(f"{self.name} has no term that is linear in an input")
         return control.TransferFunction([[np.trim_zeros(b, "f") for b in above]], [[below] * len(above)], self.dt)
 
+    @property
+    def is_linear(self) -> bool:
+        """Whether all regressors are past outputs, past inputs or a constant."""
+        return all(each.is_linear or not each.factors for each in self.structure.regressors)
+
+    def with_estimates(self, names: Sequence[str], values: Array) -> Narx:
+        """The same model with other parameters (n,), by name."""
+        parameters = self.parameters.copy()
+        parameters[[self.structure.parameter_names.index(name) for name in names]] = values
+        return replace(self, parameters=parameters)
+
     def linear_part(self) -> tuple[Array, Array]:
         """A (memory + 1,) and B (nu, memory + 1) in powers of q⁻¹, of the terms linear in one past output or input."""
         rows = np.zeros((1 + self.structure.inputs, self.structure.memory + 1))
         for regressor, value in zip(self.structure.regressors, self.parameters, strict=True):
-            if len(regressor.factors) == 1 and regressor.factors[0] == Factor(
-                (only := regressor.factors[0]).channel, only.lag
-            ):
+            if regressor.is_linear:
+                only = regressor.factors[0]
                 rows[only.channel, only.lag] += -value if regressor.negative else value
         below = -rows[0]
         below[0] = 1.0

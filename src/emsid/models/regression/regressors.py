@@ -74,6 +74,11 @@ class Regressor:
     factors: tuple[Factor, ...] = ()
     negative: bool = False
 
+    @property
+    def is_linear(self) -> bool:
+        """Whether it is a past signal itself, without a transform, power or product."""
+        return len(self.factors) == 1 and self.factors[0] == Factor(self.factors[0].channel, self.factors[0].lag)
+
     def __str__(self) -> str:
         product = "*".join(str(factor) for factor in self.factors) or "1"
         return f"-{product}" if self.negative else product

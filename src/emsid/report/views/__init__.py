@@ -4,6 +4,7 @@ They return plain data (`emsid.report.document`) for the sections of a report. T
 corresponding figures and tables of the paper.
 """
 
+from emsid.report.views.bands import banded
 from emsid.report.views.conventions import channel_axis, labels
 from emsid.report.views.free_run import measured_and_simulated, ranking, responses
 from emsid.report.views.motor import nonlinearities
@@ -15,6 +16,7 @@ from emsid.report.views.tables import Reference, motor_table, parameter_table, r
 
 __all__ = [
     "Reference",
+    "banded",
     "channel_axis",
     "convergence",
     "critical_intervals",

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import listed
-from emsid.report.document import Axis, Bars, Figure, Ink, Line, Plot, Points, Stroke
+from emsid.report.document import Axis, Band, Bars, Figure, Ink, Line, Plot, Points, Stroke
 from emsid.report.numbers import capital, number, percent
 from emsid.report.views.conventions import MEASURED, MODELS, channels, labels, of_output, output_axis
 from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.units import with_unit
 
 if TYPE_CHECKING:
+    from emsid.validation.bands import Band as Computed
     from emsid.validation.comparison import Assessment, Comparison, OutputErrors, Row
 
 Array = NDArray[np.float64]
@@ -75,8 +76,14 @@ def _within_reach(axis: Axis, measured: Array, marks: Sequence[Line]) -> Axis:
     return Axis(axis.quantity, axis.unit, range=(low - room, high + room)) if astray else axis
 
 
-def measured_and_simulated(assessment: Assessment, *, name: str = "free-run") -> Figure:
-    """A whole record with the free run of one model and, below, the residual, for every output."""
+def measured_and_simulated(assessment: Assessment, *, band: Computed | None = None, name: str = "free-run") -> Figure:
+    """A whole record with the free run of one model and, below, the residual, for every output.
+
+    Args:
+        assessment: the model run over the record.
+        band: of its free run, from `emsid.validation.free_run_band`.
+        name: of the figure.
+    """
     record, row = assessment.record, assessment.row
     t, samples = timeline(record)
     plots, errors = [], []
@@ -88,9 +95,10 @@ def measured_and_simulated(assessment: Assessment, *, name: str = "free-run") ->
             Line(t, measured, "measured", MEASURED),
             Line(t, simulated, f"{row.model}, free run", Stroke(Ink.RED, width=0.9)),
         )
+        around = () if band is None else _around(band, channel, t, samples)
         residual = Line(t, measured - simulated, stroke=Stroke(Ink.BLACK, width=0.7))
         plots += [
-            Plot(lines, TIME, _within_reach(axis, record.output[:, channel], lines), height=1.2),
+            Plot((*around, *lines), TIME, _within_reach(axis, record.output[:, channel], lines), height=1.2),
             Plot((residual,), TIME, Axis("Residual", axis.unit), height=0.7),
         ]
         of: Row | OutputErrors = row.outputs[channel] if row.outputs else row
@@ -102,6 +110,14 @@ def measured_and_simulated(assessment: Assessment, *, name: str = "free-run") ->
         tuple(plots),
         shared_x=True,
     )
+
+
+def _around(band: Computed, channel: int, t: Array, samples: NDArray[np.intp]) -> tuple[Band, ...]:
+    """The band of a free run, where it is known."""
+    low, high = (with_gaps(edge[:, channel], samples) for edge in (band.low, band.high))
+    known = np.isfinite(low) & np.isfinite(high)
+    label = f"{100 * band.level:g} % band of its parameters"
+    return (Band(t[known], low[known], high[known], label, Ink.RED),) if known.any() else ()
 
 
 def ranking(comparison: Comparison, *, name: str = "ranking") -> Figure:

@@ -1,0 +1,157 @@
+"""Views of what a model does, with confidence bands: step and frequency response, static map and friction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError
+from emsid.models.regression.narx import Narx
+from emsid.report.document import Axis, Band, Figure, Ink, Line, Mark, Plot, Stroke
+from emsid.report.numbers import slug
+from emsid.report.views.conventions import channel_axis
+from emsid.report.views.timeline import TIME
+from emsid.validation.bands import (
+    frequency_response_band,
+    friction_band,
+    static_map_band,
+    step_response_band,
+)
+
+if TYPE_CHECKING:
+    from emsid.estimation.fit import Fit
+    from emsid.record import Record
+    from emsid.validation.bands import Band as Computed
+
+Array = NDArray[np.float64]
+
+WIDEST = 1.0
+"""Bands are drawn to this multiple of the range of their curve beyond it."""
+OF_PARAMETERS = "The band is that of the estimated parameters; noise and what the structure lacks come on top."
+
+
+def banded(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = "") -> tuple[Figure, ...]:
+    """The step response, frequency response, static map and friction of a model, as far as it has them, with bands.
+
+    Args:
+        fit: of a model of one input.
+        record: with its sample time and ranges.
+        level: of the bands.
+        name: the beginning of the names of the figures, by default after the model.
+    """
+    prefix = slug(name or fit.model.name)
+    views: list[Callable[[], Figure]] = [lambda: step_response(fit, record, level=level, name=f"{prefix}-step")]
+    if isinstance(fit.model, Narx):
+        views += [
+            lambda: frequency_response(fit, record, level=level, name=f"{prefix}-frequency-response"),
+            lambda: static_map(fit, record, level=level, name=f"{prefix}-static-map"),
+            lambda: regression_friction(fit, record, level=level, name=f"{prefix}-friction"),
+        ]
+    figures = []
+    for view in views:
+        with suppress(EmsidError):
+            figures.append(view())
+    return tuple(figures)
+
+
+def step_response(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = "step") -> Figure:
+    """The response from rest to a step of the input, with its band, for every output.
+
+    Raises:
+        ModelError: for a model of several inputs.
+    """
+    band = step_response_band(fit, record, level=level)
+    plots = []
+    for k, output in enumerate(record.output_names):
+        one = replace(band, value=band.value[:, k], standard_error=band.standard_error[:, k])
+        plots.append(
+            Plot(_marks(one, fit.model.name), TIME, _limited(one, channel_axis(output, record.output_units[k])))
+        )
+    return Figure(name, f"Step response of {fit.model.name} with {_percent(level)} band. {OF_PARAMETERS}", tuple(plots))
+
+
+def frequency_response(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = "response") -> Figure:
+    """Magnitude and phase of a linear model with their bands.
+
+    Raises:
+        ModelError: for a model that is not linear.
+    """
+    found = frequency_response_band(fit, record.dt, level=level)
+    frequency = Axis("Frequency", "Hz", log=True, range=(float(found.magnitude.x[0]), float(found.magnitude.x[-1])))
+    plots = tuple(
+        Plot(_marks(band, label), frequency, _limited(band, Axis(quantity, unit)))
+        for band, label, quantity, unit in (
+            (found.magnitude, fit.model.name, "Magnitude", "dB"),
+            (found.phase, "", "Phase", "deg"),
+        )
+    )
+    caption = f"Frequency response of {fit.model.name} with {_percent(level)} band, up to half the sampling rate."
+    return Figure(name, caption, plots, shared_x=True)
+
+
+def static_map(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = "static-map") -> Figure:
+    """The output of a regression at rest over a constant input, with its band.
+
+    Raises:
+        ModelError: for a model with products of input and output.
+    """
+    band = static_map_band(fit, record, level=level)
+    x, y = (channel_axis(record.input_names[0], record.input_units[0]), _output(record))
+    caption = (
+        f"Output of {fit.model.name} at rest over a constant input, without friction, with {_percent(level)} band."
+    )
+    return Figure(name, caption, (Plot(_marks(band, fit.model.name), x, _limited(band, y), height=1.4),))
+
+
+def regression_friction(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = "friction") -> Figure:
+    """Friction of a regression over the output, in units of the input, with its band.
+
+    Raises:
+        ModelError: for a model without terms that are nonlinear in past outputs.
+    """
+    band = friction_band(fit, record, level=level)
+    taken = Axis(f"{record.input_names[0]} that friction takes up", record.input_units[0])
+    caption = (
+        f"Friction of {fit.model.name} with {_percent(level)} band: what its terms in past outputs take of the input."
+    )
+    return Figure(
+        name, caption, (Plot(_marks(band, fit.model.name), _output(record), _limited(band, taken), height=1.4),)
+    )
+
+
+def _output(record: Record) -> Axis:
+    return channel_axis(record.output_names[0], record.output_units[0])
+
+
+def _percent(level: float) -> str:
+    return f"{100 * level:g} %"
+
+
+def _marks(band: Computed, label: str) -> tuple[Mark, ...]:
+    """The curve over its band, which is cut off where it is much wider than the curve."""
+    low, high = _reach(band)
+    known = np.isfinite(band.value)
+    below, above = (np.clip(edge[known], low, high) for edge in (band.low, band.high))
+    return (
+        Band(band.x[known], below, above, f"{_percent(band.level)} band" if label else ""),
+        Line(band.x, band.value, label, Stroke(Ink.BLUE, width=1.4)),
+    )
+
+
+def _limited(band: Computed, axis: Axis) -> Axis:
+    """The axis with a range, where a band is cut off."""
+    low, high = _reach(band)
+    wide = np.nanmin(band.low) < low or np.nanmax(band.high) > high
+    return replace(axis, range=(low, high)) if wide else axis
+
+
+def _reach(band: Computed) -> tuple[float, float]:
+    """The largest range that is drawn."""
+    low, high = float(np.nanmin(band.value)), float(np.nanmax(band.value))
+    room = WIDEST * (high - low or abs(high) or 1.0)
+    return low - room, high + room

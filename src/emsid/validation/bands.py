@@ -1,0 +1,370 @@
+r"""Confidence bands of what a fitted model does: its free run, step response, frequency response, maps and friction.
+
+The estimate has the covariance P of its fit, which allows for coloured residuals and model error. With P = L·Lᵀ, a
+curve c(θ) changes by δⱼ = ½[c(θ + Lⱼ) − c(θ − Lⱼ)] over a standard error in the direction of column Lⱼ, and its
+variance is Σ δⱼ². For a curve that is linear in θ this is the delta method; otherwise the finite steps average its
+slope over the interval (the sigma points of Julier and Uhlmann). Where one side cannot be run, the other one counts;
+where neither can, the step is shortened.
+
+The bands are about the parameters: with another record of the same length, the curve would lie there. Noise, and what
+the structure lacks, come on top. Parameters that the data do not determine are kept.
+
+References:
+    Julier, Uhlmann, *Unscented filtering and nonlinear estimation*, Proceedings of the IEEE 92 (2004). Ljung, *System
+    Identification*, 2nd ed. (1999), sec. 9.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError, ModelError
+from emsid.estimation.fit import Fit
+from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.fitting import static_band
+from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.model import Model
+from emsid.models.plants.grey_box import GreyBox
+from emsid.models.regression.narx import Narx
+from emsid.models.regression.regressors import Regressor
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+Curve = Callable[[Any], NDArray[Any]]
+
+NEGLIGIBLE = 1e-12
+"""Directions of the scaled covariance with a smaller share of the largest variance are rounding."""
+SHORTER = (1.0, 0.125, 0.015625)
+"""Steps that are tried, in standard errors."""
+POINTS, FREQUENCIES, DECADES = 201, 300, 3.0
+"""Points of a map, and of a frequency response, which covers so many decades."""
+LONGEST = 5_000
+"""Samples of a step response."""
+SETTLED = 0.01
+"""A step response is shown until it stays within this share of its end, and half as long again."""
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """A curve with its confidence band.
+
+    Attributes:
+        x: (m,) time in s, frequency in Hz, or the input of a map.
+        value: (m,) or (m, ny) the curve.
+        standard_error: of the same shape, to first order.
+        level: of the band.
+    """
+
+    x: Array
+    value: Array
+    standard_error: Array
+    level: float
+
+    @property
+    def half(self) -> Array:
+        """Half the width of the band."""
+        from scipy.special import ndtri
+
+        return float(ndtri(0.5 + self.level / 2)) * self.standard_error
+
+    @property
+    def low(self) -> Array:
+        """The lower edge."""
+        return self.value - self.half
+
+    @property
+    def high(self) -> Array:
+        """The upper edge."""
+        return self.value + self.half
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponse:
+    """A frequency response with bands.
+
+    Attributes:
+        magnitude: in dB over Hz.
+        phase: in degrees over Hz.
+    """
+
+    magnitude: Band
+    phase: Band
+
+
+def free_run_band(fit: Fit[Any], record: Record, *, level: float = 0.95, transient: int | None = None) -> Band:
+    """The free run over a record; x is its time in s, NaN stands before the end of a transient.
+
+    Args:
+        fit: of a model with a covariance.
+        record: with the channels of the model.
+        level: of the band.
+        transient: see `emsid.validation.assess`.
+
+    Raises:
+        ModelError: for a record that the model cannot be run on, or a model whose parameters cannot be moved.
+    """
+
+    def curve(model: Model) -> Array:
+        run = model.simulate(record, transient)
+        return np.where(run.counted[:, None], run.output, np.nan)
+
+    time = np.concatenate([segment.time for segment in record.segments])
+    return _band(fit, curve, time, level)
+
+
+def step_response_band(
+    fit: Fit[Any], record: Record, *, size: float | None = None, start: float | None = None, level: float = 0.95
+) -> Band:
+    """The response from rest to a step of the input, over time in s.
+
+    Args:
+        fit: of a model of one input.
+        record: whose sample time and range of the input are taken.
+        size: of the step; by default up to the 90 % quantile of the input in this record.
+        start: the input before the step; by default zero where the input of the record goes there, otherwise its 10 %
+            quantile.
+        level: of the band.
+
+    Raises:
+        ModelError: for a model of several inputs.
+    """
+    if record.input.shape[1] != 1:
+        raise ModelError(f"{fit.model.name}: a step response has one input, and {record.name} {record.input.shape[1]}")
+    u, dt = record.input[:, 0], record.dt
+    low, high = (float(np.quantile(u, share)) for share in (0.1, 0.9))
+    before = start if start is not None else 0.0 if u.min() <= 0.0 <= u.max() else low
+    height = size if size is not None else (high if abs(high) >= abs(low) else low) - before
+
+    def response(model: Model, samples: int) -> Array:
+        late = model.latency
+        state = model.at_rest(before, dt)
+        if before:
+            state = model.run(state, np.full((samples, 1), before))[1]
+        return model.run(state, np.full((samples + late, 1), before + height))[0][late:]
+
+    nominal = response(fit.model, min(len(record), LONGEST))
+    samples = _until_settled(nominal)
+    return _band(fit, lambda model: response(model, samples), dt * np.arange(samples, dtype=float), level)
+
+
+def frequency_response_band(fit: Fit[Any], dt: float, *, level: float = 0.95) -> FrequencyResponse:
+    """The frequency response of a linear model, of the filters of a cascade in a row, or of a plant in motion.
+
+    Args:
+        fit: of a linear regression, a cascade or a plant, of one input and one output.
+        dt: sample time of the record in s; frequencies go up to half the sampling rate.
+        level: of the bands.
+
+    Raises:
+        ModelError: for a model without a frequency response.
+    """
+    top = 0.5 / dt
+    f = np.geomspace(top / 10**DECADES, top, FREQUENCIES)
+
+    def logarithm(model: Any) -> NDArray[np.complex128]:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.log(_response(model, f, dt)))
+
+    value, spread = _with_error(fit, lambda model: _log_parts(logarithm(model)))
+    to_db, to_degrees = 20 / np.log(10), 180 / np.pi
+    return FrequencyResponse(
+        Band(f, to_db * value[:, 0], to_db * spread[:, 0], level),
+        Band(f, to_degrees * value[:, 1], to_degrees * spread[:, 1], level),
+    )
+
+
+def static_map_band(fit: Fit[Any], record: Record, *, level: float = 0.95) -> Band:
+    """The static map of a model over its input.
+
+    Of a cascade it is the first static map, over the signal that enters it in the record; of a regression the output at
+    rest for a constant input, from all terms but those that are nonlinear in past outputs (friction).
+
+    Args:
+        fit: of a cascade or a regression.
+        record: with the inputs to show.
+        level: of the band.
+
+    Raises:
+        ModelError: for a model without a static map, or with products of input and output.
+    """
+    model = fit.model
+    if isinstance(model, Cascade):
+        k = next((k for k, block in enumerate(model.blocks) if isinstance(block, StaticMap)), None)
+        if k is None:
+            raise ModelError(f"{model.name} has no static map")
+        u = [segment.input[:, 0] for segment in record.segments]
+        entering = np.concatenate([model.signals(each, model.resting(float(each[0])))[k] for each in u])
+        x = np.linspace(float(entering.min()), float(entering.max()), POINTS)
+        value, error = static_band(fit, k, x).T
+        return Band(x, value, error, level)
+    terms = _of_one_side(model)
+    x = np.linspace(float(record.input.min()), float(record.input.max()), POINTS)
+
+    def at_rest(moved: Narx) -> Array:
+        inputs = _sum(moved, terms[1], x) + _sum(moved, terms[None], x)
+        return np.asarray(inputs / (1.0 - _sum(moved, _linear(terms[0]), np.ones(1))))
+
+    return _band(fit, at_rest, x, level)
+
+
+def friction_band(fit: Fit[Any], record: Record, *, level: float = 0.95) -> Band:
+    """Friction of a regression over the output, as the part of the input that it takes up.
+
+    It is what the terms that are nonlinear in past outputs do at a constant output, divided by the slope of the input
+    over its range. `emsid.plants.friction_curve` is that of a plant.
+
+    Args:
+        fit: of a regression with such terms.
+        record: with the range of input and output.
+        level: of the band.
+
+    Raises:
+        ModelError: for a model without such terms, or with products of input and output.
+    """
+    terms = _of_one_side(fit.model)
+    bent = [k for k in terms[0] if k not in _linear(terms[0])]
+    if not bent:
+        raise ModelError(f"{fit.model.name} has no term that is nonlinear in past outputs")
+    low, high = np.quantile(record.input, (0.01, 0.99))
+    x = np.linspace(float(record.output.min()), float(record.output.max()), POINTS)
+
+    def friction(moved: Narx) -> Array:
+        slope = np.diff(_sum(moved, terms[1], np.array([low, high])))[0] / (high - low)
+        return np.asarray(-_sum(moved, {k: terms[0][k] for k in bent}, x) / slope)
+
+    return _band(fit, friction, x, level)
+
+
+def _until_settled(response: Array) -> int:
+    """The samples of a step response to show."""
+    end, reach = response[-1], np.max(np.abs(response - response[0]), axis=0)
+    away = np.flatnonzero(np.any(np.abs(response - end) > SETTLED * reach, axis=1))
+    settled = int(away[-1]) + 2 if len(away) else 2
+    return min(len(response), max(20, settled * 3 // 2))
+
+
+def _band(fit: Fit[Any], curve: Curve, x: Array, level: float) -> Band:
+    value, error = _with_error(fit, curve)
+    return Band(x, value, error, level)
+
+
+def _with_error(fit: Fit[Any], curve: Curve) -> tuple[Array, Array]:
+    """A curve and its standard error."""
+    here = np.asarray(curve(fit.model), dtype=float)
+    variance = np.zeros_like(here)
+    for direction in _directions(fit.covariance):
+        for step in SHORTER:
+            change = _change(fit, curve, here, step * direction)
+            if change is not None:
+                variance += (change / step) ** 2
+                break
+    return here, np.sqrt(variance)
+
+
+def _directions(covariance: Array) -> list[Array]:
+    """The columns of L with P = L·Lᵀ, for the parameters of finite variance."""
+    deviation = np.sqrt(np.diag(covariance))
+    known = np.flatnonzero(np.isfinite(deviation) & (deviation > 0))
+    if not len(known):
+        return []
+    scale = deviation[known]
+    size, axes = np.linalg.eigh(covariance[np.ix_(known, known)] / np.outer(scale, scale))
+    columns = []
+    for k in np.flatnonzero(size > NEGLIGIBLE * size[-1]):
+        column = np.zeros(len(covariance))
+        column[known] = scale * np.sqrt(size[k]) * axes[:, k]
+        columns.append(column)
+    return columns
+
+
+def _change(fit: Fit[Any], curve: Curve, here: Array, move: Array) -> Array | None:
+    """The change of a curve over a move of the estimate; None where it cannot be computed."""
+    above, below = (_moved(fit, curve, here, fit.estimate + side * move) for side in (1, -1))
+    if above is not None and below is not None:
+        return (above - below) / 2
+    return above - here if above is not None else here - below if below is not None else None
+
+
+def _moved(fit: Fit[Any], curve: Curve, here: Array, theta: Array) -> Array | None:
+    """The curve of the model with another estimate; None where that cannot be run, or diverges."""
+    move = getattr(fit.model, "with_estimates", None)
+    if move is None:
+        raise ModelError(f"{fit.model.name}: the parameters of this kind of model cannot be moved, so it has no band")
+    try:
+        with np.errstate(all="ignore"):
+            found = np.asarray(curve(move(fit.names, theta)), dtype=float)
+    except (EmsidError, Infeasible, ValueError, ArithmeticError):
+        return None
+    return found if np.isfinite(found[np.isfinite(here)]).all() else None
+
+
+def _log_parts(logarithm: NDArray[np.complex128]) -> Array:
+    """(m, 2) log magnitude, and phase without jumps, in rad."""
+    return np.column_stack([logarithm.real, np.unwrap(logarithm.imag)])
+
+
+def _response(model: Any, f: Array, dt: float) -> NDArray[np.complex128]:
+    """The frequency response at frequencies f (m,) in Hz.
+
+    Raises:
+        ModelError: for a model without one.
+    """
+    z = np.exp(-2j * np.pi * f * dt)
+    if isinstance(model, Cascade):
+        filters = [block for block in model.blocks if isinstance(block, Rational)]
+        if filters:
+            inside = dt / model.oversampling
+            return np.asarray(z**model.delay * np.prod([block.response(f, inside) for block in filters], axis=0))
+    if isinstance(model, Narx) and model.is_linear and model.structure.inputs == 1:
+        below, above = model.linear_part()
+        polynomial = np.polynomial.polynomial.polyval
+        return np.asarray(polynomial(z, above[0]) / polynomial(z, below), dtype=complex)
+    if isinstance(model, GreyBox):
+        part = model.plant.linearised(model.signals)
+        if part is not None:
+            s = 2j * np.pi * f[:, None, None] * np.eye(len(part.a))
+            states = np.linalg.solve(s - part.a, np.broadcast_to(part.b[:, :1], (len(f), len(part.a), 1)))
+            return np.asarray((part.c[:1] @ states)[:, 0, 0] + part.d[0, 0])
+    raise ModelError(f"{model.name} has no frequency response: it is not linear, or has several inputs")
+
+
+def _of_one_side(model: Any) -> dict[int | None, dict[int, Regressor]]:
+    """The regressors of past outputs (0), of past inputs (1) and constants (None), by their places.
+
+    Raises:
+        ModelError: for a model that is no regression of one input, or has products of input and output.
+    """
+    if not isinstance(model, Narx) or model.structure.inputs != 1:
+        raise ModelError(f"{model.name} is no regression of one input")
+    sides: dict[int | None, dict[int, Regressor]] = {0: {}, 1: {}, None: {}}
+    for k, regressor in enumerate(model.structure.regressors):
+        channels = {factor.channel for factor in regressor.factors}
+        if len(channels) > 1:
+            raise ModelError(f"{model.name} has products of input and output, so it has no static map and no friction")
+        sides[next(iter(channels), None)][k] = regressor
+    return sides
+
+
+def _linear(regressors: dict[int, Regressor]) -> dict[int, Regressor]:
+    """Those that are a past signal itself."""
+    return {k: each for k, each in regressors.items() if each.is_linear}
+
+
+def _sum(model: Narx, regressors: dict[int, Regressor], x: Array) -> Array:
+    """(m,) what regressors add to the output where their signal has been constant at x (m,)."""
+    total = np.zeros(len(x))
+    for k, regressor in regressors.items():
+        value = np.full(len(x), -model.parameters[k] if regressor.negative else model.parameters[k])
+        for factor in regressor.factors:
+            value = (
+                value * np.array([factor.transform.definition(each, factor.parameter) for each in x]) ** factor.power
+            )
+        total += value
+    return total

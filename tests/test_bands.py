@@ -1,0 +1,179 @@
+"""Confidence bands of runs, responses, maps and friction: against closed forms, and by repetition."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import emsid
+from emsid.blocks import DeadZone, Rational
+from emsid.estimation.fit import Fit
+from emsid.validation import (
+    free_run_band,
+    frequency_response_band,
+    friction_band,
+    static_map_band,
+    step_response_band,
+)
+
+DT, POLE, GAIN = 0.01, 0.9, 3.0
+
+
+def record(seed, noise=0.05, samples=600, of=lambda u: u):
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1, 1, samples // 6), 6)
+    y = lfilter([0.0, GAIN * (1 - POLE)], [1.0, -POLE], of(u)) + noise * rng.standard_normal(samples)
+    return emsid.Record(u, y, DT, input_units=("V",), output_units=("rad/s",))
+
+
+def arx(a=-POLE, b=GAIN * (1 - POLE), deviation=(1e-3, 3e-3)):
+    """A fit with these estimates and independent errors."""
+    model = emsid.arx(1, 1).model(np.array([a, b]), record(0))
+    return Fit(model, model.structure.parameter_names, np.array([a, b]), np.diag(deviation) ** 2, 1.0, 500.0, 1.0, 2)
+
+
+def test_the_band_of_a_curve_that_is_linear_in_the_estimate_is_exact():
+    band = static_map_band(arx(deviation=(0.0, 3e-3)), record(0))
+    assert band.value == pytest.approx(GAIN * band.x)
+    assert band.standard_error == pytest.approx(np.abs(band.x) * 3e-3 / (1 - POLE))
+    assert band.high - band.value == pytest.approx(1.959964 * band.standard_error)
+
+
+def test_bands_follow_the_delta_method_where_errors_are_small():
+    fit, known = arx(deviation=(1e-6, 1e-6)), record(1)
+    steps = step_response_band(fit, known, size=1.0)
+    n = np.arange(0.0, len(steps.x))  # the first input acts one sample later
+    by_pole = GAIN * (1 - POLE) * ((1 - POLE**n) / (1 - POLE) ** 2 - n * POLE ** (n - 1) / (1 - POLE))
+    by_gain = (1 - POLE**n) / (1 - POLE)
+    assert steps.value[:, 0] == pytest.approx(GAIN * (1 - POLE**n), abs=1e-9)
+    assert steps.standard_error[:, 0] == pytest.approx(1e-6 * np.hypot(by_pole, by_gain), rel=1e-3, abs=1e-12)
+    assert steps.x[1] == pytest.approx(DT)
+
+
+def test_a_frequency_response_has_bands_of_magnitude_and_phase():
+    fit = arx(deviation=(0.0, 3e-3))
+    found = frequency_response_band(fit, DT)
+    z = np.exp(-2j * np.pi * found.magnitude.x * DT)
+    truth = GAIN * (1 - POLE) * z / (1 - POLE * z)
+    assert found.magnitude.value == pytest.approx(20 * np.log10(np.abs(truth)))
+    assert found.phase.value == pytest.approx(np.degrees(np.unwrap(np.angle(truth))))
+    relative = 3e-3 / (GAIN * (1 - POLE))
+    assert found.magnitude.standard_error == pytest.approx(np.full(len(z), 20 / np.log(10) * relative), rel=1e-3)
+    assert np.max(found.phase.standard_error) < 1e-9
+
+
+def test_bands_cover_the_truth_as_often_as_they_say():
+    fresh, exact = record(99, noise=0.0), arx().model
+    free = exact.simulate(fresh).output
+    steps = exact.run(exact.at_rest(), np.ones((500, 1)))[0]
+    inside = []
+    for seed in range(40):
+        fit = emsid.fit(emsid.arx(1, 1), record(seed), free_run=True)
+        fit = replace(fit, model=replace(fit.model, start=0))
+        bands = (
+            (free_run_band(fit, fresh, transient=1), free),
+            (step_response_band(fit, fresh, size=1.0), steps),
+            (levels := static_map_band(fit, fresh), GAIN * levels.x),
+        )
+        for band, truth in bands:
+            within = (band.low <= truth[: len(band.x)]) & (truth[: len(band.x)] <= band.high)
+            inside.append(np.mean(within[2:]))
+    shares = np.mean(np.reshape(inside, (-1, 3)), axis=0)
+    assert np.all(shares > 0.86)  # three standard errors of 40 records below 0.95
+    assert np.all(shares < 1.0)
+
+
+def test_a_cascade_has_the_bands_of_its_map_and_of_its_filters_in_a_row():
+    known = record(3, of=lambda u: np.sign(u) * np.maximum(np.abs(u) - 0.3, 0.0))
+    model = emsid.Cascade((DeadZone(-0.3, 0.3), Rational([0.1], [-POLE], 1)), name="hammerstein", dt=DT)
+    names = ("f.b_r", "G.a1")
+    estimate = np.array([0.3, -POLE])
+    fit = Fit(model, names, estimate, np.diag([1e-4, 1e-6]), 1.0, 500.0, 1.0, 2)
+    zone = static_map_band(fit, known)
+    inside = (zone.x > -0.2) & (zone.x < 0.2)
+    assert np.all(zone.standard_error[inside] == 0)
+    assert np.all(zone.standard_error[zone.x > 0.35] == pytest.approx(0.01))
+    response = frequency_response_band(fit, DT)
+    assert response.magnitude.value[0] == pytest.approx(0.0, abs=0.05)  # a gain of one
+    assert np.all(response.magnitude.standard_error > 0)
+    run = free_run_band(fit, known)
+    assert np.isnan(run.value[: model.memory]).all()
+    assert np.all(run.standard_error[model.memory :] > 0)
+
+
+def test_a_plant_has_bands_and_one_that_cannot_be_moved_says_so():
+    plant = emsid.plants.rigid_motor()
+    u = np.repeat(np.random.default_rng(4).uniform(-10, 10, 30), 10)[:, None]
+    signals = (emsid.plants.Signal.SPEED,)
+    y = plant.simulate(u, 0.005, np.zeros(plant.states), signals)
+    known = emsid.Record(u, y, 0.005, input_units=("V",), output_units=("rad/s",))
+    model = emsid.GreyBox(plant, signals)
+    value = plant.value("motor_constant")
+    fit = Fit(model, ("motor_constant",), np.array([value]), np.array([[(0.01 * value) ** 2]]), 1.0, 300.0, 1.0, 1)
+    step = step_response_band(fit, known, size=6.0)
+    assert 0.001 < step.standard_error[-1, 0] / step.value[-1, 0] < 0.02
+    found = frequency_response_band(fit, 0.005)
+    assert found.magnitude.standard_error[0] > 0
+    unmoved = Fit(emsid.fit(emsid.state_space(1), known).model, ("a",), np.ones(1), np.eye(1), 1.0, 300.0, 1.0, 1)
+    with pytest.raises(emsid.ModelError, match="no band"):
+        free_run_band(unmoved, known)
+
+
+def test_friction_of_a_regression_is_in_units_of_the_input():
+    structure = emsid.Structure.parse("y(t-1)", "u(t-1)", "sign(y(t-1))")
+    known = record(5)
+    fit = Fit(
+        structure.model(np.array([POLE, 0.3, -0.06]), known),
+        structure.parameter_names,
+        np.array([POLE, 0.3, -0.06]),
+        np.diag([0.0, 0.0, 1e-6]),
+        1.0,
+        500.0,
+        1.0,
+        3,
+    )
+    band = friction_band(fit, known)
+    assert band.value[band.x > 0] == pytest.approx(0.2)  # 0.06/0.3
+    assert band.value[band.x < 0] == pytest.approx(-0.2)
+    assert band.standard_error[band.x > 0] == pytest.approx(1e-3 / 0.3)
+    with pytest.raises(emsid.ModelError, match="no term that is nonlinear"):
+        friction_band(arx(), known)
+    product = emsid.Structure.parse("y(t-1)*u(t-1)").model(np.array([0.1]), known)
+    with pytest.raises(emsid.ModelError, match="products"):
+        friction_band(replace(fit, model=product), known)
+
+
+def test_a_parameter_without_a_variance_adds_nothing_and_an_unstable_side_is_left_out():
+    known = record(6)
+    fit = arx(deviation=(np.inf, 1e-3))
+    assert np.all(np.isfinite(free_run_band(fit, known).standard_error[1:]))
+    edge = arx(a=-0.99, deviation=(0.5, 0.0))  # a pole of 1.49 on one side
+    assert np.all(np.isfinite(free_run_band(edge, known).standard_error[1:]))
+
+
+@pytest.mark.parametrize("name", ["frequency_response_band", "static_map_band"])
+def test_what_has_no_such_curve_says_so(name):
+    known = record(7)
+    product = emsid.Structure.parse("y(t-1)*u(t-1)")
+    fit = Fit(product.model(np.array([0.1]), known), product.parameter_names, np.array([0.1]), np.eye(1), 1, 9, 1, 1)
+    with pytest.raises(emsid.ModelError):
+        getattr(emsid.validation, name)(fit, DT if name == "frequency_response_band" else known)
+
+
+def test_the_page_draws_what_a_model_has_with_its_bands():
+    from emsid.report.document import Band
+    from emsid.report.views import banded, measured_and_simulated
+    from emsid.validation import assess
+
+    known = record(8)
+    fit = emsid.fit(emsid.arx(1, 1), known, free_run=True)
+    figures = banded(fit, known)
+    assert [figure.name for figure in figures] == ["arx-1-1-step", "arx-1-1-frequency-response", "arx-1-1-static-map"]
+    assert all(isinstance(plot.marks[0], Band) for figure in figures for plot in figure.plots)
+    seen = assess(fit, known)
+    run = measured_and_simulated(seen, band=free_run_band(fit, known, transient=seen.fit.model.memory))
+    assert isinstance(run.plots[0].marks[0], Band)
+    assert not isinstance(measured_and_simulated(seen).plots[0].marks[0], Band)

@@ -171,7 +171,7 @@ def test_the_page_draws_what_a_model_has_with_its_bands():
     known = record(8)
     fit = emsid.fit(emsid.arx(1, 1), known, free_run=True)
     figures = banded(fit, known)
-    assert [figure.name for figure in figures] == ["arx-1-1-step", "arx-1-1-frequency-response", "arx-1-1-static-map"]
+    assert [figure.name for figure in figures] == ["arx-step", "arx-frequency-response", "arx-static-map"]
     assert all(isinstance(plot.marks[0], Band) for figure in figures for plot in figure.plots)
     seen = assess(fit, known)
     run = measured_and_simulated(seen, band=free_run_band(fit, known, transient=seen.fit.model.memory))

@@ -18,11 +18,11 @@ from emsid.report.document import Fact, Notice, Report, Section, Table
 from emsid.report.numbers import estimate, number, percent
 from emsid.report.views import terms
 from emsid.units import plain_unit, with_unit
-from emsid.validation.bands import Band, free_run_band
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
+    from emsid.validation.bands import Band
     from emsid.validation.comparison import Assessment
 
 # Responses of this many models are drawn with bands; a free run with its band, if samples times parameters are fewer.
@@ -77,6 +77,8 @@ def _model(result: Identification, fit: Fit[Any], argument: Spelling, *, with_ba
 
 def _band(best: Assessment) -> Band | None:
     """The band of a free run, if it can be computed in a moment."""
+    from emsid.validation.bands import free_run_band
+
     if len(best.record) * max(len(best.fit.estimate), 1) > MOST:
         return None
     try:

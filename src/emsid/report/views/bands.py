@@ -11,17 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
-from emsid.models.regression.narx import Narx
 from emsid.report.document import Axis, Band, Figure, Ink, Line, Mark, Plot, Stroke
 from emsid.report.numbers import slug
 from emsid.report.views.conventions import channel_axis
 from emsid.report.views.timeline import TIME
-from emsid.validation.bands import (
-    frequency_response_band,
-    friction_band,
-    static_map_band,
-    step_response_band,
-)
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
@@ -46,7 +39,7 @@ def banded(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = ""
     """
     prefix = slug(name or fit.model.name)
     views: list[Callable[[], Figure]] = [lambda: step_response(fit, record, level=level, name=f"{prefix}-step")]
-    if isinstance(fit.model, Narx):
+    if hasattr(fit.model, "structure"):  # a cascade and a plant have views of their own
         views += [
             lambda: frequency_response(fit, record, level=level, name=f"{prefix}-frequency-response"),
             lambda: static_map(fit, record, level=level, name=f"{prefix}-static-map"),
@@ -65,6 +58,8 @@ def step_response(fit: Fit[Any], record: Record, *, level: float = 0.95, name: s
     Raises:
         ModelError: for a model of several inputs.
     """
+    from emsid.validation.bands import step_response_band
+
     band = step_response_band(fit, record, level=level)
     plots = []
     for k, output in enumerate(record.output_names):
@@ -81,6 +76,8 @@ def frequency_response(fit: Fit[Any], record: Record, *, level: float = 0.95, na
     Raises:
         ModelError: for a model that is not linear.
     """
+    from emsid.validation.bands import frequency_response_band
+
     found = frequency_response_band(fit, record.dt, level=level)
     frequency = Axis("Frequency", "Hz", log=True, range=(float(found.magnitude.x[0]), float(found.magnitude.x[-1])))
     plots = tuple(
@@ -100,6 +97,8 @@ def static_map(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str 
     Raises:
         ModelError: for a model with products of input and output.
     """
+    from emsid.validation.bands import static_map_band
+
     band = static_map_band(fit, record, level=level)
     x, y = (channel_axis(record.input_names[0], record.input_units[0]), _output(record))
     caption = (
@@ -114,6 +113,8 @@ def regression_friction(fit: Fit[Any], record: Record, *, level: float = 0.95, n
     Raises:
         ModelError: for a model without terms that are nonlinear in past outputs.
     """
+    from emsid.validation.bands import friction_band
+
     band = friction_band(fit, record, level=level)
     taken = Axis(f"{record.input_names[0]} that friction takes up", record.input_units[0])
     caption = (

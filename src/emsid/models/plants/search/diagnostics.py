@@ -120,7 +120,13 @@ def friction_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> C
 
 
 def dead_zone_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> Curve | None:
-    """What comes through the dead zone over what is applied, in V (N of an axis); None for a plant without one."""
+    """What comes through the dead zone over what is applied, in V (N of an axis); None for a plant without one.
+
+    Args:
+        fit: of a plant.
+        points: of the curve.
+        level: of the band, by the covariance to first order.
+    """
     plant, driven = fit.model.plant, fit.model.plant.driven
     if plant.dead_zone_characteristic() is None or driven is None:
         return None

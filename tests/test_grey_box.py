@@ -865,7 +865,7 @@ def test_a_fit_that_stalls_says_whether_others_end_there_too(monkeypatch, wanted
     def in_steps(error, dt):  # its derivative leads astray
         return np.round(error, 3)
 
-    monkeypatch.setattr("emsid.models.plants.search.estimation.AGREEING", wanted)  # of 6
+    monkeypatch.setattr("emsid.estimation.nonlinear.restarts.AGREEING", wanted)  # of 6
     bounds = {"motor_constant": (0.0501, 0.06)}
     fit = simulation_error(
         MOTOR.with_values({"motor_constant": 0.0501}),

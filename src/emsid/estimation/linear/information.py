@@ -15,7 +15,7 @@ problem. The factor is unique up to the signs of its rows, so the order of the r
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -106,6 +106,19 @@ class Information:
         factor = self.factor.copy()
         add_rows(factor, columns)
         return Information(factor, self.samples + columns.shape[1])
+
+    def add_part(self, parameters: ArrayLike, columns: Array) -> Information:
+        """With further rows that depend on these parameters alone; their number counts, not that of all.
+
+        Args:
+            parameters: m positions among the n.
+            columns: (m + 1, k) C-contiguous columns of [Φ y] for them.
+        """
+        own = np.asarray(parameters, dtype=int)
+        part = Information.empty(len(own)).add_columns(columns).factor
+        rows = np.zeros((self.parameters + 1, len(part)))
+        rows[np.append(own, self.parameters)] = part.T
+        return replace(self.add_columns(rows), samples=self.samples + columns.shape[1])
 
     def merge(self, other: Information) -> Information:
         """The information of both."""

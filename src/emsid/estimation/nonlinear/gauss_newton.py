@@ -481,14 +481,18 @@ def _linearise(
                 f"{len(theta)} parameters give (N,) and (N, {len(theta)})"
             )
         root = np.sqrt(loss.weight(residual))
-        columns = np.empty((len(varied) + 1, len(residual)))
-        for row, k in enumerate(varied):
+        # Initial states of other segments have derivatives of zero, which need not be reduced.
+        own = np.flatnonzero([jacobian[:, k].any() for k in varied]) if len(blocks) > 1 else np.arange(len(varied))
+        columns = np.empty((len(own) + 1, len(residual)))
+        for row, k in enumerate(varied[own]):
             np.multiply(jacobian[:, k], root, out=columns[row])
         np.multiply(residual, -root, out=columns[-1])
         if not np.isfinite(columns.sum()):
-            bad = varied[~np.isfinite(columns[:-1]).all(axis=1)]
+            bad = varied[own][~np.isfinite(columns[:-1]).all(axis=1)]
             raise ModelError(f"the derivative with respect to parameters {bad.tolist()} is not finite")
-        information = information.add_columns(columns)
+        information = (
+            information.add_columns(columns) if len(own) == len(varied) else information.add_part(own, columns)
+        )
         cost += float(np.sum(loss.cost(residual)))
     return cost, blocks, information
 

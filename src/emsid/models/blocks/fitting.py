@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +24,7 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton, undetermined
 from emsid.estimation.nonlinear.losses import SQUARES, Loss, Squares
+from emsid.estimation.nonlinear.restarts import begun_again
 from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.estimation.uncertainty.model_error import model_error_covariance
 from emsid.findings import Finding
@@ -193,8 +194,7 @@ class FreeRun:
             signals = model.signals(u, self._states(theta, k))
             rows = model.gradient(signals)
             self.freedom.tie(rows)
-            derivative = np.empty((len(theta), len(u) - self.transient))
-            derivative[count:] = 0.0
+            derivative = np.zeros((len(theta), len(u) - self.transient))
             for j, row in enumerate(self.freedom.free):
                 derivative[j] = rows[row, self.transient :]
             first = count + k * model.states
@@ -216,6 +216,7 @@ class Search(TypedDict, total=False):
     max_iterations: int
     tolerance: float
     least_saving: float
+    restarts: bool
     control: Control
 
 
@@ -231,6 +232,7 @@ def fit_cascade(start: Cascade, records: Record | Sequence[Record], **how: Unpac
     Raises:
         ModelError: for records with other channels or too few samples, or an unstable start.
     """
+    how.setdefault("restarts", "max_iterations" not in how)
     return conclude(*search(start, records, **how), how.get("loss", SQUARES))
 
 
@@ -244,6 +246,7 @@ def search(
     max_iterations: int = 50,
     tolerance: float = 0.05,
     least_saving: float = 0.0,
+    restarts: bool = False,
     control: Control = FREE,
 ) -> tuple[Minimum, FreeRun]:
     """The minimum of `fit_cascade` without its covariance, for comparisons of models.
@@ -256,6 +259,8 @@ def search(
         fixed: names of parameters that keep their (normalised) start values.
         loss: `Squares`, `Huber` or `Cauchy`.
         max_iterations, tolerance, least_saving, control: as in `gauss_newton`.
+        restarts: whether a search that does not converge is begun again, see `begun_again`; `fit_cascade` does that
+            unless ``max_iterations`` is given.
 
     Raises:
         ModelError: for records with other channels or too few samples, or an unstable start.
@@ -275,19 +280,17 @@ def search(
         low[count:] = high[count:] = theta[count:]
     names = [cascade.names[k] for k in problem.freedom.free]
     names += [f"state {j + 1} of segment {k + 1}" for k in range(len(problem.segments)) for j in range(cascade.states)]
-    minimum = gauss_newton(
-        problem,
-        theta,
-        lower=low,
-        upper=high,
-        loss=loss,
-        max_iterations=max_iterations,
-        tolerance=tolerance,
-        least_saving=least_saving,
-        names=names,
-        control=control,
-        penalties=problem.penalties,
-    )
+
+    options: dict[str, Any] = {"max_iterations": max_iterations, "least_saving": least_saving}
+    same: dict[str, Any] = {"lower": low, "upper": high, "loss": loss, "tolerance": tolerance, "names": names}
+    same |= {"control": control, "penalties": problem.penalties}
+
+    def searched(theta: Array, **others: Any) -> Minimum:
+        return gauss_newton(problem, theta, **same, **(options | others))
+
+    minimum = searched(theta)
+    if restarts:
+        minimum = begun_again(minimum, searched, count, control)
     return minimum, problem
 
 

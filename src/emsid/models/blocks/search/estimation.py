@@ -246,6 +246,7 @@ def estimate(
             transient=settings.transient,
             loss=settings.loss,
             max_iterations=settings.max_iterations,
+            restarts=True,
             control=control.during(f"fitting {topology.name}"),
         )
         fit = conclude(found.minimum, found.problem, settings.loss)

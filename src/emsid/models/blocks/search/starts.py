@@ -93,13 +93,18 @@ def linear_candidates(
         total: order of the approximation; its zeros are divided in any way that keeps the filters proper.
         oversampling: of the cascade.
     """
-    b, a, _ = fit_rational(frequency_response(segments), total + 1, total, oversampling)
+    response = frequency_response(segments)
+    b, a, _ = fit_rational(response, total + 1, total, oversampling)
     whole = Rational(b, a)
     first, second = orders
     if first is None or second is None:
         yield (whole, None) if second is None else (None, whole)
         return
     poles, zeros = _groups(whole.poles), _groups(whole.zeros)
+    if first % 2 and second % 2 and all(len(group) == 2 for group in zeros):
+        # Pairs of zeros cannot be divided between two odd orders; of one zero less, one at least is real.
+        b, a, _ = fit_rational(response, total, total, oversampling)
+        poles, zeros = _groups(Rational(b, a).poles), _groups(Rational(b, a).zeros)
     if not any(True for _ in _splits(poles, first)):
         poles = _parted(poles)
     count = 0

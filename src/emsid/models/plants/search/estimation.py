@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.estimation.nonlinear.restarts import RESTARTS, confirmed
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.plants.beginning import agrees, starts_from_samples
@@ -167,37 +168,8 @@ def _begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
             again = continuation.search(task, there.plant, max_iterations)
             reached = again if again.minimum.cost < reached.minimum.cost else reached
         if reached.minimum.ending is Ending.STALLED and tuple(reached.names) == there.names:
-            return _confirmed(reached, there.ends)
+            return reached._replace(minimum=confirmed(reached.minimum, there.ends))
     return reached
-
-
-def _confirmed(reached: Reached, ends: Sequence[tuple[float, Array]]) -> Reached:
-    """A search that stalled, as converged if others that began around its end found no lower cost and some the same.
-
-    The error of a free run is not smooth where the motion sticks for one value and slides for the next, so that the
-    derivative promises a descent that there is not. The estimates of ends with the same cost differ by more than the
-    derivative says; their spread is added to the covariance.
-    """
-    minimum, count = reached.minimum, len(reached.names)
-    same = [values for cost, values in ends if cost <= (1 + SAME) * minimum.cost]
-    if len(same) < AGREEING or not np.isfinite(minimum.covariance).all():
-        return reached
-    apart = np.zeros((len(minimum.estimate), len(same)))
-    apart[:count] = np.array(same).T - minimum.estimate[:count, None]
-    apart[~minimum.free] = 0.0
-    finding = Finding("minimum-not-smooth", "", {"starts": len(ends) + 1, "agreeing": len(same) + 1})
-    findings = tuple(finding if each.code == "search-stalled" else each for each in minimum.findings)
-    spread = minimum.covariance + apart @ apart.T / len(same)
-    confirmed = replace(minimum, ending=Ending.CONVERGED, covariance=spread, findings=findings)
-    return reached._replace(minimum=confirmed)
-
-
-RESTARTS = 6
-"""How often a search that stalled begins again."""
-SAME = 0.01
-"""Ends of searches whose costs differ by less than this part are in the same minimum."""
-AGREEING = 3
-"""How many searches must end in the same minimum as one that stalled, for that to be taken for the minimum."""
 
 
 def _concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.restarts import SLOW, STEPS, drawn
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.plants.beginning import starts_from_samples
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
@@ -38,12 +39,6 @@ Array = NDArray[np.float64]
 
 KEPT, FIRST_STEPS = 5, 5
 """How many starts take steps, and how many steps before all but the best stop."""
-STEPS = 25
-"""Steps of the best."""
-SLOW = 1e-3
-"""A trial ends where several steps together lower its cost by less than this part."""
-FAR = 2.0
-"""How many standard deviations away a trial is begun again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +143,8 @@ class Trials:
                 break
             lower, upper = problem.within(self._bounds(trial.plant, trial.names))
             try:
-                theta = np.clip(problem.start + _perturbation(problem, trial, rng), lower, upper)
+                slopes = np.vstack([jacobian for _, jacobian in problem.exactly(problem.start)])
+                theta = np.clip(problem.start + drawn(slopes, trial.residuals, rng), lower, upper)
                 again = self._searched(problem.begun_at(theta), STEPS)
             except EmsidError:
                 continue
@@ -208,14 +204,3 @@ class Trials:
         plant = problem.plant.driven
         assert plant is not None
         return Trial(plant, tuple(problem.free), problem.states(problem.start), cost, residuals)
-
-
-def _perturbation(problem: FreeRunError, trial: Trial, rng: np.random.Generator) -> Array:
-    """A draw from `FAR` times the covariance of an estimate in coloured noise."""
-    slopes = np.vstack([jacobian for _, jacobian in problem.exactly(problem.start)])
-    sizes = np.linalg.norm(slopes, axis=0)
-    sizes[sizes == 0] = 1.0
-    _, lengths, axes = np.linalg.svd(slopes / sizes, full_matrices=False)
-    deviation = FAR * np.sqrt(trial.mean_square * sum(map(len, trial.residuals)) / effective_samples(trial.residuals))
-    draw = rng.standard_normal(len(lengths)) / np.maximum(lengths, 1e-8 * lengths[0])
-    return np.asarray(deviation * (axes.T @ draw) / sizes)

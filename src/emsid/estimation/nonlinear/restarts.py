@@ -1,0 +1,118 @@
+"""Searches that are begun again around the end of one that did not converge.
+
+The free run of a model with kinks is not smooth, and its valleys are narrow and bent: a search may stall, or use up its
+steps, beside a minimum or at a place where the derivative promises a descent that there is not. Searches from points
+drawn around that end, along its covariance, either find a minimum, or agree on where it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError
+from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.nonlinear.gauss_newton import Minimum
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
+from emsid.findings import Finding
+
+Array = NDArray[np.float64]
+
+RESTARTS = 6
+"""How often a search that stalled begins again."""
+SAME = 0.01
+"""Ends of searches whose costs differ by less than this part are in the same minimum."""
+AGREEING = 3
+"""How many searches must end in the same minimum as one that stalled, for that to be taken for the minimum."""
+STEPS, SLOW = 25, 1e-3
+"""The most steps of a search that is begun again; it ends where several together lower the cost by less than this."""
+FAR = 2.0
+"""How many standard deviations away a search is begun again."""
+
+
+class Search(Protocol):
+    """A search from θ, with options of `gauss_newton`."""
+
+    def __call__(self, theta: Array, **options: Any) -> Minimum:
+        """Where it ends."""
+        ...
+
+
+def drawn(slopes: Array, residuals: Sequence[Array], rng: np.random.Generator) -> Array:
+    """(p,) a draw from `FAR` times the covariance of an estimate in coloured noise.
+
+    Args:
+        slopes: (N, p) derivative of the residual, or its triangular factor.
+        residuals: (Nᵢ,) of every experiment.
+        rng: source of random numbers.
+    """
+    sizes = np.linalg.norm(slopes, axis=0)
+    sizes[sizes == 0] = 1.0
+    _, lengths, axes = np.linalg.svd(slopes / sizes, full_matrices=False)
+    square = sum(float(residual @ residual) for residual in residuals)
+    draw = rng.standard_normal(len(lengths)) / np.maximum(lengths, 1e-8 * lengths[0])
+    return np.asarray(FAR * np.sqrt(square / effective_samples(residuals)) * (axes.T @ draw) / sizes)
+
+
+def begun_again(minimum: Minimum, search: Search, own: int, control: Control = FREE) -> Minimum:
+    """The end of a search that did not converge, or a better one of others that begin around it.
+
+    The others are quick. From the best of them the search goes on in full; if that does not converge either, others
+    that end with the same cost make up for it, see `confirmed`. A search that converged, or that was stopped, is
+    returned as it is.
+
+    Args:
+        minimum: the end of the search.
+        search: a search from θ, with the options of `gauss_newton` that it is given.
+        own: the number of parameters, before initial states, that ends are compared in.
+        control: when to stop.
+    """
+    rng, begin, best = np.random.default_rng(0), minimum, minimum
+    ends: list[tuple[float, Array]] = []
+    for _ in range(RESTARTS if minimum.ending in (Ending.STALLED, Ending.OUT_OF_BUDGET) else 0):
+        if control.ending is not None or len(_same(best, ends)) >= AGREEING:
+            break
+        step = np.zeros(len(begin.estimate))
+        step[begin.free] = drawn(begin.information.factor[:-1, :-1], begin.residuals, rng)
+        with suppress(EmsidError):
+            again = search(begin.estimate + step, max_iterations=STEPS, least_saving=SLOW, covariances=False)
+            ends.append((again.cost, again.estimate[:own]))
+            best = min(best, again, key=lambda each: each.cost)
+    if control.ending is None and (best.cost < (1 - SLOW) * minimum.cost or minimum.ending is Ending.OUT_OF_BUDGET):
+        minimum = min(minimum, search(best.estimate), key=lambda each: each.cost)
+    return confirmed(minimum, ends)
+
+
+def _same(minimum: Minimum, ends: Sequence[tuple[float, Array]]) -> list[Array]:
+    """The ends in the same minimum."""
+    return [values for cost, values in ends if cost <= (1 + SAME) * minimum.cost]
+
+
+def confirmed(minimum: Minimum, ends: Sequence[tuple[float, Array]]) -> Minimum:
+    """A search that stalled, as converged if others that began around its end found no lower cost and some the same.
+
+    The error of a free run is not smooth where the motion sticks for one value and slides for the next, so that the
+    derivative promises a descent that there is not. The estimates of ends with the same cost differ by more than the
+    derivative says; their spread is added to the covariance.
+
+    Args:
+        minimum: the end of the search.
+        ends: cost and leading parameters of the others.
+    """
+    same = _same(minimum, ends)
+    if minimum.ending is not Ending.STALLED or len(same) < AGREEING or not np.isfinite(minimum.covariance).all():
+        return minimum
+    count = len(same[0])
+    apart = np.zeros((len(minimum.estimate), len(same)))
+    apart[:count] = np.array(same).T - minimum.estimate[:count, None]
+    apart[~minimum.free] = 0.0
+    finding = Finding("minimum-not-smooth", "", {"starts": len(ends) + 1, "agreeing": len(same) + 1})
+    findings = tuple(finding if each.code == "search-stalled" else each for each in minimum.findings)
+    spread = minimum.covariance + apart @ apart.T / len(same)
+    return replace(minimum, ending=Ending.CONVERGED, covariance=spread, findings=findings)

@@ -1,0 +1,85 @@
+"""Searches that are begun again around the end of one that did not converge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear.control import Control
+from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
+from emsid.estimation.nonlinear.restarts import RESTARTS, begun_again
+from emsid.models.blocks.search.starts import linear_candidates
+
+Array = NDArray[np.float64]
+
+
+class Decay:
+    """y = exp(−θ₁t) + θ₂ with a residual in steps, whose derivative leads astray near the minimum."""
+
+    def __init__(self, step: float) -> None:
+        self.t, self.step, self.searches = np.linspace(0, 3, 200), step, 0
+        self.y = np.exp(-0.7 * self.t) + 0.2 + 0.01 * np.random.default_rng(0).standard_normal(200)
+
+    def residuals(self, theta: Array) -> Sequence[Array]:
+        error = np.exp(-theta[0] * self.t) + theta[1] - self.y
+        return [np.round(error / self.step) * self.step if self.step else error]
+
+    def linearised(self, theta: Array) -> Sequence[tuple[Array, Array]]:
+        slope = np.stack([-self.t * np.exp(-theta[0] * self.t), np.ones(200)], axis=1)
+        return [(self.residuals(theta)[0], slope)]
+
+    def search(self, theta: Array, **options: Any) -> Minimum:
+        self.searches += 1
+        return gauss_newton(self, theta, **({"tolerance": 1e-6} | options))
+
+
+def test_a_search_that_stalls_is_confirmed_by_others_that_end_there_too() -> None:
+    problem = Decay(step=0.003)
+    first = problem.search(np.array([1.5, 0.0]))
+    assert first.ending is Ending.STALLED
+    again = begun_again(first, problem.search, 2)
+    assert again.ending is Ending.CONVERGED
+    assert [finding.code for finding in again.findings] == ["minimum-not-smooth"]
+    assert again.cost <= first.cost
+    assert again.estimate == pytest.approx([0.7, 0.2], abs=0.02)
+    assert np.all(np.diag(again.covariance) > 0)
+
+
+def test_a_search_out_of_steps_goes_on_and_one_that_converged_does_not() -> None:
+    problem = Decay(step=0.0)
+    short = problem.search(np.array([1.5, 0.0]), max_iterations=1)
+    assert short.ending is Ending.OUT_OF_BUDGET
+    whole = begun_again(short, problem.search, 2)
+    assert whole.ending is Ending.CONVERGED
+    assert problem.searches <= 2 + RESTARTS
+    problem.searches = 0
+    assert begun_again(whole, problem.search, 2) is whole
+    assert problem.searches == 0
+
+
+def test_a_stopped_search_is_not_begun_again() -> None:
+    problem = Decay(step=0.003)
+    first = problem.search(np.array([1.5, 0.0]))
+    problem.searches = 0
+    assert begun_again(first, problem.search, 2, Control(cancelled=lambda: True)) is first
+    assert problem.searches == 0
+
+
+def test_pairs_of_zeros_are_divided_between_two_odd_orders() -> None:
+    """All zeros of a response are pairs, each order is three: no division keeps both filters proper."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(8000)
+    zeros = [0.8 + 0.5j, 0.8 - 0.5j, 0.1 + 0.6j, 0.1 - 0.6j, -0.5 + 0.6j, -0.5 - 0.6j]
+    poles = [0.84 + 0.3j, 0.84 - 0.3j, 0.8, 0.9 + 0.15j, 0.9 - 0.15j, 0.7]
+    y = lfilter(np.real(np.poly(zeros)), np.real(np.poly(poles)), u) + 0.01 * rng.standard_normal(8000)
+    pairs = list(linear_candidates([(u, y)], (3, 3), 6, 1))
+    assert pairs
+    assert {(len(first.denominator), len(second.denominator)) for first, second in pairs if first and second} == {
+        (3, 3)
+    }

@@ -51,7 +51,7 @@ STRANGERS = {
     "models.free_run": ("models.regression", "models.blocks", "models.feedback", "models.plants"),
     "models.terms": ("models.regression", "models.blocks", "models.feedback", "models.plants"),
     "models.regression": ("models.blocks", "models.feedback", "models.plants"),
-    "models.linear": ("models.regression", "models.blocks", "models.feedback", "models.plants"),
+    "models.linear": ("models.blocks", "models.feedback", "models.plants"),
     "models.blocks": ("models.feedback", "models.plants"),
     "models.feedback": ("models.plants",),
     "models.blocks.static_maps": ("models.regression", "models.blocks", "models.feedback"),

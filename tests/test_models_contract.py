@@ -29,6 +29,7 @@ from emsid.models.blocks.static_maps import (
 )
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.free_run import RUNAWAY
+from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.model import Model
 from emsid.models.plants.drive import Drive
@@ -85,6 +86,14 @@ def state_spaces() -> Iterator[tuple[str, StateSpaceModel]]:
     yield "state space without a noise model", StateSpaceModel(a, b, c, np.array([[0.3]]), none, np.zeros(1), DT)
     both, gains = np.vstack([c, [0.2, -0.1]]), np.array([[0.3, 0.1], [0.1, 0.2]])
     yield "state space, two outputs", StateSpaceModel(a, b, both, np.zeros((2, 1)), gains, np.array([0.2, -0.1]), DT)
+
+
+def polynomials() -> Iterator[tuple[str, PolynomialModel]]:
+    none, flat = np.zeros(0), np.zeros((1, 0))
+    slow, fast = [-1.2, 0.4], [[0.1, 0.05]]
+    yield "armax", PolynomialModel(slow, fast, [-0.9, 0.25], none, flat, 0.1, 2, DT)
+    yield "box-jenkins", PolynomialModel(none, fast, [0.3], [-0.8], [slow], 0.1, 0, DT)
+    yield "polynomials without noise model", PolynomialModel(none, fast, none, none, [slow], 0.0, 1, DT)
 
 
 def cascades() -> Iterator[tuple[str, Cascade]]:
@@ -151,6 +160,7 @@ OWN = OwnPlant(
 ALL: dict[str, Model] = {
     **dict(regressions()),
     **dict(state_spaces()),
+    **dict(polynomials()),
     **dict(cascades()),
     **dict(feedback()),
     **dict(plants()),

@@ -40,6 +40,9 @@ from .models.blocks.search.estimation import hammerstein as hammerstein
 from .models.blocks.search.estimation import hammerstein_wiener as hammerstein_wiener
 from .models.blocks.search.estimation import wiener as wiener
 from .models.blocks.search.estimation import wiener_hammerstein as wiener_hammerstein
+from .models.linear.polynomials import PolynomialModel as PolynomialModel
+from .models.linear.prediction_error import armax as armax
+from .models.linear.prediction_error import box_jenkins as box_jenkins
 from .models.linear.state_space import StateSpaceModel as StateSpaceModel
 from .models.linear.subspace_fit import state_space as state_space
 from .models.model import Model as Model

@@ -5,7 +5,19 @@
 True
 """
 
+from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.prediction_error import PolynomialStructure, armax, box_jenkins
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.linear.subspace_fit import StateSpaceStructure, cva, moesp, state_space
 
-__all__ = ["StateSpaceModel", "StateSpaceStructure", "cva", "moesp", "state_space"]
+__all__ = [
+    "PolynomialModel",
+    "PolynomialStructure",
+    "StateSpaceModel",
+    "StateSpaceStructure",
+    "armax",
+    "box_jenkins",
+    "cva",
+    "moesp",
+    "state_space",
+]

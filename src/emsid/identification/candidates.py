@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.identification.linear_models import Armax, BoxJenkins, StateSpace
 from emsid.identification.options import ModelKind, Options
-from emsid.identification.regressions import REGRESSIONS
+from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS
 from emsid.models.blocks.search.estimation import CascadeStructure
 from emsid.models.blocks.search.topologies import (
     HAMMERSTEIN,
@@ -158,6 +159,9 @@ class _Candidates(MutableMapping[str, ModelKind]):
 CANDIDATES: MutableMapping[str, ModelKind] = _Candidates(
     {
         **REGRESSIONS,
+        "armax": Armax("linear, with moving-average noise through the same poles"),
+        "box-jenkins": BoxJenkins("linear, with a noise model of its own", OUTPUT_ERROR),
+        "state-space": StateSpace("linear, several outputs, by a subspace method and the free run"),
         "wiener-hammerstein": Blocks("linear filter, static map, linear filter", WIENER_HAMMERSTEIN),
         "hammerstein": Blocks("static map, linear filter", HAMMERSTEIN),
         "wiener": Blocks("linear filter, static map", WIENER),

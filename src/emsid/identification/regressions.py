@@ -307,11 +307,11 @@ _EXPANDED = Regression(
         "constant": (0, 1),
     },
 )
-_OUTPUT_ERROR = OutputError("linear, fitted to the free run", _LINEAR)
+OUTPUT_ERROR = OutputError("linear, fitted to the free run", _LINEAR)
 
 REGRESSIONS: dict[str, Regression | OutputError | FreeRunRegression | PolynomialNarx] = {
     "arx": Regression("linear: past outputs and inputs", linear, _LINEAR),
-    "output-error": _OUTPUT_ERROR,
+    "output-error": OUTPUT_ERROR,
     "wiener-hammerstein-regression": _EXPANDED,
     "wiener-hammerstein-regression-free-run": FreeRunRegression(
         f"{_EXPANDED.summary}, fitted to the free run", "wiener-hammerstein-regression-free-run", _EXPANDED
@@ -321,7 +321,7 @@ REGRESSIONS: dict[str, Regression | OutputError | FreeRunRegression | Polynomial
         f"{_FRICTION.summary}, fitted to the free run", "friction-narx-free-run", _FRICTION
     ),
     "polynomial-narx": PolynomialNarx(
-        "products of past outputs and inputs, selected and fitted by the free run", _OUTPUT_ERROR
+        "products of past outputs and inputs, selected and fitted by the free run", OUTPUT_ERROR
     ),
 }
 """Every regression by name."""

@@ -2,6 +2,7 @@
 
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.feedback.model import FeedbackModel
+from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.model import Model
 from emsid.models.plants.grey_box import GreyBox
@@ -11,6 +12,7 @@ from emsid.models.regression.narx import Narx
 MODELS: dict[str, type[Model]] = {
     "narx": Narx,
     "state-space": StateSpaceModel,
+    "polynomials": PolynomialModel,
     "cascade": Cascade,
     "feedback": FeedbackModel,
     "grey-box": GreyBox,

@@ -26,6 +26,7 @@ from emsid.models.blocks.fitting import fit_cascade
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.free_run import as_record
+from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
 from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
 from emsid.models.model import Model
 from emsid.models.plants.grey_box import GreyBox, signals_of
@@ -51,7 +52,8 @@ def fit(what: Any, records: Record | Iterable[Record], **options: Any) -> Fit[An
     a structure: `emsid.arx`, `emsid.friction_narx`, …  ``ridge``, ``forgetting`` (then by recursion), ``history``;
                                                         ``free_run=True``, ``instruments=True``, ``start``,
                                                         ``transient``, ``control``
-    a linear model: `emsid.state_space`                 ``free_run=True``, ``refine``, ``control``
+    `emsid.state_space`                                 ``free_run=True``, ``refine``, ``control``
+    `emsid.armax`, `emsid.box_jenkins`                  ``start``, ``control``
     a cascade: `emsid.wiener_hammerstein`, …            ``control``; orders and static map are given to the cascade
     a feedback model: `emsid.feedback`                  ``control``; orders and static maps are given to the structure
     a plant: `emsid.plants.rigid_motor`, …              ``fixed``, ``free``, ``bounds``, ``datasheet``, ``signals``, …
@@ -121,6 +123,7 @@ def _regression(
 FITTED: dict[type, Estimator] = {
     Structure: _regression,
     StateSpaceStructure: fit_state_space,
+    PolynomialStructure: fit_polynomials,
     Cascade: fit_cascade,
     FeedbackModel: fit_feedback,
     Motor: simulation_error,

@@ -1,0 +1,236 @@
+r"""Linear models of one output as polynomials in the shift operator, with a noise model.
+
+    A(q) y(t) = Σᵢ Bᵢ(q)/Fᵢ(q) uᵢ(t − nk) + constant + C(q)/D(q) e(t)
+
+A, C, D and F begin with 1. ARMAX has A, B and C; Box–Jenkins has B, F, C and D. The model runs as its innovations form
+in state space, see `StateSpaceModel`: in observer form, one block for every input and one for the noise unless all have
+the same denominator A.
+
+References:
+    Ljung, *System Identification*, 2nd ed. (1999), sec. 4.2. Box, Jenkins, *Time Series Analysis* (1970).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emsid.errors import ModelError
+from emsid.models.free_run import as_record, free_run, predict
+from emsid.models.linear.state_space import StateSpaceModel
+from emsid.models.model import Run
+from emsid.models.terms import check_whole, sum_of_terms
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+FIELDS = ("a", "b", "c", "d", "f")
+
+
+@dataclass(frozen=True, eq=False)
+class PolynomialModel:
+    """A linear model of one output in polynomials.
+
+    Args:
+        a: (na,) a₁, a₂, … without the leading one.
+        b: (nu, nb) b of every input; the first is that of u(t − delay).
+        c: (nc,) of the numerator of the noise, without the leading one.
+        d: (nd,) of its denominator.
+        f: (nu, nf) of the denominator of every input.
+        constant: on the right-hand side, in the output's unit.
+        delay: nk in samples.
+        dt: sample time in s.
+        name: name in tables and files.
+
+    Raises:
+        ModelError: for arrays that do not fit together, or numbers that are not finite.
+    """
+
+    a: Array
+    b: Array
+    c: Array
+    d: Array
+    f: Array
+    constant: float
+    delay: int
+    dt: float
+    name: str = "polynomials"
+
+    def __post_init__(self) -> None:
+        for field in FIELDS:
+            values = np.array(getattr(self, field), dtype=float)
+            if not np.isfinite(values).all() or not np.isfinite(self.constant):
+                raise ModelError(f"{self.name}: its coefficients hold numbers that are not finite")
+            if values.ndim != 1 + (field in "bf"):
+                raise ModelError(f"{self.name}: {field} of shape {values.shape}; give {1 + (field in 'bf')} dimensions")
+            values.flags.writeable = False
+            object.__setattr__(self, field, values)
+        if not self.b.size or len(self.f) != len(self.b):
+            raise ModelError(f"{self.name}: b of shape {self.b.shape} and f of shape {self.f.shape}; give a row each")
+        check_whole("polynomial delay", self.delay, 0, "a model cannot look ahead")
+
+    @cached_property
+    def form(self) -> StateSpaceModel:
+        """The same in state space, in innovations form."""
+        one = np.ones(1)
+        below = np.concatenate([one, self.a])
+        above = [np.concatenate([np.zeros(self.delay), row]) for row in self.b]
+        noise, of_noise = np.concatenate([one, self.c]), np.convolve(below, np.concatenate([one, self.d]))
+        level = self.constant / below.sum() if below.sum() else 0.0
+        if not self.d.size and not self.f.size:
+            a, columns = observer_form(below, [*above, noise])
+            blocks = [(a, columns[:, :-1], columns[:, -1:])]
+        else:
+            blocks, inputs = [], len(above)
+            for i, (row, of_input) in enumerate(zip(above, self.f, strict=True)):
+                a, column = observer_form(np.convolve(below, np.concatenate([one, of_input])), [row])
+                b = np.zeros((len(a), inputs))
+                b[:, i] = column[:, 0]
+                blocks.append((a, b, np.zeros((len(a), 1))))
+            a, column = observer_form(of_noise, [noise])
+            blocks.append((a, np.zeros((len(a), inputs)), column))
+        sizes = [len(a) for a, _, _ in blocks]
+        whole, edges = np.zeros((sum(sizes),) * 2), np.cumsum([0, *sizes])
+        output = np.zeros((1, sum(sizes)))
+        for first, last, (a, _, _) in zip(edges, edges[1:], blocks, strict=False):
+            whole[first:last, first:last] = a
+            output[0, first] = 1.0
+        direct = np.array([[row[0] for row in above]])
+        b, k = (np.vstack([block[j] for block in blocks]) for j in (1, 2))
+        return StateSpaceModel(whole, b, output, direct, k, np.array([level]), self.dt, name=self.name)
+
+    @property
+    def memory(self) -> int:
+        """The number of samples of a segment that give its initial state."""
+        return self.form.memory
+
+    @property
+    def latency(self) -> int:
+        """Zero: the model does not interpolate its input."""
+        return 0
+
+    def check_record(self, record: Record) -> None:
+        """Refuse a record of other channels; its outputs may be missing.
+
+        Raises:
+            ModelError: with the difference.
+        """
+        self.form.check_record(record)
+
+    def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> Array:
+        """The steady state for a constant input; zero for a model without one, such as an integrator."""
+        return self.form.at_rest(level, dt)
+
+    def initial(self, segment: Record, samples: int) -> Array:
+        """The state after these samples, by least squares on their outputs, with the noise model."""
+        return self.form.initial(segment, samples)
+
+    def run(self, state: Array, inputs: Array) -> tuple[Array, Array]:
+        """The outputs (N, 1) for inputs (N, nu), and the state after them."""
+        return self.form.run(state, inputs)
+
+    def advance(self, state: Array, u: ArrayLike) -> tuple[Array, Array]:
+        """The output (1,) for the input (nu,) of one sample, and the state after it."""
+        return self.form.advance(state, u)
+
+    def ahead(self, segment: Record, samples: int, horizon: int) -> Array:
+        """ŷ(t | t − horizon) with the noise model."""
+        return self.form.ahead(segment, samples, horizon)
+
+    def simulate(self, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None) -> Run:
+        """Free run over a record, or over inputs alone; see `emsid.models.free_run.free_run`."""
+        return free_run(self, as_record(self, record, dt), transient)
+
+    def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
+        """The output ``horizon`` samples ahead of the last measured output that is used."""
+        return predict(self, record, horizon, transient)
+
+    def response(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """(F, 1, nu) the frequency response from the inputs at frequencies (F,) in Hz."""
+        return self.form.response(frequency)
+
+    def equation(self) -> str:
+        """The difference equation with numbers."""
+        terms = []
+        for i, (row, of_input) in enumerate(zip(self.b, self.f, strict=True)):
+            channel = "u(t)" if len(self.b) == 1 else f"u{i + 1}(t)"
+            terms.append(f"{_fraction(_text(row, self.delay), of_input)} {channel}")
+        if self.constant:
+            terms.append(f"{self.constant:.6g}")
+        noise = _fraction(_text(np.array([1.0, *self.c])), self.d)
+        terms.append(f"{noise} e(t)" if self.c.size or self.d.size else "e(t)")
+        left = f"({_text(np.array([1.0, *self.a]))}) y(t)" if self.a.size else "y(t)"
+        return f"{left} = {' + '.join(terms)}".replace("+ -", "- ")
+
+    def to_control(self) -> Any:
+        """The same as `control.StateSpace` of python-control, without constant and noise.
+
+        Raises:
+            ModelError: where python-control is not installed.
+        """
+        return self.form.to_control()
+
+    def to_data(self) -> dict[str, Any]:
+        """Everything that `from_data` needs, in built-in types."""
+        arrays = {field: getattr(self, field).tolist() for field in FIELDS}
+        rest = {"constant": float(self.constant), "delay": int(self.delay), "dt": float(self.dt)}
+        return {"name": self.name, **arrays, **rest}
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> PolynomialModel:
+        """The model described by `to_data`.
+
+        Raises:
+            ModelError: for data that do not describe a model.
+        """
+        try:
+            stored = msgspec.convert(data, _Stored)
+            arrays = {field: np.array(getattr(stored, field), dtype=float) for field in FIELDS}
+        except (msgspec.ValidationError, ValueError) as problem:
+            raise ModelError(f"not a model in polynomials: {problem}") from None
+        return cls(**arrays, constant=stored.constant, delay=stored.delay, dt=stored.dt, name=stored.name)
+
+
+class _Stored(msgspec.Struct, forbid_unknown_fields=True):
+    name: str
+    a: list[float]
+    b: list[list[float]]
+    c: list[float]
+    d: list[float]
+    f: list[list[float]]
+    constant: float
+    delay: int
+    dt: float
+
+
+def observer_form(below: Array, above: Sequence[Array]) -> tuple[Array, Array]:
+    """A (n, n) and one column of B (n, k) for each numerator over a common denominator; C is (1, 0, …).
+
+    The direct terms are the first coefficients of the numerators.
+    """
+    n = max(len(below) - 1, *(len(each) - 1 for each in above), 1)
+    padded = np.zeros(n + 1)
+    padded[: len(below)] = below
+    a = np.diag(np.ones(n - 1), 1)
+    a[:, 0] -= padded[1:]
+    columns = np.zeros((n, len(above)))
+    for k, each in enumerate(above):
+        columns[: len(each) - 1, k] = each[1:]
+        columns[:, k] -= padded[1:] * each[0]
+    return a, columns
+
+
+def _text(coefficients: Array, delay: int = 0) -> str:
+    """A polynomial in q^-1 as text, the first coefficient at q^-delay."""
+    powers = range(delay, delay + len(coefficients))
+    return sum_of_terms([(float(v), f"q^-{k}" if k else "") for v, k in zip(coefficients, powers, strict=True)])
+
+
+def _fraction(above: str, below: Array) -> str:
+    return f"({above})" + (f"/({_text(np.array([1.0, *below]))})" if below.size else "")

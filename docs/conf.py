@@ -10,8 +10,8 @@ import emsid
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 
 suppress_warnings = ["ref.python"]  # `name` in a docstring may be an argument, not one of many attributes
-project, author, version = "emsid", "the authors of emsid", emsid.__version__
-copyright = "the authors of emsid; BSD-3-Clause"
+project, author, version = "emsid", "the emsid developers", emsid.__version__
+copyright = "the emsid developers; BSD-3-Clause"
 
 extensions = [
     "myst_parser",

@@ -2,7 +2,8 @@
 
 A page is run from top to bottom in an empty folder, in the process of Sphinx: loading compiler and libraries for every
 command would take seconds each. Blocks of Python share one namespace, as the cells of a notebook do. A page whose front
-matter has ``continues: NAME`` begins with the files and names with which that page ended. A picture on a page,
+matter has ``continues: NAME`` begins with the files and names with which that page ended; with ``needs: bench`` it has
+this folder of the repository. A picture on a page,
 ``![what it shows](speed.svg)``, is the file that the commands have written.
 
 Only fences of the languages in `SHOWN` are not run. A line that fails, a warning of Python, or a program that is left
@@ -39,6 +40,8 @@ SHOWN = ("text", "toml", "json", "csv", "diff", "default", "none", "matlab")
 """Languages of fences that are content of files or output, not commands."""
 FENCE = re.compile(r"^(`{3,})(\w+)\n(.*?)^\1$", re.MULTILINE | re.DOTALL)
 CONTINUES = re.compile(r"\A---\n.*?^continues: (\S+)$.*?^---\n", re.MULTILINE | re.DOTALL)
+NEEDS = re.compile(r"\A---\n.*?^needs: (\w+)$.*?^---\n", re.MULTILINE | re.DOTALL)
+"""A folder of the repository that the commands of a page use."""
 LONGEST = 60
 """Lines of output of a block that are shown; a page says so where there are more."""
 
@@ -86,6 +89,8 @@ class Runner:
                 shutil.copytree(before.folder, page.folder)
                 page.namespace = dict(before.namespace)
             page.folder.mkdir(parents=True, exist_ok=True)
+            if found := NEEDS.search(text):
+                (page.folder / found[1]).symlink_to(self.source.parent / found[1])
             self._run(name, text, page)
             self.pages[name] = page
         return self.pages[name]

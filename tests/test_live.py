@@ -14,7 +14,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from scipy.signal import lfilter
 
 from emsid import DataError, EmsidError, FormatError, Motor, Record, RecursiveLeastSquares, arx, friction_narx
 from emsid import save as save_model
+from emsid.cli.structures import structure_of
 from emsid.estimation import Control, Directional, Forgetting
 from emsid.estimation.linear.change_detection import ChangeDetector
 from emsid.excitation import SIGNALS
@@ -345,6 +347,65 @@ def test_a_port_that_is_taken_is_refused(terminal: tuple[int, str]) -> None:
     first.close()
 
 
+class Rfc2217Server:
+    """A serial port over a network, as ``ser2net`` offers it: one part for every connection, which then breaks."""
+
+    def __init__(self, *parts: bytes) -> None:
+        self.commands, self.read = b"", [Event() for _ in parts]
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"rfc2217://127.0.0.1:{self._listener.getsockname()[1]}"
+        self._thread = Thread(target=self._work, args=(parts,), daemon=True)
+        self._thread.start()
+
+    def _work(self, parts: tuple[bytes, ...]) -> None:
+        import serial
+        import serial.rfc2217
+
+        for part, read in zip(parts, self.read, strict=True):
+            connection, _ = self._listener.accept()
+            with connection:
+                connection.settimeout(5)
+                network = SimpleNamespace(write=connection.sendall)
+                manager = serial.rfc2217.PortManager(serial.serial_for_url("loop://"), network)
+                received = b""
+                while not received.endswith(b"\n"):  # the settings of the port, and then a command
+                    received += b"".join(manager.filter(connection.recv(1024)))
+                self.commands += received
+                connection.sendall(b"".join(manager.escape(part)))
+                read.wait(10)  # pyserial drops what nobody has read when a connection breaks
+
+    def close(self) -> None:
+        self._thread.join(timeout=10)
+        self._listener.close()
+        assert not self._thread.is_alive()
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # threads of pyserial
+def test_a_port_behind_rfc_2217_is_tracked_through_a_break(tmp_path: Path) -> None:
+    server = Rfc2217Server(lines(300), lines(300))
+    log = Log(tmp_path / "log.txt")
+    session = Session(Tracker(RecursiveLeastSquares(arx(1, 1))), server.url)
+
+    def connect() -> object:
+        source = open_source(server.url, 57600)
+        source.write(b"?\n")
+        return source
+
+    def read() -> bool:
+        for event in server.read[: session.counts["samples"] // 300]:
+            event.set()
+        return server.read[-1].is_set()
+
+    receiver = Receiver(connect(), log, connect)
+    found = list(messages(session, receiver, LineParser(), Settings(0.01), log, Control(cancelled=read)))
+    receiver.close()
+    server.close()
+    log.close()
+    assert server.commands == b"?\n?\n"
+    assert findings(found)[:2] == ["source-disconnected", "source-gap"]
+    assert [len(each) for each in read_log(log.path).segments] == [300, 300]
+
+
 def test_pyserials_own_urls_work() -> None:
     source = open_source("loop://")
     source.write(b"0,1,2\n")
@@ -483,6 +544,37 @@ def test_limits_and_ctrl_c_end_a_run_at_zero_volts(
         assert (result.reason, result.at_zero, server.voltage) == (reason, True, 0.0)
 
 
+class SentBoard(Bytes):
+    """A board that sends these parts once it is driven."""
+
+    def __init__(self, *parts: bytes) -> None:
+        super().__init__(*parts, end=TimeoutError())
+        self.commands: list[bytes] = []
+
+    def read(self, timeout: float) -> bytes:
+        time.sleep(0.002)
+        return super().read(timeout) if len(self.commands) > 1 else b""
+
+    def write(self, data: bytes) -> None:
+        self.commands.append(data)
+
+
+def test_a_run_goes_on_where_the_clock_begins_again_and_ends_where_the_board_does() -> None:
+    ticks = 2**32 - 1_000_000 + 10_000 * np.arange(1000)
+    rows = [b"%d,0,%d\n" % (tick % 2**32, k) for k, tick in enumerate(ticks)]
+    turned = SentBoard(b"t[us],u,y\n", *rows)
+    again = SentBoard(b"t[us],u,y\n", *(b"%d,0,0\n" % (10_000 * k) for k in (*range(500, 700), *range(50))))
+    for board, reason in ((turned, "done"), (again, "restarted")):
+        receiver = Receiver(board, None)
+        result = drive(receiver, LineParser(), lambda dt: 1.0 + np.arange(300) / 300, Limits(6.0))
+        receiver.close()
+        assert result.reason == reason
+        assert board.commands[-1] == b"u 0\n"
+        sent = [float(each[2:]) for each in board.commands if each.startswith(b"u ")]
+        first, last = sent.index(1.0), len(sent) - 1 - sent[::-1].index(max(sent))
+        assert np.all(np.diff(sent[first : last + 1]) >= 0)
+
+
 def test_a_signal_above_the_limit_never_reaches_the_motor(tmp_path: Path) -> None:
     with served() as server:
         with pytest.raises(DataError, match=r"reaches 3\.99\d+ V|reaches 4 V"):
@@ -616,6 +708,7 @@ def test_track_a_file_writes_record_report_model_and_state(tmp_path: Path, run: 
     [
         (("--structure", "nothing"), "name arx"),
         (("--structure", "arx", "--knots", "1"), "does not use knots"),
+        (("--structure", "friction-narx", "--input", "n,u"), "has one input and 2 are named"),
         (("--rule", "nothing"), "no rule"),
         (("--rule", "window"), "needs its length"),
         (("--rule", "frozen", "--forgetting", "0.9"), "no forgetting factor"),
@@ -629,6 +722,29 @@ def test_track_refuses_in_one_line(tmp_path: Path, run: object, words: tuple[str
     status, _, err = run("track", tmp_path / "log.csv", *words, "--out", tmp_path / "out")
     assert (status, err.count("\n")) == (2, 1)
     assert message in err
+
+
+@pytest.mark.parametrize(
+    ("text", "orders", "knots", "inputs", "terms"),
+    [
+        ("arx", {"na": 2, "nb": 2}, None, 1, 4),
+        ("arx", {}, None, 2, 3),
+        ("friction-narx", {}, "-0.5,0.5", 1, 6),
+        ("wiener-hammerstein-regression", {"degree": 3}, None, 1, 4),
+        ("polynomial-narx", {"degree": 2}, None, 2, 10),
+        ("y(t-1); u(t-1); sign(y(t-1))", {}, None, 1, 3),
+    ],
+)
+def test_every_structure_is_tracked_by_name(
+    text: str, orders: dict[str, int | None], knots: str | None, inputs: int, terms: int
+) -> None:
+    rng, structure = np.random.default_rng(4), structure_of(text, orders, knots, inputs)
+    assert len(structure.parameter_names) == terms
+    record = Record(rng.uniform(-2, 2, (300, inputs)), rng.standard_normal(300), DT)
+    tracker = Tracker(RecursiveLeastSquares(structure, rule=Directional(0.99)))
+    tracking, _, predictions = tracker.advance(tracker.start(), record)
+    assert np.isfinite(tracker.half_widths(tracking)).all()
+    assert np.isfinite(predictions[2:]).all()
 
 
 def test_bench_run_drives_a_server_and_writes_a_record(tmp_path: Path, run: object) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from emsid import DataError
-from emsid.live.protocol import LineParser, Rows, Timeline, joined, read_header, sample_time
+from emsid.live.protocol import LineParser, Rows, Stretch, Timeline, joined, read_header, sample_time
 
 LINES = b"t,u,y\n" + b"".join(b"%.3f,%d,%.2f\n" % (0.001 * k, k % 7, 0.5 * k) for k in range(50))
 
@@ -144,6 +144,48 @@ def test_time_that_steps_back_is_a_gap_of_unknown_length() -> None:
     time = TICKS[:40] + TICKS[:20]
     (gap,) = (each.gap for each in Timeline().place(rows_of(time)) if each.gap)
     assert (gap.samples, gap.cause, gap.time) == (None, "backwards", 0.0)
+
+
+def placed(timeline: Timeline, rows: Rows, size: int) -> list[Stretch]:
+    return [each for k in range(0, len(rows), size) for each in timeline.place(rows[k : k + size])]
+
+
+@pytest.mark.parametrize("size", [1, 7, 60])
+@pytest.mark.parametrize("unit", [1e-6, 1e-3], ids=["micros", "millis"])
+def test_a_clock_of_32_bits_that_begins_again_is_no_gap(unit: float, size: int) -> None:
+    ticks = 2**32 - round(0.3 / unit) + np.arange(60) * round(0.01 / unit)
+    timeline = Timeline()
+    stretches = placed(timeline, rows_of(((ticks % 2**32) * unit).tolist()), size)
+    assert [each.gap for each in stretches if each.gap] == []
+    assert (sum(map(len, stretches)), timeline.lost) == (60, 0)
+    assert timeline.dt == pytest.approx(0.01)
+    assert timeline.time == pytest.approx(ticks[-1] * unit)
+
+
+def test_samples_that_are_lost_where_a_clock_begins_again_are_counted() -> None:
+    ticks = 2**32 - 300_000 + np.delete(np.arange(60), [29, 30, 31]) * 10_000
+    timeline = Timeline()
+    (gap,) = (each.gap for each in timeline.place(rows_of(((ticks % 2**32) * 1e-6).tolist())) if each.gap)
+    assert (gap.samples, gap.cause, timeline.lost) == (3, "lost", 3)
+
+
+@pytest.mark.parametrize("bits", [8, 16, 32])
+@pytest.mark.parametrize("clocked", [True, False])
+def test_a_counter_that_begins_again_is_no_gap(bits: int, clocked: bool) -> None:
+    number = (2**bits - 30 + np.delete(np.arange(60), 40)) % 2**bits
+    time = np.delete(TICKS, 40) if clocked else np.full(59, np.nan)
+    timeline = Timeline(0.01)
+    gaps = [each.gap for each in placed(timeline, rows_of(time.tolist(), number.tolist()), 8) if each.gap]
+    assert [(gap.samples, gap.cause) for gap in gaps] == [(1, "lost")]
+
+
+def test_a_board_that_begins_again_is_no_turn_of_its_clock() -> None:
+    time = [*(4000.0 + np.array(TICKS)), *TICKS]
+    (gap,) = (each.gap for each in Timeline().place(rows_of(time, [*range(60), *range(60)])) if each.gap)
+    assert (gap.samples, gap.cause, gap.time) == (None, "backwards", 0.0)
+    turned = [*((4294.8 + np.array(TICKS)) % (2**32 * 1e-6)), 9.9, *TICKS]
+    gaps = [each.gap for each in Timeline().place(rows_of(turned)) if each.gap]
+    assert [(gap.cause, gap.time) for gap in gaps] == [("lost", pytest.approx(4304.867296)), ("backwards", 0.0)]
 
 
 def test_unusable_lines_are_a_gap_and_repeated_ones_are_left_out() -> None:

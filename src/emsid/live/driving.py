@@ -67,7 +67,8 @@ class Drive:
         samples: received so far.
         commands: sent so far.
         dt: sample time of the board in s; None before it is known.
-        reason: why it ended: ``done``, ``interrupted``, ``disconnected``, ``silent``, ``time``, ``voltage``, ``speed``.
+        reason: why it ended: ``done``, ``interrupted``, ``disconnected``, ``silent``, ``restarted`` (the time of the
+            board stepped back), ``time``, ``voltage``, ``speed``.
         at_zero: whether samples have confirmed zero volts after the end; None where no sample came.
         largest: the largest output, by absolute value.
         largest_voltage: the largest voltage in the samples.
@@ -140,6 +141,9 @@ class _Run:
                 if voltages is not None and drive.dt is not None:
                     k = round((self.time - first) / drive.dt)
                     control.report(_activity(k, len(voltages)))
+                    if k < -1:
+                        drive.reason = "restarted"
+                        return
                     if k >= len(voltages):
                         drive.reason = "done"
                         return
@@ -182,8 +186,8 @@ class _Run:
             some, self.heard = True, time.monotonic()
             drive.samples += len(rows)
             self.timeline.place(rows)
-            clocked = not np.isnan(rows.time[-1])
-            self.time = float(rows.time[-1]) if clocked else drive.samples * (self.timeline.dt or 0.0)
+            clock = self.timeline.time
+            self.time = clock if clock is not None and isfinite(clock) else drive.samples * (self.timeline.dt or 0.0)
             self.voltage = float(rows.input[-1, 0])
             drive.largest = max(drive.largest, float(np.abs(rows.output).max()))
             drive.largest_voltage = max(drive.largest_voltage, float(np.abs(rows.input[:, 0]).max()))

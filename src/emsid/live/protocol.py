@@ -39,6 +39,10 @@ USUAL = {2: "u,y", 3: "t,u,y", 4: "n,t,u,y"}
 LARGEST = 1e60
 """Larger numbers are treated as a fault of the source: their powers would overflow."""
 LONGEST_LINE = 4096
+CLOCKS, COUNTERS = (2**32 * 1e-6, 2**32 * 1e-3), (2**8, 2**16, 2**32)
+"""Where a clock of 32 bits in µs or ms, in s, and a sequence number of 8, 16 or 32 bits begin at zero again."""
+NEAR, NEAR_COUNT = 5.0, 10
+"""A step back is such a turn where at most this many seconds, or numbers without a clock, are missing there."""
 _TIMES, _NUMBERS = ("t", "time", "time_s"), ("n", "seq", "sample")
 _COLUMN = re.compile(r"\s*(\w[\w.*/^²·()%-]*?)\s*(?:\[(.*?)\])?\s*")
 _NOT_FINITE = re.compile(rb"[-+]?(nan|inf|infinity|ovf)", re.IGNORECASE)
@@ -364,7 +368,13 @@ class Timeline:
         self._waiting: list[Rows] = []
         self._last: tuple[float, float] | None = None
         self._cause = ""
-        self._turns = self._base = 0.0
+        self._base = 0.0
+        self._turned, self._turned_number = 0.0, 0.0
+
+    @property
+    def time(self) -> float | None:
+        """The time of the last row in s, without turns of the clock; None before the sample time is known."""
+        return None if self._last is None else self._last[0]
 
     def cut(self, cause: str) -> None:
         """Whatever comes next comes after a gap."""
@@ -390,13 +400,33 @@ class Timeline:
                 return []
             self.dt = sample_time(rows.time)
         self._waiting = []
-        return self._placed(rows, self.dt) if len(rows) else []
+        return self._placed(self._unturned(rows, self.dt), self.dt) if len(rows) else []
 
     def rest(self) -> list[Stretch]:
         """Rows that still waited for a sample time, at the end of a source."""
         rows = joined(self._waiting) if self._waiting else None
         self._waiting = []
         return [] if rows is None or len(rows) < 3 else self.place(rows, last=True)
+
+    def _unturned(self, rows: Rows, dt: float) -> Rows:
+        """The rows with a time and a number that go on where a clock or a counter begins at zero again."""
+        time, number = rows.time + self._turned, rows.number + self._turned_number
+        before = self._last or (time[0], number[0])
+        step = np.diff(time, prepend=before[0])
+        count = np.diff(number, prepend=before[1])
+        for k in np.flatnonzero((step < 0) | (count < 0)).tolist():
+            counter = next((turn for turn in COUNTERS if _is_turn(count[k] + turn, step[k] / dt)), 0.0)
+            clock = next((turn for turn in CLOCKS if 0 < step[k] + turn <= NEAR), 0.0) if step[k] < 0 else 0.0
+            if (count[k] < 0 and not counter) or (step[k] < 0 and not clock):
+                again = not step[k] >= -NEAR  # a board that began again
+                clock, counter = (-self._turned, -self._turned_number) if again else (0.0, 0.0)
+            elif not count[k] < 0:
+                counter = 0.0
+            time[k:] += clock
+            number[k:] += counter
+            self._turned += clock
+            self._turned_number += counter
+        return replace(rows, time=time, number=number)
 
     def _placed(self, rows: Rows, dt: float) -> list[Stretch]:
         clocked, counted = not np.isnan(rows.time[0]), not np.isnan(rows.number[0])
@@ -437,6 +467,11 @@ class Timeline:
     def _at(self, rows: Rows, k: int) -> float:
         """The time of a row; without a clock, the samples so far are counted."""
         return self._base * (self.dt or 0.0) if np.isnan(rows.time[k]) else float(rows.time[k])
+
+
+def _is_turn(count: float, steps: float) -> bool:
+    """Whether a counter went on by this number, while the clock, where there is one, went on by so many samples."""
+    return abs(count - steps) < 1.5 and count >= 1 if steps > 0 else 1 <= count <= NEAR_COUNT
 
 
 def joined(parts: Sequence[Rows]) -> Rows:

@@ -149,8 +149,10 @@ class Port:
         self.name, self._lost = text, (serial.SerialException, OSError)
         url = text.removeprefix("serial://")
         try:
-            options = {"exclusive": True} if "://" not in url and os.name == "posix" else {}
-            self._port: Any = serial.serial_for_url(url, baudrate=baud, timeout=0, write_timeout=1.0, **options)
+            options: dict[str, Any] = {} if url.startswith("rfc2217:") else {"write_timeout": 1.0}
+            if "://" not in url and os.name == "posix":
+                options["exclusive"] = True
+            self._port: Any = serial.serial_for_url(url, baudrate=baud, timeout=0, **options)
         except (ValueError, OSError) as problem:  # SerialException is an OSError
             raise DataError(f"{text}: {_advice(problem)}") from None
         try:
@@ -208,6 +210,8 @@ def _advice(problem: Exception) -> str:
         return "the host is not known; check its name"
     if "timed out" in text or "unreachable" in text or "no route" in text:
         return "the host does not answer; check the address and the network"
+    if "rfc2217" in text and "remote" in text:
+        return "nothing there speaks RFC 2217; for a plain connection, write socket://"
     if "protocol" in text and "not known" in text:
         return "no such kind of source; there are serial://, socket://, rfc2217:// and loop://"
     return f"it cannot be opened ({problem})"

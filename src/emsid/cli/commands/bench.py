@@ -191,6 +191,7 @@ REASONS = {
     "interrupted": "the run was interrupted",
     "disconnected": "the connection broke",
     "silent": "the board sent no more samples",
+    "restarted": "the board started again",
     "time": "the time limit was reached",
     "voltage": "the board applied more than the voltage limit",
     "speed": "the speed limit was passed",

@@ -34,7 +34,7 @@ StructureName = Annotated[
     str,
     typer.Option(
         metavar="NAME|FILE|TEXT",
-        help="arx, friction-narx, wiener-hammerstein-regression, a regression model file, or regressors as text.",
+        help="arx, friction-narx, polynomial-narx, wiener-hammerstein-regression, a regression model, or regressors.",
     ),
 ]
 Count = Annotated[int | None, typer.Option(metavar="N", min=0)]
@@ -111,11 +111,12 @@ def track(
       cat log.csv | emsid track - --json
     """
     check_folder(out)
-    made = structure_of(structure, {"na": na, "nb": nb, "nk": nk, "degree": degree}, knots)
+    columns = names(input, "--input")
+    made = structure_of(structure, {"na": na, "nb": nb, "nk": nk, "degree": degree}, knots, max(len(columns), 1))
     adaptation = _rule(rule, forgetting, rate)
     from emsid.live.session import Settings
 
-    reading = {"header": header, "inputs": names(input, "--input"), "output": output}
+    reading = {"header": header, "inputs": columns, "output": output}
     settings = Settings(every, duration, patience, dt, false_alarm)
     session = _session(source, made, adaptation, not announce_only, model)
     begun = None

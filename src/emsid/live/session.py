@@ -372,7 +372,7 @@ class _Work:
                 "structure": tracker.recursion.structure.name,
                 "equation": tracker.recursion.structure.equation(),  # type: ignore[attr-defined]
                 "parameters": list(tracker.recursion.structure.parameter_names),
-                "terms": [str(each) for each in tracker.recursion.structure.regressors],
+                "terms": [str(each) for each in tracker.recursion.structure.regressors],  # type: ignore[attr-defined]
                 "rule": _rule(tracker),
                 "inputs": _channels(record.input_names, record.input_units),
                 "output": _channels(record.output_names, record.output_units)[0],

@@ -15,6 +15,7 @@ from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
 from emsid.estimation.uncertainty.whiteness import whiteness
 from emsid.findings import Finding
+from emsid.identification.characteristics import characteristics
 from emsid.identification.observations import (
     about_nonlinear_terms,
     chosen_and_judged_apart,
@@ -29,6 +30,8 @@ from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record
 from emsid.report.identification_page import which_model
+from emsid.report.notebook import parameter_rows
+from emsid.report.views import parameter_table
 from emsid.validation.comparison import assess_model
 from emsid.validation.correlation import cross_correlation
 from emsid.validation.nonlinear_correlation import free_run_tests, nonlinear_terms, nonlinear_tests
@@ -181,10 +184,17 @@ def share_covered(equation: Equation, records: int) -> float:
 def test_noise_on_the_output_of_a_regression_is_said_to_bias_it():
     fits = [emsid.fit(emsid.arx(2, 2), OUTPUT.record(seed)) for seed in range(10)]
     assert all("regression-biased" in codes(fit) for fit in fits)
-    assert {each["status"] for each in fits[0].to_data()["parameters"]} == {"of the one-step predictor"}
+    rows = fits[0].to_data()["parameters"]
+    assert {(each["status"], each["interval"]) for each in rows} == {("of the one-step predictor", None)}
+    assert {row[-2] for row in parameter_table(fits[0]).rows} == {"none: of the one-step predictor"}
+    assert {row.interval for row in parameter_rows(fits[0])} == {"of the one-step predictor"}
+    gains = characteristics(emsid.compare(fits[:1], OUTPUT.record(11)), OUTPUT.record(0))
+    assert gains
+    assert {each.half_width for each in gains} == {None}
     clean = [emsid.fit(emsid.arx(2, 2), EQUATION.record(seed)) for seed in range(40)]
     assert sum("regression-biased" in codes(fit) for fit in clean) <= binom.ppf(0.999, 40, 0.03)
     assert clean[0].to_data()["parameters"][0]["status"] == "estimated"
+    assert parameter_table(clean[0]).rows[0][-2] != "none: estimated"
 
 
 def test_intervals_of_a_regression_allow_for_a_coloured_residual():

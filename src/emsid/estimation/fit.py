@@ -74,13 +74,20 @@ class Fit(Presented, Generic[M]):
         return spread
 
     @property
+    def biased(self) -> bool:
+        """Whether its estimates are only those of the best one-step predictor, and not of the system.
+
+        Tables and files then have no intervals; `interval` and `covariance` are those of the predictor.
+        """
+        return any(finding.code == "regression-biased" for finding in self.findings)
+
+    @property
     def status(self) -> str:
         """Whether its estimates are those of the system, or only of the best one-step predictor."""
-        biased = any(finding.code == "regression-biased" for finding in self.findings)
-        return "of the one-step predictor" if biased else "estimated"
+        return "of the one-step predictor" if self.biased else "estimated"
 
     def interval(self, level: float = 0.95) -> Array:
-        """(p, 2) confidence interval of every parameter, by the normal distribution."""
+        """(p, 2) confidence interval of every parameter, by the normal distribution; see `biased`."""
         from scipy.special import ndtri
 
         half = float(ndtri(0.5 + level / 2)) * self.standard_error
@@ -90,7 +97,8 @@ class Fit(Presented, Generic[M]):
         """Every estimate with its interval, and every finding, in built-in types; None where not finite."""
         how = self.status
         parameters = [
-            {"name": name, "unit": "", "value": value, "standard_error": error, "interval": ends, "status": how}
+            {"name": name, "unit": "", "value": value, "status": how}
+            | {"standard_error": None if self.biased else error, "interval": None if self.biased else ends}
             for name, value, error, ends in zip(
                 self.names,
                 self.estimate.tolist(),

@@ -235,7 +235,7 @@ def _quantity(fit: Fit[Cascade], name: str, quantity: Callable[[Cascade], float]
 
 
 def _by_estimate(fit: Fit[Any], name: str, quantity: Callable[[Array], float], unit: str) -> Characteristic:
-    """A function of the estimate with its interval by the delta method: var q = ∇qᵀ·Σ·∇q."""
+    """A function of the estimate with its interval by the delta method: var q = ∇qᵀ·Σ·∇q; none of a biased one."""
     theta = np.asarray(fit.estimate, dtype=float)
     steps = 1e-6 * np.maximum(np.abs(theta), 1e-9)
     slope = np.array(
@@ -246,5 +246,5 @@ def _by_estimate(fit: Fit[Any], name: str, quantity: Callable[[Array], float], u
     )
     known = slope != 0
     variance = float(slope[known] @ fit.covariance[np.ix_(known, known)] @ slope[known]) if known.any() else np.nan
-    error = float(np.sqrt(variance)) if isfinite(variance) and variance >= 0 else None
+    error = float(np.sqrt(variance)) if isfinite(variance) and variance >= 0 and not fit.biased else None
     return Characteristic(name, quantity(theta), _half(error), unit, fit.model.name)

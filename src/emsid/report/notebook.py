@@ -59,8 +59,8 @@ def parameter_rows(fit: Fit[Any]) -> list[ParameterRow]:
     if isinstance(fit, GreyBoxFit):
         half = {name: (high - low) / 2 for name, (low, high) in zip(fit.names, fit.interval(), strict=True)}
         return [_row(row.name, row.value, half.get(row.name), row.unit, row.status, row.how) for row in fit.table]
-    halves = np.diff(fit.interval(), axis=1)[:, 0] / 2
-    estimates = zip(fit.names, fit.estimate.tolist(), halves.tolist(), strict=True)
+    halves = [None] * len(fit.names) if fit.biased else (np.diff(fit.interval(), axis=1)[:, 0] / 2).tolist()
+    estimates = zip(fit.names, fit.estimate.tolist(), halves, strict=True)
     return [_row(name, value, half, "", fit.status, fit.status) for name, value, half in estimates]
 
 
@@ -208,6 +208,8 @@ def _(fit: Fit) -> Figure | None:  # type: ignore[type-arg]
 
 def _interval_widths(fit: Fit[Any]) -> Figure | None:
     """Half the 95 % interval of every parameter, in percent of its estimate."""
+    if fit.biased:
+        return None
     half = np.diff(fit.interval(), axis=1)[:, 0] / 2
     share = 100 * half / np.maximum(np.abs(fit.estimate), np.finfo(float).tiny)
     order = [int(k) for k in np.argsort(-share) if np.isfinite(share[k]) and share[k] > 0][:MOST_BARS]

@@ -49,9 +49,9 @@ def regression_biased(f: Finding, argument: Spelling) -> str:
     """Data: lags, p_value, largest, lag."""
     return (
         f"the one-step errors in the fit are correlated ({_correlated(f)}), as noise on the output makes them: least "
-        "squares then biases the coefficients of past outputs, and the intervals are those of the best one-step "
-        "predictor, not of the system; for parameters of the system fit the free run: output-error, a cascade or a "
-        "physical model"
+        "squares then biases the coefficients of past outputs, which are those of the best one-step predictor and not "
+        "of the system, so there are no intervals; for parameters of the system fit the free run: output-error, a "
+        "cascade or a physical model"
     )
 
 

@@ -112,7 +112,7 @@ def parameter_table(
     caption: str = "",
     note: str = "",
 ) -> Table:
-    """Every parameter with its estimate and confidence interval.
+    """Every parameter with its estimate and confidence interval; without one where the estimate is biased.
 
     Args:
         fit: what was found.
@@ -126,13 +126,14 @@ def parameter_table(
     for k, (name, (low, high)) in enumerate(zip(fit.names, fit.interval(level), strict=True)):
         half = (high - low) / 2
         value = float(fit.estimate[k])
-        known = isfinite(half)
+        known = isfinite(half) and not fit.biased
+        missing = f"none: {fit.status}" if fit.biased else "not determined by these data"
         rows.append(
             (
                 name,
                 *(texts[k] for texts in extra.values()),
-                estimate(value, half) if known else "–",
-                f"{estimate(low, half)} … {estimate(high, half)}" if known else "not determined by these data",
+                estimate(value, half) if known else number(value) if fit.biased else "–",
+                f"{estimate(low, half)} … {estimate(high, half)}" if known else missing,
                 share_of(half, value) if known else "–",
             )
         )

@@ -11,6 +11,7 @@ from scipy.stats import binom
 
 import coverage_settings
 import emsid
+from emsid.cli.options import physical_values
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
 from emsid.estimation.uncertainty.whiteness import whiteness
@@ -21,6 +22,7 @@ from emsid.identification.observations import (
     chosen_and_judged_apart,
     observations,
 )
+from emsid.identification.requests import understood
 from emsid.identification.result import holds_some_of
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
@@ -130,6 +132,30 @@ def test_the_tolerance_of_a_datasheet_widens_what_depends_on_it():
     assert "resistance" not in inertia.given
     assert inertia.interval[0] < TRUTH["rotor_inertia"] < inertia.interval[1]
     assert 0.05 < inertia.standard_error / inertia.value < 0.2
+
+
+def test_the_tolerance_of_a_fixed_value_widens_what_depends_on_it():
+    given = fitted(WRONG, 0)
+    told = fitted(WRONG, 0, fixed={"resistance": "1.1 ohm ± 20 %"})
+    assert told.estimate == pytest.approx(given.estimate)
+    for row in told.table:
+        assert row.given == ()
+        if row.interval is not None:
+            assert row.interval[0] < WRONG.truth[row.name] < row.interval[1]
+    shift = 0.2 / np.sqrt(3)  # J and T_c of a motor with voltage and speed are proportional to 1/R
+    for name in ("rotor_inertia", "rotor_friction.coulomb"):
+        assert row_of(told, name).standard_error / row_of(told, name).value == pytest.approx(shift, rel=0.1)
+    constant = row_of(told, "motor_constant")
+    assert constant.standard_error == pytest.approx(row_of(given, "motor_constant").standard_error, rel=0.05)
+    with pytest.raises(emsid.EmsidError, match="tolerance"):
+        fitted(WRONG, 0, fixed={"resistance": "1.1 ohm ± some"})
+
+
+def test_a_command_line_takes_the_tolerance_of_a_fixed_value():
+    typed = physical_values(["R=2 ohm +- 5 %", "rotor_viscous=0"], "--fix", [START])
+    options = understood(emsid.Options(fixed=typed), ["rigid-motor"])
+    assert options.fixed == {"resistance": 2.0, "rotor_viscous": 0.0}
+    assert options.datasheet["resistance"].tolerance == pytest.approx(0.05)
 
 
 # --- a search that stalled -------------------------------------------------------------------------------------------

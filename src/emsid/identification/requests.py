@@ -16,7 +16,7 @@ from emsid.errors import ModelError
 from emsid.findings import Finding
 from emsid.identification.candidates import CANDIDATES, Blocks, Physical
 from emsid.identification.options import Options
-from emsid.models.plants.datasheet import Given, applicable, as_datasheet
+from emsid.models.plants.datasheet import Given, applicable, as_datasheet, without_tolerances
 from emsid.models.plants.parameters import find_handle, full_name, parts, without_overlap
 from emsid.models.plants.plant import Plant
 from emsid.plant.motor import read_number
@@ -80,14 +80,17 @@ def understood(options: Options, models: Sequence[str]) -> Options:
             lambda plant: read_number(f"{plant.name} {name}", typed, find_handle(plant, name).parameter.unit)
         )
 
+    fixed, tolerances = without_tolerances(options.fixed)
+    values = {full(name): value(name, typed) for name, typed in fixed.items()}
     sheet: Mapping[str, Any] = options.datasheet
     if not all(isinstance(each, Given) for each in sheet.values()):
         sheet = of_some(lambda plant: as_datasheet(plant, sheet))
+    sheet = {**sheet, **{full(name): Given(values[full(name)], part) for name, part in tolerances.items()}}
     return replace(
         options,
         free=tuple(map(full, options.free)),
         profile=tuple(map(full, options.profile)),
-        fixed={full(name): value(name, typed) for name, typed in options.fixed.items()},
+        fixed=values,
         datasheet=sheet,
     )
 

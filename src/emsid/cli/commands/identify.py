@@ -75,7 +75,9 @@ Ridge = Annotated[
 Forgetting = Annotated[
     float | None, typer.Option(metavar="FACTOR", help="Estimate recursively with this forgetting factor.")
 ]
-Fix = Annotated[list[str], typer.Option(metavar="NAME=X", help="A physical parameter that is known, in SI units.")]
+Fix = Annotated[
+    list[str], typer.Option(metavar="NAME=X", help="A known physical parameter, in SI units or as 'R=2 ohm ± 5 %'.")
+]
 Datasheet = Annotated[
     Path | None, typer.Option(metavar="TOML", help="Datasheet of the physical parameters (see `emsid parameters`).")
 ]

@@ -117,6 +117,24 @@ def applicable(sheet: Mapping[str, Given], plant: Plant) -> dict[str, Given]:
     return {name: given for name, given in sheet.items() if name in plant.handles and name not in plant.absent}
 
 
+def without_tolerances(fixed: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, float]]:
+    """Fixed values, and the tolerances as fractions of those that are texts with one.
+
+    >>> without_tolerances({"resistance": "2 ohm ± 5 %", "rotor_viscous": 0.0})
+    ({'resistance': '2 ohm', 'rotor_viscous': 0.0}, {'resistance': 0.05})
+
+    Raises:
+        ModelError: for a tolerance that is not a percentage.
+    """
+    values, tolerances = {}, {}
+    for name, value in fixed.items():
+        parts = re.split(r"\s*(?:±|\+/?-)\s*", value, maxsplit=1) if isinstance(value, str) else [value]
+        values[name] = parts[0]
+        if len(parts) > 1:
+            tolerances[name] = _part(name, parts[1])
+    return values, tolerances
+
+
 def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Every parameter with its dotted name; a table of ``value`` and ``tolerance`` is one entry."""
     for key, entry in table.items():

@@ -49,7 +49,7 @@ from emsid.models.plants.search.refinements import (
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.starts import after_drive, motions, plausible_motions
-from emsid.models.plants.search.task import fixed_values
+from emsid.models.plants.search.task import known_values
 from emsid.models.plants.search.thinning import thinned
 from emsid.models.plants.search.trials import Trial, Trials, gain
 from emsid.record import Record
@@ -95,8 +95,7 @@ def choose(
         control: when to stop; the best plant so far is then the answer.
     """
     plant = plant.for_command(record)
-    sheet = applicable(datasheet or {}, plant)
-    values = fixed_values(plant, fixed)
+    values, sheet = known_values(plant, fixed, applicable(datasheet or {}, plant))
     unknown = (name for name, given in sheet.items() if given.value is None)
     free = without_overlap(plant, (*plant.default_free, *unknown), values)
     if not refinements:

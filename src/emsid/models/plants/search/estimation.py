@@ -70,6 +70,8 @@ def simulation_error(
         records: a record, or several experiments, all with one set of parameters.
         free: the parameters to estimate, by name or symbol; by default what plants of this kind usually have unknown.
         fixed: values that are known, by name or symbol, in SI units or as texts with a unit; they are not estimated.
+            Intervals include the tolerance of ``"2 ohm ± 5 %"``; without one they hold only if the value is right, and
+            say so where it matters.
         bounds: (lower, upper) by name, in addition to what is physical.
         datasheet: what is known beforehand, by name or symbol: a value is the start, and a tolerance bounds it. Each is
             a number in SI units, a text with a unit (``"2 ohm"``), ``{"value": "2 ohm", "tolerance": "10 %"}``,

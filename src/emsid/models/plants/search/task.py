@@ -15,7 +15,7 @@ from emsid.errors import DataError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.models.plants.by_name import as_bounds, as_signals, by_full_name, full_names
-from emsid.models.plants.datasheet import Given, as_datasheet
+from emsid.models.plants.datasheet import Given, as_datasheet, without_tolerances
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Handle, Signal, find_handle, refuse_overlap, without_overlap
@@ -112,8 +112,7 @@ def prepare(
         check_channels(plant, shown, segment)
     check_motion(segments)
     bounds = as_bounds(plant, bounds)
-    values = fixed_values(plant, fixed)
-    sheet = as_datasheet(plant, datasheet)
+    values, sheet = known_values(plant, fixed, as_datasheet(plant, datasheet))
     asked = _asked(plant, full_names(plant, free), values, sheet)
     sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
     known = {name: given.value for name, given in sheet.items() if given.value is not None}
@@ -150,12 +149,22 @@ def _segments(records: Record | Iterable[Record]) -> tuple[Record, ...]:
     return tuple(segment for record in whole for segment in record.segments)
 
 
-def fixed_values(plant: Plant, fixed: Mapping[str, float | str] | None) -> dict[str, float]:
-    """What is fixed, by full name and in SI units, whether it was given so or as a text with a unit."""
-    return {
+def known_values(
+    plant: Plant, fixed: Mapping[str, float | str] | None, sheet: Mapping[str, Given]
+) -> tuple[dict[str, float], dict[str, Given]]:
+    """What is fixed, and the datasheet with the tolerances of what is fixed; by full name and in SI units.
+
+    Args:
+        plant: that has the parameters.
+        fixed: numbers, or texts with a unit and a tolerance: ``"2 ohm ± 5 %"``.
+        sheet: the datasheet.
+    """
+    texts, tolerances = without_tolerances(by_full_name(plant, "fixed", fixed))
+    values = {
         name: read_number(f"{plant.name} {name}", value, find_handle(plant, name).parameter.unit)
-        for name, value in by_full_name(plant, "fixed", fixed).items()
+        for name, value in texts.items()
     }
+    return values, {**sheet, **{name: Given(values[name], part) for name, part in tolerances.items()}}
 
 
 def _asked(

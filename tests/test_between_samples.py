@@ -17,7 +17,7 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import plant_from_data, plant_to_data
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.refinements import averaging_sensor
+from emsid.models.plants.search.refinements.usual import averaging_sensor
 from emsid.record import Record
 from emsid.validation.comparison import assess_model
 from independent.fitting import START, fitted

@@ -28,7 +28,7 @@ from emsid.models.plants.parameters import Signal, parts, without_overlap
 from emsid.models.plants.search.choice import STARTS, choose
 from emsid.models.plants.search.diagnostics import dead_zone_curve, friction_curve, likelihood_profile, stops
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.refinements import by_direction, coasting_bridge, late_command, stribeck
+from emsid.models.plants.search.refinements.usual import by_direction, coasting_bridge, late_command, stribeck
 from emsid.models.plants.search.result import Status
 from emsid.models.plants.sensor import Sensor
 from emsid.plant import DeadZoneLaw, Friction, Motor, State, simulate

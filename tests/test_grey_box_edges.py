@@ -23,7 +23,7 @@ from emsid.models.plants.search import continuation
 from emsid.models.plants.search.choice import STARTS, choose
 from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.refinements import late_command, slow_sensor
+from emsid.models.plants.search.refinements.usual import late_command, slow_sensor
 from emsid.models.plants.search.result import Status
 from emsid.models.plants.sensor import Sensor
 from emsid.plant import Motor

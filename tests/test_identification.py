@@ -194,7 +194,7 @@ def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkey
 
     from emsid.models.plants.linear_axis import LinearAxis
     from emsid.models.plants.parameters import Signal
-    from emsid.models.plants.search.refinements import by_direction
+    from emsid.models.plants.search.refinements.usual import by_direction
     from emsid.plant import Friction
 
     rng = np.random.default_rng(0)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,10 +21,17 @@ from emsid.models.plants.drive import Hold
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.choice import choose
+from emsid.models.plants.search.kinds import kinds
+from emsid.models.plants.search.refinements.gain_by_direction import gain_by_direction
+from emsid.models.plants.search.refinements.knee import knee
+from emsid.models.plants.search.refinements.stribeck_by_direction import stribeck_by_direction
+from emsid.models.plants.search.refinements.supply_limit import supply_limit
+from emsid.models.plants.search.refinements.usual import coasting_bridge
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.thinning import thinned
-from independent.cases import CASES
+from independent.cases import CASES, levels, sines
+from independent.one_mass import OneMass
 
 Array = NDArray[np.float64]
 RIGID, AXIS = PLANTS["rigid-motor"].start, PLANTS["linear-axis"].start
@@ -142,6 +150,61 @@ def test_a_plant_without_a_refinement_does_not_get_it():
     )
 
 
+# --- refinements of the bridge ----------------------------------------------------------------------------------------
+
+
+def bridge(seed: int = 0, most: float = 12.0, **changes: Any) -> tuple[OneMass, Record, Record]:
+    """A motor behind a bridge, a record of levels to fit and one of sines to judge on, with 1 % noise."""
+    truth = OneMass(gain=25.0, damping=10.0, coulomb=(20.0, 20.0), dead_zone=0.5, smooth=1e-2, **changes)
+    rng = np.random.default_rng(seed)
+    inputs = [most * levels(900, rng, 30), 12 * sines(900, rng, 60)]
+    inputs[0][300:308] = 12.0
+    runs = [truth.run(u, 1e-2)[0][:900] + 0.2 * rng.standard_normal(900) for u in inputs]
+    return truth, *(Record(u, y, 1e-2, output_units="rad/s") for u, y in zip(inputs, runs, strict=True))
+
+
+BRIDGES = {
+    "drive.supply": ({"limit": 8.0}, supply_limit),
+    "drive.knee": ({"knee": 7.0, "beyond": 1.8}, knee),
+    "voltage_dead_zone.m_l": ({"backward_gain": 1.04}, gain_by_direction),
+    "rotor_friction.stribeck.backward": ({"stribeck": (4.0, 24.0), "stribeck_speed": 12.0}, stribeck_by_direction),
+}
+
+
+@pytest.mark.parametrize("name", BRIDGES)
+def test_what_a_bridge_adds_is_found_where_it_is(name):
+    changes, refinement = BRIDGES[name]
+    truth, fitted, unseen = bridge(**changes)
+    fit = choose(RIGID, fitted, refinements=(refinement,))
+    assert name in fit.names
+    error = float(np.sqrt(np.mean((unseen.output - fit.model.simulate(unseen).output)[100:] ** 2)))
+    best = float(np.sqrt(np.mean((unseen.output[:, 0] - truth.run(unseen.input[:, 0], 1e-2)[0][:900])[100:] ** 2)))
+    assert error < 1.1 * best
+
+
+def test_what_a_bridge_does_not_have_is_left_out():
+    _, fitted, _ = bridge(seed=1)
+    fit = choose(RIGID, fitted, refinements=(coasting_bridge, supply_limit, knee, gain_by_direction))
+    assert not {"drive.freewheel", "drive.supply", "drive.knee", "voltage_dead_zone.m_l"} & set(fit.names)
+
+
+def test_a_break_of_which_one_side_was_hardly_seen_is_left_out():
+    _, fitted, _ = bridge(most=9.0, limit=10.0)
+    assert 0 < np.mean(np.abs(fitted.input[:, 0]) > 10.0) < 0.02
+    assert "drive.supply" not in choose(RIGID, fitted, refinements=(supply_limit,)).names
+
+
+def test_kinds_of_samples_are_levels_speeds_and_directions():
+    t = np.arange(1200.0)
+    u = np.sin(0.02 * t)
+    masks = list(kinds([Record(u, u, 1e-2)], [Signal.SPEED]))
+    assert len(masks) == 8  # three levels, three speeds, two directions
+    low, high = masks[0][0], masks[2][0]
+    assert np.max(np.abs(u[low])) < np.min(np.abs(u[high]))
+    assert np.array_equal(masks[6][0], u > 0)
+    assert list(kinds([Record(np.ones(100), np.ones(100), 1e-2)], [Signal.SPEED])) == []
+
+
 # --- fewer samples --------------------------------------------------------------------------------------------------
 
 
@@ -167,3 +230,11 @@ def test_short_records_and_short_segments_keep_all_samples():
     short, gaps = Record(u[:6000], u[:6000], 1e-3), Record(u, u, 1e-3, breaks=(50,))
     assert thinned(short, False) is short
     assert thinned(gaps, False) is gaps
+
+
+def test_a_speed_is_thinned_where_samples_lie_between_their_neighbours():
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-1, 1, 130), 100)
+    slow, fast = (lfilter([1 - pole], [1, -pole], u) + 0.01 * rng.standard_normal(13_000) for pole in (0.99, 0.5))
+    assert len(thinned(Record(u, slow, 1e-3), False, speed=True)) == 6500
+    assert len(thinned(Record(u, fast, 1e-3), False, speed=True)) == 13_000

@@ -36,6 +36,9 @@ class OneMass:
         offset: constant deceleration.
         coasting: the part of the damping that is missing in the off-time of the bridge.
         full: the command at which the bridge conducts all the time.
+        limit: the largest command that acts.
+        knee, beyond: command above which the gain is another one, by this factor.
+        backward_gain: factor of the gain for negative commands.
         delay: in s.
         smooth: ε, a speed.
     """
@@ -50,6 +53,10 @@ class OneMass:
     offset: float = 0.0
     coasting: float = 0.0
     full: float = 1.0
+    limit: float = np.inf
+    knee: float = np.inf
+    beyond: float = 1.0
+    backward_gain: float = 1.0
     delay: float = 0.0
     smooth: float = 1e-3
 
@@ -65,7 +72,10 @@ class OneMass:
         late = round(self.delay / dt * FINE)
         within = np.repeat(u, FINE) if u.ndim == 1 else u.ravel()
         command = np.concatenate([np.full(late, within[0]), within])[: len(u) * FINE]
-        through = np.sign(command) * np.maximum(np.abs(command) - self.dead_zone, 0.0)
+        size = np.abs(command)
+        size = np.minimum(size + (self.beyond - 1.0) * np.maximum(size - self.knee, 0.0), self.limit)
+        through = np.sign(command) * np.maximum(size - self.dead_zone, 0.0)
+        through = np.where(command < 0, self.backward_gain, 1.0) * through
         conducting = 1.0 - self.coasting * (1.0 - np.minimum(np.abs(command) / self.full, 1.0))
         offset = np.repeat(self.offset + np.broadcast_to(drift, len(u)), FINE)
         friction = np.array([self.coulomb, self.stribeck, self.viscous])

@@ -37,7 +37,8 @@ from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.refinements import REFINEMENTS, Refinement
+from emsid.models.plants.search.refinements.catalogue import REFINEMENTS
+from emsid.models.plants.search.refinements.contract import Refinement
 from emsid.record import Record
 
 

@@ -110,9 +110,11 @@ class FreeRunError:
         free_states: Sequence[Sequence[int]],
         weighting: Weighting,
         threads: int,
+        counted: Sequence[Array] | None = None,
     ) -> None:
         self.plant, self.signals, self.segments, self.free = plant, tuple(signals), tuple(segments), tuple(free)
         self.weighting, self.threads = weighting, threads
+        self._counted = counted  # (N,) of every segment, 0 for samples whose errors do not count; None: all do
         self.control = FREE  # looked at before every free run; those of a plant with a stiff shaft take seconds
         self._initial = [state.copy() for state in states]
         self._places = [
@@ -215,6 +217,9 @@ class FreeRunError:
                     self._weighed(plant.simulate(segment.input, segment.dt, state, self.signals), segment)
                     for segment, state in zip(self.segments, self.states(theta), strict=True)
                 ]
+            if self._counted is not None:
+                channels = len(self.signals)
+                residuals = [r * np.tile(some, channels) for r, some in zip(residuals, self._counted, strict=True)]
         except ModelError as problem:
             raise Infeasible(str(problem)) from None
         if not all(np.isfinite(residual).all() for residual in residuals):

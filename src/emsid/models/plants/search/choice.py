@@ -19,7 +19,6 @@ import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import TypeGuard
 
 import numpy as np
 
@@ -37,15 +36,10 @@ from emsid.models.plants.plant import DrivenPlant, Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.between_samples import as_hold, holds_in, is_open
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.refinements import (
-    EXTRAPOLATES,
-    LOOK_ALIKE,
-    REFINEMENTS,
-    Refined,
-    Refinement,
-    by_direction,
-    simplified,
-)
+from emsid.models.plants.search.kinds import better_on_both_sides, better_on_kinds
+from emsid.models.plants.search.refinements.catalogue import BREAKS, EXTRAPOLATES, LOOK_ALIKE, REFINEMENTS, simplified
+from emsid.models.plants.search.refinements.contract import Refined, Refinement
+from emsid.models.plants.search.refinements.usual import by_direction
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.starts import after_drive, motions, plausible_motions
@@ -177,7 +171,7 @@ class _Choice:
         self._record = scaled
         sides = {side: both for name, both in plain.limits.items() for side in parts(plant, name)}
         limits = {**physical, **sides, **plain.limits}
-        complete = whole if self.thinned else None
+        complete = whole if self.thinned and signals == (Signal.POSITION,) else None
         self._trials = Trials(plain.segments, signals, limits, self.weighting, control, complete)
         self._rng = np.random.default_rng(0)
         self._starts = [start, *_started(start, plain.segments, signals)]
@@ -186,13 +180,13 @@ class _Choice:
     def _fewer(self, record: Record, signals: Sequence[Signal], hold: Hold | str | None) -> Record:
         """The record that trials see, with a command that is held where it has fewer samples.
 
-        Only positions are smooth enough: of speeds, fewer samples hide a delay and what happens near standstill. Their
-        start is seen in all samples only, which are known of a single segment.
+        The start of a position is seen in all samples only, which are known of a single segment.
         """
-        if self._original.drive.codes or signals != (Signal.POSITION,) or len(record.segments) > 1:
+        speed = signals == (Signal.SPEED,)
+        if self._original.drive.codes or not (speed or (signals == (Signal.POSITION,) and len(record.segments) == 1)):
             return record
         straight = is_open(self._original, record.segments) if hold is None else as_hold(hold) is not Hold.ZERO
-        return thinned(record, straight)
+        return thinned(record, straight, speed)
 
     @property
     def found(self) -> DrivenPlant:
@@ -255,19 +249,26 @@ class _Choice:
                 ]
             )
             self._doing("adding refinements", done)
-            best = max(
-                (trial for trial, refine in zip(tried, refinements, strict=True) if self._is_better(trial, refine)),
-                key=lambda trial: gain(self.trial, trial),
-                default=None,
-            )
+            richer = [
+                (trial, refine)
+                for trial, refine in zip(tried, refinements, strict=True)
+                if trial is not None and gain(self.trial, trial) > 0
+            ]
+            richer.sort(key=lambda pair: gain(self.trial, pair[0]), reverse=True)
+            best = next((trial for trial, refine in richer if self._is_safe(trial, refine)), None)
             if best is None:
                 break
             self._take(self._trials.around(best, self._rng, RESTARTS))
 
-    def _is_better(self, trial: Trial | None, refine: Refinement) -> TypeGuard[Trial]:
-        if trial is None or gain(self.trial, trial) <= 0:
-            return False
-        return refine not in EXTRAPOLATES or better(trial.errors, self.trial.errors)
+    def _is_safe(self, trial: Trial, refine: Refinement) -> bool:
+        """Whether a trial with a refinement that extrapolates is better by more than noise, also on what it was not
+        fitted to."""
+        if refine in BREAKS:
+            both = better_on_both_sides(self._trials, trial, self.trial, BREAKS[refine])
+            return both and better(trial.errors, self.trial.errors)
+        if refine in EXTRAPOLATES:
+            return better(trial.errors, self.trial.errors) and better_on_kinds(self._trials, trial, self.trial)
+        return True
 
     def _exchange(self, refinements: Sequence[Refinement]) -> None:
         for mine, name in LOOK_ALIKE.items():

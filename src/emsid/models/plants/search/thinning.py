@@ -3,6 +3,8 @@
 A mass that is driven by the mean of a force over some time has the same speed afterwards, as long as the time is short
 compared with its motion. So a long record of a position loses little, and every free run over it is k times faster. The
 plant that is chosen is fitted to all samples in the end.
+
+A speed is less smooth. It is thinned where the samples left out lie between their neighbours but for noise.
 """
 
 from __future__ import annotations
@@ -17,16 +19,23 @@ ENOUGH = 6000
 """Samples in all below which nothing is left out."""
 MOST = 8
 """Of so many samples, one is kept at least."""
+SMOOTH = 5.0
+"""How many times the variance of noise may be missed between two samples."""
+STEEPEST, WINDOW = 0.02, 20
+"""The part of all samples that is looked at, and the samples of a window in which noise is measured."""
 
 
-def thinned(record: Record, straight: bool) -> Record:
+def thinned(record: Record, straight: bool, speed: bool = False) -> Record:
     """The record with every k-th sample of its outputs, so that about `ENOUGH` samples are left, or the record itself.
 
     Args:
         record: its inputs are commands, not codes.
         straight: whether the commands go straight from sample to sample, else they are held.
+        speed: whether its output is a speed, which may be too lively.
     """
     every = min(len(record) // ENOUGH, MOST)
+    while speed and every > 1 and not _smooth(record, every):
+        every -= 1
     shortest = min(len(segment) for segment in record.segments)
     if every < 2 or shortest < 20 * every:
         return record
@@ -41,3 +50,22 @@ def _thinned(segment: Record, every: int, straight: bool) -> Record:
         inputs = 0.5 * (inputs + following)
     means = inputs.reshape(blocks, every, -1).mean(axis=1)
     return replace(segment, input=means, output=segment.output[: blocks * every : every], dt=every * segment.dt)
+
+
+def _smooth(record: Record, every: int) -> bool:
+    """Whether the outputs between every k-th sample lie between these, but for noise, where they change most.
+
+    Straight lines through every k-th sample miss the steepest samples by no more than `SMOOTH` times the noise of both.
+    Noise is what second differences show in the median of short windows, so jumps are not taken for noise.
+    """
+    missed, steep, windows = [], [], []
+    for segment in record.segments:
+        y, index = segment.output[:, 0], np.arange(len(segment))
+        missed.append(y - np.interp(index, index[::every], y[::every]))
+        steep.append(np.abs(np.gradient(y[::every])).repeat(every)[: len(y)])
+        bends = np.diff(y, 2) ** 2 / 6.0
+        windows.append(bends[: len(bends) // WINDOW * WINDOW].reshape(-1, WINDOW).mean(axis=1))
+    slope = np.concatenate(steep)
+    steepest = slope >= np.quantile(slope, 1 - STEEPEST)
+    error = float(np.mean(np.concatenate(missed)[steepest] ** 2))
+    return error <= SMOOTH * 2.0 * float(np.median(np.concatenate(windows)))

@@ -39,6 +39,8 @@ Array = NDArray[np.float64]
 
 KEPT, FIRST_STEPS = 5, 5
 """How many starts take steps, and how many steps before all but the best stop."""
+HOPELESS = 10.0
+"""A start whose cost is so many times that of the best one takes no steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +92,7 @@ class Trials:
         control: when to stop.
         complete: the segment with all samples of which ``segments`` are parts with fewer samples (`thinning`); it shows
             the initial states. None where they show them.
+        counted: (N,) of every segment, 0 for samples whose errors do not count; None where all of them do.
     """
 
     segments: tuple[Record, ...]
@@ -98,6 +101,7 @@ class Trials:
     weighting: Weighting = all_alike
     control: Control = FREE
     complete: Record | None = None
+    counted: tuple[Array, ...] | None = None
 
     def fitted(
         self, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None = None
@@ -129,6 +133,7 @@ class Trials:
         """The best starts after a few steps, as (cost, which start, where it got to)."""
         problems = [(k, problem) for k, start in enumerate(starts) if (problem := self._problem(start, names, states))]
         ranked = sorted((cost, k, problem) for k, problem in problems if isfinite(cost := cost_of(problem)))[:KEPT]
+        ranked = [each for each in ranked if each[0] <= HOPELESS * ranked[0][0]]
         if len(ranked) == 1:
             return ranked
         moved = ((k, self._searched(problem, FIRST_STEPS)) for _, k, problem in ranked)
@@ -155,6 +160,13 @@ class Trials:
                 trial = self._trial(again)
         return replace(trial, ends=tuple(ends))
 
+    def residuals(self, trial: Trial) -> list[Array]:
+        """The weighted free-run error of a trial in every segment; infinite where it cannot be simulated."""
+        problem = self._problem(trial.plant, (), trial.states)
+        if problem is None:
+            return [np.full(segment.output.size, inf) for segment in self.segments]
+        return problem.residuals(problem.start)
+
     def unseen_error(self, trial: Trial | None, segments: Sequence[Record]) -> StretchErrors:
         """Error of the free run over other records, from what their first samples show; infinite where it fails."""
         other = replace(self, segments=tuple(segments), weighting=all_alike)
@@ -172,7 +184,9 @@ class Trials:
             free: list[tuple[int, ...]] = [() for _ in self.segments]
             if not starts_from_samples(inside, self.signals):
                 free = [inside.free_states(self.signals, s) for s in seen]
-            return FreeRunError(inside, self.signals, self.segments, names, first, free, self.weighting, 1)
+            return FreeRunError(
+                inside, self.signals, self.segments, names, first, free, self.weighting, 1, self.counted
+            )
         except EmsidError:
             return None
 

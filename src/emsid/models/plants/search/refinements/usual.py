@@ -1,8 +1,8 @@
-"""What real drives add to a plant, each as starts of a refined plant and the parameters that are free in it."""
+"""Refinements that many drives need: delay, sensor, Stribeck excess, directions, load, a bridge that coasts."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import isfinite
 
 import numpy as np
@@ -10,14 +10,8 @@ import numpy as np
 from emsid.models.plants.grey_box import signals_of
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.search.refinements.contract import Refined, level_name
 from emsid.record import Record
-
-Refined = tuple[DrivenPlant, tuple[str, ...]]
-Refinement = Callable[[DrivenPlant, tuple[str, ...], Record], Sequence[Refined]]
-"""From a plant, what is free of it and a record to starts of a refined plant; all of them have the same free names.
-
-None where the plant cannot be refined like this, or is already.
-"""
 
 
 def coasting_bridge(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
@@ -56,7 +50,7 @@ def averaging_sensor(plant: DrivenPlant, free: tuple[str, ...], record: Record) 
 def stribeck(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
     """Friction is larger near rest."""
     excess, rate = f"{plant.friction_name}.stribeck", f"{plant.friction_name}.stribeck_rate"
-    if excess not in plant.handles or excess in free:
+    if excess not in plant.handles or rate in free:
         return []
     largest = 0.3 * max(plant.value(level_name(plant)), 0.03 * plant.largest_force(record.input))
     fast = _top_speed(plant, record)
@@ -106,34 +100,6 @@ def constant_load(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> 
     return [(plant.with_values({plant.load_name: load}), (*free, plant.load_name)) for load in (0.0, pull, -pull)]
 
 
-REFINEMENTS: tuple[Refinement, ...] = (
-    coasting_bridge, late_command, slow_sensor, averaging_sensor, stribeck, by_direction, viscous_by_direction,
-    constant_load,
-)  # fmt: skip
-EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge,)
-"""Refinements that do great harm on another record where they are wrong: they must lower the error clearly."""
-LOOK_ALIKE: dict[Refinement, str] = {late_command: "drive.delay", slow_sensor: "sensor.lag"}
-"""Refinements that look alike in many records, each with its parameter, which is zero without it."""
-
-
-def simplified(plant: DrivenPlant, free: tuple[str, ...]) -> list[Refined]:
-    """The plant without each of its refinements in turn."""
-    excess = f"{plant.friction_name}.stribeck"
-    single = [(name,) for name in ("drive.delay", "sensor.lag", "drive.freewheel", plant.load_name)]
-    found: list[Refined] = [
-        (plant.with_values({names[0]: 0.0}), tuple(name for name in free if name not in names))
-        for names in (*single, (excess, f"{excess}_rate"))
-        if set(names) <= set(free)
-    ]
-    for whole in plant.handles:
-        sides = parts(plant, whole)
-        if len(sides) == 2 and set(sides) <= set(free):
-            mean = float(np.mean([abs(plant.value(side)) for side in sides]))
-            merged = tuple(whole if name == sides[0] else name for name in free if name != sides[1])
-            found.append((plant.with_values({whole: mean}), merged))
-    return found
-
-
 def _top_speed(plant: DrivenPlant, record: Record) -> float:
     """How fast it moves at most, but for a few samples."""
     y = record.output[:, 0]
@@ -141,8 +107,3 @@ def _top_speed(plant: DrivenPlant, record: Record) -> float:
         long = [segment for segment in record.segments if len(segment) > 1]
         y = np.concatenate([np.gradient(segment.output[:, 0], segment.dt) for segment in long])
     return float(np.percentile(np.abs(y), 99)) or 1.0
-
-
-def level_name(plant: DrivenPlant) -> str:
-    """The name of the level of its friction, the first parameter of the law."""
-    return f"{plant.friction_name}.{plant.frictions[plant.friction_name].parameters[0].name}"

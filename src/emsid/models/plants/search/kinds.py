@@ -1,0 +1,116 @@
+"""What a trial predicts on kinds of samples that it was not fitted to: levels of the command, directions, speeds.
+
+The end of a record is the same experiment again. A refinement that acts at large commands only, or in one direction,
+is tested by leaving such samples out: the plant is fitted to the errors of all others and judged on those left out.
+Each kind is left out in turn, so what is seen at small commands has to hold at large ones, and the reverse.
+
+Of a break, such as the limit of a supply, one side says nothing about the other. So both must have been seen: enough of
+the samples are on each side, and the error of neither is larger with the break than without.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.search.trials import Trial, Trials
+from emsid.record import Record
+from emsid.selection.improvement import StretchErrors, better, matters
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SHARE = 0.1
+"""A kind of samples is left out where it is at least this part of all, and leaves at least as many."""
+SEEN = 0.02
+"""Each side of a break has at least this part of all samples."""
+BESIDE = 1.02
+"""A voltage is beyond a break if it is larger by this factor: the largest one may be the limit itself."""
+PARTS = 3
+"""Parts of equal size of the levels of a command or a speed, from small to large."""
+STRETCHES = 8
+"""Stretches of every kind that errors are compared in."""
+
+
+def kinds(segments: Sequence[Record], signals: Sequence[Signal]) -> Iterator[tuple[Mask, ...]]:
+    """The samples of every kind, (N,) for each segment.
+
+    Args:
+        segments: records without gaps, driven by their first input.
+        signals: what their outputs are; the first is looked at.
+    """
+    commands = [np.abs(segment.input[:, 0]) for segment in segments]
+    speeds = [_speed(segment, signals[0]) for segment in segments]
+    for values in (commands, [np.abs(speed) for speed in speeds]):
+        for low, high in _ranges(np.concatenate(values)):
+            yield from _enough([(each > low) & (each <= high) for each in values])
+    for sign in (1.0, -1.0):
+        yield from _enough([sign * speed > 0 for speed in speeds])
+
+
+def better_on_kinds(trials: Trials, rich: Trial, simple: Trial) -> bool:
+    """Whether the richer of two trials is better on kinds of samples that it was not fitted to.
+
+    Where the records have one kind only, nothing is known, and the answer is no.
+    """
+    found = [
+        (_left_out(trials, rich, mask), _left_out(trials, simple, mask))
+        for mask in kinds(trials.segments, trials.signals)
+    ]
+    if not found:
+        return False
+    return better(*(StretchErrors.joined(errors) for errors in zip(*found, strict=True)))
+
+
+def better_on_both_sides(trials: Trials, rich: Trial, simple: Trial, name: str) -> bool:
+    """Whether both sides of a break in the voltage have been seen, and neither has a larger error with it.
+
+    Args:
+        trials: what the two share.
+        rich, simple: the trials with and without the break.
+        name: the parameter of the richer one that is the voltage of the break.
+    """
+    drive, level = rich.plant.drive, rich.plant.value(name)
+    wanted = [drive.gain * (drive.commands(segment.input) + drive.offset) for segment in trials.segments]
+    beyond = np.concatenate([np.tile(np.abs(each) > BESIDE * level, len(trials.signals)) for each in wanted])
+    if not SEEN <= np.mean(beyond) <= 1 - SEEN:
+        return False
+    squares = [np.concatenate(each.residuals) ** 2 for each in (rich, simple)]
+    errors = [[float(np.mean(each[side])) for side in (beyond, ~beyond)] for each in squares]
+    return not any(matters(without, than=with_it) for with_it, without in zip(*errors, strict=True))
+
+
+def _left_out(trials: Trials, trial: Trial, mask: Sequence[Mask]) -> StretchErrors:
+    """The errors on some samples of a trial that is fitted again to the errors of all others."""
+    others = replace(trials, counted=tuple((~some).astype(float) for some in mask))
+    again = others.fitted([trial.plant], trial.names, trial.states)
+    squares = np.concatenate(trials.residuals(trial if again is None else again)) ** 2
+    counted = np.concatenate([np.tile(some, len(trials.signals)) for some in mask])
+    return StretchErrors.of(np.where(counted, squares, np.nan), STRETCHES)
+
+
+def _ranges(values: Array) -> list[tuple[float, float]]:
+    """The ranges of `PARTS` parts of some values; zero is a part of its own and is not looked at."""
+    moving = values[values > 0]
+    if not len(moving):
+        return []
+    edges = np.quantile(moving, np.linspace(0, 1, PARTS + 1))
+    edges[0] = 0.0
+    return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+
+
+def _enough(masks: list[Mask]) -> Iterator[tuple[Mask, ...]]:
+    """The masks, if they are enough of all samples and leave enough."""
+    share = float(np.mean(np.concatenate(masks)))
+    if SHARE <= share <= 1 - SHARE:
+        yield tuple(masks)
+
+
+def _speed(segment: Record, signal: Signal) -> Array:
+    """(N,) a speed, or the slope of a position."""
+    y = segment.output[:, 0]
+    return np.gradient(y, segment.dt) if signal is Signal.POSITION and len(y) > 1 else y

@@ -1,0 +1,1 @@
+"""What real drives add to a plant, each refinement with its starts."""

@@ -1,0 +1,71 @@
+"""Every refinement that a choice tries, and how each is taken out again.
+
+To add one, write a function in a file of its own and name it here; `WITHOUT` has the values at which it has no effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import inf
+
+import numpy as np
+
+from emsid.errors import ModelError
+from emsid.models.plants.parameters import parts
+from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.search.refinements.contract import Refined, Refinement
+from emsid.models.plants.search.refinements.gain_by_direction import SLOPE, gain_by_direction
+from emsid.models.plants.search.refinements.knee import knee
+from emsid.models.plants.search.refinements.stribeck_by_direction import stribeck_by_direction
+from emsid.models.plants.search.refinements.supply_limit import supply_limit
+from emsid.models.plants.search.refinements.usual import (
+    averaging_sensor,
+    by_direction,
+    coasting_bridge,
+    constant_load,
+    late_command,
+    slow_sensor,
+    stribeck,
+    viscous_by_direction,
+)
+
+REFINEMENTS: tuple[Refinement, ...] = (
+    coasting_bridge, late_command, slow_sensor, averaging_sensor, stribeck, by_direction, viscous_by_direction,
+    constant_load, supply_limit, knee, gain_by_direction,
+    stribeck_by_direction,
+)  # fmt: skip
+EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge,)
+"""Refinements that do great harm on another record where they are wrong: they are judged on kinds left out."""
+BREAKS: dict[Refinement, str] = {supply_limit: "drive.supply", knee: "drive.knee"}
+"""Refinements that break the range of voltages in two, each with the parameter that says where; both must be seen."""
+LOOK_ALIKE: dict[Refinement, str] = {late_command: "drive.delay", slow_sensor: "sensor.lag"}
+"""Refinements that look alike in many records, each with its parameter, which is zero without it."""
+WITHOUT: tuple[Mapping[str, float], ...] = (
+    {"drive.delay": 0.0},
+    {"sensor.lag": 0.0},
+    {"drive.freewheel": 0.0},
+    {"drive.supply": inf},
+    {"drive.knee": inf, "drive.beyond": 1.0},
+    {SLOPE: 1.0},
+)
+"""The parameters of refinements of drive and sensor, with the values at which they have no effect."""
+
+
+def simplified(plant: DrivenPlant, free: tuple[str, ...]) -> list[Refined]:
+    """The plant without each of its refinements in turn."""
+    excess, rate = f"{plant.friction_name}.stribeck", f"{plant.friction_name}.stribeck_rate"
+    found: list[Refined] = []
+    for neutral in (*WITHOUT, {plant.load_name: 0.0}, {excess: 0.0, rate: 0.0}):
+        if set(neutral) <= set(free):
+            try:
+                plain = plant.with_values(neutral)
+            except ModelError:  # a bridge that coasts needs a supply
+                continue
+            found.append((plain, tuple(name for name in free if name not in neutral)))
+    for whole in plant.handles:
+        sides = parts(plant, whole)
+        if len(sides) == 2 and set(sides) <= set(free):
+            mean = float(np.mean([abs(plant.value(side)) for side in sides]))
+            merged = tuple(whole if name == sides[0] else name for name in free if name != sides[1])
+            found.append((plant.with_values({whole: mean}), merged))
+    return found

@@ -1,0 +1,20 @@
+"""What a refinement is: a function that returns starts of a refined plant and the parameters that are free in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from emsid.models.plants.plant import DrivenPlant
+from emsid.record import Record
+
+Refined = tuple[DrivenPlant, tuple[str, ...]]
+Refinement = Callable[[DrivenPlant, tuple[str, ...], Record], Sequence[Refined]]
+"""From a plant, what is free of it and a record to starts of a refined plant; all of them have the same free names.
+
+None where the plant cannot be refined like this, or is already.
+"""
+
+
+def level_name(plant: DrivenPlant) -> str:
+    """The name of the level of its friction, the first parameter of the law."""
+    return f"{plant.friction_name}.{plant.frictions[plant.friction_name].parameters[0].name}"

@@ -71,7 +71,7 @@ def trials(folder: Path, rows: int) -> Iterator[Trial]:
     for words in commands:
         own = [word for word in words[2:] if word in by_path]
         options = [word for word in words[2:] if word not in by_path]
-        title = folder.name if len(commands) == 1 else f"{folder.name}: {Path(own[0]).stem[:28]}"
+        title = folder.name if len(commands) == 1 else f"{folder.name}: {shortened(Path(own[0]).stem)}"
         look = by_path[own[0]]
         if len(own) >= EVERY:
             left = own[EVERY - 1 :: EVERY]
@@ -83,6 +83,11 @@ def trials(folder: Path, rows: int) -> Iterator[Trial]:
             first = int((1 - LAST) * most)
             unseen = [(Path(each), first, most) for each in own]
             yield Trial(title, [*words[:2], *own, *options, "--rows", f"0:{first}"], unseen, look)
+
+
+def shortened(name: str) -> str:
+    """The beginning and the end of a long name."""
+    return name if len(name) <= 24 else f"{name[:11]}…{name[-12:]}"
 
 
 def cpu_seconds() -> float:

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 import emsid
 from emsid.findings import Finding
-from emsid.first_look.advice import advice, dead_zone, questions, repeated
+from emsid.first_look.advice import advice, breakaway, dead_zone, questions, repeated, responses_of
 from emsid.first_look.baseline import baseline
 from emsid.first_look.dynamics import Response, influence, response
 from emsid.first_look.nonlinearity import nonlinearity, period_of
@@ -260,26 +260,74 @@ def test_nothing_is_said_about_an_output_that_is_not_there() -> None:
     assert advice(record, Response(None, 0, 0.0, 0.0)) == []
 
 
+def asked(records: list[Record]) -> list[Finding]:
+    return questions(records, responses_of(records))
+
+
 class TestQuestions:
     """What calls a model into question is said by an identification too."""
 
     def test_nothing_about_a_good_record(self) -> None:
-        assert questions([Record(U, motor(U), 0.01)]) == []
+        assert asked([Record(U, motor(U), 0.01)]) == []
 
     def test_reversed_leads(self) -> None:
         record = Record(U, -motor(U), 0.01, "u", "y", name="log")
-        assert [finding.code for finding in questions([record])] == ["response-negative"]
+        assert [finding.code for finding in asked([record])] == ["response-negative"]
         result = emsid.identify(record, models="arx", options=emsid.Options(na=1, nb=1, nk=1))
         assert "response-negative" in {finding.code for finding in result.findings}
 
     def test_one_record_of_opposite_sign(self) -> None:
         records = [Record(U, sign * motor(U), 0.01, name=f"{k}") for k, sign in enumerate((1, 1, -1))]
-        assert [(found.code, found.subject) for found in questions(records)] == [("records-of-opposite-sign", "2")]
+        assert [(found.code, found.subject) for found in asked(records)] == [("records-of-opposite-sign", "2")]
 
     def test_each_kind_is_given_once(self) -> None:
         records = [Record(U, spikes(motor(U)), 0.01, name=f"{k}") for k in range(3)]
-        assert [finding.code for finding in questions(records)] == ["outliers"]
+        assert [finding.code for finding in asked(records)] == ["outliers"]
 
     def test_records_that_say_nothing(self) -> None:
-        assert questions([Record(U, dt=0.01), Record(U[:10], U[:10], 0.01), Record(U, np.zeros(N), 0.01)]) == []
-        assert questions([Record(np.ones(N), motor(U), 0.01)]) == []
+        assert asked([Record(U, dt=0.01), Record(U[:10], U[:10], 0.01), Record(U, np.zeros(N), 0.01)]) == []
+        assert asked([Record(np.ones(N), motor(U), 0.01)]) == []
+
+
+class TestLongDelays:
+    """A long delay that the first look finds is given to all models."""
+
+    def test_it_is_taken_from_the_data(self) -> None:
+        u = steps()
+        record = Record(u, motor(u, delay=36), 0.01, "u", "y")
+        result = emsid.identify(record, models="arx", options=emsid.Options(na=1, nb=1))
+        (found,) = (each for each in result.findings if each.code == "delay-from-data")
+        assert found.data["delay"] == 36
+        assert result.chosen.model.structure.labels[1] == "u(t-36)"
+
+    def test_a_given_or_a_short_one_is_not(self) -> None:
+        u = steps()
+        given = emsid.Options(na=1, nb=1, nk=35)
+        for delay, options in ((36, given), (3, emsid.Options(na=1, nb=1))):
+            record = Record(u, motor(u, delay=delay), 0.01, "u", "y")
+            result = emsid.identify(record, models="arx", options=options)
+            assert "delay-from-data" not in {each.code for each in result.findings}
+
+
+class TestBreakaway:
+    """A motor that coasts through its dead zone is rarely at rest, and its rests show the dead zone."""
+
+    @staticmethod
+    def coasting(zone: float) -> tuple[Array, np.ndarray]:
+        ramps = np.concatenate([np.linspace(0, sign * 100, 50)[:, None] for sign in (1, -1) for _ in range(8)])[:, 0]
+        u = np.concatenate([np.append(piece, np.zeros(30)) for piece in np.split(ramps, 16)])
+        y, moving = np.zeros(len(u)), False
+        for k in range(1, len(u)):
+            moving = abs(u[k - 1]) > zone or (moving and abs(y[k - 1]) > 0.5)
+            y[k] = 0.8 * y[k - 1] + 0.2 * u[k - 1] if moving else 0.0
+        return u, y == 0
+
+    @pytest.mark.parametrize("zone", [30.0, 60.0])
+    def test_the_level_is_found(self, zone: float) -> None:
+        u, resting = self.coasting(zone)
+        assert breakaway(u, resting, 1) == pytest.approx(zone, abs=3.0)
+
+    def test_steps_from_rest_do_not_show_it(self) -> None:
+        u = np.tile(np.repeat([0.0, 100.0], 20), 10)
+        assert breakaway(u, np.roll(u, 1) == 0, 1) is None
+        assert breakaway(u, np.zeros(len(u), dtype=bool), 1) is None

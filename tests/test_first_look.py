@@ -360,9 +360,14 @@ def test_the_proposed_command_works(run: Run, write: Write, tmp_path: Path, colu
     assert status == 0, err
 
 
-def test_a_long_delay_is_in_the_command(run: Run, write: Write) -> None:
-    out = run("describe", write({"t": T, "u": U, "y": np.append(np.zeros(40), Y[:-40])}))[1]
-    assert shlex.split(out.splitlines()[-1])[-2:] == ["--nk", "41"]
+def test_a_file_is_parsed_once(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    from emsid.io import READERS
+
+    parsed = []
+    reader = READERS[".csv"]
+    monkeypatch.setitem(READERS, ".csv", lambda content: parsed.append(1) or reader(content))
+    assert emsid.describe(write({"t": T, "u": U, "y": Y})).record is not None
+    assert len(parsed) == 1
 
 
 def test_without_options_there_is_no_missing_option(run: Run, write: Write, tmp_path: Path) -> None:

@@ -181,3 +181,12 @@ class TestCodes:
 
     def test_scaling_a_record_of_a_file_keeps_the_relation(self, record: Record) -> None:
         assert record.scale("PWM", 2.0, 1.0).converted("PWM", 1000.0) == pytest.approx(2 * 1000 * 12 / 255 + 1)
+
+
+def test_the_derivative_of_a_column_of_another_file(tmp_path: Path) -> None:
+    t = 0.01 * np.arange(40)
+    (tmp_path / "u.csv").write_text("\n".join(map(str, t)))
+    (tmp_path / "y.csv").write_text("\n".join(map(str, t**2)))
+    record = emsid.read(tmp_path / "u.csv", input="u.csv:1", output=("d(y.csv:1)", "y.csv:1"), dt=0.01)
+    assert record.output_names == ("d(y)", "y")
+    np.testing.assert_allclose(record.output[:, 0], 2 * t, atol=1e-6)

@@ -294,6 +294,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("residual-not-tested", "arx", {"model": "arx", "output": "speed"}),
     Finding("next-check-data", "log.csv", {"fit_percent": 12.0}),
     Finding("next-physical-model", "arx"),
+    Finding("delay-from-data", "speed", {"input": "u", "delay": 36, "time": 0.036}),
     # the verdict on a model
     Finding("model-supported", "arx", {"model": "arx", "reasons": [], "tests": []}),
     Finding("model-supported", "arx", {"model": "arx", "reasons": [], "tests": [{"passed": False}]}),

@@ -1,6 +1,7 @@
 """The options for reading files, shared by all commands that read records."""
 
 import inspect
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,7 +48,8 @@ class Reader:
             if not self.given.get(name) and files:
                 shown = f"`emsid describe {files[0]}` shows the columns"
                 raise DataError(f"name the {name} column; {shown}", arguments=(name,))
-        found = [file_and_column(name) for name in self.given.get("output", ())]
+        names = [re.sub(r"^d\((.+)\)$", r"\1", name) for name in self.given.get("output", ())]
+        found = [file_and_column(name) for name in names]
         files = list(files) or [each[0] for each in found if each][:1]
         if not files:
             raise DataError("missing argument 'FILE...'; give a file, or columns of files, such as --output y.csv:1")

@@ -43,6 +43,8 @@ FEW_STEPS = 8
 """A deviation of fewer quantisation steps is coarse."""
 FASTEST, SLOWEST = 1.5, 200.0
 """Samples in a time constant below which sampling is too slow, and above which it is too fast."""
+SHORTEST_REST, FEWEST_RESTS, CONTRADICTIONS = 3, 5, 0.15
+"""Samples of a rest; rests from which a break-away is found; the largest share of inputs that contradict it."""
 SPIKE = 12.0
 """A single sample so many standard deviations away from its neighbours is an outlier."""
 
@@ -171,7 +173,8 @@ def motion(data: _Data) -> Iterable[Finding]:
         yield Finding("all-standstill", data.output, numbers)
         return
     yield Finding("much-standstill" if share > MUCH_REST else "motion", data.output, numbers)
-    zone = dead_zone(data.u, data.resting)
+    zone = breakaway(data.u, data.resting, data.response.delay or 0)
+    zone = dead_zone(data.u, data.resting) if zone is None else zone
     amplitude = float(np.percentile(np.abs(data.u), 90))
     if zone is not None:
         inside = float(np.mean(np.abs(data.u) <= zone))
@@ -179,6 +182,39 @@ def motion(data: _Data) -> Iterable[Finding]:
         zones = {"dead_zone": zone, "amplitude": amplitude, "inside": inside, "unit": unit, "confidence": 0.7}
         code = "amplitude-near-dead-zone" if amplitude < 2.5 * zone else "dead-zone-likely"
         yield Finding(code, data.input, zones)
+
+
+def breakaway(u: Array, resting: NDArray[np.bool_], delay: int) -> float | None:
+    """The input at which the output starts to move from rest; None where the data do not show it.
+
+    In every rest, inputs that did not end it are below the limit, and the one that did is above. The limit with the
+    fewest contradictions is taken. A motor that coasts is at rest for a small part of the samples only, though its
+    input passes the dead zone often.
+
+    Args:
+        u: (N,) the input.
+        resting: (N,) whether the output is at rest.
+        delay: samples from the input to its first effect.
+    """
+    edges = np.diff(np.concatenate([[0], resting.astype(np.int8), [0]]))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    below, above = [], []
+    for start, end in zip(starts, ends, strict=True):
+        moved = end - delay
+        if end - start < delay + SHORTEST_REST or end == len(u):
+            continue
+        below.append(float(np.max(np.abs(u[start:moved]))))
+        above.append(float(abs(u[moved])))
+    if len(below) < FEWEST_RESTS:
+        return None
+    held, passed = np.array(below), np.array(above)
+    levels = np.unique(np.concatenate([[0.0], held, passed]))
+    limits = (levels[1:] + levels[:-1]) / 2
+    wrong = np.array([np.count_nonzero(held > x) + np.count_nonzero(passed < x) for x in limits])
+    best = np.flatnonzero(wrong == wrong.min())
+    low, high = levels[best[0]], levels[best[-1] + 1]
+    clear = wrong.min() <= CONTRADICTIONS * 2 * len(held) and high - low <= low
+    return float(f"{(low + high) / 2:.3g}") if clear else None
 
 
 def dead_zone(u: Array, resting: NDArray[np.bool_]) -> float | None:
@@ -346,25 +382,33 @@ QUESTIONABLE = frozenset(
 """What a user of a model must know about the data that it was identified from."""
 
 
-def questions(records: Sequence[Record]) -> list[Finding]:
+def responses_of(records: Sequence[Record]) -> list[Response | None]:
+    """How the first output of every record answers the first input; None where that cannot be said."""
+    return [
+        response(record.input[:, 0], record.output[:, 0], record.breaks)
+        if record.output.shape[1] and len(record) >= FEWEST_SAMPLES and np.ptp(record.output[:, 0])
+        else None
+        for record in records
+    ]
+
+
+def questions(records: Sequence[Record], responses: Sequence[Response | None]) -> list[Finding]:
     """The findings about records that call a model into question which is identified from them.
 
     Args:
         records: with the same channels; each finding of a kind is given once, about the first record that has it.
+        responses: of the records.
     """
     found: dict[str, Finding] = {}
-    responses = []
-    for record in records:
-        if not (record.output.shape[1] and len(record) >= FEWEST_SAMPLES and np.ptp(record.output[:, 0])):
+    for record, answered in zip(records, responses, strict=True):
+        if answered is None:
             continue
-        answered = response(record.input[:, 0], record.output[:, 0], record.breaks)
-        responses.append((record.name, answered))
         data = _Data(record, answered, TOLERANCE)
         checks = (answer, motion, outliers, sampling, drift) if np.ptp(record.input[:, 0]) else (motion, outliers)
         for finding in (each for check in checks for each in check(data)):
             if finding.code in QUESTIONABLE:
                 found.setdefault(finding.code, finding)
-    odd = opposite_signs(responses)
+    odd = opposite_signs((r.name, answered) for r, answered in zip(records, responses, strict=True) if answered)
     if odd:
         found.pop("response-negative", None)
     return [*odd, *found.values()]

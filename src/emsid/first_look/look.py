@@ -28,7 +28,7 @@ from emsid.first_look.names import ColumnQuantity, Meaning, known_unit, meaning
 from emsid.first_look.roles import Roles, find_roles, is_difference, with_responses
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, as_numbers
-from emsid.io.reading import SECONDS, read, read_columns
+from emsid.io.reading import SECONDS, ParsedFile, read, read_columns
 from emsid.presentation import Presented
 from emsid.record import Record
 
@@ -96,7 +96,8 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
         DataError: where an argument that is given cannot be used.
     """
     file = Path(path)
-    raw = read_columns(file)
+    parsed = ParsedFile(file, read_columns(file))
+    raw = parsed.columns
     if raw.clocks:
         counts = {clock: len(raw.series[clock]) for clock in raw.clocks.values()}
         raw = on_one_clock(raw, max(counts, key=counts.__getitem__), raw.series)
@@ -121,7 +122,7 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
         proposal.pop("dt", None)
     look = FirstLook(str(path), rows, columns, raw.others, clock, roles, proposal, tolerance=tolerance)
     noticed += _about_columns(look)
-    return _with_record(look, noticed, set(reading))
+    return _with_record(look, parsed, noticed, set(reading))
 
 
 def describe_files(
@@ -171,13 +172,13 @@ def _input_and_output(first: Path, second: Path) -> tuple[Path, Path] | None:
     return (second, first) if swapped else (first, second)
 
 
-def _with_record(look: FirstLook, noticed: list[Finding], given: set[str]) -> FirstLook:
+def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], given: set[str]) -> FirstLook:
     """The look with its record, if it can be read, and the findings about that."""
     missing = [name for name in ("input", "output") if not look.reading.get(name)]
     if missing:
         return replace(look, findings=(*noticed, Finding("no-role-found", look.name, {"roles": missing})))
     try:
-        record = read(look.path, **look.reading)
+        record = read(parsed, **look.reading)
     except EmsidError as problem:
         if {"input", "output"} <= given or not isinstance(problem, DataError):
             raise

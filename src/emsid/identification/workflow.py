@@ -17,8 +17,9 @@ from emsid.errors import DataError, EmsidError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.findings import Finding
-from emsid.first_look.advice import questions
+from emsid.first_look.advice import questions, responses_of
 from emsid.identification.candidates import CANDIDATES, fit_or_problem, usual_for
+from emsid.identification.delay import with_delay
 from emsid.identification.observations import (
     about_the_fits,
     built_in_values,
@@ -101,10 +102,17 @@ def identify(
         )
     names = names or usual_for(record)
     options = understood(options, names)
-    given, options = options, codes_of_channel(options, record)
+    given = options
+    responses = responses_of(several)
+    options, about_delay = with_delay(codes_of_channel(options, record), responses, several[0])
     plants = plants_of(names, options)
     check_physics(plants, names, options)
-    findings = [*record.findings, *questions(several), *unused_requests(plants, names, given, record)]
+    findings = [
+        *record.findings,
+        *questions(several, responses),
+        *about_delay,
+        *unused_requests(plants, names, given, record),
+    ]
     findings += [each.about(name) for name, plant in plants.items() for each in assumptions(plant, record)]
 
     train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)

@@ -7,13 +7,14 @@ from emsid.io.files import atomic_write
 from emsid.io.model_file import Origin, load, origin, read_options, save
 from emsid.io.motor_file import datasheet_template, motor_template, read_datasheet, read_motor
 from emsid.io.other_files import file_and_column
-from emsid.io.reading import READERS, read, read_columns
+from emsid.io.reading import READERS, ParsedFile, read, read_columns
 from emsid.io.record_file import WRITERS, write_record
 
 __all__ = [
     "READERS",
     "WRITERS",
     "Origin",
+    "ParsedFile",
     "atomic_write",
     "datasheet_template",
     "file_and_column",

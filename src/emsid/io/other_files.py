@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -44,17 +45,21 @@ def with_other_files(
     """
     series, units = dict(columns.series), dict(columns.units)
     renamed: dict[str, str] = {}
-    for name in dict.fromkeys(names):
-        found = None if name in series else file_and_column(name, path)
-        if found is None:
-            continue
-        file, wanted = found
-        others = columns if file.resolve() == path.resolve() else read_columns(file)
-        column = _column(others, wanted, file)
-        own = column if column != f"c{list(others.series).index(column) + 1}" else file.stem
-        own = name if own in renamed.values() or (own in series and others is not columns) else own
-        renamed[name], series[own] = own, others.series[column].alias(own)
-        units[own] = others.units.get(column, "")
+    own_names: dict[str, str] = {}
+    for given in dict.fromkeys(names):
+        inner = re.fullmatch(r"d\((.+)\)", given)
+        name = inner[1] if inner and given not in series else given
+        found = None if name in series or name in own_names else file_and_column(name, path)
+        if found is not None:
+            file, wanted = found
+            others = columns if file.resolve() == path.resolve() else read_columns(file)
+            column = _column(others, wanted, file)
+            own = column if column != f"c{list(others.series).index(column) + 1}" else file.stem
+            own = name if own in own_names.values() or (own in series and others is not columns) else own
+            own_names[name], series[own] = own, others.series[column].alias(own)
+            units[own] = others.units.get(column, "")
+        if name in own_names:
+            renamed[given] = own_names[name] if name == given else f"d({own_names[name]})"
     return replace(columns, series=series, units=units), renamed
 
 

@@ -120,8 +120,21 @@ def read_columns(path: str | os.PathLike[str]) -> Columns:
     return columns
 
 
+@dataclass(frozen=True)
+class ParsedFile:
+    """A file whose columns are read already, for `read`.
+
+    Args:
+        path: the file.
+        columns: what `read_columns` returns for it.
+    """
+
+    path: Path
+    columns: Columns
+
+
 def read(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | ParsedFile,
     *,
     input: str | Sequence[str],
     output: str | Sequence[str],
@@ -147,7 +160,8 @@ def read(
 
     Args:
         path: a CSV, TSV, ``.dat`` or ``.txt`` table, a MAT file (version 5 to 7.3), Parquet, Arrow, Feather or NPZ;
-            with an optional package a spreadsheet, TDMS, MDF, WPILOG, MCAP or a bag of ROS 1.
+            with an optional package a spreadsheet, TDMS, MDF, WPILOG, MCAP or a bag of ROS 1 or 2 (a folder); or a
+            file that is parsed already.
         input: the column, or columns, that drive the system. ``d(name)`` is the derivative of column
             ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name. ``x.csv:1`` is the first
             column of another file, and ``x.csv:name`` one by name.
@@ -180,8 +194,9 @@ def read(
         FormatError: where the file cannot be read.
         DataError: where a column, sample, sample time, mask or unit cannot be used; the message says which.
     """
-    file = Path(path)
-    columns, rename = with_other_files(read_columns(file), file, [*_as_tuple(input), *_as_tuple(output)], read_columns)
+    parsed = path if isinstance(path, ParsedFile) else ParsedFile(Path(path), read_columns(path))
+    file = parsed.path
+    columns, rename = with_other_files(parsed.columns, file, [*_as_tuple(input), *_as_tuple(output)], read_columns)
     try:
         record = _record(
             columns,

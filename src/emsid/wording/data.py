@@ -117,6 +117,16 @@ def response_delay(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("delay-from-data")
+def delay_from_data(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: input, delay (samples), time (s)."""
+    d = f.data
+    return (
+        f"all models have a delay of {d['delay']} samples ({_milliseconds(d['time'])}), because {f.subject} answers "
+        f"{d['input']} so late; {argument('nk')} sets another one"
+    )
+
+
 @words("response-negative", Severity.WARNING)
 def response_negative(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: input, delay (samples), time (s), confidence."""

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 IN_FULL = 3
 """Of more files than this, each is described in a line."""
-LONGEST_SEARCHED = 5
-"""A longer delay is given in the command, because `emsid identify` does not try it by itself."""
 USELESS = {"record-too-short", "channel-constant", "all-standstill", "not-readable", "no-role-found"}
 """Findings with which there is nothing to identify."""
 
@@ -111,13 +109,10 @@ def proposals(looks: "Sequence[FirstLook]") -> list[list[str]]:
     for look in looks:
         if not USELESS & {finding.code for finding in look.findings}:
             kinds.setdefault(repr(sorted(look.reading.items(), key=str)), []).append(look)
-    commands = []
-    for alike in kinds.values():
-        delays = [look.response.delay for look in alike if look.response.delay is not None]
-        delay = min(delays, default=0)
-        searched = ["--nk", str(delay)] if delay > LONGEST_SEARCHED else []
-        commands.append(["emsid", "identify", *(look.path for look in alike), *as_options(alike[0].reading), *searched])
-    return commands
+    return [
+        ["emsid", "identify", *(look.path for look in alike), *as_options(alike[0].reading)]
+        for alike in kinds.values()
+    ]
 
 
 def as_document(look: "FirstLook") -> dict[str, Any]:

@@ -28,8 +28,11 @@ LARGEST_ORDER = 8
 LOWER = 2
 # Orders tried before and after a map that loses the sign.
 SIGNLESS_FIRST, SIGNLESS_SECOND = (1, 2, 3, 4), (0, 1, 2)
-# The longest delay tried, and the fraction of the squared error within which two delays are equally good.
-LONGEST_DELAY, DELAY_SLACK = 20, 0.1
+# Delays up to the first number are tried, and more as long as the best is among the last; two delays are equally good
+# within this fraction of the squared error.
+USUAL_DELAYS, LAST_DELAYS, DELAY_SLACK = 20, 5, 0.1
+# A delay above this share of the longest segment is no delay of the system.
+MOST_DELAY = 0.25
 # The least number of samples for every parameter.
 SAMPLES_PER_PARAMETER = 5
 
@@ -107,7 +110,9 @@ def input_delay(topology: Topology, segments: Sequence[tuple[Array, Array]], ord
         return 0
     noise = 2 * len(response.frequency)
     costs: list[float] = []
-    for delay in range(LONGEST_DELAY + 1):
+    for delay in range(int(MOST_DELAY * max(len(u) for u, _ in segments)) + 1):
+        if delay > USUAL_DELAYS and int(np.argmin(costs)) < delay - LAST_DELAYS:
+            break
         ahead = np.exp(2j * np.pi * response.frequency * delay)
         try:
             costs.append(fit_rational(replace(response, value=response.value * ahead), total + 1, total)[2])

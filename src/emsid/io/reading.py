@@ -132,9 +132,13 @@ class ParsedFile:
     path: Path
     columns: Columns
 
+    def __fspath__(self) -> str:
+        """The file, as any path."""
+        return str(self.path)
+
 
 def read(
-    path: str | os.PathLike[str] | ParsedFile,
+    path: str | os.PathLike[str],
     *,
     input: str | Sequence[str],
     output: str | Sequence[str],

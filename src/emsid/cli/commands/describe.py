@@ -110,8 +110,7 @@ def proposals(looks: "Sequence[FirstLook]") -> list[list[str]]:
         if not USELESS & {finding.code for finding in look.findings}:
             kinds.setdefault(repr(sorted(look.reading.items(), key=str)), []).append(look)
     return [
-        ["emsid", "identify", *(look.path for look in alike), *as_options(alike[0].reading)]
-        for alike in kinds.values()
+        ["emsid", "identify", *(look.path for look in alike), *as_options(alike[0].reading)] for alike in kinds.values()
     ]
 
 

@@ -105,13 +105,16 @@ def by_blocks(text: str, u: Array) -> Array:
 
 def by_steps(text: str, u: Array) -> Array:
     """Line by line in one step, and step after step."""
-    faster = re.search(r", with u interpolated .* t = 0, 1/(\d+), … samples(?: of [\d.e-]+ s)?$", text, re.MULTILINE)
-    rate = int(faster[1]) if faster else 1
+    faster = re.search(
+        r", with u (held|interpolated) .*t = 0, 1/(\d+), … samples(?: of [\d.e-]+ s)?$", text, re.MULTILINE
+    )
+    rate = int(faster[2]) if faster else 1
     text = text.replace(faster[0], "") if faster else text
     late = re.match(r"v\(t\) = u\(t(?:-(\d+))?\)\n", text)
     delay = rate * int(late[1] or 0) if late else 0
     padded = np.concatenate([np.zeros(BEFORE), u, u[-1:] * np.linspace(1, 0, 100)])
-    fine = np.concatenate([np.zeros(delay), resample(padded, rate * len(padded))])
+    between = np.repeat(padded, rate) if faster and faster[1] == "held" else resample(padded, rate * len(padded))
+    fine = np.concatenate([np.zeros(delay), between])
     text = text.replace(" + e(t)", "").replace(";", ",")
     text = re.sub(r"(\b[a-z]\d?)\(t\)", r"\1", text[late.end() :] if late else text)
     maps = {"linear": points("linear"), "spline": points("spline"), "f": lambda x, p1: p1 * np.cbrt(x)}

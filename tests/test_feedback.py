@@ -184,3 +184,36 @@ def test_what_is_no_feedback_model_is_refused() -> None:
     steep = FeedbackModel(LOOP, (Polynomial(np.array([0.0, 0.0, 0.0, 500.0])),))
     with pytest.raises(ModelError, match="diverges"):
         fit_feedback(steep, Record(U, U, DT))
+
+
+def oscillator(samples: int, growing: bool = False) -> tuple[Record, float]:
+    """A hardening spring that is driven by an input that is held, with 1 % noise, and the noise."""
+    rng, dt, x, v, out = np.random.default_rng(samples), 1 / 600.0, 0.0, 0.0, []
+    u = np.repeat(rng.normal(size=samples // 4 + 1), 4)[:samples] * 0.1
+    u *= np.linspace(0, 1.2, samples) if growing else 1.0
+    for level in u:
+        out.append(x)
+        for _ in range(10):
+            v += dt / 10 * (190_000 * (level - x - 12.0 * x**3) - 44 * v)
+            x += dt / 10 * v
+    y = np.array(out)
+    noise = 0.01 * float(np.std(y))
+    return Record(u, y + noise * rng.normal(size=samples), dt), noise
+
+
+def test_a_spring_that_hardens_is_found_to_the_noise() -> None:
+    """The search knows nothing of it; a new record of growing amplitude judges it."""
+    record, noise = oscillator(1200)
+    fit = emsid.fit(emsid.feedback(order=2, oversampling=2, held=True), record)
+    assert emsid.compare([fit], record).best.row.simulation_rmse < 1.1 * noise
+    other, noise = oscillator(1100, growing=True)
+    assert emsid.compare([fit], other).best.row.simulation_rmse < 1.4 * noise
+
+
+def test_an_unknown_option_or_record_is_refused() -> None:
+    with pytest.raises(ModelError, match="did you mean"):
+        emsid.feedback(static="dead-zon")
+    with pytest.raises(ModelError, match="orders count states"):
+        emsid.feedback(order=-1)
+    with pytest.raises(ModelError, match="fewer than"):
+        emsid.fit(emsid.feedback(), Record(U[:30], U[:30], DT))

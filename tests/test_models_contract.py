@@ -128,9 +128,9 @@ def feedback() -> Iterator[tuple[str, FeedbackModel]]:
     yield "feedback, two maps", FeedbackModel(TWO_LOOPS, (MAPS["saturation"], MAPS["spline"]), dt=DT)
     yield "feedback, no map", FeedbackModel(LOOP[[0, 1, 3]][:, :3], dt=DT)
     yield "feedback, no state", FeedbackModel(np.array([[1.0, 0.0], [0.3, 0.7]]), (MAPS["dead-zone"],), dt=DT)
-    for rate, delay in ((1, 2), (2, 0), (3, 20)):
-        loop = FeedbackModel(LOOP, (MAPS["polynomial"],), np.zeros(1), 0.2, delay, rate, dt=DT)
-        yield f"feedback, oversampling {rate}, delay {delay}", loop
+    for rate, delay, held in ((1, 2, False), (2, 0, False), (3, 20, False), (2, 1, True)):
+        loop = FeedbackModel(LOOP, (MAPS["polynomial"],), np.zeros(1), 0.2, delay, rate, held, dt=DT)
+        yield f"feedback, oversampling {rate}, delay {delay}{', held' * held}", loop
 
 
 def plants() -> Iterator[tuple[str, GreyBox]]:

@@ -31,6 +31,8 @@ from emsid.models.blocks.static_maps import (
 from emsid.models.blocks.static_maps.static_map import Pieces
 from emsid.models.feedback.kernels import LoopSignals
 from emsid.models.feedback.model import FeedbackModel, FeedbackState
+from emsid.models.feedback.search.choice import FeedbackSearch
+from emsid.models.feedback.search.estimation import FeedbackStructure
 
 __all__ = [
     "STATIC_MAPS",
@@ -46,7 +48,9 @@ __all__ = [
     "DeadZone",
     "Family",
     "FeedbackModel",
+    "FeedbackSearch",
     "FeedbackState",
+    "FeedbackStructure",
     "LoopSignals",
     "NumberedMap",
     "Pieces",

@@ -20,6 +20,7 @@ from emsid.identification.linear_models import Armax, BoxJenkins, StateSpace
 from emsid.identification.options import ModelKind, Options
 from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS
 from emsid.models.blocks.search.estimation import CascadeStructure
+from emsid.models.blocks.search.map_families import SPLINE
 from emsid.models.blocks.search.topologies import (
     HAMMERSTEIN,
     HAMMERSTEIN_WIENER,
@@ -28,6 +29,8 @@ from emsid.models.blocks.search.topologies import (
     CascadeSearch,
     Topology,
 )
+from emsid.models.feedback.search.choice import FeedbackSearch
+from emsid.models.feedback.search.estimation import FeedbackStructure
 from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
@@ -74,6 +77,32 @@ class Blocks:
         given = iter(options.orders)
         first = next(given) if self.topology.first else None
         return first, next(given) if self.topology.second else None
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """A linear system with static maps in its feedback as a candidate.
+
+    Args:
+        summary: what it is, in a few words.
+    """
+
+    summary: str
+    uses: ClassVar[tuple[str, ...]] = ("nk", "knots", "orders", "static", "hold", "held_back")
+
+    def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
+        """Choose order, maps and steps per sample on selection data, then fit to the free run over the whole record."""
+        if len(options.orders) > 1:
+            raise ModelError(
+                f"feedback has one linear part; {len(options.orders)} orders given: give one", arguments=("orders",)
+            )
+        static = options.static or (SPLINE if options.knots else None)
+        held = None if options.hold is None else options.hold is Hold.ZERO
+        order = options.orders[0] if options.orders else None
+        search = FeedbackSearch(
+            order, None, static, options.knots or 0, options.nk or 0, held=held, held_back=options.held_back
+        )
+        return FeedbackStructure(search).fit(record, control=control)
 
 
 @dataclass(frozen=True)
@@ -166,12 +195,13 @@ CANDIDATES: MutableMapping[str, ModelKind] = _Candidates(
         "wiener-hammerstein": Blocks("linear filter, static map, linear filter", WIENER_HAMMERSTEIN),
         "hammerstein": Blocks("static map, linear filter", HAMMERSTEIN),
         "wiener": Blocks("linear filter, static map", WIENER),
+        "feedback": Feedback("linear, with static maps in its feedback: friction, a spring, a limit in a loop"),
         "hammerstein-wiener": Blocks("static map, linear filter, static map", HAMMERSTEIN_WIENER),
     }
 )
 
 # The models that are fitted by default: they suit any record of one input and one output.
-USUAL = (*REGRESSIONS, "wiener-hammerstein")
+USUAL = (*REGRESSIONS, "wiener-hammerstein", "feedback")
 
 
 # An output is close to zero within this fraction of its largest value.

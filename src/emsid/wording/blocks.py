@@ -62,7 +62,7 @@ def parameters_without_interval(f: Finding, argument: Spelling) -> str:
 
 
 def _block(f: Finding) -> str:
-    return f"block {f.data['block']}"
+    return f"map {f.data['map']}" if "map" in f.data else f"block {f.data['block']}"
 
 
 def _in_block(f: Finding) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import Infeasible, Minimum, gauss_newton
+from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.findings import Finding
 from emsid.models.feedback.coordinates import Visited, coordinates, normal_form, whitened
 from emsid.models.feedback.model import FeedbackModel, check_channels
@@ -63,6 +65,17 @@ class FreeRun:
         """(n,) the initial state of a segment."""
         first = self.spread.shape[1] + k * self.model.states
         return theta[first : first + self.model.states]
+
+    @cached_property
+    def penalties(self) -> tuple[Penalty, ...]:
+        """On the roughness of every map that has one, in (φ, states)."""
+        count, found = self.model.states * len(self.segments), []
+        for map_, span in zip(self.model.maps, self.model.spans, strict=True):
+            rows = map_.roughness()
+            if rows is not None and len(rows):
+                moved = np.pad(rows @ self.spread[span], ((0, 0), (0, count)))
+                found.append(Penalty(moved, rows @ map_.parameters))
+        return tuple(found)
 
     def residuals(self, theta: Array) -> list[Array]:
         """Model minus measurement, per segment."""
@@ -110,7 +123,12 @@ class Found:
     @property
     def error(self) -> float:
         """The root mean square of the residual."""
-        return float(np.sqrt(2 * self.minimum.cost / self.minimum.samples))
+        return float(np.sqrt(np.mean(np.concatenate(self.minimum.residuals) ** 2)))
+
+    @property
+    def parameters(self) -> int:
+        """The number of free parameters of the model, without initial states."""
+        return len(self.minimum.estimate) - sum(map(len, self.states))
 
 
 def fit_feedback(
@@ -164,9 +182,9 @@ def searched(
     states = [starting(model, u, y[: model.memory]) for u, y in segments]
     found = None
     while found is None or (left > 0 and not found.settled):
-        same = whitened(model, _visited(model, segments, states))
+        same = whitened(model, visited(model, segments, states))
         states = [same.state(x) for x in states]
-        spread = coordinates(same.model, _visited(same.model, segments, states))
+        spread = coordinates(same.model, visited(same.model, segments, states))
         problem = FreeRun(same.model, spread, segments, transient)
         minimum = _gauss_newton(problem, states, min(STEPS, left), tolerance, control, False, least_saving)
         left -= max(minimum.iterations, 1)
@@ -184,11 +202,11 @@ def conclude(
 ) -> Fit[FeedbackModel]:
     """The fit at a minimum, in the normal form, with covariances."""
     model, states = found.model, found.states
-    same, held = normal_form(model, _visited(model, segments, states))
+    same, held = normal_form(model, visited(model, segments, states))
     states = [same.state(x) for x in states]
-    spread = coordinates(same.model, _visited(same.model, segments, states), held)
+    spread = coordinates(same.model, visited(same.model, segments, states), held)
     problem = FreeRun(same.model, spread, segments, transient)
-    minimum = _gauss_newton(problem, states, STEPS if found.settled else 0, tolerance, control, True)
+    minimum = _gauss_newton(problem, states, 2 * STEPS if found.settled else 0, tolerance, control, True)
     minimum = replace(minimum, ending=found.minimum.ending) if not found.settled else minimum.judged()
     model, free = problem.at(minimum.estimate), problem.spread.shape[1]
     own = minimum.covariance[:free, :free]
@@ -198,9 +216,15 @@ def conclude(
     covariance[unknown, unknown] = np.inf
     kept = np.flatnonzero(np.diag(covariance) > 0)
     fit = minimum.fit(model, [model.names[k] for k in kept])
+    seen = visited(model, segments, [problem.state(minimum.estimate, k) for k in range(len(segments))])
+    about_maps = [
+        replace(each, data={"map": k + 1, **each.data})
+        for k, map_ in enumerate(model.maps)
+        for each in map_.findings(seen.z[:, k])
+    ]
     return replace(
         fit,
-        findings=_findings(minimum, [model.names[k] for k in np.flatnonzero(unknown)]),
+        findings=(*_findings(minimum, [model.names[k] for k in np.flatnonzero(unknown)]), *about_maps),
         estimate=model.parameters[kept],
         covariance=covariance[np.ix_(kept, kept)],
     )
@@ -244,10 +268,11 @@ def _gauss_newton(
         ),
         control=control,
         covariances=covariances,
+        penalties=problem.penalties,
     )
 
 
-def _visited(model: FeedbackModel, segments: Segments, states: Sequence[Array]) -> Visited:
+def visited(model: FeedbackModel, segments: Segments, states: Sequence[Array]) -> Visited:
     """The signals of a model over the segments.
 
     Raises:

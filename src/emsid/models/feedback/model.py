@@ -15,9 +15,8 @@ can be moved into the linear part, if the family of f contains them; one for a s
 directions are removed from a fit (`coordinates`); a fitted model is in the normal form of that module, in which the
 rest can be identified if the input excites every map.
 
-**Sampling.** With ``oversampling`` L the input is interpolated (band-limited) to L times the rate and the model makes
-L steps per sample. An oscillator whose input goes on between its samples needs it: its spring force varies between
-them.
+**Sampling.** With ``oversampling`` L the model makes L steps per sample, because what a map gives varies between
+samples. The input is interpolated (band-limited) to L times the rate, or held over each sample, as a drive does.
 
 References:
     Vanbeylen, *Nonlinear LFR block-oriented model: potential benefits and improved, user-friendly identification
@@ -83,6 +82,7 @@ class FeedbackModel:
         output_offset: y₀, in the output's unit.
         delay: nk, samples from the input to its first effect.
         oversampling: L, how many steps the model makes per sample of the record.
+        held: whether the input is held over the steps of a sample; otherwise it is interpolated.
         name: name in tables and files.
         dt: sample time in s of its records; None for any.
 
@@ -97,6 +97,7 @@ class FeedbackModel:
     output_offset: float = 0.0
     delay: int = 0
     oversampling: int = 1
+    held: bool = False
     name: str = "feedback"
     dt: float | None = None
 
@@ -197,17 +198,21 @@ class FeedbackModel:
     @property
     def edge(self) -> int:
         """Samples at the start of a segment for which the interpolated or delayed input is not known."""
-        return self.delay + (INTERPOLATION_REACH if self.oversampling > 1 else 0)
+        return self.delay + (INTERPOLATION_REACH if self._interpolates else 0)
 
     @property
     def latency(self) -> int:
         """The delay of the output in samples: interpolation needs the next `INTERPOLATION_REACH` samples."""
-        return max(INTERPOLATION_REACH - self.delay, 0) if self.oversampling > 1 else 0
+        return max(INTERPOLATION_REACH - self.delay, 0) if self._interpolates else 0
 
     @property
     def _kept(self) -> int:
         """The number of past inputs that the next output needs."""
-        return self.delay if self.oversampling == 1 else INTERPOLATION_REACH + max(self.delay, INTERPOLATION_REACH)
+        return INTERPOLATION_REACH + max(self.delay, INTERPOLATION_REACH) if self._interpolates else self.delay
+
+    @property
+    def _interpolates(self) -> bool:
+        return self.oversampling > 1 and not self.held
 
     def trajectory(self, u: Array, x: Array) -> LoopSignals:
         """Every signal of the run over an input (N,), L steps per sample, from a state (n,).
@@ -248,7 +253,7 @@ class FeedbackModel:
 
     def entering(self, u: Array) -> Array:
         """(NL,) the input interpolated and delayed; its first value holds before the start."""
-        x = interpolated(u, self.oversampling)
+        x = np.repeat(u, self.oversampling) if self.held else interpolated(u, self.oversampling)
         if self.delay:
             late = min(self.delay * self.oversampling, len(x))
             x = np.concatenate([np.full(late, u[0]), x[: len(x) - late]])
@@ -301,7 +306,10 @@ class FeedbackModel:
         """The outputs (N, 1) for inputs (N, 1), `latency` samples late, and the state after them."""
         samples, reach = len(inputs), INTERPOLATION_REACH
         held = np.concatenate([state.inputs, inputs[:, 0]])
-        v = held[:samples] if self.oversampling == 1 else between(held[: samples + 2 * reach], self.oversampling)
+        if self._interpolates:
+            v = between(held[: samples + 2 * reach], self.oversampling)
+        else:
+            v = np.repeat(held[:samples], self.oversampling)
         out, after = self.stepped(np.ascontiguousarray(v), state.x)
         return out.y[:: self.oversampling, None].copy(), FeedbackState(held[samples:], after)
 
@@ -353,6 +361,7 @@ class FeedbackModel:
             "output_offset": self.output_offset,
             "delay": self.delay,
             "oversampling": self.oversampling,
+            "held": self.held,
             **({} if self.dt is None else {"dt": self.dt}),
         }
 
@@ -372,6 +381,7 @@ class FeedbackModel:
                 float(data["output_offset"]),
                 int(data["delay"]),
                 int(data["oversampling"]),
+                bool(data.get("held", False)),
                 str(data["name"]),
                 None if data.get("dt") is None else float(data["dt"]),
             )
@@ -430,7 +440,8 @@ def _equation(model: FeedbackModel) -> str:
 def _sampling(model: FeedbackModel) -> str:
     """The note on the steps, for oversampling."""
     step = f" of {model.dt:g} s" if model.dt is not None else ""
-    return f", with u interpolated (band-limited) at t = 0, 1/{model.oversampling}, … samples{step}"
+    how = "held" if model.held else "interpolated (band-limited)"
+    return f", with u {how} at t = 0, 1/{model.oversampling}, … samples{step}"
 
 
 def _sum(factors: object, names: list[str], offset: float) -> str:

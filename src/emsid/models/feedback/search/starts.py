@@ -50,7 +50,12 @@ ALTERNATIONS = 10
 
 
 def linear_start(
-    records: Sequence[Record], order: int, oversampling: int = 1, delay: int = 0, control: Control = FREE
+    records: Sequence[Record],
+    order: int,
+    oversampling: int = 1,
+    delay: int = 0,
+    held: bool = False,
+    control: Control = FREE,
 ) -> FeedbackModel:
     """A feedback model without maps: the output-error model of this order, realised in observer form.
 
@@ -70,7 +75,7 @@ def linear_start(
         matrix = _faster(matrix, oversampling)
     steady = 1 + float(a.sum())
     offset = level / steady if abs(steady) > 1e-9 else 0.0
-    return FeedbackModel(matrix, (), np.zeros(0), offset, delay, oversampling, dt=record.dt)
+    return FeedbackModel(matrix, (), np.zeros(0), offset, delay, oversampling, held, dt=record.dt)
 
 
 def _faster(matrix: Array, rate: int) -> Array:
@@ -144,7 +149,7 @@ def with_one_map_more(
             new = searched(start, segments, transient, steps, 0.1, control, 1e-3)
         except EmsidError:
             continue
-        if best is None or new.minimum.cost < best.minimum.cost:
+        if best is None or new.error < best.error:
             best = new
         control.check()
     return best
@@ -204,7 +209,8 @@ def _signals(
     n = model.states
     signals = np.column_stack([run.x, u])
     of_output = model.matrix[-1, : n + 1]
-    yield of_output, interpolated(y, model.oversampling) - model.output_offset
+    between = interpolated(y, model.oversampling)[: len(u)]
+    yield of_output, between - model.output_offset
     rows = [of_output, *(np.eye(n + 1) / size)]
     if n > 1:
         rows += [model.matrix[-1, :n] @ model.matrix[:n, : n + 1]]  # the output one step later

@@ -1,0 +1,292 @@
+"""Choice of order, rate, static maps and their number by the free run on unseen data.
+
+From simple to complex, each choice must be better by more than noise (`emsid.selection.improvement`):
+
+1. for every order, a linear model and one polynomial map in the direction that explains most;
+2. with the best order, twice the rate, for an input that goes on between its samples;
+3. other families of maps;
+4. a second map.
+
+If one map explains no more than noise, the search ends after the first step. A model whose free run diverges on an
+input a little larger than that of the record is not chosen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from emsid.errors import EmsidError, ModelError
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
+from emsid.models.blocks.search.map_families import Family, family_of
+from emsid.models.feedback.fitting import Found, Segments, gather, searched, visited
+from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.search.starts import linear_start, with_one_map_more
+from emsid.models.free_run import squared_errors
+from emsid.models.regression.search.judge import BEYOND, diverges, enlarged, shortened
+from emsid.record import Record
+from emsid.record.holding_back import validation_splits
+from emsid.selection.improvement import STRETCHES, StretchErrors, better, schwarz_gain
+
+# Orders that are tried, if none is given.
+ORDERS = (1, 2, 3)
+# Samples that choices are made from, and of the unseen data.
+SEARCHED, JUDGED = 6_000, 8_000
+# Steps of a refinement for a choice.
+STEPS = 40
+# The map that every order is tried with, and families and sizes that are tried then.
+FIRST = ("polynomial", 3)
+OTHERS = (("polynomial", 5), ("spline", 0), ("dead-zone", 0), ("saturation", 0))
+
+
+@dataclass(frozen=True, eq=False)
+class FeedbackSearch:
+    """Options of the identification of a feedback model; options that are None are chosen on unseen data.
+
+    Attributes:
+        order: of the linear part.
+        maps: the number of static maps, one or two.
+        static: the family of the maps.
+        size: their number of knots, or degree; 0 for the usual one of the family.
+        delay: from the input to its first effect, in samples.
+        oversampling: steps of the model per sample.
+        held: whether the input is held between its samples, or goes on.
+        held_back: fraction of the record that choices are made on.
+    """
+
+    order: int | None = None
+    maps: int | None = None
+    static: Family | None = None
+    size: int = 0
+    delay: int = 0
+    oversampling: int | None = None
+    held: bool | None = None
+    held_back: float = 0.25
+
+
+class Steps(NamedTuple):
+    """The steps of a model per sample, and whether its input is held over them."""
+
+    number: int
+    held: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A model fitted to the data that the search sees, and its errors on unseen data."""
+
+    found: Found
+    errors: StretchErrors
+    family: Family
+    size: int
+
+    @property
+    def parameters(self) -> int:
+        """How many parameters and initial states the data determine; a penalty determines the others."""
+        minimum = self.found.minimum
+        return minimum.samples - round(sum(float(r @ r) for r in minimum.residuals) / minimum.noise_variance)
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """The data that the choices are made from.
+
+    Attributes:
+        shown: the records that models are fitted to.
+        unseen: records that compare them; the same as ``shown`` where they are short.
+        transient: samples at the start of every unseen segment without error, the same for all models.
+        control: when to stop.
+        rng: for directions.
+    """
+
+    shown: Sequence[Record]
+    unseen: Sequence[Record]
+    transient: int
+    control: Control = FREE
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+
+    @classmethod
+    def of(cls, records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Bench:
+        """The data of the records; long ones are searched in pieces."""
+        shown, splits = validation_splits(records, settings.held_back)
+        unseen: Sequence[Record] = shown
+        if len(splits) == 1:
+            unseen = [shortened(record, JUDGED // len(records)) for record in splits[0][1]]
+            shown = [shortened(record, max(SEARCHED // len(records), 1)) for record in shown]
+        largest = FeedbackModel(
+            np.zeros(((settings.order or max(ORDERS)) + 1,) * 2),
+            delay=settings.delay,
+            oversampling=settings.oversampling or 2,
+        )
+        shortest = max(len(segment) for record in unseen for segment in record.segments)
+        return cls(shown, unseen, min(largest.memory, shortest // 3), control)
+
+    @property
+    def compared(self) -> bool:
+        """Whether there are unseen data."""
+        return self.unseen is not self.shown
+
+    @cached_property
+    def beyond(self) -> list[Record]:
+        """The records with a larger input."""
+        return [enlarged(record, BEYOND) for record in self.shown]
+
+    def segments(self, model: FeedbackModel) -> Segments:
+        """(u, y) of the data that models are fitted to."""
+        return gather(model, self.shown, None)
+
+    def judged(self, found: Found, family: Family, size: int) -> Trial:
+        """The errors of a model; infinite where it diverges on a larger input."""
+        model = found.model
+        try:
+            far = any(diverges(model, record) for record in self.beyond)
+            squares = np.full(STRETCHES, np.inf) if far else squared_errors(model, self.unseen, self.transient)
+        except EmsidError:
+            squares = np.full(STRETCHES, np.inf)
+        return Trial(found, StretchErrors.of(squares), family, size)
+
+
+def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Iterator[Trial]:
+    """Trials, each better than the one before; the last one is the choice.
+
+    Raises:
+        ModelError: if no feedback model can be fitted.
+    """
+    bench = Bench.of(records, settings, control)
+    first = Steps(settings.oversampling or 1, bool(settings.held))
+    family, size = (settings.static, settings.size) if settings.static else (family_of(FIRST[0]), FIRST[1])
+    orders = ORDERS if settings.order is None else (settings.order,)
+    best, bent, problem = None, False, None
+    for order in orders:
+        control.doing(f"order {order}", order, len(orders))
+        try:
+            linear = _linear(bench, order, first, settings.delay)
+            trial = _with_map(bench, linear, family, size)
+        except EmsidError as error:
+            problem = error
+            continue
+        bent = bent or _preferred(trial, bench.judged(linear, family, size), bench.compared)
+        if best is None or _preferred(trial, best, bench.compared):
+            best = trial
+    if best is None:
+        raise problem or ModelError("feedback: no model of this record; check channels, units and delay")
+    yield best
+    if not bent:
+        return
+    for step in (_faster, _other_families, _second_map):
+        for trial in step(bench, best, settings):
+            if _preferred(trial, best, bench.compared):
+                best = trial
+                yield best
+
+
+def _preferred(trial: Trial, best: Trial, compared: bool) -> bool:
+    """Whether a trial replaces the best one.
+
+    Of two models the richer one is chosen if it is better on unseen data by more than noise. It is also chosen by
+    Schwarz's criterion on the fitted data, for the number of independent errors, if it is better on unseen data too.
+    In a short record no part shows all that the whole does, so that criterion alone decides.
+
+    Args:
+        trial: the new one.
+        best: the one before.
+        compared: whether there are unseen data.
+    """
+    if not np.isfinite(trial.errors.mean):
+        return False
+    richer = trial.parameters > best.parameters
+    simple, rich = (best, trial) if richer else (trial, best)
+    residual = rich.found.minimum.residuals
+    extra = rich.parameters - simple.parameters
+    gain = schwarz_gain(rich.found.error**2, simple.found.error**2, effective_samples(residual), extra)
+    if compared:
+        wins = better(rich.errors, simple.errors) or (gain > 0 and rich.errors.mean < simple.errors.mean)
+    else:
+        wins = gain > 0
+    return wins if richer else not wins
+
+
+def _linear(bench: Bench, order: int, steps: Steps, delay: int) -> Found:
+    start = linear_start(bench.shown, order, steps.number, delay, steps.held, bench.control)
+    return searched(start, bench.segments(start), start.edge, 20, 0.1, bench.control)
+
+
+def _with_map(bench: Bench, found: Found, family: Family, size: int) -> Trial:
+    """The trial with one map more.
+
+    Raises:
+        ModelError: if all directions diverge.
+    """
+    model = found.model
+    segments, size = bench.segments(model), _size(family, size)
+    start = with_one_map_more(found, segments, model.edge, family, size, bench.rng, control=bench.control)
+    if start is None:
+        raise ModelError(f"{model.name}: with a map in its feedback the model diverges; choose another order")
+    return _refined(bench, start.model, family, size)
+
+
+def _refined(bench: Bench, model: FeedbackModel, family: Family, size: int) -> Trial:
+    refined = searched(model, bench.segments(model), model.edge, STEPS, 0.1, bench.control)
+    return bench.judged(refined, family, size)
+
+
+def _size(family: Family, size: int) -> int:
+    """The given number of knots or degree, or the first that the family tries."""
+    return size or (family.sizes[0] if family.sizes else 0)
+
+
+def _faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+    """With more steps per sample."""
+    order = best.found.model.states
+    fewer = [order - 1] if settings.order is None and order > 1 else []  # what made up for the steps may go
+    if settings.oversampling is not None:
+        return
+    for held in (False, True) if settings.held is None else (settings.held,):
+        for each in (order, *fewer):
+            bench.control.doing(f"two steps per sample, order {each}")
+            try:
+                linear = _linear(bench, each, Steps(2, held), settings.delay)
+                yield _with_map(bench, linear, best.family, best.size)
+            except EmsidError:
+                continue
+
+
+def _other_families(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+    """With maps of other families, begun at the present map."""
+    if settings.static is not None:
+        return
+    for name, size in OTHERS:
+        family = family_of(name)
+        bench.control.doing(f"map: {name}")
+        try:
+            yield _refined(bench, with_family(best, bench.shown, family, _size(family, size)), family, size)
+        except EmsidError:
+            continue
+
+
+def _second_map(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+    """With a second map of the same family, or a spline."""
+    if settings.maps == 1:
+        return
+    names = [(best.family, best.size)]
+    if settings.static is None and best.family.name != "spline":
+        names.append((family_of("spline"), 0))
+    for family, size in names:
+        bench.control.doing(f"second map: {family.name}")
+        try:
+            yield _with_map(bench, best.found, family, size)
+        except EmsidError:
+            continue
+
+
+def with_family(trial: Trial, records: Sequence[Record], family: Family, size: int) -> FeedbackModel:
+    """The model of a trial with maps of another family or size, each the closest to the present one."""
+    model = trial.found.model
+    seen = visited(model, gather(model, records, None), trial.found.states)
+    maps = [family.start(seen.z[:, i], seen.w[:, i], size) for i in range(len(model.maps))]
+    return replace(model, maps=tuple(maps))

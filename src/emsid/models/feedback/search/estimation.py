@@ -1,0 +1,124 @@
+"""`feedback`: identification of feedback models without start values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from emsid.errors import ModelError
+from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.linear.least_squares import check_excitation
+from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.estimation.threads import one_blas_thread
+from emsid.findings import Finding
+from emsid.models.blocks.search.map_families import Family, family_of
+from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.feedback.fitting import conclude, gather, searched
+from emsid.models.feedback.model import FeedbackModel, check_channels
+from emsid.models.feedback.search.choice import FeedbackSearch, Trial, chosen
+from emsid.models.terms import check_whole
+from emsid.record import Record
+
+# A record needs this many samples for every element of the smallest model.
+SAMPLES = 60
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FeedbackStructure:
+    """A feedback model to identify; `fit` estimates it.
+
+    Args:
+        search: orders, maps and other options.
+    """
+
+    search: FeedbackSearch
+
+    name = "feedback"
+
+    def __repr__(self) -> str:
+        static = getattr(self.search.static, "name", "chosen maps")
+        return f"FeedbackStructure(order {self.search.order or 'chosen'}, {static})"
+
+    @one_blas_thread()
+    def fit(self, records: Record | Sequence[Record], *, control: Control = FREE) -> Fit[FeedbackModel]:
+        """Fit the model to the free-run error; options that are not given are chosen on unseen data.
+
+        Args:
+            records: one input and one output each.
+            control: cancellation, time limit and progress reports. If it ends the search, the best model so far is
+                kept.
+
+        Raises:
+            ModelError: for records of other channels or too short, or where no model can be fitted.
+            Stopped: if ``control`` ends the search before there is a model.
+        """
+        several = [records] if isinstance(records, Record) else list(records)
+        if not several:
+            raise ModelError("feedback: no record to identify from; give one or several")
+        for record in several:
+            check_channels(self.name, record)
+            check_excitation(record)
+        if sum(map(len, several)) < SAMPLES:
+            raise ModelError(f"feedback: fewer than {SAMPLES} samples; record longer")
+        best: Trial | None = None
+        try:
+            for trial in chosen(several, self.search, control):
+                best = trial
+            assert best is not None
+            control.doing("fitting feedback to all data")
+            return _fitted(best, several, control.during("fitting feedback"))
+        except Stopped as stopped:
+            if best is None:
+                raise
+            fit = _fitted(best, several, FREE, 0)
+            cut_short = Finding("choices-cut-short", self.name, {"cancelled": stopped.ending is Ending.INTERRUPTED})
+            return replace(fit, ending=stopped.ending, findings=(cut_short,))
+
+
+def feedback(
+    order: int | None = None,
+    *,
+    static: Family | StaticMap | type[StaticMap] | str | None = None,
+    size: int = 0,
+    maps: int | None = None,
+    delay: int = 0,
+    oversampling: int | None = None,
+    held: bool | None = None,
+) -> FeedbackStructure:
+    """A linear system with static maps in its feedback, to be fitted by `emsid.fit`.
+
+    >>> feedback(order=2, static="polynomial", size=3)
+    FeedbackStructure(order 2, polynomial)
+
+    Args:
+        order: of the linear part; None chooses it on unseen data.
+        static: the family of its maps: a name such as ``dead-zone``, a map or its class; None chooses it.
+        size: number of knots, or degree; 0 for the usual one of the family.
+        maps: the number of maps, 1 or 2; None chooses it.
+        delay: from the input to its first effect, in samples.
+        oversampling: steps of the model per sample of the record; None tries 1 and 2.
+        held: whether the input is held between its samples; otherwise it is band-limited. None tries both.
+
+    Raises:
+        ModelError: for invalid numbers, or an unknown static map.
+    """
+    for what, value, least, why in (
+        ("order", order, 0, "orders count states"),
+        ("size", size, 0, "this is a number of knots, or a degree"),
+        ("maps", maps, 1, "this is the number of static maps"),
+        ("delay", delay, 0, "a model cannot look ahead"),
+        ("oversampling", oversampling, 1, "the model makes at least one step per sample"),
+    ):
+        if value is not None:
+            check_whole(f"feedback: {what}", value, least, why)
+    family = None if static is None else family_of(static)
+    return FeedbackStructure(FeedbackSearch(order, maps, family, size, delay, oversampling, held))
+
+
+def _fitted(best: Trial, records: Sequence[Record], control: Control, iterations: int = 150) -> Fit[Any]:
+    """The model of a trial, fitted to all data."""
+    model = best.found.model
+    segments = gather(model, records, None)
+    found = searched(model, segments, model.edge, iterations, 0.05, control)
+    return conclude(found, segments, model.edge, 0.05, control)

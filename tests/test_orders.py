@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import coherence as scipy_coherence
+from scipy.signal import csd, lfilter
 
 import emsid
 from emsid import Ending, ModelError, Record
-from emsid.estimation.linear.filtering import filtered, mirrored
+from emsid.estimation.linear.filtering import coherence, filtered, filtered_from, mirrored, past_state, spectrum
 from emsid.models.regression.search.orders import order_grid, output_error_orders
 
 A, B, OFFSET = [1.0, -1.5, 0.7], [0.0, 1.0, 0.5], 0.6
@@ -35,6 +36,25 @@ def test_filtered_rows_are_those_of_scipy() -> None:
     for above, below in (([1.0], A), (B, A), ([1.0, 0.2, 0.3], [2.0]), (B, [2.0, 0.5])):
         np.testing.assert_allclose(filtered(above, below, x), lfilter(above, below, x, axis=1), rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(filtered(above, below, x[0]), lfilter(above, below, x[0]), rtol=1e-12, atol=1e-12)
+
+
+def test_a_filter_goes_on_from_its_state() -> None:
+    x = np.random.default_rng(0).standard_normal(50)
+    whole = filtered(B, A, x)
+    first, state = filtered_from(B, A, x[:20], np.zeros(2))
+    np.testing.assert_allclose(state, past_state(B, A, first, x[:20]), atol=1e-12)
+    np.testing.assert_allclose(np.r_[first, filtered_from(B, A, x[20:], state)[0]], whole, rtol=1e-12)
+
+
+@pytest.mark.parametrize("size", [64, 33, 1])
+def test_spectra_are_those_of_scipy(size: int) -> None:
+    x, y = np.random.default_rng(0).standard_normal((2, 300))
+    expected = csd(x, y, nperseg=size)[1]
+    found = spectrum(x, y, size)
+    scale = np.vdot(found, expected) / max(np.vdot(found, found).real, 1e-300)
+    np.testing.assert_allclose(found * scale.real, expected, atol=1e-12)
+    if size > 1:
+        np.testing.assert_allclose(coherence(x, y, size), scipy_coherence(x, y, nperseg=size)[1], atol=1e-12)
 
 
 def test_roots_are_mirrored_into_the_circle() -> None:

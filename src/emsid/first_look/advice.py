@@ -16,8 +16,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
+from emsid.estimation.linear.filtering import spectrum
 from emsid.excitation import largest_order, persistent_excitation_order
 from emsid.excitation.between_samples import may_be_continuous, repeats
 from emsid.findings import Finding
@@ -298,7 +298,8 @@ def sampling(data: _Data) -> Iterable[Finding]:
     if held > 1:
         yield Finding("samples-repeated", data.output, {"factor": held, "dt": dt, "better": held * dt})
         return
-    frequency, power = welch(data.y - data.y.mean(), fs=1 / dt, nperseg=min(len(data.y), 1024))
+    size = min(len(data.y), 1024)
+    frequency, power = np.fft.rfftfreq(size, dt), spectrum(data.y, data.y, size).real
     total = float(power[1:].sum())
     high = float(power[frequency > 0.35 / dt].sum() / total) if total else 0.0
     if high > 0.05:

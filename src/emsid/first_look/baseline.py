@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter, lfiltic
 
+from emsid.estimation.linear.filtering import filtered, filtered_from, past_state
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -66,7 +66,7 @@ def baseline(record: Record, delay: int | None) -> Baseline | None:
     y = record.output[:, 0]
     residual = y - simulated
     fit = 1 - float(np.linalg.norm(residual) / np.linalg.norm(y - y.mean()))
-    step = lfilter(b, a, np.ones(min(len(record), 20_000)))
+    step = filtered(b, a, np.ones(min(len(record), 20_000)))
     gain = float(b.sum() / a.sum())
     reached = np.flatnonzero(np.abs(step) >= 0.632 * abs(gain))
     constant = float(max(reached[0] - delay + 1, 0.5)) if len(reached) and np.isfinite(gain) else np.inf
@@ -80,6 +80,5 @@ def _free_run(piece: Record, a: Array, b: Array, offset: float) -> Array:
     if len(y) <= start:
         return y
     rest = offset / a.sum()
-    state = lfiltic(b, a, (y[:start] - rest)[::-1], u[:start][::-1])
-    run, _ = lfilter(b, a, u[start:], zi=state)
+    run, _ = filtered_from(b, a, u[start:], past_state(b, a, y[:start] - rest, u[:start]))
     return np.concatenate([y[:start], run + rest])

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
+from emsid.estimation.linear.filtering import filtered
 from emsid.first_look.columns import runs
 from emsid.validation.correlation import cross_correlation
 
@@ -257,4 +257,4 @@ def _whitening(u: Array) -> Array:
 
 def _filtered(filter: Array, x: Array) -> Array:
     """The differences of a piece through the filter."""
-    return np.asarray(lfilter(filter, [1.0], np.diff(x, prepend=x[:1])), dtype=np.float64)
+    return filtered(filter, 1.0, np.diff(x, prepend=x[:1]))

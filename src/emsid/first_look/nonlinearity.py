@@ -16,8 +16,8 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import coherence
 
+from emsid.estimation.linear.filtering import coherence
 from emsid.findings import Finding
 from emsid.first_look.baseline import Baseline
 from emsid.first_look.dynamics import Response
@@ -45,9 +45,7 @@ def nonlinearity(record: Record, response: Response, linear: Baseline | None) ->
         return
     share = dependence(linear, u, response.delay, record.breaks)
     segment = max(record.segments, key=len)
-    _, similar = coherence(
-        segment.input[:, 0], segment.output[:, 0], fs=1 / record.dt, nperseg=min(len(segment) // 4, 1024) or 1
-    )
+    similar = coherence(segment.input[:, 0], segment.output[:, 0], min(len(segment) // 4, 1024) or 1)
     low = similar[1 : max(3, len(similar) // 8)]
     of_residual = share / max((1 - linear.fit) ** 2, 1e-12)
     nonlinear = share > LEAST and of_residual > CLEAR

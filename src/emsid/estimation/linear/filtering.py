@@ -24,13 +24,38 @@ def filtered(above: ArrayLike, below: ArrayLike, signals: ArrayLike) -> Array:
         below: (≥ 1,) the leading coefficient of A, which is not zero, and a₁, a₂, …
         signals: each row is filtered on its own.
     """
-    a, b = np.atleast_1d(np.asarray(below, dtype=float)), np.atleast_1d(np.asarray(above, dtype=float))
-    width = max(len(a), len(b))
-    both = np.zeros((2, width))
-    both[0, : len(b)], both[1, : len(a)] = b / a[0], a / a[0]
+    b, a = _equally_long(above, below)
     values = np.array(signals, dtype=float, order="C")
-    _filter_rows(both[0], both[1], values.reshape(-1, values.shape[-1]))
+    _filter_rows(b, a, values.reshape(-1, values.shape[-1]), np.zeros(len(a)))
     return values
+
+
+def filtered_from(above: ArrayLike, below: ArrayLike, signal: ArrayLike, state: ArrayLike) -> tuple[Array, Array]:
+    """A signal (N,) through B/A from a state, and the state after it.
+
+    Args:
+        above, below: as in `filtered`; n is the larger of their orders.
+        signal: (N,).
+        state: (n,) of the transposed direct form; see `past_state`.
+    """
+    b, a = _equally_long(above, below)
+    values, kept = np.array(signal, dtype=float), np.append(np.asarray(state, dtype=float), 0.0)
+    _filter_rows(b, a, values[None], kept)
+    return values, kept[:-1]
+
+
+def past_state(above: ArrayLike, below: ArrayLike, outputs: ArrayLike, inputs: ArrayLike) -> Array:
+    """(n,) the state of a filter after these outputs and inputs (≥ n,), the newest last."""
+    b, a = _equally_long(above, below)
+    y, u, n = np.asarray(outputs, dtype=float)[::-1], np.asarray(inputs, dtype=float)[::-1], len(a) - 1
+    return np.array([b[k + 1 :] @ u[: n - k] - a[k + 1 :] @ y[: n - k] for k in range(n)])
+
+
+def _equally_long(above: ArrayLike, below: ArrayLike) -> tuple[Array, Array]:
+    a, b = np.atleast_1d(np.asarray(below, dtype=float)), np.atleast_1d(np.asarray(above, dtype=float))
+    both = np.zeros((2, max(len(a), len(b))))
+    both[0, : len(b)], both[1, : len(a)] = b / a[0], a / a[0]
+    return both[0], both[1]
 
 
 LARGEST = 0.999
@@ -38,12 +63,15 @@ LARGEST = 0.999
 
 
 @numba.njit(cache=True, nogil=True)
-def _filter_rows(b: Array, a: Array, rows: Array) -> None:
-    """Filter every row in place; a and b have the same length, and a[0] = 1."""
+def _filter_rows(b: Array, a: Array, rows: Array, begin: Array) -> None:
+    """Filter every row in place, from the state ``begin``, which becomes that after the last row.
+
+    a, b and ``begin`` have the same length, a[0] = 1, and the last number of ``begin`` is zero.
+    """
     order = len(a) - 1
     state = np.empty(order + 1)
     for k in range(len(rows)):
-        state[:] = 0.0
+        state[:] = begin
         row = rows[k]
         for t in range(len(row)):
             x = row[t]
@@ -51,6 +79,7 @@ def _filter_rows(b: Array, a: Array, rows: Array) -> None:
             for j in range(order):
                 state[j] = state[j + 1] + b[j + 1] * x - a[j + 1] * y
             row[t] = y
+    begin[:] = state
 
 
 def mirrored(polynomial: Sequence[float] | Array, circle: float = 1.0) -> Array:
@@ -61,3 +90,33 @@ def mirrored(polynomial: Sequence[float] | Array, circle: float = 1.0) -> Array:
     size = np.maximum(np.abs(roots), 1e-300)
     inside = roots * np.where(size >= circle, circle / size * np.minimum(circle / size, LARGEST), 1.0)
     return np.real(np.poly(inside))
+
+
+def spectrum(x: Array, y: Array, size: int) -> NDArray[np.complex128]:
+    """(size//2 + 1,) the one-sided cross spectrum of y after x, without a scale, by Welch's method.
+
+    Pieces of ``size`` samples overlap by half; each has its mean removed and a Hann window. The frequencies are those
+    of `numpy.fft.rfftfreq`.
+
+    Args:
+        x, y: (N,) with at least ``size`` samples; x twice gives the power spectrum.
+        size: samples of a piece.
+    """
+    window = np.sin(np.pi * np.arange(size) / size) ** 2 if size > 1 else np.ones(1)
+    step = max(size - size // 2, 1)
+
+    def pieces(signal: Array) -> NDArray[np.complex128]:
+        cut = np.lib.stride_tricks.sliding_window_view(signal, size)[::step]
+        return np.asarray(np.fft.rfft(window * (cut - cut.mean(axis=1, keepdims=True)), axis=1))
+
+    of_x = pieces(x)
+    cross = np.mean(of_x.conj() * (of_x if y is x else pieces(y)), axis=0)
+    cross[1 : len(cross) - (size % 2 == 0)] *= 2
+    return np.asarray(cross)
+
+
+def coherence(x: Array, y: Array, size: int) -> Array:
+    """(size//2 + 1,) the part of the power of y that a linear relation to x explains; NaN where one has no power."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        powers = spectrum(x, x, size).real * spectrum(y, y, size).real
+        return np.asarray(np.abs(spectrum(x, y, size)) ** 2 / powers)

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.linear.filtering import spectrum
 from emsid.estimation.linear.information import Information
 from emsid.estimation.nonlinear.gauss_newton import Infeasible, gauss_newton, least_squares_step
 
@@ -64,19 +65,16 @@ def frequency_response(segments: Sequence[tuple[Array, Array]], window: int | No
     Raises:
         ModelError: where no segment is as long as the window, or the input is constant.
     """
-    from scipy.signal import csd, welch
-
     longest = max(len(u) for u, _ in segments)
     size = int(np.clip(2 ** int(np.log2(max(longest / 16, 1))), 32, 1024)) if window is None else window
-    total, power, response, cross = 0.0, 0.0, 0.0, 0.0
+    total, power, response, cross = 0.0, np.zeros(1), np.zeros(1), np.zeros(1, dtype=complex)
     frequency = np.asarray(np.fft.rfftfreq(size), dtype=float)
     for u, y in segments:
         if len(u) < size:
             continue
-        common = {"nperseg": size, "window": "hann", "detrend": "constant"}
-        power = power + len(u) * welch(u, **common)[1]
-        response = response + len(u) * welch(y, **common)[1]
-        cross = cross + len(u) * csd(u, y, **common)[1]
+        power = power + len(u) * spectrum(u, u, size).real
+        response = response + len(u) * spectrum(y, y, size).real
+        cross = cross + len(u) * spectrum(u, y, size)
         total += len(u)
     if not total:
         raise ModelError(f"a frequency response needs a segment of {size} samples; the longest has {longest}")

@@ -32,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.estimation.linear.filtering import filtered
 from emsid.estimation.uncertainty.robust_covariance import long_run_variance
 
 Array = NDArray[np.float64]
@@ -56,25 +57,19 @@ class Colour(NamedTuple):
 
     def backwards(self, jacobian: Array) -> Array:
         """(N, p), with a zero (N + 1, p): HᵀJ of derivatives (N, p), the last sample first."""
-        from scipy.signal import lfilter
-
         if self.zero:  # w before the first sample is in the first residual
             jacobian = np.concatenate([np.zeros((1, jacobian.shape[1])), jacobian])
-        through: Array = lfilter([1.0, -self.zero], self.polynomial, jacobian[::-1], axis=0)
+        through: Array = filtered([1.0, -self.zero], self.polynomial, jacobian[::-1].T).T
         return through
 
     def whitened(self, residual: Array) -> Array:
         """(N,) w of a residual (N,)."""
-        from scipy.signal import lfilter
-
-        white: Array = lfilter(self.polynomial, [1.0], _without_zero(residual, self.zero))
+        white: Array = filtered(self.polynomial, 1.0, _without_zero(residual, self.zero))
         return white
 
     def begun_at_rest(self, signals: Array) -> Array:
         """(N, p) signals through H⁻¹, with nothing before the first sample."""
-        from scipy.signal import lfilter
-
-        through: Array = lfilter(self.polynomial, [1.0, -self.zero], signals, axis=0)
+        through: Array = filtered(self.polynomial, [1.0, -self.zero], signals.T).T
         return through
 
 
@@ -120,11 +115,9 @@ def _criterion(colour: Colour, pieces: Sequence[tuple[Array, Array]]) -> float:
 
 def _without_zero(residual: Array, zero: float) -> Array:
     """(N,) a residual through 1/(1 − c·q⁻¹), without the effect of what was before it."""
-    from scipy.signal import lfilter
-
     if zero == 0:
         return residual
-    through: Array = lfilter([1.0], [1.0, -zero], residual)
+    through: Array = filtered(1.0, [1.0, -zero], residual)
     before = zero ** np.arange(len(residual))
     return through - before * (before @ through) / (before @ before)
 

@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.linear.filtering import filtered
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible
 from emsid.estimation.threads import short_tasks
@@ -72,11 +73,9 @@ class Recent:
 
     def __call__(self, error: Array, dt: float) -> Array:
         """(N,) the weighted error of one channel of one segment, scaled by τⁿ to stay in its unit."""
-        from scipy.signal import lfilter
-
         decay = np.exp(-dt / self.time)
         for _ in range(self.order):
-            error = lfilter([1.0, -1.0], [1.0, -decay], error)
+            error = filtered([1.0, -1.0], [1.0, -decay], error)
         return error
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.linear.filtering import filtered_from
 
 Array = NDArray[np.float64]
 
@@ -79,10 +80,8 @@ class Sensor:
     def _shown(self, values: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
         lagging, state = values, float(kept[1])
         if self.lag >= 1e-6 * dt:
-            from scipy.signal import lfilter
-
             newest, before, decay = self._weights(dt)
-            lagging, (state,) = lfilter([newest, before], [1.0, -decay], values, zi=[state])
+            lagging, (state,) = filtered_from([newest, before], [1.0, -decay], values, [state])
         return lagging / self.ratio + self.offset, np.array([float(positions[-1]), state])
 
     def _weights(self, dt: float) -> tuple[float, float, float]:

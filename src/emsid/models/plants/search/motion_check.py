@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError
+from emsid.estimation.linear.filtering import filtered
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -40,7 +41,6 @@ SETTLING = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 
 def _is_noise(segments: Sequence[Record], channel: int, lags: int = 20) -> bool:
     """Whether an output is white (Ljung, Box, Biometrika 65, 1978) and uncorrelated with what could answer an input."""
-    from scipy.signal import lfilter
     from scipy.special import chdtrc
 
     long = [segment for segment in segments if len(segment) > 2 * lags]
@@ -62,5 +62,5 @@ def _is_noise(segments: Sequence[Record], channel: int, lags: int = 20) -> bool:
         return False
     inputs = [centred([segment.input[:, k] for segment in long]) for k in range(long[0].input.shape[1])]
     decays = [np.exp(-1 / time) if time else 0.0 for time in SETTLING]
-    answers = [correlation([lfilter([1.0], [1.0, -d], p) for p in u], y) ** 2 for u in inputs for d in decays]
+    answers = [correlation([filtered(1.0, [1.0, -d], p) for p in u], y) ** 2 for u in inputs for d in decays]
     return bool(chdtrc(1, samples * max(answers)) > CHANCE / len(answers))

@@ -193,6 +193,22 @@ def test_a_search_that_stalled_at_a_minimum_gives_its_intervals():
     assert "search-stalled" not in codes(fit)
 
 
+def test_a_motor_whose_search_stalled_has_no_interval_anywhere(monkeypatch):
+    def in_steps(error, dt):  # its derivative leads astray
+        return np.round(error, 3)
+
+    monkeypatch.setattr("emsid.estimation.nonlinear.restarts.RESTARTS", 0)
+    record = WHITE.record(0, 300)
+    fit = simulation_error(START, record, free=tuple(TRUTH), fixed={"resistance": RESISTANCE}, weighting=in_steps)
+    assert fit.ending is Ending.STALLED
+    assert "search-stalled" in codes(fit)
+    written = fit.to_data()
+    assert {row.interval for row in fit.table} == {None}
+    assert {tuple(each["interval"] or (None, None)) for each in written["parameters"]} == {(None, None)}
+    assert {tuple(each["interval"]) for each in written["combinations"]} <= {(None, None)}
+    assert not any("…" in row.interval for row in parameter_rows(fit))
+
+
 # --- regressions -----------------------------------------------------------------------------------------------------
 
 EQUATION, OUTPUT, COLOURED = (EQUATIONS[name] for name in ("white", "output noise", "inputs only, coloured"))

@@ -302,7 +302,10 @@ def combinations(
     minimum: Minimum,
     conditions: Conditions,
 ) -> tuple[Combination, ...]:
-    """The quantities of the plant that the data identify, with standard errors to first order."""
+    """The quantities of the plant that the data identify, with standard errors to first order.
+
+    A tolerated value moves a quantity by ∂q/∂h + ∂q/∂θ·dθ̂/dh, which is zero for those that do not depend on it.
+    """
 
     sizes = dict(zip(conditions.names, conditions.sizes.tolist(), strict=True))
     sizes |= dict(zip(identifiability.names, identifiability.sizes.tolist(), strict=True))
@@ -321,13 +324,15 @@ def combinations(
         return ()
     relative = gradients(asked) * identifiability.sizes
     direct, held = gradients(names), gradients(conditions.names)
-    covariance = minimum.covariance[: len(names), : len(names)]
+    covariance = minimum.covariance[: len(names), : len(names)] - conditions.covariance
     found = []
     for quantity, whole, part, beside in zip(quantities, relative, direct, held, strict=True):
         if np.any(whole) and identifiability.determines(whole) and isfinite(quantity.value):
             moving = tuple(name for name, slope in zip(asked, whole, strict=True) if slope != 0)
+            shift = beside + part @ conditions.shifts
             with np.errstate(invalid="ignore"):
-                error = float(np.sqrt(max(part @ covariance @ part, 0.0)))
-            given = conditions.given(beside + part @ conditions.shifts, error, quantity.value)
+                variance = part @ covariance @ part + np.sum((shift * conditions.tolerated) ** 2)
+                error = float(np.sqrt(max(variance, 0.0)))
+            given = conditions.given(shift, error, quantity.value)
             found.append(Combination(quantity, error, moving, given))
     return tuple(found)

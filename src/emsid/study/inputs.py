@@ -15,7 +15,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.excitation import SIGNALS, crest_factor, persistent_excitation_order, sines
 from emsid.identification.candidates import fit_or_problem
 from emsid.record import Record
-from emsid.study.models import of_the_paper, searches, structures
+from emsid.study.models import START, of_the_paper, searches, structures
 from emsid.study.setup import IDENTIFICATION, UNSEEN, Settings, measure
 from emsid.validation.comparison import assess
 
@@ -122,13 +122,12 @@ def over_inputs(settings: Settings, count: int = MANY, control: Control = FREE) 
         rng = np.random.default_rng([settings.seed, k])
         first, second = (drawn(settings, rng, name) for name in ("identification", "unseen"))
         regressions = structures(first, settings.knots)
-        start = max(structure.memory for structure in regressions)
         fits: list[Fit[Any]] = [least_squares(structure, first) for structure in regressions]
         nonlinear = searches(settings.motor, first, shaft=False)
         fits += [fit_or_problem(partial(search, control)) for search in nonlinear.values()]
-        linear = assess(fits[0], second, start).row.simulation_mse
+        linear = assess(fits[0], second, START).row.simulation_mse
         for fit in fits[1:]:
-            row = assess(fit, second, start).row
+            row = assess(fit, second, START).row
             found.setdefault(row.model, (row.parameters, []))[1].append(linear / row.simulation_mse)
     return tuple(
         InputRow(model, parameters, count, float(np.median(each)), float(np.min(each)), float(np.max(each)))

@@ -51,6 +51,8 @@ CHOSEN = {
 
 # Filter, dead zone (4.9), filter. The input is constant between samples, so oversampling would change nothing.
 CASCADE = CascadeSearch(static="dead-zone", oversampling=1, max_iterations=30, threads=1)
+START = 24
+"""Samples at the start of a record that are left out of every error: as many as the blocks need to begin."""
 STRIBECK = ("rotor_friction.stribeck", "rotor_friction.stribeck_rate")
 # The resistance is measured and the viscous friction neglected: voltage and speed determine neither, nor what part of
 # inertia and friction is on the load of one mass.

@@ -11,7 +11,7 @@ the linear model therefore decides whether they help.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -29,7 +29,7 @@ from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.plant import Bench, DeadZoneLaw, Friction, Motor
 from emsid.record import Record
-from emsid.study.models import BLOCKS, FRICTION, FULL, LINEAR, ONE_MASS, PAPER, blocks, structures
+from emsid.study.models import BLOCKS, FRICTION, FULL, LINEAR, ONE_MASS, PAPER, START, blocks, structures
 from emsid.study.setup import IDENTIFICATION, INPUTS, UNSEEN, Settings
 from emsid.validation.comparison import Assessment, assess
 
@@ -160,10 +160,13 @@ def by_direction(record: Record, control: Control = FREE) -> GreyBoxFit:
 def regressions(case: Case, settings: Settings) -> list[tuple[Assessment, Assessment]]:
     """The regressions of the study on a motor of the family, each on identification data and on unseen data."""
     first, second = records(case, settings)
-    found = structures(first, settings.knots)
-    start = max(structure.memory for structure in found)
-    fits = [least_squares(structure, first) for structure in found]
-    return [(assess(fit, first, start, data=IDENTIFICATION), assess(fit, second, start)) for fit in fits]
+    fits = [least_squares(structure, first) for structure in structures(first, settings.knots)]
+    return _assessed(fits, first, second)
+
+
+def _assessed(fits: Sequence[Fit[Any]], first: Record, second: Record) -> list[tuple[Assessment, Assessment]]:
+    """Every model on identification data and on unseen data, all on the same samples."""
+    return [(assess(fit, first, START, data=IDENTIFICATION), assess(fit, second, START)) for fit in fits]
 
 
 def compare(case: Case, settings: Settings, control: Control = FREE, *, searched: bool = True) -> MotorRow:
@@ -175,15 +178,11 @@ def compare(case: Case, settings: Settings, control: Control = FREE, *, searched
         control: when to stop.
         searched: whether the models that need a nonlinear search are fitted too.
     """
-    assessed = regressions(case, settings)
-    first = assessed[0][0].record
-    found: dict[str, Callable[[], Fit[Any]]] = {}
+    first, second = records(case, settings)
+    fits: list[Fit[Any]] = [least_squares(structure, first) for structure in structures(first, settings.knots)]
     if searched:
-        found = {BLOCKS: partial(blocks, first, control), ONE_MASS: partial(by_direction, first, control)}
-    for fit in found.values():
-        each = fit_or_problem(fit)
-        start = assessed[0][0].fit.model.memory
-        assessed.append((assess(each, first, start), assess(each, assessed[0][1].record, start)))
+        fits += [fit_or_problem(partial(search, first, control)) for search in (blocks, by_direction)]
+    assessed = _assessed(fits, first, second)
     linear, paper = assessed[0], assessed[1]
     mse = linear[1].row.simulation_mse
     return MotorRow(

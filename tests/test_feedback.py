@@ -217,3 +217,21 @@ def test_an_unknown_option_or_record_is_refused() -> None:
         emsid.feedback(order=-1)
     with pytest.raises(ModelError, match="fewer than"):
         emsid.fit(emsid.feedback(), Record(U[:30], U[:30], DT))
+
+
+def test_maps_and_poles_are_drawn() -> None:
+    from emsid.report.views.sections import model_section
+
+    truth, rng = FeedbackModel(TWO_LOOPS, (MAPS["saturation"], MAPS["polynomial"]), dt=DT), np.random.default_rng(1)
+    u = rng.normal(size=400)
+    record = Record(u, truth.output(u, X) + 0.01 * rng.normal(size=len(u)), DT)
+    section = model_section(fit_feedback(truth, record), record)
+    maps, poles = section.figures[:2]
+    assert len(maps.plots) == 2
+    band = next(mark for mark in maps.plots[0].marks if hasattr(mark, "lower"))
+    assert np.all(band.lower <= band.upper)
+    assert np.any(band.upper - band.lower > 0)
+    # A saturated map has no slope: the loop is open there, and its poles are those of A.
+    groups = {mark.label: mark for mark in poles.plots[0].marks}
+    assert {"small z", "middle", "large z"} <= groups.keys()
+    assert len(groups["middle"].x) == 2

@@ -47,8 +47,10 @@ def model_section(
         argument: how names of arguments are written in its findings.
     """
     from emsid.models.blocks.cascade import Cascade
+    from emsid.models.feedback.model import FeedbackModel
     from emsid.models.plants.search.result import GreyBoxFit
     from emsid.report.views.cascade import block_column, cascade_equations, frequency_responses, static_maps
+    from emsid.report.views.feedback import maps_in_feedback, poles_by_level
     from emsid.report.views.grey_box import (
         dead_zone,
         friction,
@@ -77,6 +79,12 @@ def model_section(
         drawings = [
             lambda: static_maps(fit, record, name=f"{prefix}-static-maps"),
             lambda: frequency_responses(fit, record.dt, name=f"{prefix}-filters"),
+        ]
+    elif isinstance(model, FeedbackModel):
+        equations, tables = (model.equation(),), (parameter_table(fit),)
+        drawings = [
+            lambda: maps_in_feedback(fit, record, prefix),
+            lambda: poles_by_level(fit, record, prefix),
         ]
     else:
         equations, drawings = (model.equation(),), []

@@ -1,0 +1,109 @@
+"""Views of a feedback model: its static maps with bands, and the poles of the linear part at each level of their
+inputs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from emsid.models.feedback.coordinates import Visited
+from emsid.models.feedback.model import FeedbackModel
+from emsid.report.document import Axis, Band, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
+
+if TYPE_CHECKING:
+    from emsid.estimation.fit import Fit
+    from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+# A map is drawn this fraction of the range beyond the data, through this many points.
+BEYOND, DRAWN = 0.04, 400
+# Levels at which the poles are computed: quantiles of the input of the map, in three groups.
+LEVELS = {
+    "small z": (np.linspace(0.01, 0.25, 9), Ink.BLUE),
+    "middle": (np.array([0.5]), Ink.NAVY),
+    "large z": (np.linspace(0.75, 0.99, 9), Ink.RED),
+}
+
+
+def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str, level: float = 0.95) -> Figure | None:
+    """Every static map of a feedback model with its band, over a histogram of its input in the record.
+
+    Returns:
+        None for another kind of model, or one without maps.
+    """
+    model = fit.model
+    if not isinstance(model, FeedbackModel) or not model.maps:
+        return None
+    seen, plots = _visited(model, record), []
+    z, w = model.numbered("z"), model.numbered("w")
+    for k, each in enumerate(model.maps):
+        low, high = float(seen.z[:, k].min()), float(seen.z[:, k].max())
+        room = BEYOND * (high - low) or 1.0
+        x = np.unique(np.concatenate([np.linspace(low - room, high + room, DRAWN), each.breaks(low, high)]))
+        value, half = each.value(x), float(ndtri(0.5 + level / 2)) * _deviation(fit, k, x)
+        edges = np.linspace(x[0], x[-1], 81)
+        counts = np.histogram(seen.z[:, k], edges)[0].astype(float)
+        span = float(np.ptp(value)) or 1.0
+        shown = float(value.min()) - 0.4 * span, float(value.max()) + 0.4 * span
+        marks: list[Mark] = [
+            Histogram(edges, counts, "signal in this record", backdrop=True),
+            Band(x, np.maximum(value - half, shown[0]), np.minimum(value + half, shown[1]), f"{100 * level:g} % band"),
+            Line(x, value, each.kind, Stroke(Ink.BLUE, width=1.4)),
+        ]
+        corners, what = each.marks()
+        corners = corners[(corners >= x[0]) & (corners <= x[-1])]
+        if len(corners):
+            marks.append(Points(corners, each.value(corners), what, Ink.NAVY))
+        axes = Axis(f"{z[k]}, into the map", range=(float(x[0]), float(x[-1]))), Axis(f"{w[k]}, out of the map")
+        plots.append(Plot(tuple(marks), *axes, f"Static map {k + 1}" if len(z) > 1 else "Static map", height=1.6))
+    text = f"Static {'map' if len(plots) == 1 else 'maps'} in the feedback of {model.name} with {100 * level:g} % band"
+    return Figure(f"{prefix}-maps", f"{text}; grey: histogram of its input in {record.name}.", tuple(plots), columns=2)
+
+
+def poles_by_level(fit: Fit[Any], record: Record, prefix: str) -> Figure | None:
+    """The poles of a feedback model, linearised at the levels that the input of its first map has in the record.
+
+    Returns:
+        None for another kind of model, or one without maps or states.
+    """
+    model = fit.model
+    if not isinstance(model, FeedbackModel) or not model.maps or not model.states:
+        return None
+    seen, n = _visited(model, record), model.states
+    turn = np.linspace(0, 2 * np.pi, 200)
+    marks: list[Mark] = [Line(np.cos(turn), np.sin(turn), "unit circle", Stroke(Ink.GREY, Dash.DASHED, 0.8))]
+    middle = [float(each.slope(np.array([np.median(seen.z[:, k])]))[0]) for k, each in enumerate(model.maps)]
+    for label, (quantiles, ink) in LEVELS.items():
+        slopes = model.maps[0].slope(np.asarray(np.quantile(seen.z[:, 0], quantiles), dtype=float))
+        found = np.concatenate([np.linalg.eigvals(model.linearised([s, *middle[1:]])[:n, :n]) for s in slopes])
+        marks.append(Points(found.real.copy(), found.imag.copy(), label, ink))
+    step = "step" if model.oversampling > 1 else "sample"
+    return Figure(
+        f"{prefix}-poles",
+        f"Poles of {model.name} per {step}, linearised at the levels of {model.numbered('z')[0]} in {record.name} "
+        "(other maps at the middle of theirs).",
+        (Plot(tuple(marks), Axis("Real part", "1"), Axis("Imaginary part", "1"), "Poles"),),
+    )
+
+
+def _visited(model: FeedbackModel, record: Record) -> Visited:
+    """The signals of the model over the record, from rest at the first input."""
+    u = [segment.input[:, 0] for segment in record.segments]
+    return Visited.of(
+        [model.entering(each) for each in u], [model.trajectory(each, model.resting(float(each[0]))) for each in u]
+    )
+
+
+def _deviation(fit: Fit[Any], k: int, x: Array) -> Array:
+    """(m,) the standard error of a map at its inputs x, to first order; undetermined parameters are left out."""
+    model = fit.model
+    names = list(model.names[model.spans[k]])
+    columns = [j for j, name in enumerate(fit.names) if name in names]
+    rows = model.maps[k].parameter_gradient(x)[[names.index(fit.names[j]) for j in columns]]
+    part = fit.covariance[np.ix_(columns, columns)]
+    variance = np.einsum("im,ij,jm->m", rows, np.where(np.isfinite(part), part, 0.0), rows)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))

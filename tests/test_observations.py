@@ -6,6 +6,7 @@ import pytest
 import emsid
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.findings import Finding
+from emsid.identification.candidates import CANDIDATES, QUICK
 from emsid.identification.options import Options
 from emsid.identification.requests import plants_of, unused_requests
 from emsid.models.model import Run
@@ -127,6 +128,37 @@ def test_a_model_that_fails_does_not_stop_the_others(plain):
     with pytest.raises(emsid.ModelError, match="wiener has 1 filter"):
         emsid.identify(driven(0), models="wiener", options=options)
     assert "model-failed" not in codes(plain)
+
+
+class Endless:
+    """A candidate whose search never ends by itself."""
+
+    summary, uses = "endless", ()
+
+    def __call__(self, record, options, control):
+        while True:
+            control.check()
+
+
+def test_a_model_without_a_result_in_its_share_of_the_time_is_named(plain, monkeypatch):
+    monkeypatch.setitem(CANDIDATES, "endless", Endless())
+    options = Options(na=1, nb=1, nk=1)
+    result = emsid.identify(driven(0), models="endless, arx", options=options, budget=0.3)
+    assert [fit.model.name for fit in result.fits] == ["arx"]
+    assert Finding("model-out-of-time", "endless", {"model": "endless"}) in result.findings
+    assert not result.interrupted
+    assert "model-out-of-time" not in codes(plain)
+    with pytest.raises(Stopped):
+        emsid.identify(driven(0), models="endless", budget=0.05)
+    with pytest.raises(emsid.ModelError, match="positive time"):
+        emsid.identify(driven(0), budget=0.0)
+
+
+def test_a_quick_look_has_linear_models_and_regressions_only():
+    result = emsid.identify(driven(0)[:600], quick=True)
+    assert {fit.model.name for fit in result.fits} == set(QUICK)
+    with pytest.raises(emsid.ModelError, match="leave one out"):
+        emsid.identify(driven(0), models="arx", quick=True)
 
 
 def test_a_search_that_is_cancelled_keeps_the_models_found_so_far(plain):

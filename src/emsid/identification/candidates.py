@@ -204,6 +204,9 @@ CANDIDATES: MutableMapping[str, ModelKind] = _Candidates(
 USUAL = (*REGRESSIONS, "wiener-hammerstein", "feedback")
 
 
+# The models of a quick look: linear ones, and the two regressions that take no search.
+QUICK = ("arx", "output-error", "wiener-hammerstein-regression", "friction-narx")
+
 # An output is close to zero within this fraction of its largest value.
 CLOSE = 0.05
 

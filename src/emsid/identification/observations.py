@@ -225,6 +225,11 @@ def profile_failure(model: str, parameter: str, problem: EmsidError) -> Finding:
     return Finding("profile-failed", parameter, {"model": model, "reason": str(problem)})
 
 
+def out_of_time(name: str) -> Finding:
+    """A model whose search found nothing within its share of the time."""
+    return Finding("model-out-of-time", name, {"model": name})
+
+
 def missing_models(models: Sequence[str], fits: Sequence[Fit[Any]], failed: Sequence[Finding]) -> Finding:
     """The models that were not reached before the identification was stopped."""
     done = {fit.model.name for fit in fits} | {finding.model for finding in failed}

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from emsid.errors import DataError, EmsidError
+from emsid.errors import DataError, EmsidError, ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.findings import Finding
 from emsid.first_look.advice import questions, responses_of
-from emsid.identification.candidates import CANDIDATES, fit_or_problem, usual_for
+from emsid.identification.candidates import CANDIDATES, QUICK, fit_or_problem, usual_for
 from emsid.identification.delay import with_delay
 from emsid.identification.observations import (
     about_the_fits,
@@ -26,6 +26,7 @@ from emsid.identification.observations import (
     failure,
     missing_models,
     observations,
+    out_of_time,
     profile_failure,
 )
 from emsid.identification.options import Options
@@ -61,6 +62,8 @@ def identify(
     unseen: Records | float = 0.3,
     *,
     models: str | Iterable[str] | None = None,
+    quick: bool = False,
+    budget: float | None = None,
     options: Options | None = None,
     transient: int | None = None,
     control: Control = FREE,
@@ -75,6 +78,9 @@ def identify(
             models and the other gives the error of the chosen one; data given by name do both.
         models: names of the models to fit: one name, several with commas, or a list; ``emsid list`` prints all. By
             default the usual ones, with a motor or an axis where the channels can be those of one.
+        quick: fit linear models and the regressions that need no search only, in seconds.
+        budget: time in s for all searches. Each model may take its share of the time that is left; a search that runs
+            out of time keeps its best result.
         options: given orders, delay, knots and others; by default all are chosen.
         transient: samples at the start of every segment that start a free run and are left out of every error.
         control: when to stop, and where to report progress.
@@ -91,7 +97,13 @@ def identify(
         Stopped: if ``control`` stops it before any model was found (`emsid.estimation.Stopped`).
     """
     options = options or Options()
-    names = None if models is None else model_names(models)  # refused before files are read
+    if quick and models is not None:
+        raise ModelError("models are given, and quick chooses them; leave one out", arguments=("quick", "models"))
+    if budget is not None:
+        if not budget > 0:
+            raise ModelError(f"a budget of {budget:g} s; give a positive time", arguments=("budget",))
+        control = control.within(budget)
+    names = QUICK if quick else None if models is None else model_names(models)  # refused before files are read
     several = given_records(records, reading)
     others = () if isinstance(unseen, (int, float)) else given_records(unseen, reading)
     record = as_one(several)
@@ -171,13 +183,18 @@ def _fit_all(names: Sequence[str], record: Record, options: Options, control: Co
     """
     fits: list[Fit[Any]] = []
     problems: dict[str, EmsidError] = {}
+    late: list[str] = []
     end: BaseException | None = None
     for number, name in enumerate(names, 1):
         try:
-            own = _of_one_model(control, f"{name} ({number} of {len(names)})")
+            share = control.sharing(len(names) - number + 1)
+            own = _of_one_model(share, f"{name} ({number} of {len(names)})")
             own.doing("fitting")
             fits.append(fit_or_problem(partial(CANDIDATES[name], record, options, own)))
         except Stopped as stop:
+            if stop.ending is not Ending.INTERRUPTED:
+                late.append(name)
+                continue
             end = stop
             break
         except EmsidError as problem:
@@ -186,8 +203,9 @@ def _fit_all(names: Sequence[str], record: Record, options: Options, control: Co
             end = Stopped(Ending.INTERRUPTED)
             break
     if not fits:
-        raise end or next(iter(problems.values()))
-    return _Fits(tuple(fits), tuple(failure(name, each) for name, each in problems.items()), end is not None)
+        raise end or next(iter(problems.values()), Stopped(Ending.OUT_OF_BUDGET))
+    failed = [*(failure(name, each) for name, each in problems.items()), *map(out_of_time, late)]
+    return _Fits(tuple(fits), tuple(failed), end is not None)
 
 
 def _of_one_model(control: Control, name: str) -> Control:

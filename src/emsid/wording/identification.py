@@ -98,6 +98,12 @@ def model_failed(f: Finding, argument: Spelling) -> str:
     return f"could not be fitted: {f.data['reason']}" + (f" ({spelt})" if spelt else "")
 
 
+@words("model-out-of-time", Severity.WARNING)
+def model_out_of_time(f: Finding, argument: Spelling) -> str:
+    """Data: model."""
+    return f"no result within its share of the time; allow more ({argument('budget')}), or ask for fewer models"
+
+
 @words("interrupted", Severity.WARNING)
 def interrupted(f: Finding, argument: Spelling) -> str:
     """Data: missing (models that were not reached)."""

@@ -52,6 +52,11 @@ Models = Annotated[
     str | None,
     typer.Option(metavar="NAME,...", help="Models to fit, by default regressions, a cascade, a motor or axis."),
 ]
+Quick = Annotated[bool, typer.Option("--quick", help="Fit linear models and regressions only, in seconds.")]
+Budget = Annotated[
+    float | None,
+    typer.Option(metavar="S", parser=quantity("s"), help="Time for all searches (20s); each model gets its share."),
+]
 Unseen = Annotated[
     float,
     typer.Option(metavar="FRACTION", help="Without --validate, keep this part unseen: the end, or some of many files."),
@@ -122,6 +127,8 @@ def identify(
     files: Files = [],  # noqa: B006
     validate: Validate = [],  # noqa: B006
     models: Models = None,
+    quick: Quick = False,
+    budget: Budget = None,
     unseen: Unseen = 0.3,
     transient: Transient = None,
     na: Na = None,
@@ -191,7 +198,8 @@ def identify(
         raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
     check_folder(out)
     records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate] or unseen
-    search = partial(workflow.identify, records, tests, models=asked or None, options=options, transient=transient)
+    search = partial(workflow.identify, records, tests, models=asked or None, quick=quick, budget=budget)
+    search = partial(search, options=options, transient=transient)
     _run(search, reader, out, json, pdf)
 
 

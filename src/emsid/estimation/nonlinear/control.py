@@ -67,6 +67,11 @@ class Control:
         """The same with at most this much time from now on."""
         return replace(self, deadline=min(self.deadline, time.monotonic() + seconds))
 
+    def sharing(self, parts: int) -> Control:
+        """The same for the first of several parts of the work: it may take its share of the time that is left."""
+        left = self.deadline - time.monotonic()
+        return self if left == inf else self.within(max(left, 0.0) / parts)
+
     def during(self, what: str) -> Control:
         """The same for a part of the work: ``what`` is put before every activity that it reports."""
 

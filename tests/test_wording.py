@@ -73,6 +73,7 @@ TOO_LATE = {"delay": 3.6, "rise": 0.4, "samples": 360}
 PAST = {"output": "speed", "input": "u", "lags": 51, "at_lag": 4, "limit": 3.9, "p_value": 0.0, "passed": False}
 LIMITS = [
     {"code": "explains-little", "fit_percent": 42.0},
+    {"code": "output-at-rest"},
     {"code": "depends-on-past-inputs", "share": 0.12, **PAST, "largest": 12.3},
     {"code": "depends-on-nonlinear-term", "share": 0.12, **PAST, "largest": -8.0, "term": "u³", "kind": "odd"},
     {"code": "one-step-errors-coloured", "output": "speed", "largest": 0.6, "at_lag": 1},
@@ -295,6 +296,8 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("residual-not-tested", "arx", {"model": "arx", "output": "speed"}),
     Finding("next-check-data", "log.csv", {"fit_percent": 12.0}),
     Finding("next-physical-model", "arx"),
+    Finding("dictionary-rank-deficient", data={"rank": 25, "terms": 35}),
+    Finding("few-unseen-samples", "log.csv, unseen part", {"samples": 6, "needed": 50}),
     Finding("delay-from-data", "speed", {"input": "u", "delay": 36, "time": 0.036}),
     # the verdict on a model
     Finding("model-supported", "arx", {"model": "arx", "reasons": [], "tests": []}),

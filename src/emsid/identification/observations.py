@@ -50,6 +50,7 @@ def observations(
         *_about_the_best(comparison, unseen, seen, choice),
         *about_the_residual(comparison.best),
         *about_nonlinear_terms(comparison.best),
+        *_about_few_samples(comparison.best.row.samples, unseen),
         *about_the_unseen_input(record, unseen, seen),
         *(
             Finding("free-run-diverged", row.model, {"model": row.model, "sample": int(row.diverged_at), "seen": seen})
@@ -88,6 +89,15 @@ def _about_the_best(comparison: Comparison, unseen: Record, seen: bool, choice: 
     return findings
 
 
+def _about_few_samples(samples: int, unseen: Record) -> list[Finding]:
+    """Unseen data that are too few to rank models on."""
+    if samples >= FEWEST_UNSEEN:
+        return []
+    return [Finding("few-unseen-samples", unseen.name, {"samples": samples, "needed": FEWEST_UNSEEN})]
+
+
+FEWEST_UNSEEN = 50
+"""Errors from fewer samples say little about a model."""
 ENOUGH = 200
 """Samples of a half on which a model is chosen, or judged."""
 

@@ -16,7 +16,9 @@ import numpy as np
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
+from emsid.estimation.linear.least_squares import gather
 from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.findings import Finding
 from emsid.identification.options import Options
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.intervals import with_honest_intervals
@@ -31,6 +33,7 @@ from emsid.models.regression.structures import (
     polynomial_narx,
     wiener_hammerstein_regression,
 )
+from emsid.models.regression.term_selection import about_dictionary
 from emsid.models.regression.transforms import Transform
 from emsid.record import Record
 from emsid.selection.coordinate_search import coordinate_search
@@ -165,7 +168,10 @@ class PolynomialNarx:
             na, nb = na if options.na else na + 1, nb if options.nb else nb + 1
             other = select_by_free_run(best.fit, polynomial_narx(na, nb, degree, nk, inputs), judge)
             best = simplest([best, other])
-        return refit_to(best.fit, record, control)
+        fit = refit_to(best.fit, record, control)
+        return replace(
+            fit, findings=(*fit.findings, *_about_dictionary(polynomial_narx(na, nb, degree, nk, inputs), record))
+        )
 
     def _lags(self, record: Record, options: Options, control: Control) -> tuple[int, int, int, bool]:
         """na, nb, nk and whether there is a constant: those of the output-error model, and at least two outputs and
@@ -180,6 +186,13 @@ class PolynomialNarx:
         nk = min(first, 1) if options.nk is None else options.nk
         nb = max(last - nk + 1, 3) if options.nb is None else options.nb
         return na, nb, nk, "1" in found.labels
+
+
+def _about_dictionary(dictionary: Structure, record: Record) -> tuple[Finding, ...]:
+    """Whether the record tells the terms of a dictionary apart; nothing for one with more terms than samples."""
+    if len(record) < 2 * len(dictionary):
+        return ()
+    return about_dictionary(dictionary, gather(dictionary, record)[0])
 
 
 def refit_to(fit: Fit[Narx], record: Record, control: Control) -> Fit[Narx]:

@@ -94,7 +94,9 @@ def _unusable(unseen: Assessment) -> list[Reason]:
 
 
 def _poor(row: Row) -> list[Reason]:
-    """A fit that is better than the mean, and poor."""
+    """A fit that is better than the mean, and poor; or none, because the output does not change."""
+    if np.isnan(row.fit_percent):
+        return [{"code": "output-at-rest"}]
     return [{"code": "explains-little", "fit_percent": float(row.fit_percent)}] if row.fit_percent < POOR else []
 
 
@@ -170,7 +172,9 @@ def _disagreements(unseen: Assessment, fitted: Assessment) -> list[Reason]:
 def _concentrated(unseen: Assessment) -> list[Reason]:
     """The stretch that has most of the squared error, if one has."""
     record, counted = unseen.record, np.flatnonzero(unseen.simulation.counted)
-    spread = np.maximum(record.output[counted].std(axis=0), np.finfo(float).tiny)
+    spread = record.output[counted].std(axis=0)
+    if not np.all(spread > 0):
+        return []
     squares = np.mean(((record.output - unseen.simulation.output)[counted] / spread) ** 2, axis=1)
     stretches = np.array_split(np.arange(len(counted)), STRETCHES)
     if len(counted) < 10 * STRETCHES or not squares.sum() > 0:

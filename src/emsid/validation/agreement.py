@@ -132,7 +132,9 @@ def difference_of_pieces(runs: Sequence[tuple[Record, Run]], name: str) -> Disag
     ]
     error = np.concatenate([(record.output - run.output)[run.counted] for record, run in pieces])
     spread = np.concatenate([record.output[run.counted] for record, run in pieces]).std(axis=0)
-    sizes = np.sqrt(np.mean(error**2, axis=0)) / np.maximum(spread, np.finfo(float).tiny)
+    if not np.all(spread > 0):
+        return None
+    sizes = np.sqrt(np.mean(error**2, axis=0)) / spread
     size = dict(zip(pieces[0][0].output_names, sizes.tolist(), strict=True))
     clear = [each for each in found if each.share > NOTABLE and np.sqrt(each.share) * size[each.output] > SMALL]
     return max(clear, key=lambda each: each.share, default=None)

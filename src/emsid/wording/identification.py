@@ -121,6 +121,15 @@ def data_not_unseen(f: Finding, argument: Spelling) -> str:
     return f"{f.subject} is among the data the models were fitted to, so these errors say nothing about unseen data"
 
 
+@words("few-unseen-samples", Severity.WARNING)
+def few_unseen_samples(f: Finding, argument: Spelling) -> str:
+    """Subject: the unseen data. Data: samples, needed."""
+    return (
+        f"{f.subject} leaves {f.data['samples']} samples to rank the models on, too few to choose by; record longer, "
+        f"or give a second record of at least {f.data['needed']} samples ({argument('unseen')})"
+    )
+
+
 @words("free-run-error")
 def free_run_error(f: Finding, argument: Spelling) -> str:
     """Data: seen, outputs (name, unit, rmse, fit_percent; None for a constant output); chosen_among (how many models)

@@ -23,6 +23,17 @@ def rank_deficient(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("dictionary-rank-deficient", Severity.WARNING)
+def dictionary_rank_deficient(f: Finding, argument: Spelling) -> str:
+    """Data: rank, terms."""
+    rank, terms = f.data["rank"], f.data["terms"]
+    return (
+        f"of the {terms} terms to select from, these data distinguish {rank}; the others are combinations of them, as "
+        "powers of an input of few levels are. Another choice among them is as good here and may not be elsewhere: "
+        "lower the degree, or record with more levels"
+    )
+
+
 @words("few-samples", Severity.WARNING)
 def few_samples(f: Finding, argument: Spelling) -> str:
     """Data: samples, parameters."""

@@ -29,6 +29,7 @@ def _spread(d: Reason) -> str:
 _SHORT: dict[str, Callable[[Reason], str]] = {
     "diverges": lambda d: f"its free run diverges at sample {d['sample']}",
     "explains-little": lambda d: f"it explains little of the output (a fit of {d['fit_percent']:.0f} %)",
+    "output-at-rest": lambda d: "the output does not change in the unseen data, which test only the steady state",
     "no-better-than-mean": lambda d: "it is no better than the mean of the output",
     "depends-on-past-inputs": lambda d: (
         f"the input predicts {100 * d['share']:.0f} % of the residual of {d['output']} ({_of_lag(d)})"

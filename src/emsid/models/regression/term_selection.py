@@ -29,6 +29,7 @@ from emsid.errors import ModelError
 from emsid.estimation.linear.forward_selection import DEPENDENT, forward_selection
 from emsid.estimation.linear.information import Information, inverse_triangle
 from emsid.estimation.linear.least_squares import check_excitation, gather
+from emsid.findings import Finding
 from emsid.models.regression.kernels import multiply
 from emsid.models.regression.narx import Structure
 from emsid.models.regression.regressors import Tables
@@ -49,10 +50,12 @@ class SelectedTerms:
     Attributes:
         structure: the chosen terms.
         error_reduction: (k,) the fraction of Σy² that each of them adds to what is predicted one step ahead.
+        findings: facts about the dictionary; `emsid.wording` makes sentences of them.
     """
 
     structure: Structure
     error_reduction: Array
+    findings: tuple[Finding, ...] = ()
 
 
 def select_terms(dictionary: Structure, records: Record | Iterable[Record], most: int = 10) -> SelectedTerms:
@@ -73,13 +76,27 @@ def select_terms(dictionary: Structure, records: Record | Iterable[Record], most
         raise ModelError(f"{dictionary.name}: {most} terms to select; give at least one")
     several = [records] if isinstance(records, Record) else list(records)
     if len(dictionary) <= FACTORED:
-        found = forward_selection(gather(dictionary, several)[0], most)
+        information = gather(dictionary, several)[0]
+        found = forward_selection(information, most)
         order, gains = list(found.order), found.error_reduction.tolist()
+        findings = about_dictionary(dictionary, information)
     else:
+        findings = ()
         order, gains = _by_passes(dictionary, several, most)
     chosen = tuple(dictionary.regressors[k] for k in order)
     names = tuple(dictionary.parameter_names[k] for k in order)
-    return SelectedTerms(Structure(chosen, dictionary.name, names, dictionary.inputs), np.array(gains))
+    return SelectedTerms(Structure(chosen, dictionary.name, names, dictionary.inputs), np.array(gains), findings)
+
+
+def about_dictionary(dictionary: Structure, information: Information) -> tuple[Finding, ...]:
+    """A finding where some terms of a dictionary are combinations of others in the data.
+
+    Args:
+        dictionary: the terms.
+        information: of the records about all of them.
+    """
+    rank, terms = information.solve().rank, len(dictionary)
+    return () if rank == terms else (Finding("dictionary-rank-deficient", "", {"rank": rank, "terms": terms}),)
 
 
 def _by_passes(dictionary: Structure, records: list[Record], most: int) -> tuple[list[int], list[float]]:

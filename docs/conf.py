@@ -48,8 +48,8 @@ html_theme_options = {
     "navbar_end": ["theme-switcher"],
     "navigation_depth": 2,
     "show_nav_level": 1,
-    "header_links_before_dropdown": 8,
-    "secondary_sidebar_items": ["page-toc"],
+    "header_links_before_dropdown": 6,
+    "secondary_sidebar_items": {"reference/**": ["page-toc"], "glossary": ["page-toc"], "**": []},
     "footer_start": ["copyright"],
     "footer_end": [],
     "pygments_light_style": "a11y-high-contrast-light",
@@ -57,7 +57,7 @@ html_theme_options = {
 }
 
 
-def escape_bars(app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
+def readable(app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
     """Read |x| as an absolute value, and an indented block of a module as an equation with its line breaks."""
     if what == "module":
         for k in range(len(lines) - 1, 0, -1):
@@ -65,9 +65,16 @@ def escape_bars(app: Sphinx, what: str, name: str, thing: object, options: objec
             before = next((line for line in reversed(lines[:k]) if line.strip()), "")
             if begins and not before.startswith((" ", "=", "-")) and not before.endswith("::"):
                 lines[k:k] = ["::", ""]
+    if what == "property" and ": " in lines[0]:  # otherwise read as the type of the property
+        lines[0] = lines[0].replace(": ", " – ", 1)
+    literal = False
     for k, line in enumerate(lines):
-        parts = line.split("``")
-        lines[k] = "``".join(part if j % 2 else part.replace("|", "\\|") for j, part in enumerate(parts))
+        if literal and line.strip() and not line.startswith("    "):
+            literal = False
+        if not literal:
+            parts = line.split("``")
+            lines[k] = "``".join(part if j % 2 else part.replace("|", "\\|") for j, part in enumerate(parts))
+        literal = literal or (what == "module" and line.endswith("::"))
 
 
 def skip_fields(app: Sphinx, what: str, name: str, thing: object, skip: bool, options: object) -> bool | None:
@@ -77,5 +84,5 @@ def skip_fields(app: Sphinx, what: str, name: str, thing: object, skip: bool, op
 
 def setup(app: Sphinx) -> None:
     """Connect with autodoc."""
-    app.connect("autodoc-process-docstring", escape_bars)
+    app.connect("autodoc-process-docstring", readable, priority=400)  # before napoleon
     app.connect("autodoc-skip-member", skip_fields)

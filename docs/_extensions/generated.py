@@ -119,13 +119,17 @@ def findings() -> str:
             if entry.wording.__module__.rpartition(".")[2] != module:
                 continue
             when, action = known.get(code, ("", ""))
-            lines += [f"(finding-{code})=", f"### {code}", "", f"*{entry.severity.value}*", ""]
-            if when:
-                lines += [f"When: {when}.", "", f"What to do: {action}.", ""]
-            lines += ["```text", *spoken[code], "```", ""]
+            lines += [f"(finding-{code})=", f"### {code}", ""]
+            lines += [f"*{entry.severity.value}* – when: {when}. What to do: {action}.", ""] if when else []
+            lines += [f"> {escaped(said)}\n" for said in spoken[code]]
             if entry.wording.__doc__:
-                lines += [" ".join(cleandoc(entry.wording.__doc__).split()).replace("<", "\\<"), ""]
+                lines += [escaped(" ".join(cleandoc(entry.wording.__doc__).split())), ""]
     return "\n".join(lines) + "\n"
+
+
+def escaped(text: str) -> str:
+    """A text without markup, for Markdown."""
+    return re.sub(r"([|*<>\[\]_`$~])", r"\\\1", text)
 
 
 FINDINGS = """
@@ -214,7 +218,7 @@ def library_page(title: str, intro: str, parts: list[tuple[str, list[str]]]) -> 
         lines += [f"## In {module}", ""] if len(parts) > 1 else []
         lines += ["```{eval-rst}", f".. currentmodule:: {module}", ""]
         part = import_module(module)
-        for name in names:
+        for name in sorted(names, key=lambda name: (isinstance(getattr(part, name), type), name.lower())):
             value = getattr(part, name)
             kind = "autoclass" if isinstance(value, type) else "autofunction" if callable(value) else "autodata"
             if kind == "autodata":

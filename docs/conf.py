@@ -49,7 +49,7 @@ html_theme_options = {
     "navigation_depth": 2,
     "show_nav_level": 1,
     "header_links_before_dropdown": 6,
-    "secondary_sidebar_items": {"reference/**": ["page-toc"], "glossary": ["page-toc"], "**": []},
+    "secondary_sidebar_items": {"reference/**": ["page-toc"], "glossary": ["page-toc"]},
     "footer_start": ["copyright"],
     "footer_end": [],
     "pygments_light_style": "a11y-high-contrast-light",

@@ -1,14 +1,23 @@
-"""The documents beside the README: every term that the program shows is explained, every version has its section."""
+"""The documents beside the README: every term that the program shows is explained, every version has its section.
+
+`make docs` builds the site strictly and runs its commands; here is what can be seen in the sources.
+"""
 
 from __future__ import annotations
 
 import re
+import shlex
+import subprocess
+import tomllib
 from html import unescape
 from pathlib import Path
 
 import pytest
+import typer
 
 import emsid
+from emsid.cli.app import app
+from emsid.wording import CATALOGUE
 
 HOME = Path(__file__).parent.parent
 ENTRY = re.compile(r"^- \*\*(.+?)\*\* – (.+?)(?=^- \*\*|^#|\Z)", re.MULTILINE | re.DOTALL)
@@ -77,3 +86,70 @@ def test_files_that_documents_point_to_exist(name):
     named = re.findall(r"`((?:src|tests|docs|examples|bench)/[\w./-]+)`", (HOME / name).read_text("utf-8"))
     assert [each for each in links if not ((HOME / name).parent / each).exists()] == []
     assert [each for each in named if not (HOME / each).exists()] == []
+
+
+# --- the site --------------------------------------------------------------------------------------------------------
+
+
+def committed(pattern: str) -> list[Path]:
+    """The files of the repository that match, without those that a build has made."""
+    listed = subprocess.run(["git", "ls-files", pattern], cwd=HOME, capture_output=True, text=True, check=True)
+    return [HOME / name for name in listed.stdout.split()]
+
+
+PAGES = {str(path.relative_to(HOME)): path.read_text("utf-8") for path in committed("docs/*.md")}
+
+
+def test_the_pages_of_the_plan_are_there():
+    pages = {name.removeprefix("docs/").removesuffix(".md") for name in PAGES}
+    assert {"index", "start", "accuracy", "coming-from", "glossary", "cite"} <= pages
+    for folder, least in (("tutorials", 5), ("howto", 8), ("theory", 9), ("reference", 2)):
+        assert len([name for name in pages if name.startswith(f"{folder}/") and name != f"{folder}/index"]) >= least
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_picture_says_what_it_shows(name):
+    for text, _ in re.findall(r"!\[(.*?)\]\((.*?)\)", PAGES[name], re.DOTALL):
+        assert len(text.split()) > 3
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_page_is_reached_from_the_first(name):
+    folder, page = Path(name).parent, Path(name).stem
+    contents = {str(path): re.findall(r"```{toctree}\n(.*?)```", text, re.DOTALL) for path, text in PAGES.items()}
+    listed = {
+        ((HOME / path).parent / re.sub(r".*<(.*)>", r"\1", line)).resolve()
+        for path, blocks in contents.items()
+        for block in blocks
+        for line in block.splitlines()
+        if line and not line.startswith(":")
+    }
+    assert name == "docs/index.md" or (HOME / folder / page).resolve() in listed
+
+
+def commands(text: str) -> list[str]:
+    """The commands of emsid in code within a line, and on lines of blocks that are not run."""
+    inline = re.findall(r"(?<!`)`(emsid [^`]+)`(?!`)", text)
+    return [each for each in inline if "..." not in each and "COMMAND" not in each]
+
+
+@pytest.mark.parametrize("name", [*PAGES, "README.md"])
+def test_options_in_the_text_exist(name):
+    known = typer.main.get_command(app)
+    for line in commands(PAGES.get(name) or (HOME / name).read_text("utf-8")):
+        words, command = shlex.split(" ".join(line.split()))[1:], known
+        while words and words[0] in getattr(command, "commands", ()):
+            command = command.commands[words.pop(0)]
+        spelled = {option for each in command.params for option in getattr(each, "opts", ())}
+        spelled |= {"--help", "--version", "--install-completion", "--show-completion"}
+        assert [word for word in words if word.startswith("-") and word != "-" and word not in spelled] == [], line
+
+
+def test_every_finding_has_what_triggers_it_and_what_to_do():
+    known = tomllib.loads((HOME / "docs" / "reference" / "triggers.toml").read_text("utf-8"))
+    assert set(known) == set(CATALOGUE), "add it to docs/reference/triggers.toml, or remove it"
+    assert [code for code, (when, action) in known.items() if min(len(when), len(action)) < 4] == []
+
+
+def test_citation_has_this_version():
+    assert f"version: {emsid.__version__}" in (HOME / "CITATION.cff").read_text("utf-8")

@@ -1,49 +1,28 @@
-"""Every command and every line of Python in the README works, in this order, in an empty folder."""
+"""The README shows what works: its blocks stand, line by line, on pages of the site, whose blocks `make docs` runs."""
 
 import re
-import shlex
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from emsid.identification.candidates import CANDIDATES
-
 HOME = Path(__file__).parent.parent
 README = (HOME / "README.md").read_text("utf-8")
-BLOCKS = re.findall(r"```(bash|python)\n(.*?)```", README, re.DOTALL)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("newcomer")
+BLOCKS = re.findall(r"```(\w+)\n(.*?)```", README, re.DOTALL)
+START = (HOME / "docs" / "start.md").read_text("utf-8")
 
 
 def test_there_is_something_to_run():
-    assert {language for language, _ in BLOCKS} == {"bash", "python"}
+    assert [language for language, _ in BLOCKS] == ["bash", "python"]
+    assert len([line for line in BLOCKS[1][1].splitlines() if line]) <= 10
 
 
-def test_commands_and_python_run(folder, command, monkeypatch, capsys):
-    monkeypatch.chdir(folder)
-    python = ""
-    for language, text in BLOCKS:
-        if language == "python":  # later blocks go on where earlier ones ended
-            python += text
-            continue
-        lines = [shlex.split(line, comments=True) for line in text.splitlines()]
-        assert all(words[0] == "emsid" for words in lines if words)
-        for words in filter(None, lines):
-            words, target = (words[:-2], Path(words[-1])) if words[-2:-1] == [">"] else (words, None)
-            status = command(*words[1:])
-            if "rigid-motor" in " ".join(words):  # the refinements of a motor are searched once; the rest is run again
-                plain = replace(CANDIDATES["rigid-motor"], refinements=())
-                monkeypatch.setitem(CANDIDATES, "rigid-motor", plain)
-            printed, complaints = capsys.readouterr()
-            assert status == 0, f"{shlex.join(words)}: {complaints}"
-            if target is not None:
-                target.write_text(printed)
-    exec(compile(python, "README.md", "exec"), {"__name__": "__main__"})
-    assert (folder / "result" / "report.html").exists()
+def test_every_line_is_run_on_the_first_page_in_this_order():
+    run = [
+        line for _, text in re.findall(r"```(bash|python)\n(.*?)```", START, re.DOTALL) for line in text.splitlines()
+    ]
+    for _, text in BLOCKS:
+        places = [run.index(line) for line in text.splitlines()]
+        assert places == sorted(places)
 
 
 def test_make_targets_that_the_readme_names_exist():
@@ -52,6 +31,15 @@ def test_make_targets_that_the_readme_names_exist():
         assert re.search(rf"^{target}:", makefile, re.MULTILINE)
 
 
-def test_picture_is_there():
-    for name in re.findall(r"!\[.*?\]\((.*?)\)", README):
+@pytest.mark.parametrize("target", ["study", "docs", "test"])
+def test_continuous_integration_runs_what_the_readme_tells_to_run(target):
+    assert f"make {target}" in README
+    assert f"make {target}" in (HOME / ".ci" / "run").read_text()
+
+
+def test_pictures_are_there_and_have_alternative_text():
+    pictures = re.findall(r"!\[(.*?)\]\((.*?)\)", README)
+    assert pictures
+    for text, name in pictures:
+        assert len(text.split()) > 3
         assert (HOME / name).exists()

@@ -94,6 +94,7 @@ SUBJECTS = {
     "files": "Files and columns",
     "agreement": "Several records, and model files",
     "identification": "Identification",
+    "verdict": "Verdicts and recommendation",
     "conclusions": "Conclusions and next steps",
     "linear": "Regressions",
     "blocks": "Cascades of blocks",

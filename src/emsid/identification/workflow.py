@@ -97,21 +97,10 @@ def identify(
         Stopped: if ``control`` stops it before any model was found (`emsid.estimation.Stopped`).
     """
     options = options or Options()
-    if quick and models is not None:
-        raise ModelError("models are given, and quick chooses them; leave one out", arguments=("quick", "models"))
-    if budget is not None:
-        if not budget > 0:
-            raise ModelError(f"a budget of {budget:g} s; give a positive time", arguments=("budget",))
-        control = control.within(budget)
-    names = QUICK if quick else None if models is None else model_names(models)  # refused before files are read
+    names, control = _asked_for(models, quick), _limited(control, budget)  # refused before files are read
     several = given_records(records, reading)
     others = () if isinstance(unseen, (int, float)) else given_records(unseen, reading)
-    record = as_one(several)
-    if len(record) < FEWEST:
-        raise DataError(
-            f"{record.name}: {len(record)} samples are too few to fit a model and to test it; record at least {FEWEST}",
-            arguments=("rows",),
-        )
+    record = _long_enough(as_one(several))
     names = names or usual_for(record)
     options = understood(options, names)
     given = options
@@ -149,8 +138,45 @@ def identify(
         *taken.failed,
     ]
     verdicts = model_verdicts(on_record, on_unseen, about_fits)
-    return Identification(
-        train, test, on_record, on_unseen, tuple(findings), taken.profiles, stopped, on_choice, verdicts
+    about = tuple(findings), taken.profiles, stopped, on_choice, verdicts
+    return Identification(train, test, on_record, on_unseen, *about)
+
+
+def _asked_for(models: str | Iterable[str] | None, quick: bool) -> tuple[str, ...] | None:
+    """The names of the requested models; None for those that suit the record.
+
+    Raises:
+        ModelError: for an unknown name, or for models together with a quick look.
+    """
+    if quick and models is not None:
+        raise ModelError("models are given, and quick chooses them; leave one out", arguments=("quick", "models"))
+    return QUICK if quick else None if models is None else model_names(models)
+
+
+def _limited(control: Control, budget: float | None) -> Control:
+    """The control with a time in s for all searches, if there is one.
+
+    Raises:
+        ModelError: for a time that is not positive.
+    """
+    if budget is None:
+        return control
+    if not budget > 0:
+        raise ModelError(f"a budget of {budget:g} s; give a positive time", arguments=("budget",))
+    return control.within(budget)
+
+
+def _long_enough(record: Record) -> Record:
+    """The record.
+
+    Raises:
+        DataError: where it has too few samples to fit a model and to test it.
+    """
+    if len(record) >= FEWEST:
+        return record
+    raise DataError(
+        f"{record.name}: {len(record)} samples are too few to fit a model and to test it; record at least {FEWEST}",
+        arguments=("rows",),
     )
 
 

@@ -194,13 +194,16 @@ def identify(
         hold=hold,
         profile=physical_names(profile, "--profile", plants),
     )
-    if not 0 < unseen < 1:
-        raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
     check_folder(out)
-    records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate] or unseen
-    search = partial(workflow.identify, records, tests, models=asked or None, quick=quick, budget=budget)
-    search = partial(search, options=options, transient=transient)
-    _run(search, reader, out, json, pdf)
+    records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
+    search = partial(workflow.identify, records, tests or _fraction(unseen), models=asked or None, options=options)
+    _run(partial(search, transient=transient, quick=quick, budget=budget), reader, out, json, pdf)
+
+
+def _fraction(unseen: float) -> float:
+    if 0 < unseen < 1:
+        return unseen
+    raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
 
 
 def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: bool, pdf: bool) -> None:

@@ -272,7 +272,10 @@ def test_what_is_received_is_on_disk_within_a_second(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is always full")
-def test_a_full_disk_is_announced_and_nothing_is_dropped_silently(tmp_path: Path) -> None:
+def test_a_full_disk_is_announced_and_nothing_is_dropped_silently(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     log = Log("/dev/full")
     assert log.problem
     session = Session(Tracker(RecursiveLeastSquares(arx(1, 1))), "board")
@@ -281,8 +284,9 @@ def test_a_full_disk_is_announced_and_nothing_is_dropped_silently(tmp_path: Path
     receiver.close()
     assert findings(found).count("log-not-written") == 1
     assert session.counts["samples"] == 600
-    with pytest.raises(FormatError, match=r"the last \d+ lines could not be written \(no space left"):
+    with pytest.raises(FormatError, match=r"the last \d+ lines could not be written \(no space left") as problem:
         log.close()
+    assert lines() in (tmp_path / str(problem.value).split("they are in ")[1].split(":")[0]).read_bytes()
 
 
 def test_a_disk_that_takes_bytes_again_gets_all_of_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,8 @@ much is lost, and of the last line perhaps a part. Where others follow, a line t
 it is not taken for a sample. Lines of the program itself begin with ``#``: where a connection began, broke, came back.
 So the log can be read, and tracked, like any other source.
 
-On a full disk the bytes are kept in memory and written again later.
+On a full disk the bytes are kept in memory and written again later; at the end, what is left goes to the folder of
+temporary files.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import os
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from threading import Event, Lock, Thread
 
 from emsid.errors import FormatError
@@ -96,8 +98,17 @@ class Log:
         if self._pending:
             lines = self._pending.count(b"\n")
             raise FormatError(
-                f"{self.path}: the last {lines} lines could not be written ({self.problem}); free space on the disk"
+                f"{self.path}: the last {lines} lines could not be written ({self.problem}); {self._rescued()}"
             )
+
+    def _rescued(self) -> str:
+        """Write what waits to the folder of temporary files, and say what to do."""
+        try:
+            with NamedTemporaryFile(prefix="emsid-log-", suffix=".txt", delete=False) as file:
+                file.write(self._pending)
+        except OSError:
+            return "free space on the disk"
+        return f"they are in {file.name}: free space on the disk, and append them"
 
     def _drain(self) -> None:
         """Write what waits, as far as the disk takes it."""

@@ -137,12 +137,10 @@ class Proxy:
             self.lines[:] = [each for each in self.lines if each[0] <= self.killed]
             self.killed = float("inf")
             try:
-                with socket.create_connection(("127.0.0.1", self.target)) as server, self.connection:
+                with self.connection, socket.create_connection(("127.0.0.1", self.target)) as server:
                     while data := server.recv(1 << 16):
-                        with suppress(
-                            BlockingIOError
-                        ):  # unread commands would reset the connection and lose what is sent
-                            self.connection.recv(1 << 16, socket.MSG_DONTWAIT)
+                        with suppress(BlockingIOError):
+                            server.sendall(self.connection.recv(1 << 16, socket.MSG_DONTWAIT))
                         self.connection.sendall(data)
                         *lines, self.rest = (self.rest + data).split(b"\n")
                         now = time.monotonic()
@@ -169,7 +167,7 @@ def kills(rounds: int = 50) -> None:
         try:
             for _ in range(rounds):
                 if tracker is None:
-                    tracker = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+                    tracker = subprocess.Popen(command, stdout=subprocess.PIPE)
                     assert tracker.stdout is not None
                     assert tracker.stdout.readline(), "the tracker has ended"
                     Thread(target=tracker.stdout.read, daemon=True).start()

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from contextlib import nullcontext
 from dataclasses import asdict, replace
 from functools import partial
@@ -674,6 +675,7 @@ def test_ctrl_c_amid_the_first_imports_is_one_line(module, log, tmp_path):
 def test_ctrl_c_in_a_callback_is_not_spoken_of_twice():
     program = """
 import sys
+import time
 from emsid import __main__, cli
 class Lost:
     def __init__(self, problem): self.problem = problem
@@ -712,6 +714,24 @@ def test_being_terminated_is_quiet(run, log, tmp_path, pressed_at):
     pressed_at("emsid.report.page.page", press=partial(os.kill, os.getpid(), signal.SIGTERM))
     status, _, err = run("identify", log, *IDENTIFY, "--models", "arx", "--out", tmp_path / "out")
     assert (status, err) == (143, "")
+
+
+def test_a_terminated_program_ends_soon_but_not_while_it_writes(monkeypatch):
+    left = []
+    monkeypatch.setattr("emsid.cli.interruption.CLEANING", 0.01)
+    monkeypatch.setattr("emsid.cli.interruption.os._exit", left.append)
+    interruption = Interruption()
+    interruption.own_process = True
+    with interruption.put_off():
+        with pytest.raises(SystemExit, match="143"):
+            interruption.terminate()
+        assert interruption.pressed  # threads of a search end as well
+        time.sleep(0.05)
+        assert left == []
+    end = time.monotonic() + 5
+    while not left and time.monotonic() < end:
+        time.sleep(0.01)
+    assert left == [143]
 
 
 EMSID = [sys.executable, "-c", "from emsid.cli import main; main()"]

@@ -13,6 +13,7 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from threading import Event, Thread
 from types import SimpleNamespace
@@ -34,7 +35,7 @@ from emsid.live.protocol import LineParser
 from emsid.live.receiver import Receiver
 from emsid.live.server import Server
 from emsid.live.session import Session, Settings, messages, read_log
-from emsid.live.sources import Disconnected, open_source
+from emsid.live.sources import Disconnected, connect, open_source
 from emsid.live.tracking import Tracker
 from emsid.plant import Bench
 
@@ -216,6 +217,19 @@ def test_garbage_lines_are_reported_and_logged(tmp_path: Path) -> None:
     assert garbage[:60] in read_from(tmp_path / "log.txt")
 
 
+def test_a_header_that_comes_late_is_waited_for(tmp_path: Path) -> None:
+    header, *rows = lines(600).splitlines(keepends=True)
+    log, parser = Log(tmp_path / "log.txt"), LineParser()
+    parser.implies = False  # as for every connection
+    session = Session(Tracker(RecursiveLeastSquares(arx(1, 1))), "board")
+    receiver = Receiver(Bytes(b"".join(rows[:300]), header, b"".join(rows[300:])), log)
+    list(messages(session, receiver, parser, Settings(0.01), log))
+    receiver.close()
+    log.close()
+    assert session.counts["samples"] == 300
+    assert session.counts["malformed"] == 0
+
+
 def test_silence_is_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("emsid.live.session.SILENT", 0.1)
     end = time.monotonic() + 0.6
@@ -390,17 +404,13 @@ def test_a_port_behind_rfc_2217_is_tracked_through_a_break(tmp_path: Path) -> No
     log = Log(tmp_path / "log.txt")
     session = Session(Tracker(RecursiveLeastSquares(arx(1, 1))), server.url)
 
-    def connect() -> object:
-        source = open_source(server.url, 57600)
-        source.write(b"?\n")
-        return source
-
     def read() -> bool:
         for event in server.read[: session.counts["samples"] // 300]:
             event.set()
         return server.read[-1].is_set()
 
-    receiver = Receiver(connect(), log, connect)
+    again = partial(connect, server.url, 57600)
+    receiver = Receiver(again(), log, again)
     found = list(messages(session, receiver, LineParser(), Settings(0.01), log, Control(cancelled=read)))
     receiver.close()
     server.close()

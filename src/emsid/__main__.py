@@ -14,8 +14,16 @@ def main() -> None:
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # a shell ignores it for background jobs
         signal.signal(signal.SIGINT, _leave)
     from emsid.cli import main
+    from emsid.cli.interruption import INTERRUPTION, LEAVING
 
-    main()
+    INTERRUPTION.own_process = True
+    try:
+        main()
+    except SystemExit as ending:
+        if ending.code in LEAVING:  # without waiting for threads that still compute
+            sys.stdout.flush()
+            os._exit(ending.code)
+        raise
 
 
 def _leave(*_: object) -> None:

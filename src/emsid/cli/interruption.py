@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C. Only this module and `emsid.__main__` handle it.
+"""Handling of Ctrl-C and SIGTERM. Only this module and `emsid.__main__` handle them.
 
 During a search, Ctrl-C is answered with a line and sets a flag. The search reads the flag between its steps (see
 `emsid.estimation.nonlinear.control`) and ends with the best result so far. This is printed and written; then the report
@@ -13,10 +13,15 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import inf
-from time import monotonic
+from threading import Thread
+from time import monotonic, sleep
 
-INTERRUPTED = 130
-"""The exit status of an interrupted command."""
+INTERRUPTED, TERMINATED = 130, 128 + signal.SIGTERM
+"""The exit status of a command that Ctrl-C or SIGTERM ended."""
+LEAVING = (INTERRUPTED, TERMINATED)
+
+CLEANING = 1.0
+"""Seconds for cleaning up after SIGTERM; writing, and stopping a motor, may take longer."""
 
 MOMENT = 1.0
 """A second Ctrl-C within this many seconds counts as the same one."""
@@ -28,9 +33,11 @@ class Interruption:
     Attributes:
         pressed: whether it was pressed since the present work began.
         words: the message if it ends the work.
+        own_process: whether the process runs this program only, and may be ended at once.
     """
 
     def __init__(self) -> None:
+        self.own_process = False
         self.pressed = self._deferred = False
         self._answer, self._when = "", -inf
         self.begin()
@@ -47,6 +54,19 @@ class Interruption:
             return
         if not self._deferred:
             raise KeyboardInterrupt
+
+    def terminate(self, *_: object) -> None:
+        """Answer SIGTERM: end by an exception, so that cleaning up takes place, and soon without it."""
+        self.pressed = True  # searches in other threads end as well
+        if self.own_process:
+            Thread(target=self._leave_soon, name="leaving", daemon=True).start()
+        sys.exit(TERMINATED)
+
+    def _leave_soon(self) -> None:
+        sleep(CLEANING)
+        while self._deferred:
+            sleep(0.01)
+        os._exit(TERMINATED)
 
     def begin(self) -> None:
         """Begin: not pressed yet, no result yet."""

@@ -11,7 +11,7 @@ import typer
 
 from emsid.cli import commands
 from emsid.cli.app import FIRST_STEPS, app
-from emsid.cli.interruption import INTERRUPTED, INTERRUPTION, leave_quietly
+from emsid.cli.interruption import INTERRUPTED, INTERRUPTION, TERMINATED, leave_quietly
 from emsid.cli.options import with_options
 from emsid.cli.terminal import SPELT_OUT, one_line, say
 from emsid.errors import EmsidError
@@ -28,9 +28,7 @@ def main() -> None:
         warnings.simplefilter("ignore")  # warnings are for programmers
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # a shell ignores it for background jobs
         signal.signal(signal.SIGINT, INTERRUPTION)
-    signal.signal(
-        signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM)
-    )  # as an exception, so that cleaning up takes place
+    signal.signal(signal.SIGTERM, INTERRUPTION.terminate)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors=SPELT_OUT)  # ^2 and ohm for a terminal without ² or Ω
@@ -57,8 +55,8 @@ def main() -> None:
         if isinstance(problem, BrokenPipeError):  # the reader of the pipe has closed it
             sys.exit(1)
         _end(f"the output cannot be written ({(problem.strerror or str(problem)).lower()})", USER_ERROR)
-    except BaseException:
-        if INTERRUPTION.pressed:
+    except BaseException as problem:
+        if INTERRUPTION.pressed and not (isinstance(problem, SystemExit) and problem.code == TERMINATED):
             _end_interrupted()
         raise
     finally:

@@ -228,7 +228,8 @@ class _Work:
             self.done = time.monotonic()
             if self.parser.columns is None and self.parser.problem is not None and self.parser.lines > PROOF:
                 raise self.parser.problem
-            if session.tracking is None and self.parser.lines >= GARBAGE and self.parser.columns is None:
+            waits = session.tracking is None and self.parser.columns is None and self.parser.implies
+            if waits and self.parser.lines >= GARBAGE:
                 raise DataError(
                     f"{session.name}: {self.parser.lines} lines have come and none is a header or numbers, such as "
                     f"{self.parser.example!r}; check the baud rate, and the lines that the board prints",

@@ -96,6 +96,21 @@ def open_source(text: str, baud: int = 115200) -> Source:
     raise DataError(f"{text}: {reason}")
 
 
+def connect(text: str, baud: int = 115200) -> Source:
+    """Open a connection, and ask the board for its header: what came before the opening is lost.
+
+    Args:
+        text, baud: as in `open_source`.
+
+    Raises:
+        DataError: where it cannot be opened, with the reason and what to do.
+    """
+    source = open_source(text, baud)
+    with suppress(Disconnected):  # it is opened again, and asked then
+        source.write(b"?\n")
+    return source
+
+
 class Descriptor:
     """A file or a pipe that is only read.
 

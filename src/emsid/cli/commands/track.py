@@ -1,7 +1,6 @@
 """``emsid track``."""
 
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -156,19 +155,16 @@ def _followed(
     from emsid.live.protocol import LineParser
     from emsid.live.receiver import Receiver
     from emsid.live.session import messages, read_log
-    from emsid.live.sources import Disconnected, is_connection, open_source
+    from emsid.live.sources import connect, is_connection, open_source
 
     source = session.name
-    opened = open_source(source, baud)
+    again = partial(connect, source, baud) if is_connection(source) else None
+    opened = open_source(source) if again is None else again()
     session.name = opened.name
     log = None if opened.lasting else Log(out / "log.txt")
-    again = partial(open_source, source, baud) if is_connection(source) else None
     parser = LineParser(**reading)
+    parser.implies = again is None
     receiver = Receiver(opened, log, again)
-    if again is not None:
-        parser.implies = False
-        with suppress(Disconnected):  # it is opened again, and sends its header then
-            receiver.send(b"?\n")
     try:
         with view_of(json, option) as view, INTERRUPTION.asked(ENDING):
             for message in messages(session, receiver, parser, settings, log, _control(), begun):

@@ -14,7 +14,7 @@ import emsid
 from emsid.cli.options import physical_values
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
-from emsid.estimation.uncertainty.whiteness import whiteness
+from emsid.estimation.uncertainty.whiteness import absorbed, whiteness
 from emsid.findings import Finding
 from emsid.identification.characteristics import characteristics
 from emsid.identification.observations import (
@@ -263,6 +263,20 @@ def test_the_test_of_a_residual_counts_what_was_estimated():
     assert wrong < right
     assert whiteness([np.zeros(100)], 0) is None
     assert whiteness([np.ones(5)], 0) is None
+
+
+def test_an_estimate_takes_from_the_test_of_its_residual_what_its_regressors_share_with_it():
+    rng = np.random.default_rng(1)
+    noise = rng.standard_normal(4000)
+    y = lfilter([1], [1, -0.5, 0.3], noise)
+    assert absorbed([(noise[2:], np.column_stack([y[1:-1], y[:-2]]))]) == pytest.approx(2.0, abs=0.2)
+    assert absorbed([(noise, rng.standard_normal((4000, 3)))]) == pytest.approx(0.0, abs=0.1)
+    quiet, loud = replace(EQUATION, equation=0.002), replace(EQUATION, equation=1.0)  # poles from input, from noise
+    for equation, few, many in ((quiet, 0.0, 0.2), (loud, 1.2, 2.0)):
+        record = equation.record(0, 4000)
+        y, u = record.output[:, 0], record.input[:, 0]
+        phi = np.column_stack([-y[1:-1], -y[:-2], u[1:-1], u[:-2]])
+        assert few <= absorbed([(y[2:] - phi @ equation.truth, phi)]) <= many
 
 
 def test_the_coverage_program_counts_what_claims_to_be_unconditional():

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance
 from emsid.estimation.uncertainty.robust_covariance import long_run_variance
-from emsid.estimation.uncertainty.whiteness import whiteness
+from emsid.estimation.uncertainty.whiteness import LAGS, absorbed, whiteness
 from emsid.findings import Finding
 from emsid.models.regression.narx import Narx
 from emsid.record import Record
@@ -58,7 +58,9 @@ def with_honest_intervals(fit: Fit[Narx], records: Record | Iterable[Record]) ->
     if np.sqrt(np.mean(np.concatenate(residuals) ** 2)) < EXACT * largest:
         return fit
     past = sum(any(factor.channel == 0 for factor in each.factors) for each in structure.regressors)
-    test = whiteness(residuals, past)
+    lags = max(LAGS, 2 * past)
+    taken = absorbed([(e, part[:-1].T) for part, e in zip(parts, residuals, strict=True)], lags) if past else 0.0
+    test = whiteness(residuals, taken, lags)
     if test is None or test.white:
         return fit
     data = {"lags": test.lags, "p_value": test.p_value, "largest": test.largest, "lag": test.at_lag}

@@ -190,6 +190,36 @@ def test_a_package_that_is_missing_is_named(tmp_path: Path, suffix: str, monkeyp
         emsid.read(tmp_path / f"log{suffix}", input="u", output="y")
 
 
+def bag_folder(path: Path) -> Path:
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    vector = types.types["geometry_msgs/msg/Vector3"]
+    with Writer(path, version=8) as writer:
+        connection = writer.add_connection("/bench", vector.__msgtype__, typestore=types)
+        for t, u, y in zip(T, U, Y, strict=True):
+            data = types.serialize_cdr(vector(u, y, 0.0), vector.__msgtype__)
+            writer.write(connection, round(1e9 * (1000 + t)), bytes(data))
+    return path
+
+
+def test_a_bag_of_ros_2_is_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = bag_folder(tmp_path / "run 1")
+    look = emsid.describe(path)  # in a process of its own
+    assert look.reading["input"] == "bench.x"
+    monkeypatch.setattr(packing, "in_sandbox", lambda parser, content, damaged: parser(content))
+    record = emsid.read(path, input="bench.x", output="bench.y")
+    np.testing.assert_allclose(record.output[:, 0], Y)
+    assert record.dt == pytest.approx(0.01)
+    monkeypatch.setattr(packing, "find_spec", lambda name: None)
+    with pytest.raises(FormatError, match=r"install rosbags: pip install 'emsid\[ros\]'"):
+        emsid.read(path, input="bench.x", output="bench.y")
+    (tmp_path / "other").mkdir()
+    with pytest.raises(FormatError, match="this is a folder; name a file in it"):
+        emsid.read(tmp_path / "other", input="u", output="y")
+
+
 @pytest.mark.parametrize("suffix", [".mcap", ".wpilog"])
 def test_another_kind_of_file_is_said_to_be_one(suffix: str) -> None:
     with pytest.raises(FormatError, match="or it is damaged or cut off; it looks like text"):

@@ -30,7 +30,7 @@ from emsid.io.mdf import read_mdf
 from emsid.io.npz import read_npz
 from emsid.io.other_files import with_other_files
 from emsid.io.parquet import read_parquet
-from emsid.io.ros import read_bag, read_mcap
+from emsid.io.ros import archived, is_bag_folder, read_bag, read_bag_folder, read_mcap
 from emsid.io.spreadsheet import read_spreadsheet
 from emsid.io.table import read_table
 from emsid.io.tdms import read_tdms
@@ -107,8 +107,11 @@ def read_columns(path: str | os.PathLike[str]) -> Columns:
         FormatError: where the file cannot be read, has an unknown suffix, or is not what the suffix says.
     """
     path = Path(path)
-    reader = READERS.get(path.suffix.lower())
-    content = read_bytes(path)
+    reader: Callable[[bytes], Columns] | None
+    if is_bag_folder(path):
+        reader, content = read_bag_folder, archived(path)
+    else:
+        reader, content = READERS.get(path.suffix.lower()), read_bytes(path)
     if reader is None:
         raise FormatError(f"{path}: no reader for the suffix {path.suffix!r}; there are {', '.join(READERS)}")
     try:

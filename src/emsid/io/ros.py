@@ -1,4 +1,4 @@
-"""MCAP files, read by mcap, and bags of ROS 1, read by rosbags. Every topic has its own times.
+"""MCAP files, read by mcap, and bags of ROS 1 and 2, read by rosbags. Every topic has its own times.
 
 The numbers of a message are columns ``topic.field``, also those of nested messages. MCAP messages are JSON, or those of
 ROS 2, which rosbags decodes.
@@ -12,10 +12,14 @@ from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from zipfile import ZipFile
 
 from emsid.io.columns import Columns
+from emsid.io.files import read_bytes
 from emsid.io.packing import Packed, read_by
 
+DESCRIPTION, DATABASES = "metadata.yaml", (".db3", ".mcap")
+"""The file that describes a bag of ROS 2, and the suffixes of those with its messages."""
 DEEPEST = 6
 """Messages in messages below this depth are left out."""
 
@@ -36,6 +40,37 @@ def read_bag(content: bytes) -> Columns:
         FormatError: for content that is no bag, or where rosbags is not installed.
     """
     return read_by(parsed_bag, content, "a bag of ROS 1", "rosbags", "ros")
+
+
+def is_bag_folder(path: Path) -> bool:
+    """Whether a path is a bag of ROS 2, a folder with a description of its files."""
+    return (path / DESCRIPTION).is_file()
+
+
+def archived(path: Path) -> bytes:
+    """The files of a bag of ROS 2 as a ZIP archive, since the process that parses has no other files.
+
+    Raises:
+        FormatError: for a file that cannot be read.
+    """
+    content = BytesIO()
+    with ZipFile(content, "w") as archive:
+        for file in sorted(path.iterdir()):
+            if file.name == DESCRIPTION or file.suffix in DATABASES:
+                archive.writestr(file.name, read_bytes(file))
+    return content.getvalue()
+
+
+def read_bag_folder(content: bytes) -> Columns:
+    """The numbers in a bag of ROS 2, with the time at which they were logged.
+
+    Args:
+        content: from `archived`.
+
+    Raises:
+        FormatError: for a folder that is no bag, or where rosbags is not installed.
+    """
+    return read_by(parsed_bag_folder, content, "a bag of ROS 2", "rosbags", "ros")
 
 
 def parsed_mcap(content: bytes) -> bytes:
@@ -64,13 +99,29 @@ def parsed_bag(content: bytes) -> bytes:
     """The topics of a bag, for the process that parses them."""
     from rosbags.highlevel import AnyReader
 
-    samples: dict[str, list[tuple[float, float]]] = {}
     with TemporaryDirectory() as folder:  # rosbags reads files only
         path = Path(folder, "log.bag")
         path.write_bytes(content)
         with AnyReader([path]) as reader:
-            for connection, time, data in reader.messages():
-                _add(samples, connection.topic, 1e-9 * time, reader.deserialize(data, connection.msgtype))
+            return _messages(reader)
+
+
+def parsed_bag_folder(content: bytes) -> bytes:
+    """The topics of a bag of ROS 2 in a ZIP archive, for the process that parses them."""
+    from rosbags.highlevel import AnyReader
+
+    with TemporaryDirectory() as folder:
+        with ZipFile(BytesIO(content)) as archive:
+            archive.extractall(folder)
+        with AnyReader([Path(folder)], default_typestore=_types()) as reader:
+            return _messages(reader)
+
+
+def _messages(reader: Any) -> bytes:
+    """The topics of an open bag."""
+    samples: dict[str, list[tuple[float, float]]] = {}
+    for connection, time, data in reader.messages():
+        _add(samples, connection.topic, 1e-9 * time, reader.deserialize(data, connection.msgtype))
     return _packed(samples)
 
 

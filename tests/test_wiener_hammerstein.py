@@ -30,7 +30,7 @@ from emsid.models.blocks.search.diagnostics import advice
 from emsid.models.blocks.search.estimation import CascadeStructure, estimate
 from emsid.models.blocks.search.map_families import Family, families, given
 from emsid.models.blocks.search.orders import map_sizes, order_shares, total_orders
-from emsid.models.blocks.search.starts import _splits, regression_candidate, scanned, sign_recovery_candidates
+from emsid.models.blocks.search.starts import _splits, grown, regression_candidate, scanned, sign_recovery_candidates
 from emsid.models.blocks.search.topologies import (
     DEFAULTS,
     HAMMERSTEIN,
@@ -306,6 +306,26 @@ def test_orders_below_that_of_the_response_are_tried() -> None:
     assert totals(WIENER, (None, None)) == list(range(1, most + 1))
     assert totals(WIENER_HAMMERSTEIN, (1, 2)) == [3]
     assert totals(WIENER_HAMMERSTEIN, (None, 2)) == list(range(max(most - 2, 3), most + 1))
+
+
+def test_a_filter_that_grows_keeps_the_output() -> None:
+    model = Cascade((FAST, BEND, SLOW))
+    larger = grown(model, (3, 4))
+    assert [len(block.denominator) for block in larger.blocks if isinstance(block, Rational)] == [3, 4]
+    u = record_of(model, 300).input[:, 0]
+    np.testing.assert_allclose(larger.output(u, np.zeros(7)), model.output(u, np.zeros(3)), atol=1e-12)
+    assert grown(model, (None, 4)) is model
+
+
+def test_a_larger_model_fits_no_worse_than_the_smaller_one() -> None:
+    record = record_of(Cascade((Saturation(1.0, -1.0, 1.2), SLOW)), 600, seed=3)
+    settings = replace(AT_RATE, delay=0, static="saturation")
+    small, large = (hammerstein(record, order, settings) for order in (2, 3))
+    squares = [fit.noise_variance * (fit.samples - fit.rank) for fit in (small, large)]
+    assert squares[1] <= squares[0]
+    segments = [(record.input[:, 0], record.output[:, 0])]
+    assert total_orders(WIENER_HAMMERSTEIN, segments, (2, 3)) == [3, 5]
+    assert order_shares(WIENER_HAMMERSTEIN, (2, 3), 3) == [(1, 2)]
 
 
 def test_an_order_that_is_given_is_kept_where_the_other_is_open() -> None:

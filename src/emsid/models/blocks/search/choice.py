@@ -30,6 +30,7 @@ from emsid.models.blocks.search.starts import (
     Candidate,
     Filters,
     Segments,
+    grown,
     linear_candidates,
     random_candidates,
     regression_candidate,
@@ -114,6 +115,7 @@ def improving(
         control.doing(f"refining {len(starts)} of them")
         plans = [Plan(start, leading, sizes[leading][0]) if direct else Plan(start) for start in starts]
         refined = _refined(plans, part, rounds, settings.threads, control, best)
+        refined = _of_given_orders(refined, orders, part, rounds, settings.threads, control)
         if refined and (not direct or (short and len(sizes[leading]) > 1)):
             first = _simplest(refined, _complexity)
             refined = [first, *(choice for choice in refined if choice is not first)]
@@ -145,6 +147,28 @@ def improving(
         return
     control.doing(f"size of the {best.family.name}")
     yield refined_further(best, [(best.family, size) for size in sizes[best.family] if size != best.size])
+
+
+def _of_given_orders(
+    refined: Sequence[Choice],
+    orders: Orders,
+    part: Sequence[Record],
+    rounds: Sequence[Split],
+    threads: int,
+    control: Control,
+) -> list[Choice]:
+    """The choices of the given orders, best first; the best of lower ones goes on with poles that zeros cancel.
+
+    So a larger model, which has more minima, fits no worse than the smaller one in it.
+    """
+    whole = [
+        choice for choice in refined if len(grown(choice.model, orders).parameters) == len(choice.model.parameters)
+    ]
+    lower = [choice for choice in refined if choice not in whole]
+    if lower and (not whole or matters(lower[0].error ** 2, whole[0].error ** 2)):
+        plan = Plan(grown(lower[0].model, orders), lower[0].family, lower[0].size)
+        whole = sorted([*whole, *_refined([plan], part, rounds, threads, control)], key=lambda choice: choice.error)
+    return whole
 
 
 def _typical(family: Family, sizes: Sequence[int], short: bool) -> int:

@@ -46,6 +46,7 @@ from emsid.estimation.linear.least_squares import gather
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.frequency_response import fit_rational, frequency_response
 from emsid.estimation.nonlinear.gauss_newton import least_squares_step
+from emsid.models.blocks.block import Block
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import search
@@ -117,6 +118,28 @@ def linear_candidates(
                 count += 1
                 if count == MOST_SPLITS:
                     return
+
+
+def grown(cascade: Cascade, orders: tuple[int | None, int | None]) -> Cascade:
+    """The same model with filters of larger orders: poles are added, each with a zero that cancels it.
+
+    Args:
+        cascade: the model.
+        orders: of its filters; with one that is not given the model is returned as it is.
+    """
+    wanted = [order for order in orders if order is not None]
+    if len(wanted) != sum(isinstance(block, Rational) for block in cascade.blocks):
+        return cascade
+    given = iter(wanted)
+    blocks: list[Block] = []
+    for block in cascade.blocks:
+        if isinstance(block, Rational):
+            for k in range(1, next(given) - len(block.denominator) + 1):
+                both = np.array([1.0, -(0.5**k)])
+                denominator = np.convolve(np.concatenate([[1.0], block.denominator]), both)[1:]
+                block = Rational(np.convolve(block.numerator, both), denominator, block.delay)
+        blocks.append(block)
+    return replace(cascade, blocks=tuple(blocks))
 
 
 def regression_candidate(records: Sequence[Record], order: int, degree: int, delay: int) -> tuple[Polynomial, Rational]:

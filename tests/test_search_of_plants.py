@@ -18,9 +18,11 @@ from emsid import Record
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.plants.beginning import agrees, beginning
 from emsid.models.plants.drive import Hold
+from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.choice import choose
+from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.kinds import kinds
 from emsid.models.plants.search.refinements.gain_by_direction import gain_by_direction
 from emsid.models.plants.search.refinements.knee import knee
@@ -30,6 +32,7 @@ from emsid.models.plants.search.refinements.usual import coasting_bridge
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.thinning import thinned
+from emsid.plant import Friction, Motor, simulate
 from independent.cases import CASES, levels, sines
 from independent.one_mass import OneMass
 
@@ -203,6 +206,36 @@ def test_kinds_of_samples_are_levels_speeds_and_directions():
     assert np.max(np.abs(u[low])) < np.min(np.abs(u[high]))
     assert np.array_equal(masks[6][0], u > 0)
     assert list(kinds([Record(np.ones(100), np.ones(100), 1e-2)], [Signal.SPEED])) == []
+
+
+# --- structures that look alike ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("short_time", [("drive.delay",), ()])
+def test_an_inductance_left_out_is_within_the_intervals_of_what_it_moves(short_time):
+    motor = replace(Motor(), rotor_friction=Friction(8e-3), load_friction=Friction(), inductance=3e-3).rigid()
+    true = DrivenMotor(replace(motor, inductance=0.0)).quantities()[0]
+    rng = np.random.default_rng(0)
+    u = 4 * levels(1200, rng, 25)
+    y = simulate(motor, u, 5e-3).load_speed + 0.2 * rng.standard_normal(1200)
+    fit = simulation_error(
+        RIGID,
+        Record(u, y, 5e-3, output_units="rad/s"),
+        free=("motor_constant", "rotor_inertia", "rotor_friction.coulomb", "voltage_dead_zone.half_width", *short_time),
+        fixed={"resistance": motor.resistance},
+    )
+    found = fit.combinations[0]
+    assert found.quantity.name == true.name == "mechanical time constant"
+    assert abs(found.quantity.value - true.value) < 2 * found.standard_error < 0.15 * true.value
+    alike = next(finding for finding in fit.findings if finding.code == "alternatives-fit-as-well")
+    assert alike.data["of"] == (short_time[0] if short_time else None)
+    assert {"drive.delay", "inductance"} - set(short_time) <= set(alike.data["instead"])
+
+
+def test_a_motor_that_is_as_it_is_modelled_has_no_alternatives():
+    _, fitted, _ = bridge()
+    fit = simulation_error(RIGID, fitted)
+    assert "alternatives-fit-as-well" not in [finding.code for finding in fit.findings]
 
 
 # --- fewer samples --------------------------------------------------------------------------------------------------

@@ -116,6 +116,8 @@ EXAMPLES: tuple[Finding, ...] = (
     # searches
     Finding("search-stalled", data=SO_FAR),
     Finding("minimum-not-smooth", data={"starts": 7, "agreeing": 5}),
+    Finding("alternatives-fit-as-well", data={"instead": ["inductance", "sensor.lag"], "of": "drive.delay"}),
+    Finding("alternatives-fit-as-well", data={"instead": ["drive.delay"], "of": None}),
     Finding("steps-used-up", data=SO_FAR | {"steps": 1}),
     Finding("time-used-up", data=SO_FAR | {"offset": None}),
     Finding("search-cancelled", data=SO_FAR),

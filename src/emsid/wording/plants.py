@@ -64,6 +64,21 @@ def speed_is_a_mean(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("alternatives-fit-as-well")
+def alternatives_fit_as_well(f: Finding, argument: Spelling) -> str:
+    """Data: instead (other parameters), of (the parameter that they replace; None if the plant has none of them)."""
+    others = " or ".join(f.data["instead"])
+    if f.data["of"] is None:
+        return (
+            "the residual shows a short delay that this model does not have; the intervals include by how much the "
+            f"parameters differ with {others}"
+        )
+    return (
+        f"with {others} instead of {f.data['of']} the model fits as well; the intervals include by how much the other "
+        "parameters differ then"
+    )
+
+
 @words("no-shaft-seen", Severity.WARNING)
 def no_shaft_seen(f: Finding, argument: Spelling) -> str:
     return (

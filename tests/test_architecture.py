@@ -236,10 +236,11 @@ def offenders(found: Callable[[str], object]) -> dict[str, object]:
         ({"typer", "click"}, r"cli(\..*)?"),
         ({"rich"}, r"cli\.(terminal|live_view)"),
         ({"serial", "socket", "selectors", "select"}, r"live(\..*)?"),
-        ({"h5py", "polars", "tempfile", "shutil"}, r"io(\..*)?"),
+        ({"h5py", "polars"}, r"io(\..*)?"),
+        ({"tempfile", "shutil"}, r"io(\..*)?|live\.log"),
         ({"pickle", "marshal", "shelve", "dill", "joblib"}, r""),
     ],
-    ids=["printed plots", "command line", "terminal", "connections", "file formats", "pickle"],
+    ids=["printed plots", "command line", "terminal", "connections", "file formats", "temporary files", "pickle"],
 )
 def test_only_one_place_imports(packages: set[str], allowed: str) -> None:
     def found(module: str) -> set[str]:

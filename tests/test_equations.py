@@ -141,11 +141,16 @@ PLAIN = replace(
     load_viscous=0.0,
     shaft_damping=0.0,
 )
+OWN_PLANTS = {
+    "plant": OWN,
+    "linear input": replace(OWN, name="linear input", between="linear", steps=2),
+    "band-limited input": replace(OWN, name="band-limited input", between="band-limited"),
+}
 PLANTS: dict[str, Any] = {
     "rigid-motor": DrivenMotor(replace(PLAIN, inductance=0.0, load_inertia=1e-30).rigid()),
     "motor": DrivenMotor(PLAIN),
     "linear-axis": LinearAxis(friction=Friction()),
-    "plant": OWN.with_values({"gain": 0.0, "damping": 0.0}),
+    **{name: own.with_values({"gain": 0.0, "damping": 0.0}) for name, own in OWN_PLANTS.items()},
 }
 
 
@@ -161,7 +166,7 @@ def by_parameters(text: str, model: GreyBox, u: Array) -> Array:
 @pytest.mark.parametrize("name", ALL)
 def test_the_printed_equation_simulates_as_the_model_does(name: str) -> None:
     model: Model = ALL[name]
-    if isinstance(model, GreyBox) and model.plant is not OWN and model.plant.sensor.average:
+    if isinstance(model, GreyBox) and model.plant.name not in OWN_PLANTS and model.plant.sensor.average:
         model = replace(model, plant=replace(model.plant, sensor=replace(model.plant.sensor, average=False)))
     u = smooth_input()
     start = model.at_rest(0.0, DT)

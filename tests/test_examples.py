@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ast
 import runpy
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import emsid
@@ -42,3 +44,37 @@ def test_a_cascade_built_block_by_block(tmp_path, monkeypatch):
     assert comparison.best.row.fit_percent > 97.5  # of a record with 2 % of noise
     assert comparison.rows[-1].fit_percent < 90
     assert (tmp_path / "cascade.svg").exists()
+
+
+def test_a_spring_that_hardens(tmp_path, monkeypatch):
+    """Held, the correct equation misses by forty times the noise; band-limited it does not."""
+    monkeypatch.chdir(tmp_path)
+    example = runpy.run_path(str(next(path for path in EXAMPLES if path.stem == "hardening_spring")))
+    fit, comparison = example["main"]()
+    for name, value, error in zip(fit.names, fit.estimate, fit.standard_error, strict=True):
+        assert abs(value - example["TRUTH"][name]) < 4 * error
+    assert all(row.simulation_rmse < 1.1 * example["NOISE"] for row in comparison.rows)
+    assert (tmp_path / "hardening-spring.svg").exists()
+    held = emsid.fit(replace(example["SPRING"], between="held"), example["experiment"](1, 0.004, 600))
+    assert np.sqrt(held.noise_variance) > 10 * example["NOISE"]
+
+
+def test_two_tanks(tmp_path, monkeypatch):
+    """The free run is started from as many samples as a difference of levels lasts."""
+    monkeypatch.chdir(tmp_path)
+    example = runpy.run_path(str(next(path for path in EXAMPLES if path.stem == "two_tanks")))
+    fit, comparison = example["main"]()
+    for name, value, error in zip(fit.names, fit.estimate, fit.standard_error, strict=True):
+        assert abs(value - example["TRUTH"][name]) < 4 * error
+    assert fit.model.memory > 60
+    assert comparison.best.fit is fit
+    assert comparison.best.row.simulation_rmse < 1.1 * example["NOISE"]
+    assert (tmp_path / "two-tanks.svg").exists()
+
+
+def test_how_an_input_goes_on_is_one_of_three(tmp_path):
+    example = runpy.run_path(str(next(path for path in EXAMPLES if path.stem == "two_tanks")))
+    with pytest.raises(emsid.ModelError, match="did you mean linear"):
+        replace(example["TANKS"], between="linaer")
+    with pytest.raises(emsid.ModelError, match="numbers in first"):
+        replace(example["TANKS"], first=(1.0,))

@@ -146,6 +146,8 @@ def plants() -> Iterator[tuple[str, GreyBox]]:
         ("elastic motor", DrivenMotor(Motor(), Drive(delay=0.4 * DT), Sensor(lag=DT)), current),
         ("linear axis", LinearAxis(drive=Drive(delay=0.3 * DT), sensor=Sensor(lag=DT)), both),
         ("own plant", OWN, speed),
+        ("own plant, linear input", replace(OWN, name="linear input", between="linear", steps=2), speed),
+        ("own plant, band-limited input", replace(OWN, name="band-limited input", between="band-limited"), speed),
     ):  # fmt: skip
         yield name, GreyBox(plant, signals)
 

@@ -45,9 +45,10 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.gauss_newton import Infeasible, gauss_newton
 from emsid.models.blocks.block import Block, block_from_data
-from emsid.models.blocks.filters import INTERPOLATION_REACH, Rational, between, interpolated
+from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.free_run import as_record, continued, free_run, predict
+from emsid.models.interpolation import INTERPOLATION_REACH, between, interpolated
 from emsid.models.linear_parts import python_control
 from emsid.models.model import Run, levels
 from emsid.models.terms import check_whole

@@ -26,6 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import ModelError
 from emsid.models.blocks.static_maps import Scaling, StaticMap
 from emsid.models.feedback.kernels import LoopSignals
 from emsid.models.feedback.model import FeedbackModel
@@ -277,7 +278,11 @@ def whitened(model: FeedbackModel, visited: Visited) -> Same:
     n = model.states
     transform = np.eye(n)
     if n:
-        size, axes = np.linalg.eigh(np.atleast_2d(np.cov(visited.x.T)))
+        with np.errstate(over="ignore", invalid="ignore"):
+            covariance = np.atleast_2d(np.cov(visited.x.T))
+        if not np.isfinite(covariance).all():
+            raise ModelError(f"{model.name}: the free run diverges; scale the channels or choose a smaller order")
+        size, axes = np.linalg.eigh(covariance)
         if size[-1] > 0:
             transform = (axes / np.sqrt(np.maximum(size, 1e-12 * size[-1]))).T
             model = with_state(model, transform)

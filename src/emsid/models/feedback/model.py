@@ -39,11 +39,11 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.models.blocks.block import block_from_data
-from emsid.models.blocks.filters import INTERPOLATION_REACH, between, interpolated
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.kernels import LoopSignals, Tables, derivative, run, run_reference, tables_of
 from emsid.models.feedback.start import starting
 from emsid.models.free_run import as_record, continued, free_run, predict
+from emsid.models.interpolation import INTERPOLATION_REACH, between, interpolated
 from emsid.models.model import Run, levels
 from emsid.models.terms import check_whole
 from emsid.record import Record

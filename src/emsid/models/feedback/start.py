@@ -96,7 +96,10 @@ def starting(model: Startable, u: Array, y: Array) -> Array:
     variance = np.sum(free.residuals[0] ** 2) / freedom if freedom > 0 else 0.0
     if not (variance > 0 and len(cloud) > 1):
         return free.estimate
-    centre, spread = cloud.mean(axis=0), np.atleast_2d(np.cov(cloud.T))
+    with np.errstate(over="ignore", invalid="ignore"):
+        centre, spread = cloud.mean(axis=0), np.atleast_2d(np.cov(cloud.T))
+    if not np.isfinite(spread).all():
+        return free.estimate
     size, axes = np.linalg.eigh(spread)
     if not size[-1] > 0:
         return free.estimate

@@ -61,8 +61,8 @@ class GreyBox:
 
     @property
     def latency(self) -> int:
-        """Zero: its input is held between samples."""
-        return 0
+        """That of the plant: zero unless it needs the next inputs to know how they go on between their samples."""
+        return self.plant.latency
 
     def with_estimates(self, names: Sequence[str], values: Array) -> GreyBox:
         """The same with other values of some parameters of the plant, by name, in SI units."""

@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from emsid.errors import ModelError
+from emsid.arguments import did_you_mean
+from emsid.errors import ModelError, listed
+from emsid.models.interpolation import INTERPOLATION_REACH, between
+from emsid.models.plants.drive import Hold
 from emsid.models.plants.parameters import Handle, Signal
-from emsid.models.plants.plant import BasePlant
+from emsid.models.plants.plant import BEGINNING, BasePlant
 from emsid.models.plants.state import NO_ROWS, PlantState
 from emsid.plant.parameter import Measure, Parameter
+from emsid.record import Record
 
 Array = NDArray[np.float64]
+
+# Samples on either side that an input between its samples depends on; None where it is held.
+REACH: dict[str, int | None] = {"held": None, "linear": 0, "band-limited": INTERPOLATION_REACH}
+# A difference of initial states is forgotten when this part of it is left; samples in which that is looked for.
+FORGOTTEN, LONGEST = 0.02, 2_000
 
 Derivative = Callable[[Array, Array, Array], Sequence[float] | Array]
 
@@ -29,8 +38,11 @@ class OwnPlant(BasePlant):
     It is integrated by the classical Runge–Kutta method. Functions compiled with ``numba.njit`` run in a compiled loop;
     they must return arrays.
 
+    An input that is taken for held although it goes on between its samples is half a sample late, which bends every
+    parameter of an oscillator; ``between`` says how it goes on.
+
     Args:
-        derivative: of the state (n,), a function of state, input (nu,) held over the sample, and parameters (p,).
+        derivative: of the state (n,), a function of state, input (nu,) and parameters (p,).
         output: (ny,), a function of the same arguments.
         table: the parameters, in the order of p.
         values: (p,) their values.
@@ -38,6 +50,13 @@ class OwnPlant(BasePlant):
         bounds: (name, lower, upper) for every parameter that has bounds.
         steps: Runge–Kutta steps per sample.
         name: its name in tables.
+        between: how the input goes on between its samples: ``held``, ``linear`` or ``band-limited``.
+        first: (n,) where the search for the initial state of every record begins; zeros by default.
+        beginning: the number of samples from which a free run estimates its initial state. By default as many as a
+            difference of initial states lasts in the first record of a fit, at least twenty.
+
+    Raises:
+        ModelError: for as many values as the table does not have rows, or another ``between``.
     """
 
     derivative: Derivative
@@ -48,8 +67,18 @@ class OwnPlant(BasePlant):
     bounds: tuple[tuple[str, float, float], ...] = ()
     steps: int = 1
     name: str = "plant"
+    between: str = "held"
+    first: tuple[float, ...] = ()
+    beginning: int | None = None
 
     def __post_init__(self) -> None:
+        if self.between not in REACH:
+            raise ModelError(
+                f"{self.name}: between is {self.between!r}; give one of {listed(list(REACH))}"
+                f"{did_you_mean(str(self.between), list(REACH))}"
+            )
+        if self.first and len(self.first) != self.states:
+            raise ModelError(f"{self.name}: {len(self.first)} numbers in first for {self.states} states")
         if len(self.values) != len(self.table):
             raise ModelError(f"{self.name}: {len(self.values)} values for {len(self.table)} parameters")
 
@@ -79,18 +108,81 @@ class OwnPlant(BasePlant):
             if len(found) != 1 or (shape is not None and found != shape):
                 wanted = "(ny,)" if shape is None else shape
                 raise ModelError(f"{self.name}: its {what} has shape {found}; it must be {wanted}")
-        return PlantState(dt, start, NO_ROWS, NO_ROWS)
+        return PlantState(dt, start, np.tile(command, (REACH[self.between] or 0, 1)), NO_ROWS)
+
+    @property
+    def latency(self) -> int:
+        """One sample for a linear input, which needs the next sample; seventeen for a band-limited one."""
+        reach = REACH[self.between]
+        return 0 if reach is None else reach + 1
+
+    def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
+        """The output (N, ny) driven by inputs (N, nu), from an initial state; see `BasePlant.simulate`."""
+        start, late = self.start(state, inputs[0], dt, signals, len(inputs)), self.latency
+        return self.run(start, np.concatenate([inputs, np.repeat(inputs[-1:], late, axis=0)]), signals)[0][late:]
+
+    @property
+    def hold(self) -> Hold:
+        """``first`` for a linear input, else ``zero``."""
+        return Hold.FIRST if self.between == "linear" else Hold.ZERO
+
+    def with_hold(self, hold: Hold) -> Self:
+        """The plant with a held or a linear input."""
+        return replace(self, between="linear" if hold is Hold.FIRST else "held") if hold is not self.hold else self
+
+    def for_command(self, record: Record) -> Self:
+        """The plant with as many samples for the initial state as a difference of initial states lasts in a record."""
+        if self.beginning is not None:
+            return self
+        head = record[:LONGEST]
+        one, other = (
+            self.simulate(head.input, head.dt, state, ())
+            for state in (self.first_state((), head), self.first_state((), head) * 1.05 + 0.01)
+        )
+        apart = np.abs(one - other).max(axis=1)
+        lasting = np.flatnonzero(~(apart <= FORGOTTEN * apart.max(initial=0.0)))
+        samples = int(lasting[-1]) + 1 if len(lasting) else 0
+        return replace(self, beginning=int(np.clip(samples, BEGINNING, max(BEGINNING, len(record) // 8))))
+
+    def start_samples(self, signals: Sequence[Signal]) -> int:
+        """See ``beginning``."""
+        return max(self.beginning or BEGINNING, self.latency + 1)
+
+    def first_state(self, signals: Sequence[Signal], segment: Record) -> Array:
+        """See ``first``."""
+        return np.array(self.first) if self.first else np.zeros(self.states)
 
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
-        """The outputs (N, ny) for inputs (N, nu), and the state after them."""
+        """The outputs (N, ny) for inputs (N, nu), `latency` samples late, and the state after them."""
         compiled = hasattr(self.derivative, "py_func") and hasattr(self.output, "py_func")
-        loop = _compiled_runge_kutta if compiled else _runge_kutta
         parameters, x = np.array(self.values), state.motion.copy()
         inputs = np.ascontiguousarray(inputs)
         width = len(signals) or len(np.asarray(self.output(x.copy(), inputs[0], parameters)))
         out = np.empty((len(inputs), width))
-        loop(self.derivative, self.output, inputs, parameters, x, state.dt, self.steps, out)
-        return out, state._replace(motion=x)
+        reach = REACH[self.between]
+        if reach is None:
+            loop = _compiled_runge_kutta if compiled else _runge_kutta
+            loop(self.derivative, self.output, inputs, parameters, x, state.dt, self.steps, out)
+            return out, state._replace(motion=x)
+        window = np.concatenate([state.commands, inputs])
+        ready = max(len(window) - 2 * reach - 1, 0)
+        waiting = len(inputs) - ready
+        if waiting:  # the beginning of a run: what is not known yet repeats the first output
+            out[:waiting] = np.asarray(self.output(x.copy(), inputs[0], parameters))
+        moving = _compiled_between if compiled else _between
+        fine = self._fine(window, reach)[: 2 * self.steps * ready + 1]
+        moving(self.derivative, self.output, fine, parameters, x, state.dt, self.steps, out[waiting:])
+        return out, state._replace(motion=x, commands=window[max(len(window) - 2 * reach - 1, 0) :])
+
+    def _fine(self, window: Array, reach: int) -> Array:
+        """(k, nu) the inputs at every half step, from the row ``reach`` of a window on."""
+        parts = 2 * self.steps
+        if not reach:
+            at = np.arange((len(window) - 1) * parts + 1) / parts
+            return np.stack([np.interp(at, np.arange(len(window)), each) for each in window.T], axis=1)
+        if len(window) <= 2 * reach:
+            return window[:0]
+        return np.stack([between(np.ascontiguousarray(each), parts) for each in window.T], axis=1)
 
 
 def _measure(unit: str) -> Measure:
@@ -114,4 +206,22 @@ def _runge_kutta(f: Any, g: Any, inputs: Array, p: Array, state: Array, dt: floa
     state[:] = x
 
 
+def _between(f: Any, g: Any, fine: Array, p: Array, state: Array, dt: float, steps: int, out: Array) -> None:
+    """As `_runge_kutta`, for inputs (2·steps·N + 1, nu) at every half step."""
+    x = state.copy()
+    h = dt / steps
+    for k in range(len(out)):
+        at = 2 * steps * k
+        out[k] = np.asarray(g(x, fine[at], p))
+        for _ in range(steps):
+            k1 = np.asarray(f(x, fine[at], p))
+            k2 = np.asarray(f(x + 0.5 * h * k1, fine[at + 1], p))
+            k3 = np.asarray(f(x + 0.5 * h * k2, fine[at + 1], p))
+            k4 = np.asarray(f(x + h * k3, fine[at + 2], p))
+            x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+            at += 2
+    state[:] = x
+
+
 _compiled_runge_kutta = njit(nogil=True)(_runge_kutta)
+_compiled_between = njit(nogil=True)(_between)

@@ -206,6 +206,11 @@ class Plant(Protocol):
         """The plant as it is in a record with inputs (N, nu)."""
         ...
 
+    @property
+    def latency(self) -> int:
+        """The delay of `run` in samples; zero unless it needs the next inputs to know how they go on."""
+        ...
+
     def start_samples(self, signals: Sequence[Signal]) -> int:
         """The number of samples that give its initial state."""
         ...
@@ -439,6 +444,11 @@ class BasePlant(ABC):
         if hold is not Hold.ZERO:
             raise ModelError(f"{self.name} holds its inputs between the samples; give hold='zero'", arguments=("hold",))
         return self
+
+    @property
+    def latency(self) -> int:
+        """Zero."""
+        return 0
 
     def start_samples(self, signals: Sequence[Signal]) -> int:
         """Twenty."""

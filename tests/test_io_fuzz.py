@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from emsid.errors import EmsidError
 from emsid.io import READERS, read, read_columns
 from emsid.record import Record
+from fuzz_formats import fuzz
 from test_io_formats import mat_5, mat_73, npz, parquet
 
 K = np.arange(30.0)
@@ -120,6 +122,23 @@ def test_damaged_files_with_a_process_of_their_own(
     path.write_bytes(data.draw(damaged(content)))
     with suppress(EmsidError):
         assert read_columns(path).series
+
+
+@pytest.mark.parametrize("kind", ["excel", "tdms", "wpilog", "mcap"])
+def test_damaged_files_of_measuring_systems(folder: Path, kind: str) -> None:
+    """A few, with parsers whose libraries do not crash; ``fuzz_formats.py`` tries all kinds."""
+    read, refused, wrong = fuzz(kind, 40, 1, folder)
+    assert wrong == []
+    assert (read > 0, refused > 0) == (True, True)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no limits of memory")
+def test_the_memory_of_a_parser_is_limited(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder / "file.parquet").write_bytes(VALID[".parquet"][0])
+    monkeypatch.setattr("emsid.io.sandbox.MEMORY", 1 << 26)
+    monkeypatch.setattr("emsid.io.sandbox.EXPANSION", 1)
+    with pytest.raises(EmsidError, match="damaged"):
+        read_columns(folder / "file.parquet")
 
 
 cells = st.one_of(

@@ -1,11 +1,12 @@
 """Parsing of Parquet and HDF5 files in a separate process.
 
 A damaged file can make the libraries for these formats allocate very much memory or crash. In a separate process this
-ends only the parser.
+ends only the parser, and its memory is limited where the system can do so.
 """
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -14,6 +15,8 @@ from emsid.errors import FormatError
 
 LONGEST = 120.0
 """Seconds after which a parser is stopped."""
+MEMORY, EXPANSION = 1 << 33, 64
+"""Bytes of memory that a parser may have, and how many for each byte of the file, if that is more."""
 
 
 def in_sandbox(parser: Callable[[bytes], bytes], content: bytes, damaged: str) -> bytes:
@@ -27,8 +30,10 @@ def in_sandbox(parser: Callable[[bytes], bytes], content: bytes, damaged: str) -
     Raises:
         FormatError: with that message.
     """
+    most = max(MEMORY, EXPANSION * len(content))
+    limit = f"import resource; resource.setrlimit(resource.RLIMIT_AS, ({most}, {most})); " if os.name == "posix" else ""
     program = (
-        f"import sys; from {parser.__module__} import {parser.__name__} as parser; "
+        f"{limit}import sys; from {parser.__module__} import {parser.__name__} as parser; "
         "sys.stdout.buffer.write(parser(sys.stdin.buffer.read()))"
     )
     try:

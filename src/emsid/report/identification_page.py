@@ -185,7 +185,7 @@ def verdicts(result: Identification, argument: Spelling) -> Section:
         )
         for each in result.model_verdicts
     ]
-    head = ("Model", "Past inputs", "Limit", "Nonlinear terms", "Limit", "Portmanteau p", "Whiteness p")
+    head = ("Model", "Past inputs", "99 % limit", "Nonlinear terms", "99 % limit", "Portmanteau p", "Whiteness p")
     note = (
         "Largest correlation of the residual with past inputs, and with nonlinear functions of them, in standard "
         "deviations; 99 of 100 independent residuals stay below the limit. Portmanteau: the chance of all "

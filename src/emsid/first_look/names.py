@@ -138,6 +138,8 @@ def meaning(name: str, unit: str = "") -> Meaning:
 
     >>> meaning("Motor_Speed(RPM)")
     Meaning(quantity=<ColumnQuantity.SPEED: 'speed'>, unit='rpm', confidence=0.95, number='')
+    >>> meaning("rpm").unit, meaning("rpm2").unit
+    ('rpm', 'rpm')
     >>> meaning("t_ms").quantity, meaning("t_ms").unit, meaning("Commanded_PWM").quantity.value
     (<ColumnQuantity.TIME: 'time'>, 'ms', 'duty or command')
 
@@ -150,6 +152,8 @@ def meaning(name: str, unit: str = "") -> Meaning:
     digits = re.search(r"\d+$", bare)
     number = digits[0] if digits else ""
     words = [_GREEK.get(word, word.lower()) for word in _WORD.findall(bare)]
+    if not unit and "rpm" in words:  # a name that is its unit
+        unit = "rpm"
     by_word = next(((q, sure) for q, sure, known in _WORDS if set(words) & set(known.split())), None)
     by_unit = next(((q, WEAK) for q, units in _BY_UNIT if unit in units.split()), None)
     if by_word is None or (by_unit is not None and by_word[1] < WEAK):

@@ -115,7 +115,6 @@ def improving(
         control.doing(f"refining {len(starts)} of them")
         plans = [Plan(start, leading, sizes[leading][0]) if direct else Plan(start) for start in starts]
         refined = _refined(plans, part, rounds, settings.threads, control, best)
-        refined = _of_given_orders(refined, orders, part, rounds, settings.threads, control)
         if refined and (not direct or (short and len(sizes[leading]) > 1)):
             first = _simplest(refined, _complexity)
             refined = [first, *(choice for choice in refined if choice is not first)]
@@ -149,26 +148,33 @@ def improving(
     yield refined_further(best, [(best.family, size) for size in sizes[best.family] if size != best.size])
 
 
-def _of_given_orders(
-    refined: Sequence[Choice],
-    orders: Orders,
-    part: Sequence[Record],
+def from_smaller(
+    best: Choice,
+    topology: Topology,
+    shown: Sequence[Record],
     rounds: Sequence[Split],
-    threads: int,
-    control: Control,
-) -> list[Choice]:
-    """The choices of the given orders, best first; the best of lower ones goes on with poles that zeros cancel.
+    orders: Orders,
+    settings: CascadeSearch,
+    template: Cascade,
+    control: Control = FREE,
+) -> Choice:
+    """The choice for given orders, or that which begins at the minimum of a model with all orders one lower.
 
-    So a larger model, which has more minima, fits no worse than the smaller one in it.
+    A larger model has more minima and may be started far from its best. The smaller one is in it, with poles that zeros
+    cancel; so a larger model never fits its own data worse.
     """
-    whole = [
-        choice for choice in refined if len(grown(choice.model, orders).parameters) == len(choice.model.parameters)
-    ]
-    lower = [choice for choice in refined if choice not in whole]
-    if lower and (not whole or matters(lower[0].error ** 2, whole[0].error ** 2)):
-        plan = Plan(grown(lower[0].model, orders), lower[0].family, lower[0].size)
-        whole = sorted([*whole, *_refined([plan], part, rounds, threads, control)], key=lambda choice: choice.error)
-    return whole
+    given = [order for order in orders if order is not None]
+    if len(given) != topology.first + topology.second or min(given) < 2:
+        return best
+    lower = (None if orders[0] is None else orders[0] - 1, None if orders[1] is None else orders[1] - 1)
+    same = replace(settings, static=best.family or settings.static)
+    with suppress(ModelError):  # without a start for the smaller one
+        *_, small = improving(topology, shown, rounds, lower, same, template, control)
+        control.doing("from the minimum of a smaller model")
+        plan = Plan(grown(small.model, orders), small.family, small.size)
+        (larger,) = _refined([plan], shortened(shown), rounds, settings.threads, control)
+        return min(best, larger, key=lambda choice: choice.known)
+    return best
 
 
 def _typical(family: Family, sizes: Sequence[int], short: bool) -> int:

@@ -28,7 +28,7 @@ from emsid.findings import Finding
 from emsid.models.blocks.cascade import SAMPLES_PER_STATE, Cascade, check_channels
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import Search, conclude, fit_cascade
-from emsid.models.blocks.search.choice import Choice, improving, searched, with_spread_knots
+from emsid.models.blocks.search.choice import Choice, from_smaller, improving, searched, with_spread_knots
 from emsid.models.blocks.search.cross_validation import as_arrays, held_back
 from emsid.models.blocks.search.dead_time import at_the_input
 from emsid.models.blocks.search.map_families import Family
@@ -239,6 +239,7 @@ def estimate(
         for choice in improving(topology, shown, rounds, orders, settings, template, control):
             best = choice
         assert best is not None
+        best = from_smaller(best, topology, shown, rounds, orders, settings, template, control)
         control.doing(f"fitting {topology.name} to all data")
         found = searched(
             with_spread_knots(best, topology, orders, several, settings),

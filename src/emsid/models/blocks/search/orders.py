@@ -41,12 +41,8 @@ def total_orders(topology: Topology, segments: Sequence[tuple[Array, Array]], or
     """Orders of the best linear approximation to try: the given ones, or that of least description length and below.
 
     A nonlinearity can look like poles and zeros in the response, so lower orders are tried too: all of them with one
-    filter, and some with two, because each of them can be divided in many ways. Given
-    orders are tried with all of them one lower too, which is a start for them.
+    filter, and some with two, because each of them can be divided in many ways.
     """
-    if not _open(topology, orders):
-        there = [order for order in orders if order is not None]
-        return [sum(there) - len(there), sum(there)] if min(there) > 1 else [sum(there)]
     least, most = _least(topology, orders), _total(topology, segments, orders)
     return list(range(max(most - LOWER, least) if topology.first and topology.second else least, most + 1))
 
@@ -83,7 +79,7 @@ def oversamplings(records: Sequence[Record]) -> tuple[int, ...]:
 
 
 def order_shares(topology: Topology, orders: Orders, total: int) -> list[Orders]:
-    """The pairs of filter orders that add up to a total order: the given orders, or all of them one lower."""
+    """The pairs of filter orders that add up to a total order."""
     if not topology.first:
         return [(None, total)]
     if not topology.second:
@@ -91,10 +87,7 @@ def order_shares(topology: Topology, orders: Orders, total: int) -> list[Orders]
     pairs = [(first, total - first) for first in range(total + 1)]
 
     def allowed(pair: Orders) -> bool:
-        both = zip(pair, orders, strict=True)
-        if not _open(topology, orders) and total < _least(topology, orders):
-            return all(order == given - 1 for order, given in both if order is not None and given is not None)
-        return all(order == given if given is not None else order for order, given in both)
+        return all(order == given if given is not None else order for order, given in zip(pair, orders, strict=True))
 
     return [pair for pair in pairs if allowed(pair)]
 

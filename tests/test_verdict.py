@@ -239,6 +239,18 @@ def test_any_of_these_findings_makes_a_model_implausible(code):
     assert other.code == "model-supported"
 
 
+def test_a_model_that_diverges_on_a_larger_input_is_not_recommended():
+    known, unseen = record(0), record(1, name="other")
+    cubic = emsid.Structure.parse("y(t-1)", "u(t-1)", "y(t-1)^3", name="cubic")
+    turns = (1 - POLE) / (0.8 * float(np.abs(known.output).max())) ** 2  # the cube wins near the end of the range
+    fit = as_fit(emsid.Narx(cubic, np.array([POLE, 1 - POLE, turns]), DT))
+    assert implausible(fit, known)["diverges-beyond-range"] == {"model": "cubic", "factor": 1.2}
+    assert "diverges-beyond-range" not in implausible(linear(), known)
+    fits = [linear(gain=0.3, name="poor"), linear(name="good")]
+    choice = recommended_first(compare(fits, unseen), (), {"good"})
+    assert choice.best.row.model == "poor"
+
+
 # --- the recommendation ----------------------------------------------------------------------------------------------
 
 

@@ -366,6 +366,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("map-turns-without-data", "wiener", {"model": "wiener", "block": 2, "at": 1.571}),
     Finding("map-leaves-range", "wiener", {"model": "wiener", **LEAVES}),
     Finding("faster-than-sampling", data={"model": "output-error", "pole": 0.1, "samples": 0.434}),
+    Finding("diverges-beyond-range", "polynomial-narx", {"model": "polynomial-narx", "factor": 1.2}),
     Finding("delay-longer-than-rise", data={"model": "arx", **TOO_LATE}),
     Finding("zero-cancels-pole", data={"model": "arx", "pole": [0.9, 0.0]}),
     # the quality of data

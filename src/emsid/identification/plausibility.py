@@ -8,6 +8,7 @@ rich, or that it imitates something else.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,10 @@ from emsid.first_look.dynamics import response
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.narx import Narx
+from emsid.models.regression.search.judge import BEYOND as BEYOND_INPUT
+from emsid.models.regression.search.judge import diverges, enlarged
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -44,8 +48,14 @@ SLOW = 5
 RISE = 2.2
 """Rise time (10 to 90 %) over time constant of a first-order response."""
 
+LOOKED_AT = 20_000
+"""Samples of the record with a larger input."""
+DIVERGES = "diverges-beyond-range"
+"""The finding that keeps a model from being chosen, however small its error is."""
+
 IMPLAUSIBLE = frozenset(
     {
+        DIVERGES,
         "delay-longer-than-rise",
         "faster-than-sampling",
         "knots-without-data",
@@ -68,12 +78,19 @@ class Plausibility:
         self.record = record
         self._rise: float | None = None
 
+    @cached_property
+    def beyond(self) -> Record:
+        """The beginning of the record with a larger input."""
+        return enlarged(self.record[:LOOKED_AT], BEYOND_INPUT)
+
     def findings(self, fit: Fit[Any]) -> list[Finding]:
         """Why a model is implausible, without what the fit itself has found."""
         model = fit.model
         if self.record.input.shape[1] != 1 or self.record.output.shape[1] != 1:
             return []
         found: list[Finding] = []
+        if not isinstance(model, GreyBox) and diverges(model, self.beyond):
+            found.append(Finding(DIVERGES, model.name, {"factor": BEYOND_INPUT}))
         if isinstance(model, Cascade):
             found += [each for k, x in self._entering(model) for each in self._of_map(model, k, x)]
             poles = [pole for block in model.blocks if isinstance(block, Rational) for pole in block.poles]

@@ -42,13 +42,19 @@ TWO_SIDED = 0.05
 """An input goes both ways if it reaches this share of its largest value on either side."""
 
 
-def recommended_first(comparison: Comparison, implausible: Collection[str]) -> Comparison:
+def recommended_first(
+    comparison: Comparison, implausible: Collection[str], excluded: Collection[str] = ()
+) -> Comparison:
     """The models with the recommended one first: the best, or a plausible one that is as good within noise.
 
     Args:
         comparison: the models on the data that choose, the best free run first.
         implausible: the names of the models that are implausible.
+        excluded: the names of models that are not recommended over any usable one, however small their error is.
     """
+    if comparison.best.row.model in excluded:
+        others = (each for each in comparison.assessments if each.row.model not in excluded and _usable(each))
+        comparison = comparison.led_by(next(others, comparison.best))
     best = comparison.best
     if best.row.model not in implausible:
         return comparison

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from emsid.estimation.fit import Ending
 from emsid.findings import Finding, finite
 from emsid.identification.conclusions import POOR, PREDICTABLE, predictable_shares
-from emsid.identification.plausibility import IMPLAUSIBLE
+from emsid.identification.plausibility import DIVERGES, IMPLAUSIBLE
 from emsid.selection.improvement import STRETCHES
 from emsid.validation.agreement import difference_of_pieces
 from emsid.validation.comparison import Assessment, Comparison, Row, models_noise
@@ -66,6 +66,11 @@ def model_verdicts(on_record: Comparison, on_unseen: Comparison, findings: Itera
 def implausible_models(findings: Iterable[Finding]) -> frozenset[str]:
     """The names of the models that some of the findings make implausible."""
     return frozenset(finding.model for finding in findings if finding.code in IMPLAUSIBLE)
+
+
+def excluded_models(findings: Iterable[Finding]) -> frozenset[str]:
+    """The names of the models that diverge on an input a little larger than that of the record."""
+    return frozenset(finding.model for finding in findings if finding.code == DIVERGES)
 
 
 def _verdict(unseen: Assessment, fitted: Assessment, implausible: list[Reason], shares: Sequence[float]) -> Finding:

@@ -6,7 +6,7 @@ data, which no step of a fit uses.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -41,7 +41,7 @@ from emsid.identification.requests import (
     unused_requests,
 )
 from emsid.identification.result import Identification
-from emsid.identification.verdict import implausible_models, model_verdicts
+from emsid.identification.verdict import excluded_models, implausible_models, model_verdicts
 from emsid.models.plants.grey_box import assumptions
 from emsid.models.plants.parameters import parts
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
@@ -126,7 +126,7 @@ def identify(
     taken = _profiles(found.fits, () if found.stopped else options.profile, control)
     on_record = compare(found.fits, train, transient=transient, data="identification")
     about_fits = about_the_fits(found.fits, train)
-    on_choice, on_unseen = _chosen(found.fits, test, transient, implausible_models(about_fits), divide=not others)
+    on_choice, on_unseen = _chosen(found.fits, test, transient, about_fits, divide=not others)
     test = on_unseen.best.record
     stopped = found.stopped or taken.stopped or control.cancelled()
     findings = [
@@ -181,13 +181,14 @@ def _long_enough(record: Record) -> Record:
 
 
 def _chosen(
-    fits: Sequence[Fit[Any]], unseen: Record, transient: int | None, implausible: Collection[str], *, divide: bool
+    fits: Sequence[Fit[Any]], unseen: Record, transient: int | None, findings: Sequence[Finding], *, divide: bool
 ) -> tuple[Comparison | None, Comparison]:
     """The models on the unseen data that choose among them, None where all do, and on those that give their errors."""
     parts = choice_and_headline(unseen) if divide and len(fits) > 1 else None
+    against = implausible_models(findings), excluded_models(findings)
     if parts is None:
-        return None, recommended_first(compare(fits, unseen, transient=transient, data="unseen"), implausible)
-    choice = recommended_first(compare(fits, parts[0], transient=transient, data="choice"), implausible)
+        return None, recommended_first(compare(fits, unseen, transient=transient, data="unseen"), *against)
+    choice = recommended_first(compare(fits, parts[0], transient=transient, data="choice"), *against)
     return choice, compare(fits, parts[1], transient=transient, data="unseen").in_order_of(choice)
 
 

@@ -115,3 +115,12 @@ def dead_time_at_input(f: Finding, argument: Spelling) -> str:
     samples = f"{f.data['delay']} sample{'s' * (f.data['delay'] != 1)}"
     where = "; no data show which filter it belongs to" if f.data["filters"] > 1 else ""
     return f"a dead time of {samples} is counted at the input{where}"
+
+
+@words("diverges-beyond-range", Severity.WARNING)
+def diverges_beyond_range(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: factor (of the input)."""
+    return (
+        f"its free run diverges on an input {f.data['factor']:.3g} times as large as that of the record, so it is not "
+        "chosen; record a larger input, or give a smaller order or degree"
+    )

@@ -2,7 +2,8 @@
 
 From simple to complex, each choice must be better by more than noise (`emsid.selection.improvement`):
 
-1. for every order, a linear model and one polynomial map in the direction that explains most;
+1. for every order, a linear model and one map in the direction that explains most: a polynomial, or else a spline or a
+   dead zone;
 2. with the best order, twice the rate, for an input that goes on between its samples;
 3. other families of maps;
 4. a second map.
@@ -39,8 +40,8 @@ ORDERS = (1, 2, 3)
 SEARCHED, JUDGED = 6_000, 8_000
 # Steps of a refinement for a choice.
 STEPS = 40
-# The map that every order is tried with, and families and sizes that are tried then.
-FIRST = ("polynomial", 3)
+# The maps that every order is tried with, until one is better than none, and families and sizes that are tried then.
+FIRST = (("polynomial", 3), ("spline", 0), ("dead-zone", 0))
 OTHERS = (("polynomial", 5), ("spline", 0), ("dead-zone", 0), ("saturation", 0))
 
 
@@ -159,20 +160,29 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
     """
     bench = Bench.of(records, settings, control)
     first = Steps(settings.oversampling or 1, bool(settings.held))
-    family, size = (settings.static, settings.size) if settings.static else (family_of(FIRST[0]), FIRST[1])
+    given = [(settings.static, settings.size)] if settings.static else []
+    families = given or [(family_of(name), size) for name, size in FIRST]
     orders = ORDERS if settings.order is None else (settings.order,)
     best, bent, problem = None, False, None
     for order in orders:
         control.doing(f"order {order}", order, len(orders))
         try:
             linear = _linear(bench, order, first, settings.delay)
-            trial = _with_map(bench, linear, family, size)
         except EmsidError as error:
             problem = error
             continue
-        bent = bent or _preferred(trial, bench.judged(linear, family, size), bench.compared)
-        if best is None or _preferred(trial, best, bench.compared):
-            best = trial
+        straight = bench.judged(linear, *families[0])
+        for family, size in families:
+            try:
+                trial = _with_map(bench, linear, family, size)
+            except EmsidError as error:
+                problem = error
+                continue
+            if best is None or _preferred(trial, best, bench.compared):
+                best = trial
+            if _preferred(trial, straight, bench.compared):
+                bent = True
+                break
     if best is None:
         raise problem or ModelError("feedback: no model of this record; check channels, units and delay")
     yield best

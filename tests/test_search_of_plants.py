@@ -238,6 +238,23 @@ def test_a_motor_that_is_as_it_is_modelled_has_no_alternatives():
     assert "alternatives-fit-as-well" not in [finding.code for finding in fit.findings]
 
 
+# --- slow drift ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("change", "drifts"), [(0.5, True), (0.0, False)])
+def test_an_offset_that_drifts_is_said_and_is_within_its_interval(change, drifts):
+    truth = OneMass(gain=1.0, viscous=(2.0, 2.0), coulomb=(0.3, 0.3), smooth=1e-4)
+    u = 3 * lfilter([0.02], [1, -0.98], levels(2400, np.random.default_rng(2), 150))
+    position = truth.run(u, 5e-3, change * np.linspace(0, 1, 2400))[1][:2400]
+    record = Record(u, position + 1e-3 * np.random.default_rng(0).standard_normal(2400), 5e-3, output_units="m")
+    fit = simulation_error(AXIS, record, hold="zero", fixed={"mass": 1.0})
+    found = [finding for finding in fit.findings if finding.code == "parameter-drifts"]
+    assert ("offset" in [finding.subject for finding in found]) is drifts
+    assert bool(found) is drifts
+    offset = fit.names.index("offset")
+    assert abs(fit.estimate[offset] - change / 2) < 3 * fit.standard_error[offset]
+
+
 # --- fewer samples --------------------------------------------------------------------------------------------------
 
 

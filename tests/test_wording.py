@@ -118,6 +118,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("minimum-not-smooth", data={"starts": 7, "agreeing": 5}),
     Finding("alternatives-fit-as-well", data={"instead": ["inductance", "sensor.lag"], "of": "drive.delay"}),
     Finding("alternatives-fit-as-well", data={"instead": ["drive.delay"], "of": None}),
+    Finding("parameter-drifts", "offset", {"halves": [-3.247, -3.532], "unit": "N"}),
     Finding("steps-used-up", data=SO_FAR | {"steps": 1}),
     Finding("time-used-up", data=SO_FAR | {"offset": None}),
     Finding("search-cancelled", data=SO_FAR),

@@ -79,6 +79,16 @@ def alternatives_fit_as_well(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("parameter-drifts")
+def parameter_drifts(f: Finding, argument: Spelling) -> str:
+    """Subject: a parameter. Data: halves (its estimates in the first and the second half of the record), unit."""
+    first, second = (with_unit(f"{value:.4g}", f.data["unit"]) for value in f.data["halves"])
+    return (
+        f"{f.subject} is {first} in the first half of the record and {second} in the second, so it drifts slowly; the "
+        "intervals include that"
+    )
+
+
 @words("no-shaft-seen", Severity.WARNING)
 def no_shaft_seen(f: Finding, argument: Spelling) -> str:
     return (

@@ -42,19 +42,24 @@ SMALL = 0.1
 """The delay in samples whose effect on the free run is compared with the residual."""
 
 
-class Alternatives(NamedTuple):
-    """What other structures say.
+class Addition(NamedTuple):
+    """What the error of a model adds to the uncertainty of its estimates.
 
     Attributes:
-        covariance: (p, p) what they add to the covariance of the estimates.
-        findings: which they are.
+        covariance: (p, p) added to the covariance of the estimates.
+        findings: why.
     """
 
     covariance: Array
     findings: tuple[Finding, ...]
 
 
-def alternatives(task: Task, problem: FreeRunError, names: Sequence[str], minimum: Minimum) -> Alternatives:
+def nothing(parameters: int) -> Addition:
+    """No addition for this number of parameters."""
+    return Addition(np.zeros((parameters, parameters)), ())
+
+
+def alternatives(task: Task, problem: FreeRunError, names: Sequence[str], minimum: Minimum) -> Addition:
     """The structures that are as good as a minimum.
 
     Args:
@@ -63,7 +68,7 @@ def alternatives(task: Task, problem: FreeRunError, names: Sequence[str], minimu
         names: (p,) the parameters that were estimated.
         minimum: where the search ended.
     """
-    none = Alternatives(np.zeros((len(names), len(names))), ())
+    none = nothing(len(names))
     driven = problem.plant.driven
     if driven is None or not driven.can_coast or driven.secondary:
         return none
@@ -83,7 +88,7 @@ def alternatives(task: Task, problem: FreeRunError, names: Sequence[str], minimu
         return none
     shifts = np.array(list(found.values()))
     data = {"instead": list(found), "of": mine}
-    return Alternatives(shifts.T @ shifts / len(found), (Finding("alternatives-fit-as-well", driven.name, data),))
+    return Addition(shifts.T @ shifts / len(found), (Finding("alternatives-fit-as-well", driven.name, data),))
 
 
 def _duration(problem: FreeRunError, name: str) -> float:

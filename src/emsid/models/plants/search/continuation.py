@@ -143,7 +143,7 @@ class _Rounds:
         if interrupted:
             self.problem = self.problem.begun_at(ended.estimate)
             return replace(ended, findings=tuple(_after(self.steps, finding) for finding in ended.findings))
-        ended = _with_colour(self.problem, ended)
+        ended = with_colour(self.problem, ended)
         self.problem = self.problem.begun_at(ended.estimate)
         inside = [name for name, free in zip(self.names, ended.free, strict=False) if free]
         kept = keep_identifiable(identified_by(self.problem, inside, ended), inside, self.task.preference)
@@ -252,7 +252,7 @@ def _after(steps: int, finding: Finding) -> Finding:
     return replace(finding, data={**finding.data, "steps": steps}) if "steps" in finding.data else finding
 
 
-def _with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
+def with_colour(problem: FreeRunError, minimum: Minimum) -> Minimum:
     """The covariance under coloured noise; where the sandwich finds more, the deviations are the sandwich's.
 
     To it comes what the free run itself is not sure of, which is all there is where the data are exact.

@@ -32,12 +32,13 @@ from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
-from emsid.models.plants.search.alternatives import Alternatives, alternatives
+from emsid.models.plants.search.alternatives import alternatives, nothing
 from emsid.models.plants.search.between_samples import as_hold, is_open, promising
 from emsid.models.plants.search.conditions import conditions, unconditional
 from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, identified_by, keep_identifiable
 from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
+from emsid.models.plants.search.slow_drift import slow_drift
 from emsid.models.plants.search.starts import starts_of
 from emsid.models.plants.search.task import Task, prepare
 from emsid.models.plants.search.trials import Trial, Trials
@@ -182,16 +183,17 @@ def _concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     found, states = problem.plant, problem.states(problem.start)
     whole = problem if len(names) == len(task.asked) else task.problem(found, task.asked, states)
     identifiability = identified_by(whole, task.asked, minimum)
-    held, others = unconditional(len(names)), Alternatives(np.zeros((len(names), len(names))), ())
+    held, others = unconditional(len(names)), [nothing(len(names))]
     if reached.unended:
-        others = alternatives(task, problem, names, minimum)
+        others = [model_error(task, problem, names, minimum) for model_error in (alternatives, slow_drift)]
         inseparable = [name for group in identifiability.groups for name in group]
         held = conditions(task, found, names, minimum.free, states, inseparable)
     own = slice(len(names))
-    minimum.covariance[own, own] += held.covariance + others.covariance
+    minimum.covariance[own, own] += held.covariance + sum(each.covariance for each in others)
     rows = table(task, found, start, names, minimum, held)
     together = combinations(found, names, identifiability, minimum, held)
-    findings = (*others.findings, *findings_of(task, found, names, minimum, identifiability, rows, together))
+    findings = findings_of(task, found, names, minimum, identifiability, rows, together)
+    findings = (*(finding for each in others for finding in each.findings), *findings)
     if reached.unended and _shaft_unseen(task, reached):
         findings = (Finding("no-shaft-seen", found.name, {"simpler": "rigid-motor"}), *findings)
     fit = minimum.fit(GreyBox(found, task.signals), tuple(names), "gn")

@@ -159,6 +159,7 @@ TOPICS = {
     "fit": ("Fitting and identification", "`emsid.fit` fits one model, `emsid.identify` fits and ranks several."),
     "records": ("Records and files", "A record is a sampled experiment. Readers make one, and estimators take one."),
     "compare": ("Comparison", "Free run and prediction of models on records that they were not fitted to."),
+    "linear": ("Linear models", "ARMAX, Box–Jenkins and state space; ARX and output error are regressions."),
     "regression": ("Regressions", "Structures that are linear in their parameters, and the models they become."),
     "blocks": ("Cascades of blocks", "Filters and static maps in a row, fitted to the free run."),
     "plants": ("Plants", "Physical equations whose parameters are estimated."),
@@ -173,7 +174,8 @@ PLACES = {
     "models.verbs": "fit", "identification": "fit", "estimation.fit": "fit",
     "validation": "compare", "models.model": "compare", "models.free_run": "compare",
     "models.regression": "regression", "regression": "regression",
-    "models.blocks": "blocks", "blocks": "blocks", "models.plants": "plants", "plants": "plants",
+    "models.linear": "linear", "linear": "linear", "models.feedback": "blocks", "models.blocks": "blocks",
+    "blocks": "blocks", "models.plants": "plants", "plants": "plants",
     "plant": "simulation", "excitation": "simulation",
     "estimation": "estimation", "errors": "errors", "findings": "errors",
 }  # fmt: skip
@@ -236,6 +238,9 @@ def write(app: Sphinx) -> None:
     reference = Path(app.srcdir) / "reference"
     pages = {"command-line": command_line(), "findings": findings()}
     pages |= {f"api/{name}": text for name, text in library().items()}
+    for path in (reference / "api").glob("*.md"):
+        if f"api/{path.stem}" not in pages:
+            path.unlink()
     for name, text in pages.items():
         path = reference / f"{name}.md"
         path.parent.mkdir(exist_ok=True)

@@ -675,7 +675,6 @@ def test_ctrl_c_amid_the_first_imports_is_one_line(module, log, tmp_path):
 def test_ctrl_c_in_a_callback_is_not_spoken_of_twice():
     program = """
 import sys
-import time
 from emsid import __main__, cli
 class Lost:
     def __init__(self, problem): self.problem = problem

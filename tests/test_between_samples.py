@@ -160,7 +160,9 @@ def test_the_speed_of_an_encoder_is_a_mean_over_the_sample_before():
     fit = fitted(ENCODER, 1, fixed={"sensor.average": 1})
     assert np.max(deviations(fit)) < 4
     assert fit.standard_error[0] < 2.5e-6  # the deviation of 25 estimates is 1.0e-6
-    assert np.max(deviations(fitted(ENCODER, 1))) > 5
+    late = fitted(ENCODER, 1)  # half a sample, and it has the wide intervals of an unknown delay
+    assert np.max(np.abs(late.estimate - fit.estimate) / fit.standard_error) > 5
+    assert np.max(deviations(late)) < 4
 
 
 def test_a_datasheet_says_that_the_speed_is_a_mean():

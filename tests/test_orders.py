@@ -11,6 +11,8 @@ import emsid
 from emsid import Ending, ModelError, Record
 from emsid.estimation.linear.filtering import coherence, filtered, filtered_from, mirrored, past_state, spectrum
 from emsid.models.regression.search.orders import order_grid, output_error_orders
+from emsid.validation.metrics import fit_percent
+from independent.structures import known
 
 A, B, OFFSET = [1.0, -1.5, 0.7], [0.0, 1.0, 0.5], 0.6
 TRUTH = np.array([-1.5, 0.7, 1.0, 0.5, OFFSET])
@@ -130,3 +132,13 @@ def test_instruments_refuse_what_they_cannot_estimate() -> None:
         emsid.fit(emsid.Structure.parse("y(t-1)", "u(t-1)^2"), record, instruments=True)
     with pytest.raises(ModelError, match="exclude each other"):
         emsid.fit(emsid.arx(1, 1), record, instruments=True, free_run=True)
+
+
+@pytest.mark.parametrize("seed", [0, 6, 14])
+def test_the_orders_of_motors_of_known_structure_are_found(seed: int) -> None:
+    """The short form of ``bench/structures.py``."""
+    motor = known(seed)
+    fit = output_error_orders(motor.record[:2800], GRID, 0.25)
+    assert max(f.lag for r in fit.model.structure.regressors for f in r.factors if not f.channel) == motor.order
+    run = fit.model.simulate(motor.other)
+    assert fit_percent(motor.other.output[run.counted], run.output[run.counted]) > 98

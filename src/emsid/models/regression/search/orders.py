@@ -21,6 +21,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
 from math import inf, log
@@ -35,7 +36,6 @@ from emsid.estimation.linear.filtering import mirrored
 from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import gather
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.models.free_run import squared_errors
 from emsid.models.linear.subspace_fit import state_space, subspace_models
 from emsid.models.model import Model
 from emsid.models.regression.instruments import (
@@ -55,8 +55,9 @@ from emsid.selection.improvement import StretchErrors, better, simplest
 Array = NDArray[np.float64]
 Choice = Mapping[str, int]
 
-# Passes over the grid, each with the free run and the poles of the best model so far as instruments and filter.
-PASSES = 3
+# Passes over the grid, each with the free run and the poles of the best model so far as instruments and filter. After
+# the first of them this model is fitted to the free run before it serves as instrument.
+PASSES, UNFITTED = 5, 2
 # The search ends after this many sizes in a row that are not better than all smaller ones.
 PATIENCE = 3
 # The largest order of the state-space model that gives the first instruments.
@@ -269,30 +270,36 @@ def _starts(
     columns = [_columns(structure, largest) for structure in structures]
     best: dict[int, tuple[float, Structure, Array]] = {}
     below, runs = _first_instruments(judge.fitted)
-    for _ in range(PASSES):
+    for number in range(PASSES):
         information = instrument_information(instruments(largest, below, runs))
         for structure, places in zip(structures, columns, strict=True):
             theta = stable(structure, instrument_estimate(information, places))
-            error = _error(structure.model(theta, record), judge)
+            error = _error(structure.model(theta, record), runs)
             if len(theta) not in best or error < best[len(theta)][0]:
                 best[len(theta)] = (error, structure, theta)
         least, structure, theta = min(best.values(), key=lambda each: each[0])
         if not np.isfinite(least):
             break
+        if number >= UNFITTED:
+            with suppress(EmsidError):
+                theta = stable(structure, fit_to_compare(structure, judge.fitted, theta, judge.control).estimate)
         below, runs = denominator(structure, theta), free_runs(structure, theta, judge.fitted)
     for _, (error, structure, theta) in sorted(best.items()):
         if error <= HOPELESS * least < inf:
             yield structure, theta
 
 
-def _error(model: Model, judge: Judge) -> float:
-    """The mean square error of the free run over all unseen data."""
-    unseen = [record for _, records in judge.splits for record in records]
-    try:
-        squares = squared_errors(model, unseen, judge.transient)
-    except EmsidError:
-        return inf
-    return float(np.mean(squares[~np.isnan(squares)]))
+def _error(model: Narx, runs: Sequence[tuple[Record, Record]]) -> float:
+    """The mean square error of the free run over all segments, each from the state of its noise-free output."""
+    total, samples = 0.0, 0
+    for segment, run in runs:
+        begin = model.memory
+        state = model.initial(run, begin)
+        with np.errstate(all="ignore"):
+            missed = model.run(state, segment.input[begin:])[0] - segment.output[begin:]
+            total += float(np.sum(missed**2))
+        samples += len(missed)
+    return total / max(samples, 1) if np.isfinite(total) else inf
 
 
 def _first_instruments(records: Sequence[Record]) -> tuple[Array, list[tuple[Record, Record]]]:

@@ -134,9 +134,9 @@ def test_instruments_refuse_what_they_cannot_estimate() -> None:
         emsid.fit(emsid.arx(1, 1), record, instruments=True, free_run=True)
 
 
-@pytest.mark.parametrize("seed", [0, 6, 14])
+@pytest.mark.parametrize("seed", [0, 6])
 def test_the_orders_of_motors_of_known_structure_are_found(seed: int) -> None:
-    """The short form of ``bench/structures.py``."""
+    """The short form of ``bench/structures.py``: one pole and two."""
     motor = known(seed)
     fit = output_error_orders(motor.record[:2800], GRID, 0.25)
     assert max(f.lag for r in fit.model.structure.regressors for f in r.factors if not f.channel) == motor.order

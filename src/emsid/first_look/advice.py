@@ -87,6 +87,12 @@ class _Data:
         """A linear model of the first output, where there is one."""
         return baseline(self.record, self.response.delay)
 
+    @property
+    def delay(self) -> int | None:
+        """Samples from the input to its first effect: as the response shows it, or fewer in the linear model."""
+        shown = self.response.delay
+        return shown if shown is None or self.linear is None else min(shown, self.linear.delay)
+
 
 def advice(record: Record, response: Response, tolerance: float = TOLERANCE) -> list[Finding]:
     """Findings about the quality of the data in a record.
@@ -142,7 +148,8 @@ def answer(data: _Data) -> Iterable[Finding]:
         yield Finding("no-response", data.output, {"input": data.input})
         return
     sure = round(min(0.99, 0.5 + 0.5 * abs(response.correlation)), 2)
-    shared = {"input": data.input, "delay": response.delay, "time": response.delay * dt, "confidence": sure}
+    delay = data.delay or 0
+    shared = {"input": data.input, "delay": delay, "time": delay * dt, "confidence": sure}
     yield Finding("response-negative" if response.sign < 0 else "response-delay", data.output, shared)
 
 
@@ -173,7 +180,7 @@ def motion(data: _Data) -> Iterable[Finding]:
         yield Finding("all-standstill", data.output, numbers)
         return
     yield Finding("much-standstill" if share > MUCH_REST else "motion", data.output, numbers)
-    zone = breakaway(data.u, data.resting, data.response.delay or 0)
+    zone = breakaway(data.u, data.resting, data.delay or 0)
     zone = dead_zone(data.u, data.resting) if zone is None else zone
     amplitude = float(np.percentile(np.abs(data.u), 90))
     if zone is not None:

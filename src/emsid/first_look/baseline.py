@@ -1,19 +1,29 @@
-"""A small linear model for the first look: ARX with an offset, whose free run shows what a linear model leaves."""
+"""A small linear model with an offset for the first look, whose free run shows what a linear model leaves."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import EmsidError
 from emsid.estimation.linear.filtering import filtered, filtered_from, past_state
+from emsid.models.regression.instruments import fit_instruments
+from emsid.models.regression.structures import arx
 from emsid.record import Record
 
 Array = NDArray[np.float64]
 
 ORDER = 4
 """Past inputs and past outputs."""
+CERTAIN = 5
+"""Delays of up to this many samples are not tried again."""
+SAMPLES, SAMPLES_FOR_DELAY = 20_000, 4_000
+"""At most this many samples, from the middle, estimate the model with instruments, and compare delays."""
+REPETITIONS = 6
+"""Of the instruments."""
 MOST_DELAY = 0.25
 """A delay above this share of the longest segment is no delay of the system."""
 
@@ -29,6 +39,7 @@ class Baseline:
         time_constant: in samples, until the step response first reaches 63 % of its change; infinite where it never
             does.
         gain: of the model at rest.
+        a, b: its polynomials in q⁻¹; b begins with as many zeros as its delay.
     """
 
     fit: float
@@ -36,16 +47,77 @@ class Baseline:
     simulated: Array
     time_constant: float
     gain: float
+    a: Array
+    b: Array
+
+    @property
+    def delay(self) -> int:
+        """Samples from the input to its first effect in the model."""
+        return int(np.flatnonzero(self.b)[0]) if self.b.any() else 0
+
+    def answer(self, signal: Array, breaks: Sequence[int]) -> Array:
+        """(N,) what the model makes of a signal (N,) in place of the input, from rest in every segment."""
+        pieces = np.split(signal - signal.mean(), list(breaks))
+        return np.concatenate([filtered(self.b, self.a, piece) for piece in pieces])
 
 
 def baseline(record: Record, delay: int | None) -> Baseline | None:
     """A linear model of the first output by the first input; None where there are too few samples or it is unstable.
 
+    Of the models by instruments and by least squares it is the one whose free run is better: noise on the output biases
+    least squares.
+
     Args:
         record: the data.
-        delay: samples from the input to its first effect; None for one sample.
+        delay: samples from the input to its first effect, at most; None for one sample. In noise the first effect that
+            is seen is late, so the model also tries half of it, a quarter of it and so on.
     """
-    delay = max(1, delay or 1)
+    longest = MOST_DELAY * max(map(len, record.segments))
+    if delay is not None and delay > longest:
+        return None
+    delay = _best_delay(record, max(1, delay or 1))
+    found = [
+        _simulated(record, *each, delay) for each in (*_by_instruments(record, delay), *_by_squares(record, delay))
+    ]
+    return max((each for each in found if each is not None), key=lambda each: each.fit, default=None)
+
+
+def _best_delay(record: Record, delay: int) -> int:
+    """The delay of the best free run among ``delay``, half of it and so on down to one."""
+    if delay <= CERTAIN:
+        return delay
+    few = _middle(record, SAMPLES_FOR_DELAY)
+    halves = [max(1, delay >> k) for k in range(delay.bit_length())]
+    fits = {
+        each: simulated.fit
+        for each in halves
+        for one in _by_instruments(few, each)
+        if (simulated := _simulated(few, *one, each)) is not None
+    }
+    return max(fits, key=lambda each: fits[each], default=1)
+
+
+def _middle(record: Record, most: int) -> Record:
+    """At most this many samples from the middle of a record."""
+    start = max((len(record) - most) // 2, 0)
+    return record[start : start + most]
+
+
+def _by_instruments(record: Record, delay: int) -> list[tuple[Array, Array, float]]:
+    """(a, b, constant) of a model of second order by refined instruments; none where it has no stable free run."""
+    few = _middle(record, SAMPLES)
+    few = replace(few, input=few.input[:, :1], input_names=few.input_names[:1], input_units=few.input_units[:1])
+    few = replace(few, output=few.output[:, :1], output_names=few.output_names[:1], output_units=few.output_units[:1])
+    try:
+        fit = fit_instruments(arx(2, 2, nk=delay, constant=True), few, max_iterations=REPETITIONS)
+    except EmsidError:
+        return []
+    a1, a2, b1, b2, constant = fit.estimate
+    return [(np.array([1.0, a1, a2]), np.concatenate([np.zeros(delay), [b1, b2]]), float(constant))]
+
+
+def _by_squares(record: Record, delay: int) -> list[tuple[Array, Array, float]]:
+    """(a, b, constant) of a model of order `ORDER` by least squares; none from too few samples."""
     first = ORDER + delay - 1
     tables = []
     for piece in record.segments:
@@ -55,22 +127,26 @@ def baseline(record: Record, delay: int | None) -> Baseline | None:
             past = [y[rows - lag] for lag in range(1, ORDER + 1)] + [u[rows - delay - k] for k in range(ORDER)]
             tables.append(np.column_stack([*past, np.ones(len(rows)), y[rows]]))
     table = np.concatenate(tables) if tables else np.zeros((0, 2 * ORDER + 2))
-    if len(table) < 10 * ORDER or delay > MOST_DELAY * max(map(len, record.segments)):
-        return None
+    if len(table) < 10 * ORDER:
+        return []
     estimate = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-10)[0]
     a = np.concatenate([[1.0], -estimate[:ORDER]])
-    b = np.concatenate([np.zeros(delay), estimate[ORDER : 2 * ORDER]])
+    return [(a, np.concatenate([np.zeros(delay), estimate[ORDER : 2 * ORDER]]), float(estimate[-1]))]
+
+
+def _simulated(record: Record, a: Array, b: Array, constant: float, delay: int) -> Baseline | None:
+    """The model with its free run; None where it is unstable."""
     if np.max(np.abs(np.roots(a)), initial=0.0) >= 1:
         return None
-    simulated = np.concatenate([_free_run(piece, a, b, float(estimate[-1])) for piece in record.segments])
+    simulated = np.concatenate([_free_run(piece, a, b, constant) for piece in record.segments])
     y = record.output[:, 0]
     residual = y - simulated
     fit = 1 - float(np.linalg.norm(residual) / np.linalg.norm(y - y.mean()))
     step = filtered(b, a, np.ones(min(len(record), 20_000)))
     gain = float(b.sum() / a.sum())
     reached = np.flatnonzero(np.abs(step) >= 0.632 * abs(gain))
-    constant = float(max(reached[0] - delay + 1, 0.5)) if len(reached) and np.isfinite(gain) else np.inf
-    return Baseline(fit, residual, simulated, constant, gain)
+    settled = float(max(reached[0] - delay + 1, 0.5)) if len(reached) and np.isfinite(gain) else np.inf
+    return Baseline(fit, residual, simulated, settled, gain, a, b)
 
 
 def _free_run(piece: Record, a: Array, b: Array, offset: float) -> Array:

@@ -28,7 +28,9 @@ Array = NDArray[np.float64]
 FEWEST_PERIODS = 2
 MOST_NOISE = 0.5
 """Distortion is not separated from more noise than this share of the amplitude."""
-CLEAR, LEAST = 0.1, 1e-4
+ALIKE = 1e-3
+"""Combinations of functions whose singular value is below this share of the largest are left out."""
+CLEAR, LEAST = 0.05, 1e-4
 """A nonlinear relation explains at least the first share of the residual, and the second of the output's variance."""
 
 
@@ -43,7 +45,7 @@ def nonlinearity(record: Record, response: Response, linear: Baseline | None) ->
             return
     if linear is None or response.delay is None:
         return
-    share = dependence(linear, u, response.delay, record.breaks)
+    share = dependence(linear, u, linear.delay, record.breaks)
     segment = max(record.segments, key=len)
     similar = coherence(segment.input[:, 0], segment.output[:, 0], min(len(segment) // 4, 1024) or 1)
     low = similar[1 : max(3, len(similar) // 8)]
@@ -126,28 +128,36 @@ def distortion(u: Array, y: Array, period: int) -> dict[str, float | int] | None
 
 
 def dependence(linear: Baseline, u: Array, delay: int, breaks: tuple[int, ...]) -> float:
-    """The share of the output's variance in the residual of a linear model that functions of it explain.
+    """The share of the output's variance in the residual of a linear model that only nonlinear functions explain.
 
     The functions are the square, the cube, the sign and the small values of the simulated output and of the delayed
-    input. The share is that of the explained part in the variance of the output; each tenth of the samples is explained
-    by functions fitted to the others, so that chance explains nothing.
+    input, as they are and as they pass through the linear model: friction acts where the input does. What linear
+    functions explain as well is not counted.
     """
     inner = np.concatenate([np.concatenate([np.full(min(delay, len(x)), x[0]), x[: max(len(x) - delay, 0)]])
                             for x in np.split(u, list(breaks))])  # fmt: skip
-    columns = [np.ones(len(u))]
+    straight, curved = [np.ones(len(u))], []
     for x in (linear.simulated, inner):
         scaled = (x - x.mean()) / (x.std() or 1.0)
         size = x / (np.max(np.abs(x)) or 1.0)
-        columns += [scaled, scaled**2, scaled**3, np.sign(x), np.clip(size, -0.1, 0.1)]
-    table = np.column_stack([*columns, linear.residual])
-    parts = np.array_split(table, 10)
-    products = [part.T @ part for part in parts]
+        functions = [scaled**2, scaled**3, np.sign(x), np.clip(size, -0.1, 0.1)]
+        straight += [scaled, linear.answer(scaled, breaks)]
+        curved += [*functions, *(linear.answer(each, breaks) for each in functions)]
+    power = float(np.mean(linear.residual**2))
+    without = min(power, _left(straight, linear.residual))
+    variance = power / max((1 - linear.fit) ** 2, 1e-300)
+    return float(max(0.0, without - _left(straight + curved, linear.residual)) / variance)
+
+
+def _left(columns: list[Array], residual: Array) -> float:
+    """The mean square of a residual (N,) less a combination of columns, each tenth of it fitted to the others."""
+    table = np.column_stack([*columns, residual])
+    size = np.sqrt(np.mean(table**2, axis=0))
+    parts = np.array_split(table / np.where(size > 0, size, 1.0), 10)
+    factors = [np.linalg.qr(part, mode="r") for part in parts]
     left = 0.0
-    for part, product in zip(parts, products, strict=True):  # held back, so that chance explains nothing
-        others = sum(products) - product
-        ridge = 1e-8 * np.diag(np.diag(others)[:-1])
-        estimate = np.linalg.lstsq(others[:-1, :-1] + ridge, others[:-1, -1], rcond=1e-10)[0]
+    for k, part in enumerate(parts):
+        others = np.concatenate([factor for j, factor in enumerate(factors) if j != k])
+        estimate = np.linalg.lstsq(others[:, :-1], others[:, -1], rcond=ALIKE)[0]
         left += float(np.sum((part[:, -1] - part[:, :-1] @ estimate) ** 2))
-    before, after = float(np.mean(linear.residual**2)), left / len(u)
-    variance = before / max((1 - linear.fit) ** 2, 1e-300)
-    return float(max(0.0, before - after) / variance)
+    return left * float(size[-1]) ** 2 / len(residual)

@@ -150,7 +150,7 @@ class Plausibility:
             seen = response(record.input[:, 0], record.output[:, 0], record.breaks)
             linear = baseline(record, seen.delay)
             usable = linear is not None and linear.fit > 0 and np.isfinite(linear.time_constant)
-            self._rise = RISE * linear.time_constant + (seen.delay or 0) if usable and linear is not None else np.nan
+            self._rise = RISE * linear.time_constant + linear.delay if usable and linear is not None else np.nan
         return None if np.isnan(self._rise) else self._rise
 
 

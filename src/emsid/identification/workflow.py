@@ -105,7 +105,7 @@ def identify(
     options = understood(options, names)
     given = options
     responses = responses_of(several)
-    options, about_delay = with_delay(codes_of_channel(options, record), responses, several[0])
+    options, about_delay = with_delay(codes_of_channel(options, record), responses, several)
     plants = plants_of(names, options)
     check_physics(plants, names, options)
     findings = [

@@ -17,13 +17,13 @@ import emsid
 
 @pytest.fixture(scope="session")
 def linear_record():
-    """1200 samples of y(t) = 0.8·y(t−1) + 0.5·u(t−1) with a little noise."""
+    """1200 samples of y(t) = 0.8·y(t−1) + 0.5·u(t−1) + e(t) with a little white noise e."""
     rng = np.random.default_rng(1)
-    u = rng.standard_normal(1200)
+    u, noise = rng.standard_normal(1200), 0.01 * rng.standard_normal(1200)
     y = np.zeros(1200)
     for t in range(1, 1200):
-        y[t] = 0.8 * y[t - 1] + 0.5 * u[t - 1]
-    return emsid.Record(u, y + 0.01 * rng.standard_normal(1200), dt=0.01, name="bench")
+        y[t] = 0.8 * y[t - 1] + 0.5 * u[t - 1] + noise[t]
+    return emsid.Record(u, y, dt=0.01, name="bench")
 
 
 @pytest.fixture(scope="session")
@@ -237,6 +237,15 @@ def test_a_result_can_be_plotted(result, tmp_path):
     figure = result.plot()
     figure.savefig(tmp_path / "figure.svg")
     assert (tmp_path / "figure.svg").stat().st_size > 1000
+
+
+def test_a_fit_without_intervals_draws_its_estimates(linear_record):
+    noise = 0.5 * np.random.default_rng(3).standard_normal((len(linear_record), 1))
+    biased = emsid.fit(emsid.arx(na=1, nb=1), replace(linear_record, output=linear_record.output + noise))
+    assert biased.biased
+    (axis,) = biased.plot().axes
+    widths = sorted(bar.get_width() for bar in axis.patches)
+    assert widths == pytest.approx(sorted(np.abs(biased.estimate)))
 
 
 def test_a_fit_prints_every_parameter_with_interval_and_ending(linear_fit):

@@ -25,4 +25,5 @@ from .nonlinear.losses import Cauchy as Cauchy
 from .nonlinear.losses import Huber as Huber
 from .nonlinear.losses import Loss as Loss
 from .nonlinear.losses import Squares as Squares
+from .nonlinear.smoothing import Penalty as Penalty
 from .uncertainty.identifiability import Identifiability as Identifiability

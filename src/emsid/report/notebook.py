@@ -15,6 +15,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emsid.errors import DataError
 from emsid.estimation.fit import Ending, Fit
@@ -207,23 +208,28 @@ def _(fit: Fit) -> Figure | None:  # type: ignore[type-arg]
 
 
 def _interval_widths(fit: Fit[Any]) -> Figure | None:
-    """Half the 95 % interval of every parameter, in percent of its estimate."""
-    if fit.biased:
-        return None
-    half = np.diff(fit.interval(), axis=1)[:, 0] / 2
+    """Half the 95 % interval of every parameter, in percent of its estimate; without intervals, the estimates."""
+    half = np.full(len(fit.estimate), np.nan) if fit.biased else np.diff(fit.interval(), axis=1)[:, 0] / 2
     share = 100 * half / np.maximum(np.abs(fit.estimate), np.finfo(float).tiny)
-    order = [int(k) for k in np.argsort(-share) if np.isfinite(share[k]) and share[k] > 0][:MOST_BARS]
+    if np.any(np.isfinite(share) & (share > 0)):
+        return _bars(
+            fit, share, "Half the 95 % interval, share of the estimate", "%", "how well each parameter is known"
+        )
+    return _bars(fit, np.abs(fit.estimate), "Size of the estimate", "", "the parameters, which have no intervals")
+
+
+def _bars(fit: Fit[Any], sizes: NDArray[np.float64], title: str, unit: str, caption: str) -> Figure | None:
+    """A bar for every parameter, the largest first, with its estimate beside it."""
+    order = [int(k) for k in np.argsort(-sizes) if np.isfinite(sizes[k]) and sizes[k] > 0][:MOST_BARS]
     if not order:
         return None
     names = tuple(fit.names[k] for k in order)
-    log = bool(share[order].max() > 20 * share[order].min())
-    low, high = float(share[order].min()), float(share[order].max())
-    x = Axis(
-        "Half the 95 % interval, share of the estimate", "%", log, (0.5 * low, 2 * high) if log else (0, 1.05 * high)
-    )
-    bars = Bars(share[order], tuple(number(float(fit.estimate[k])) for k in order))
+    low, high = float(sizes[order].min()), float(sizes[order].max())
+    log = high > 20 * low
+    x = Axis(title, unit, log, (0.5 * low, 2 * high) if log else (0, 1.05 * high))
+    bars = Bars(sizes[order], tuple(number(float(fit.estimate[k])) for k in order))
     plots = (Plot((bars,), x, Axis("Parameter", names=names), height=0.17 + 0.19 * len(order)),)
-    return Figure("estimates", f"{fit.model.name}: how well each parameter is known.", plots)
+    return Figure("estimates", f"{fit.model.name}: {caption}.", plots)
 
 
 def plot(thing: Any) -> Sheet:
@@ -234,7 +240,7 @@ def plot(thing: Any) -> Sheet:
     """
     drawn = figure(thing)
     if drawn is None:
-        raise DataError(f"there is nothing to draw of {thing!r}: no parameter has an interval")
+        raise DataError(f"there is nothing to draw of {thing!r}: all parameters are zero")
     return sheet(drawn)
 
 

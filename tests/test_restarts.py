@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ from scipy.signal import lfilter
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Control
 from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
-from emsid.estimation.nonlinear.restarts import RESTARTS, begun_again
+from emsid.estimation.nonlinear.restarts import RESTARTS, begun_again, confirmed
+from emsid.estimation.uncertainty.coloured_residuals import FEWEST, effective_samples
 from emsid.models.blocks.search.starts import linear_candidates
 
 Array = NDArray[np.float64]
@@ -49,6 +51,21 @@ def test_a_search_that_stalls_is_confirmed_by_others_that_end_there_too() -> Non
     assert again.cost <= first.cost
     assert again.estimate == pytest.approx([0.7, 0.2], abs=0.02)
     assert np.all(np.diag(again.covariance) > 0)
+
+
+@pytest.mark.parametrize(("higher", "ending"), [(0.02, Ending.CONVERGED), (0.03, Ending.STALLED)])
+def test_costs_that_data_cannot_tell_apart_are_the_same(higher: float, ending: Ending) -> None:
+    """A slow residual is worth 10 samples: half a standard error from the minimum, V is higher by 0.5²/10."""
+    problem = Decay(step=0.003)
+    white = problem.search(np.array([1.5, 0.0]))
+    slow = replace(white, residuals=(0.01 * np.sin(problem.t),))
+    assert effective_samples(slow.residuals) == FEWEST
+    ends = [((1 + higher) * white.cost, white.estimate + apart) for apart in (-0.02, 0.01, 0.02)]
+    assert confirmed(white, ends).ending is Ending.STALLED
+    judged = confirmed(slow, ends)
+    assert judged.ending is ending
+    if ending is Ending.CONVERGED:
+        assert judged.covariance - white.covariance == pytest.approx(np.full((2, 2), 3e-4))
 
 
 def test_a_search_out_of_steps_goes_on_and_one_that_converged_does_not() -> None:

@@ -28,6 +28,8 @@ RESTARTS = 6
 """How often a search that stalled begins again."""
 SAME = 0.01
 """Ends of searches whose costs differ by less than this part are in the same minimum."""
+CLOSE = 0.5
+"""So are ends whose costs differ by less than a move by so many standard errors changes the cost."""
 AGREEING = 3
 """How many searches must end in the same minimum as one that stalled, for that to be taken for the minimum."""
 STEPS, SLOW = 25, 1e-3
@@ -89,9 +91,9 @@ def begun_again(minimum: Minimum, search: Search, own: int, control: Control = F
     return confirmed(minimum, ends)
 
 
-def _same(minimum: Minimum, ends: Sequence[tuple[float, Array]]) -> list[Array]:
-    """The ends in the same minimum."""
-    return [values for cost, values in ends if cost <= (1 + SAME) * minimum.cost]
+def _same(minimum: Minimum, ends: Sequence[tuple[float, Array]], part: float = SAME) -> list[Array]:
+    """The ends in the same minimum: the cost is higher by no more than this part."""
+    return [values for cost, values in ends if cost <= (1 + part) * minimum.cost]
 
 
 def confirmed(minimum: Minimum, ends: Sequence[tuple[float, Array]]) -> Minimum:
@@ -101,12 +103,17 @@ def confirmed(minimum: Minimum, ends: Sequence[tuple[float, Array]]) -> Minimum:
     derivative promises a descent that there is not. The estimates of ends with the same cost differ by more than the
     derivative says; their spread is added to the covariance.
 
+    Costs V that the data cannot tell apart count as the same. With a residual worth n independent samples, V is higher
+    by the part k²/n of itself at k standard errors from the minimum. For a slow residual that is more than `SAME`.
+
     Args:
         minimum: the end of the search.
         ends: cost and leading parameters of the others.
     """
-    same = _same(minimum, ends)
-    if minimum.ending is not Ending.STALLED or len(same) < AGREEING or not np.isfinite(minimum.covariance).all():
+    if minimum.ending is not Ending.STALLED or not np.isfinite(minimum.covariance).all():
+        return minimum
+    same = _same(minimum, ends, max(SAME, CLOSE**2 / effective_samples(minimum.residuals)))
+    if len(same) < AGREEING:
         return minimum
     count = len(same[0])
     apart = np.zeros((len(minimum.estimate), len(same)))

@@ -135,11 +135,12 @@ class OwnPlant(BasePlant):
         if self.beginning is not None:
             return self
         head = record[:LONGEST]
-        one, other = (
-            self.simulate(head.input, head.dt, state, ())
-            for state in (self.first_state((), head), self.first_state((), head) * 1.05 + 0.01)
-        )
-        apart = np.abs(one - other).max(axis=1)
+        with np.errstate(all="ignore"):  # a run that is not finite is refused where its error is
+            one, other = (
+                self.simulate(head.input, head.dt, state, ())
+                for state in (self.first_state((), head), self.first_state((), head) * 1.05 + 0.01)
+            )
+            apart = np.abs(one - other).max(axis=1)
         lasting = np.flatnonzero(~(apart <= FORGOTTEN * apart.max(initial=0.0)))
         samples = int(lasting[-1]) + 1 if len(lasting) else 0
         return replace(self, beginning=int(np.clip(samples, BEGINNING, max(BEGINNING, len(record) // 8))))

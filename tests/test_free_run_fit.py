@@ -16,10 +16,10 @@ from emsid.estimation.linear.forward_selection import forward_selection
 from emsid.estimation.linear.information import Information
 from emsid.identification.candidates import usual_for
 from emsid.identification.regressions import REGRESSIONS
-from emsid.models.regression import term_selection
+from emsid.models.regression import free_run_fit, term_selection
 from emsid.models.regression.free_run_fit import FreeRunError
-from emsid.models.regression.search.judge import Judge, diverges, enlarged
-from emsid.models.regression.search.terms import Trial, as_good, select_by_free_run
+from emsid.models.regression.search.judge import Judge, diverges, enlarged, fit_to_compare
+from emsid.models.regression.search.terms import Trial, as_good, of_the_rest, prune, select_by_free_run
 from emsid.models.regression.sensitivities import derivative_reference
 from emsid.models.regression.structures import input_knots, polynomial_narx
 from emsid.models.regression.transforms import Transform, slope, transformed
@@ -262,6 +262,28 @@ def test_terms_that_the_fit_needs_are_not_removed_by_a_few_unseen_stretches() ->
     best, worse, close = Trial(fits[0], errors), Trial(fits[1], spread), Trial(fits[2], spread)
     assert not as_good(worse, best)
     assert as_good(close, best)
+
+
+def test_the_rest_of_the_parameters_is_at_the_minimum_without_the_removed_ones() -> None:
+    rng = np.random.default_rng(4)
+    regressors = rng.standard_normal((50, 5)) @ rng.standard_normal((5, 5))  # correlated
+    y, kept = rng.standard_normal(50), np.array([0, 2, 3])
+    whole, alone = (np.linalg.lstsq(a, y, rcond=None)[0] for a in (regressors, regressors[:, kept]))
+    covariance = np.linalg.inv(regressors.T @ regressors)
+    np.testing.assert_allclose(of_the_rest(whole, covariance, kept), alone, rtol=1e-8)
+    unknown = np.full((5, 5), np.inf)
+    np.testing.assert_array_equal(of_the_rest(whole, unknown, kept), whole[kept])
+
+
+def test_a_fit_without_some_terms_goes_on_from_the_one_with_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    record = second_order(0.1, 600)
+    judge = Judge.of(record, 0.25, 6)
+    fit = fit_to_compare(arx(5, 4), judge.fitted, None, judge.control)
+    begun = []
+    monkeypatch.setattr(free_run_fit, "_towards_free_run", lambda *given: begun.append(given) or given[3])
+    trials = prune(Trial(fit, judge.refitted(fit)), judge)
+    assert trials[-1].terms < 6
+    assert not begun
 
 
 def test_an_output_that_may_be_an_absolute_value_gets_a_wiener_model() -> None:

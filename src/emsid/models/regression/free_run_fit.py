@@ -122,6 +122,7 @@ def fit_free_run(
     transient: int | None = None,
     max_iterations: int = 100,
     tolerance: float = 1e-3,
+    least_saving: float = 0.0,
     control: Control = FREE,
     covariances: bool = True,
 ) -> Fit[Narx]:
@@ -134,7 +135,7 @@ def fit_free_run(
         transient: samples at the start of every segment that are left out; the last of them give the initial state. At
             least the largest lag, which is the default.
         max_iterations: the largest number of Gauss–Newton steps.
-        tolerance: see `gauss_newton`.
+        tolerance, least_saving: see `gauss_newton`.
         control: when to stop.
         covariances: whether they are computed; otherwise they are infinite.
 
@@ -170,6 +171,7 @@ def fit_free_run(
         problem.with_states(begin),
         max_iterations=max_iterations,
         tolerance=tolerance,
+        least_saving=least_saving,
         names=problem.names,
         control=control,
         covariances=covariances,

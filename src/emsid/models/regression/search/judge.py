@@ -34,8 +34,9 @@ PIECES = 8
 BEYOND = 1.2
 # A free run that leaves the middle of the measured output by this many times its half range has diverged.
 FAR = 10.0
-# Steps and tolerance of a fit that is only compared with others.
-STEPS, TOLERANCE = 30, 0.03
+# Steps and tolerance of a fit that is only compared with others, and the relative reduction of its cost over a few
+# steps below which it ends.
+STEPS, TOLERANCE, SAVING = 30, 0.03, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +124,7 @@ def fit_to_compare(structure: Structure, records: Record | Sequence[Record], sta
         start=start,
         max_iterations=STEPS,
         tolerance=TOLERANCE,
+        least_saving=SAVING,
         control=control.quietly(),
         covariances=False,
     )

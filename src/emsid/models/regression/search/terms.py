@@ -163,14 +163,29 @@ def _without(trial: Trial, number: int, judge: Judge) -> Trial | None:
     """The trial without the terms of smallest θⱼ²/var θⱼ; None where the rest cannot be fitted."""
     structure, theta = trial.fit.model.structure, trial.fit.estimate
     try:
-        variance = np.diag(linearised(structure, theta, judge).solve().covariance)
+        covariance = linearised(structure, theta, judge).solve().covariance
         with np.errstate(divide="ignore", invalid="ignore"):
-            weight = np.nan_to_num(theta**2 / variance)
+            weight = np.nan_to_num(theta**2 / np.diag(covariance))
         kept = np.sort(np.argsort(weight)[number:])
-        fit = fit_to_compare(with_terms(structure, kept.tolist()), judge.fitted, theta[kept], judge.control)
+        start = of_the_rest(theta, covariance, kept)
+        fit = fit_to_compare(with_terms(structure, kept.tolist()), judge.fitted, start, judge.control)
     except EmsidError:
         return None
     return Trial(fit, judge.refitted(fit))
+
+
+def of_the_rest(theta: Array, covariance: Array, kept: NDArray[np.intp]) -> Array:
+    """(k,) the kept parameters where the others are zero, at the minimum of a cost that is quadratic about θ.
+
+    θₖ − Cₖᵣ Cᵣᵣ⁻¹ θᵣ with the covariance C (n, n), for the kept k and the removed r. Without this step the free run is
+    often far from the record, and a fit begins anew with the one-step prediction.
+    """
+    gone = np.setdiff1d(np.arange(len(theta)), kept)
+    inside = covariance[np.ix_(gone, gone)]
+    if not np.isfinite(covariance).all() or np.linalg.cond(inside) > 1 / np.finfo(float).eps:
+        return theta[kept]
+    moved: Array = covariance[np.ix_(kept, gone)] @ np.linalg.solve(inside, theta[gone])
+    return theta[kept] - moved
 
 
 def with_terms(structure: Structure, indices: Sequence[int]) -> Structure:

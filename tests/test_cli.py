@@ -563,7 +563,7 @@ def test_ctrl_c_twice_within_a_moment_is_ctrl_c_once(then, run, log, tmp_path, p
 
 def test_a_grey_box_interrupted_twice_keeps_its_search(run, motor_log, tmp_path, pressed_at):
     words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", "--free", "motor_constant,rotor_inertia")
-    pressed_at(*(f"emsid.estimation.nonlinear.gauss_newton.{name}" for name in ("_promised", "_conclude")))
+    pressed_at(*(f"emsid.models.plants.search.continuation.{name}" for name in ("gauss_newton", "with_colour")))
     status, _, err = run(*words, "--out", tmp_path / "out")
     assert (status, err) == (130, FOUND)
     assert json.loads((tmp_path / "out" / "result.json").read_text())["chosen"] == "rigid-motor"

@@ -17,6 +17,8 @@ from scipy.signal import lfilter, resample
 from emsid import DrivenMotor, LinearAxis
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.feedback.model import FeedbackModel
+from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.model import Model
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.narx import Narx
@@ -154,6 +156,32 @@ PLANTS: dict[str, Any] = {
 }
 
 
+def by_states(text: str, u: Array) -> Array:
+    """The states one step later, and the outputs now, without noise."""
+    lines = [re.sub(r"\((?:t)\)", "", line).split(" = ") for line in text.split("\n")]
+    state = {name.removesuffix("(t+1)"): 0.0 for name, _ in lines if name.endswith("(t+1)")}
+    silent = {f"e{k}": 0.0 for k in ("", 1, 2)}
+    outputs = []
+    for value in u:
+        now = {**state, **silent, "u": value}
+        outputs.append([value_of(right, now) for name, right in lines if not name.endswith("(t+1)")])
+        state = {name.removesuffix("(t+1)"): value_of(right, now) for name, right in lines if name.endswith("(t+1)")}
+    return np.array(outputs)
+
+
+def by_polynomials(text: str, u: Array) -> Array:
+    """(A) y(t) = (B)/(F) u(t) + constant, without noise, from rest without input."""
+    sums = r"\(((?:[^()])*)\)"
+    left, right = text.split(" y(t) = ") if " y(t) = " in text else ("(1)", text.removeprefix("y(t) = "))
+    parts = re.match(rf"{sums}(?:/{sums})? u\(t\)(?: \+ ([\d.e-]+)(?= |$))?", right)
+    assert parts is not None
+    above, below = polynomial(parts[1], 1), polynomial(parts[2] or "1", 1)
+    of_y = polynomial(left.strip("()"), 1)
+    constant = float(parts[3] or 0) / of_y.sum()
+    padded = np.concatenate([np.zeros(BEFORE), u])
+    return np.asarray(lfilter(above, np.convolve(below, of_y), padded) + constant)[BEFORE:]
+
+
 def by_parameters(text: str, model: GreyBox, u: Array) -> Array:
     """A plant without anything, and the parameters that are printed."""
     name, _, rest = text.partition(": ")
@@ -178,6 +206,10 @@ def test_the_printed_equation_simulates_as_the_model_does(name: str) -> None:
         found = by_blocks(text, u)[:, None]
     elif isinstance(model, FeedbackModel):
         found = by_steps(text, u)[:, None]
+    elif isinstance(model, StateSpaceModel):
+        found = by_states(text, u)
+    elif isinstance(model, PolynomialModel):
+        found = by_polynomials(text, u)[:, None]
     else:
         assert isinstance(model, GreyBox)
         found = by_parameters(text, model, u)

@@ -144,6 +144,8 @@ def dependence(linear: Baseline, u: Array, delay: int, breaks: tuple[int, ...]) 
         straight += [scaled, linear.answer(scaled, breaks)]
         curved += [*functions, *(linear.answer(each, breaks) for each in functions)]
     power = float(np.mean(linear.residual**2))
+    if not power > 0:
+        return 0.0
     without = min(power, _left(straight, linear.residual))
     variance = power / max((1 - linear.fit) ** 2, 1e-300)
     return float(max(0.0, without - _left(straight + curved, linear.residual)) / variance)

@@ -203,7 +203,9 @@ def test_dead_zone_edges_are_within_their_intervals() -> None:
         assert interval[name][0] < value < interval[name][1]
 
 
-@pytest.mark.parametrize("name", COVERED)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long) if name.startswith("smooth map") else name for name in COVERED]
+)
 def test_intervals_cover_the_truth(name: str) -> None:
     """The short form of ``tests/coverage_cascade.py``: 20 data sets, and half as many where it takes more samples."""
     case = COVERED[name]

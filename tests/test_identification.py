@@ -54,8 +54,8 @@ def test_without_validation_the_end_of_the_record_is_kept_unseen():
 
 
 def test_validation_data_have_no_influence_on_the_models():
-    record, blocks = system(1000, 4), Options(orders=(1,), static="dead-zone")  # the rest is chosen
-    fits = [identify(record, system(500, seed), models=QUICK, options=blocks).fits for seed in (5, 6)]
+    record, blocks = system(600, 4), Options(orders=(1,), static="dead-zone")  # the rest is chosen
+    fits = [identify(record, system(300, seed), models=QUICK, options=blocks).fits for seed in (5, 6)]
     assert len(fits[0]) == 4
     for fit in fits[0]:
         twin = next(other for other in fits[1] if other.model.name == fit.model.name)
@@ -414,10 +414,17 @@ def test_a_page_of_the_command_line_names_options():
     ],
 )
 def test_a_motor_or_an_axis_is_tried_by_default_where_the_units_allow_it(units, plants):
-    record = emsid.Record(np.zeros(10), np.zeros(10), 0.01, input_units=units[0], output_units=units[1])
+    record = emsid.Record(np.zeros(400), np.zeros(400), 0.01, input_units=units[0], output_units=units[1])
     assert usual_for(record) == (*USUAL, *plants)
 
 
 def test_records_of_several_channels_are_of_no_plant_by_default():
-    record = emsid.Record(np.zeros((10, 2)), np.zeros(10), 0.01)
+    record = emsid.Record(np.zeros((400, 2)), np.zeros(400), 0.01)
     assert usual_for(record) == USUAL
+
+
+def test_a_short_record_gets_no_feedback_model_by_default():
+    assert usual_for(emsid.Record(np.zeros(399), np.zeros(399), 0.01)) == (
+        *(name for name in USUAL if name != "feedback"),
+        "rigid-motor",
+    )

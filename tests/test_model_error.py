@@ -95,6 +95,7 @@ class TwoDecays:
         return [(self.residuals(theta)[0], (-self.x * np.exp(-np.outer(theta, self.x))).T)]
 
 
+@pytest.mark.long
 def test_noise_is_not_model_error_where_parameters_are_hardly_identifiable() -> None:
     """The residual is noise; what it makes of the second derivatives must not narrow the intervals (0.84 hold then)."""
     rng, truth = np.random.default_rng(4), np.array([1.0, 1.3])

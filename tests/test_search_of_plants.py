@@ -85,7 +85,10 @@ def test_a_plant_in_units_of_its_record_moves_in_them(name, signal, values):
     assert all(back.value(each) == pytest.approx(plant.value(each), rel=1e-14) for each in plant.handles)
 
 
-@pytest.mark.parametrize(("command", "output"), [(12 / 255, 1.0), (1.0, 10.0), (20.0, 0.03)])
+@pytest.mark.parametrize(
+    ("command", "output"),
+    [(1.0, 10.0), *(pytest.param(*each, marks=pytest.mark.long) for each in ((12 / 255, 1.0), (20.0, 0.03)))],
+)
 def test_a_choice_does_not_depend_on_the_units_of_channels(command, output):
     record = known("motor 4")[:1200]
     other = replace(record, input=command * record.input, output=output * record.output)
@@ -130,7 +133,14 @@ def test_samples_that_hang_together_count_for_fewer(pole):
 
 
 @pytest.mark.parametrize(
-    "name", ["motor 0", "motor 1", "motor 4", "motor 9", "axis 1", "axis 6", "axis with drift 4", "axis with drift 8"]
+    "name",
+    [
+        "motor 0",
+        "motor 1",
+        "axis 1",
+        "axis with drift 4",
+        *(pytest.param(each, marks=pytest.mark.long) for each in ("motor 4", "motor 9", "axis 6", "axis with drift 8")),
+    ],
 )
 def test_a_chosen_plant_is_as_good_as_the_truth_on_another_kind_of_input(name):
     case, fit = CASES[name](), chosen(name)

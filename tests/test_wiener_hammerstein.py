@@ -647,7 +647,7 @@ def test_benchmark_circuit(recordings: Path) -> None:
     assert error < 0.26e-3
 
 
-@pytest.mark.parametrize(("excitation", "order"), [("multisine", 6), ("sines", 5)])
+@pytest.mark.parametrize(("excitation", "order"), [pytest.param("multisine", 6, marks=pytest.mark.long), ("sines", 5)])
 def test_a_pole_on_the_unit_circle_does_not_end_the_search(excitation: str, order: int) -> None:
     rng = np.random.default_rng(1)
     record = Bench.typical().run(Motor(), SIGNALS[excitation](1400, 0.005, 6.0, rng), 0.005, rng)
@@ -687,6 +687,7 @@ def test_filters_of_order_zero_leave_the_map_alone() -> None:
     assert fit.model.delay == 0
 
 
+@pytest.mark.long
 def test_a_map_that_loses_the_sign_is_found_in_a_short_record_although_nobody_names_it() -> None:
     rng = np.random.default_rng(2)
     truth = Cascade((Rational([0.0, 0.2, 0.1], [-1.4, 0.7]), Abs(), Rational([0.0, 0.5], [-0.5])))

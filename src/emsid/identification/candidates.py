@@ -211,6 +211,10 @@ QUICK = ("arx", "output-error", "wiener-hammerstein-regression", "friction-narx"
 CLOSE = 0.05
 
 
+FOR_FEEDBACK = 400
+"""Fewer samples than these are not fitted by a feedback model by default."""
+
+
 def usual_for(record: Record) -> tuple[str, ...]:
     """The models that are fitted to a record by default: `USUAL`, and the first plant of one mass that it may be of.
 
@@ -218,12 +222,13 @@ def usual_for(record: Record) -> tuple[str, ...]:
     that shows absolute values does.
 
     Units decide that, as far as there are any: a voltage and a speed are those of a motor, a force and a position those
-    of an axis.
+    of an axis. A feedback model has too many parameters for fewer samples than `FOR_FEEDBACK`.
     """
     one_each = record.input.shape[1] == record.output.shape[1] == 1
     starts = {name: kind.start for name, kind in PLANTS.items() if one_each and kind.refined}
     folded = ("wiener",) if one_each and _may_be_absolute(record.output[:, 0]) else ()
-    return (*USUAL, *folded, *[name for name, start in starts.items() if _may_be_of(start, record)][:1])
+    usual = tuple(name for name in USUAL if name != "feedback" or len(record) >= FOR_FEEDBACK)
+    return (*usual, *folded, *[name for name, start in starts.items() if _may_be_of(start, record)][:1])
 
 
 def _may_be_absolute(output: NDArray[np.float64]) -> bool:

@@ -148,6 +148,10 @@ def improving(
     yield refined_further(best, [(best.family, size) for size in sizes[best.family] if size != best.size])
 
 
+LARGE = 3
+"""Filters of this order or more may miss the minimum of smaller ones from their own starts."""
+
+
 def from_smaller(
     best: Choice,
     topology: Topology,
@@ -158,13 +162,13 @@ def from_smaller(
     template: Cascade,
     control: Control = FREE,
 ) -> Choice:
-    """The choice for given orders, or that which begins at the minimum of a model with all orders one lower.
+    """The choice for given orders from `LARGE` on, or that which begins at the minimum of a model one order lower.
 
     A larger model has more minima and may be started far from its best. The smaller one is in it, with poles that zeros
     cancel; so a larger model never fits its own data worse.
     """
     given = [order for order in orders if order is not None]
-    if len(given) != topology.first + topology.second or min(given) < 2:
+    if len(given) != topology.first + topology.second or min(given) < LARGE:
         return best
     lower = (None if orders[0] is None else orders[0] - 1, None if orders[1] is None else orders[1] - 1)
     same = replace(settings, static=best.family or settings.static)

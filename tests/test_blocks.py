@@ -9,9 +9,10 @@ from scipy.interpolate import CubicSpline as ScipySpline
 from scipy.signal import lfilter, lfilter_zi
 
 from emsid.errors import ModelError
+from emsid.estimation.linear.filtering import filter_rows
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.models.blocks.block import Block, block_from_data
-from emsid.models.blocks.filters import Rational, filter_rows, fir
+from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.static_maps import (
     STATIC_MAPS,
     Abs,

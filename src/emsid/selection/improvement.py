@@ -127,13 +127,16 @@ class Compared(Protocol):
         ...
 
 
-def simplest(models: Sequence[T], size: Callable[[T], int]) -> T:
+def simplest(
+    models: Sequence[T], size: Callable[[T], int], *, as_good: Callable[[T, T], bool] = lambda model, best: True
+) -> T:
     """The simplest model that is as good as the best, within noise.
 
     Args:
         models: at least one.
         size: how complex one is: its number of parameters.
+        as_good: a further condition on a model and the best one.
     """
     best = min(models, key=lambda each: each.errors.mean)
-    good = [each for each in models if each is best or not better(best.errors, each.errors)]
+    good = [each for each in models if each is best or (as_good(each, best) and not better(best.errors, each.errors))]
     return min(good, key=lambda each: (size(each), each.errors.mean))

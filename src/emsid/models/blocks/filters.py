@@ -23,11 +23,11 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, ClassVar
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.linear.filtering import filter_rows
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.models.terms import check_whole, sum_of_terms, vector
 
@@ -258,39 +258,3 @@ def _in_delays(coefficients: Array, first: int, rate: int) -> str:
         return "" if not late else f"q^-{late}" if late.denominator == 1 else f"q^-({late})"
 
     return sum_of_terms([(c, power(k)) for k, c in enumerate(coefficients, start=first)])
-
-
-@numba.njit(cache=True, nogil=True, fastmath={"contract"})
-def filter_rows(b: Array, a: Array, rows: Array, out: Array, states: Array) -> None:
-    """Filter every row (k, N) by B/A into ``out``, which may be ``rows``; a faster `lfilter`.
-
-    Each step of a recursion waits for the previous one, so four rows are computed in parallel.
-
-    Args:
-        b, a: (s + 1,) in q⁻¹; ``a[0]`` is one.
-        rows: (k, N) the signals.
-        out: (k, N) the results.
-        states: (k, s) the initial states of the transposed direct form; overwritten by the final ones.
-    """
-    count, samples = rows.shape
-    order = len(a) - 1
-    state = np.zeros((order + 1, 4))
-    x, y = np.zeros(4), np.zeros(4)
-    for first in range(0, count, 4):
-        width = min(4, count - first)
-        for j in range(width):
-            for i in range(order):
-                state[i, j] = states[first + j, i]
-        for t in range(samples):
-            for j in range(width):
-                x[j] = rows[first + j, t]
-            for j in range(4):
-                y[j] = b[0] * x[j] + state[0, j]
-            for i in range(order):
-                for j in range(4):
-                    state[i, j] = b[i + 1] * x[j] - a[i + 1] * y[j] + state[i + 1, j]
-            for j in range(width):
-                out[first + j, t] = y[j]
-        for j in range(width):
-            for i in range(order):
-                states[first + j, i] = state[i, j]

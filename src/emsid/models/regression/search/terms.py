@@ -28,6 +28,7 @@ from emsid.models.regression.free_run_fit import FreeRunError
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.search.judge import Judge, fit_to_compare
 from emsid.selection.improvement import StretchErrors, better
+from emsid.selection.improvement import simplest as simplest_model
 
 Array = NDArray[np.float64]
 
@@ -74,19 +75,20 @@ def select_by_free_run(start: Fit[Narx], dictionary: Structure, judge: Judge, mo
 
 def simplest(trials: Sequence[Trial]) -> Trial:
     """The trial with the fewest terms among those that are as good as the best."""
-    best = min(trials, key=lambda trial: trial.errors.mean)
-    good = [trial for trial in trials if trial is best or as_good(trial, best)]
-    return min(good, key=lambda trial: (trial.terms, trial.errors.mean))
+    return simplest_model(trials, lambda trial: trial.terms, as_good=_fits_as_well)
 
 
 def as_good(simpler: Trial, best: Trial) -> bool:
-    """Whether a trial with fewer terms is as good: on unseen data within noise, and not much worse on fitted data.
+    """Whether a trial with fewer terms is as good: on unseen data within noise, and not much worse on fitted data."""
+    return _fits_as_well(simpler, best) and not better(best.errors, simpler.errors)
 
-    The second condition matters where few unseen stretches hold most of the error: chance then explains any difference.
+
+def _fits_as_well(simpler: Trial, best: Trial) -> bool:
+    """Whether a trial is not much worse on fitted data.
+
+    This matters where few unseen stretches hold most of the error: chance then explains any difference.
     """
-    if simpler.fit.noise_variance > WORSE * best.fit.noise_variance:
-        return False
-    return not better(best.errors, simpler.errors)
+    return simpler.fit.noise_variance <= WORSE * best.fit.noise_variance
 
 
 def grow(first: Trial, dictionary: Structure, judge: Judge, most: int) -> list[Trial]:

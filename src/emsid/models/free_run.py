@@ -68,6 +68,38 @@ def predict(model: Model, record: Record, horizon: int = 1, transient: int | Non
     return _over_segments(model, record, transient, lambda segment, samples: model.ahead(segment, samples, horizon))
 
 
+class RunMethods:
+    """`simulate`, `predict` and `ahead` of a model, for a class that has the rest of `emsid.models.model.Model`."""
+
+    def simulate(
+        self: Model, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None
+    ) -> Run:
+        """Free run over every segment; measured outputs are used only to estimate the initial state.
+
+        Args:
+            record: a record, or inputs (N,) or (N, nu) alone, which start at rest.
+            transient: samples at the start of every segment, at least `memory`, which is the default.
+            dt: sample time in s of inputs alone, for models that have none of their own.
+
+        Raises:
+            ModelError: for a record of other channels, or without a segment longer than the transient.
+        """
+        return free_run(self, as_record(self, record, dt), transient)
+
+    def predict(self: Model, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
+        """ŷ(t | t − horizon), the output ``horizon`` samples ahead of the last measured one that is used; see `ahead`.
+
+        Raises:
+            ModelError: as `simulate` does.
+            DataError: for a record without outputs.
+        """
+        return predict(self, record, horizon, transient)
+
+    def ahead(self: Model, segment: Record, samples: int, horizon: int) -> Array:
+        """The free run: with noise on the output only, past outputs do not help to predict the next."""
+        return continued(self, self.initial(segment, samples), segment, samples)
+
+
 def mean_squared_error(measured: Array, modelled: Array) -> float:
     """MSE = (1/N) Σ (y − ŷ)², eq. (5.14), over all channels; infinite for a run that diverged.
 

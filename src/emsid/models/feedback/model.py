@@ -42,9 +42,9 @@ from emsid.models.blocks.block import block_from_data
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.kernels import LoopSignals, Tables, derivative, run, run_reference, tables_of
 from emsid.models.feedback.start import starting
-from emsid.models.free_run import as_record, continued, free_run, predict
+from emsid.models.free_run import RunMethods
 from emsid.models.interpolation import INTERPOLATION_REACH, between, interpolated
-from emsid.models.model import Run, levels
+from emsid.models.model import levels
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
@@ -71,7 +71,7 @@ class FeedbackState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class FeedbackModel:
+class FeedbackModel(RunMethods):
     """A linear system with static maps in its feedback.
 
     Args:
@@ -318,10 +318,6 @@ class FeedbackModel:
         outputs, state = self.run(state, levels(self.name, u, 1)[None, :])
         return outputs[0], state
 
-    def ahead(self, segment: Record, samples: int, horizon: int) -> Array:
-        """The free run: with noise on the output only, past outputs do not help to predict the next."""
-        return continued(self, self.initial(segment, samples), segment, samples)
-
     def check_record(self, record: Record) -> None:
         """Refuse a record that has not one input and one output; the output may be missing.
 
@@ -329,23 +325,6 @@ class FeedbackModel:
             ModelError: with the channels to choose from.
         """
         check_channels(self.name, record, outputs=(0, 1))
-
-    def simulate(self, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None) -> Run:
-        """Free run; measured outputs at the start of a segment are used only to estimate its initial state.
-
-        Args:
-            record: one input and one output, or inputs alone.
-            transient: samples at the start of every segment, at least `memory`, which is the default.
-            dt: sample time of inputs alone, if the model has none.
-
-        Raises:
-            ModelError: for a record of other channels, or without a segment longer than the transient.
-        """
-        return free_run(self, as_record(self, record, dt), transient)
-
-    def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
-        """The free run; see `ahead`."""
-        return predict(self, record, horizon, transient)
 
     def equation(self) -> str:
         """One line for every signal; one step is a sample, or a fraction of it with oversampling."""

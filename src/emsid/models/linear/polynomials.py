@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
-from emsid.models.free_run import as_record, free_run, predict
+from emsid.models.free_run import RunMethods
 from emsid.models.linear.state_space import StateSpaceModel
-from emsid.models.model import Run
 from emsid.models.terms import check_whole, sum_of_terms
 from emsid.record import Record
 
@@ -34,7 +33,7 @@ FIELDS = ("a", "b", "c", "d", "f")
 
 
 @dataclass(frozen=True, eq=False)
-class PolynomialModel:
+class PolynomialModel(RunMethods):
     """A linear model of one output in polynomials.
 
     Args:
@@ -142,14 +141,6 @@ class PolynomialModel:
     def ahead(self, segment: Record, samples: int, horizon: int) -> Array:
         """ŷ(t | t − horizon) with the noise model."""
         return self.form.ahead(segment, samples, horizon)
-
-    def simulate(self, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None) -> Run:
-        """Free run over a record, or over inputs alone; see `emsid.models.free_run.free_run`."""
-        return free_run(self, as_record(self, record, dt), transient)
-
-    def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
-        """The output ``horizon`` samples ahead of the last measured output that is used."""
-        return predict(self, record, horizon, transient)
 
     def response(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """(F, 1, nu) the frequency response from the inputs at frequencies (F,) in Hz."""

@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
-from emsid.models.free_run import as_record, free_run, predict
+from emsid.models.free_run import RunMethods
 from emsid.models.linear_parts import python_control
-from emsid.models.model import Run, levels
+from emsid.models.model import levels
 from emsid.models.terms import sum_of_terms
 from emsid.record import Record
 
@@ -37,7 +37,7 @@ MATRICES = ("a", "b", "c", "d", "k")
 
 
 @dataclass(frozen=True, eq=False)
-class StateSpaceModel:
+class StateSpaceModel(RunMethods):
     """A linear model in state space.
 
     Args:
@@ -173,14 +173,6 @@ class StateSpaceModel:
             np.hstack([self.b - self.k @ self.d, self.k]),
             np.hstack([self.d, np.zeros((len(self.level),) * 2)]),
         )
-
-    def simulate(self, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None) -> Run:
-        """Free run over a record, or over inputs alone; see `emsid.models.free_run.free_run`."""
-        return free_run(self, as_record(self, record, dt), transient)
-
-    def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
-        """The output ``horizon`` samples ahead of the last measured output that is used."""
-        return predict(self, record, horizon, transient)
 
     def response(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """(F, ny, nu) the frequency response at frequencies (F,) in Hz."""

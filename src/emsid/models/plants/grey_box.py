@@ -16,9 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import DataError, EmsidError, ModelError, listed
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.findings import Finding
-from emsid.models.free_run import as_record, continued, free_run, predict
+from emsid.models.free_run import RunMethods, continued
 from emsid.models.linear_parts import python_control
-from emsid.models.model import Run
 from emsid.models.plants.drive import Bridge
 from emsid.models.plants.free_run_error import FreeRunError, all_alike
 from emsid.models.plants.parameters import Signal, parts
@@ -31,7 +30,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class GreyBox:
+class GreyBox(RunMethods):
     """A plant as a model of records.
 
     Args:
@@ -106,20 +105,6 @@ class GreyBox:
     def check_record(self, record: Record) -> None:
         """Refuse a record with other channels or units; its outputs may be missing."""
         check_channels(self.plant, self.signals, record)
-
-    def simulate(self, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None) -> Run:
-        """Free run over every segment, from the state that fits its first samples; over inputs alone, from rest.
-
-        Args:
-            record: a record, or inputs (N,) or (N, nu) alone.
-            transient: samples at the start of every segment, at least `memory`, which is the default.
-            dt: sample time in s of inputs alone.
-        """
-        return free_run(self, as_record(self, record, dt), transient)
-
-    def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
-        """ŷ(t | t − horizon) = ŷ(t) + [y − ŷ](t − horizon): the error of the free run is taken to stay as it is."""
-        return predict(self, record, horizon, transient)
 
     def to_control(self) -> Any:
         """The plant in motion as a continuous python-control state-space system, from its command to its outputs.

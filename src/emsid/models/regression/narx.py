@@ -23,9 +23,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.arguments import as_names
 from emsid.errors import ModelError
-from emsid.models.free_run import as_record, free_run, predict
+from emsid.models.free_run import RunMethods
 from emsid.models.linear_parts import python_control
-from emsid.models.model import Run, levels
+from emsid.models.model import levels
 from emsid.models.regression.initial_state import StartError, estimated_outputs
 from emsid.models.regression.kernels import add_regression, fill, fill_rounding, read_only
 from emsid.models.regression.recursion import Recursion, predict_ahead, recursion, run_freely, weigh
@@ -216,7 +216,7 @@ class Structure:
 
 
 @dataclass(frozen=True, eq=False)
-class Narx:
+class Narx(RunMethods):
     """A model that is linear in its parameters.
 
     Args:
@@ -330,14 +330,6 @@ class Narx:
             u = read_only(segment.input.T)
             predict_ahead(values, read_only(measured), u, self._recursion, self.structure.memory, samples, horizon)
         return values[samples:, None]
-
-    def simulate(self, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None) -> Run:
-        """Free run over a record, or over inputs alone; see `emsid.models.free_run.free_run`."""
-        return free_run(self, as_record(self, record, dt), transient)
-
-    def predict(self, record: Record, horizon: int = 1, transient: int | None = None) -> Run:
-        """ŷ(t | t − horizon): simulated from measured outputs up to ``horizon`` samples before."""
-        return predict(self, record, horizon, transient)
 
     def to_control(self) -> Any:
         """The terms that are linear in past outputs and inputs, as a python-control transfer function.

@@ -28,7 +28,11 @@ myst_heading_anchors = 3
 default_role = "py:obj"  # `x` in a docstring
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # signatures on a phone; docstrings say shapes and units
-autodoc_default_options = {"members": True, "inherited-members": "object,tuple,Protocol,Exception,BaseException", "show-inheritance": False}
+autodoc_default_options = {
+    "members": True,
+    "inherited-members": "object,tuple,Protocol,Exception,BaseException",
+    "show-inheritance": False,
+}
 python_use_unqualified_type_names = True
 napoleon_use_rtype = False
 napoleon_use_ivar = True  # attributes as a list, not each as an object

@@ -51,6 +51,7 @@ from emsid.models.free_run import RunMethods
 from emsid.models.interpolation import INTERPOLATION_REACH, between, interpolated
 from emsid.models.linear_parts import python_control
 from emsid.models.model import levels
+from emsid.models.one_channel import check_one_channel
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
@@ -348,7 +349,7 @@ class Cascade(RunMethods):
         Raises:
             ModelError: with the channels to choose from.
         """
-        check_channels(self, record, outputs=(0, 1))
+        check_one_channel(self.name, record, outputs=(0, 1))
 
     def equation(self) -> str:
         """One line per block, without offsets that are rounding.
@@ -472,22 +473,3 @@ class _Start:
         error = self.cascade.sampled(signals) - self.y
         edge = self.cascade.edge
         return [(error[edge:], rows[:, edge:].T), (self.firmness @ (theta - self.centre), self.firmness)]
-
-
-def check_channels(model: Cascade, record: Record, outputs: Sequence[int] = (1,)) -> None:
-    """Refuse a record that has not one input and one output.
-
-    Args:
-        model: a cascade.
-        record: a record.
-        outputs: the allowed numbers of outputs.
-
-    Raises:
-        ModelError: with the channels to choose from.
-    """
-    for side, names in (("input", record.input_names), ("output", record.output_names)):
-        if len(names) not in (outputs if side == "output" else (1,)):
-            raise ModelError(
-                f"{model.name} has one {side} and {record.name} {len(names)}; choose one of "
-                f"{', '.join(names) or 'them'}"
-            )

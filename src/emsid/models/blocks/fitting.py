@@ -28,11 +28,11 @@ from emsid.estimation.nonlinear.restarts import begun_again
 from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.estimation.uncertainty.model_error import model_error_covariance
 from emsid.findings import Finding
-from emsid.models.blocks.cascade import Cascade, check_channels
+from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.gain import redundant, unit_gain
 from emsid.models.blocks.static_maps import StaticMap
-from emsid.models.free_run import check_sample_time
+from emsid.models.one_channel import Segments, segments_longer_than
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
@@ -131,7 +131,7 @@ class FreeRun:
 
     cascade: Cascade
     freedom: Freedom
-    segments: tuple[tuple[Array, Array], ...]
+    segments: Segments
     transient: int
 
     @cached_property
@@ -270,7 +270,8 @@ def search(
     start.check()
     cascade = replace(unit_gain(start), dt=_sample_time(start, records))
     cascade.check()
-    segments = gather(cascade, records, transient)
+    several = [records] if isinstance(records, Record) else records
+    segments = segments_longer_than(cascade.memory if transient is None else transient, cascade, several)
     problem = FreeRun(cascade, freedom(cascade, fixed), segments, max(transient or 0, cascade.edge))
     problem.check_values()
     theta = problem.start
@@ -340,33 +341,6 @@ def _sample_time(start: Cascade, records: Record | Sequence[Record]) -> float | 
     """The sample time of the cascade, or else of the first record."""
     first = records if isinstance(records, Record) else next(iter(records), None)
     return start.dt if first is None or start.dt is not None else first.dt
-
-
-def gather(
-    cascade: Cascade, records: Record | Sequence[Record], transient: int | None
-) -> tuple[tuple[Array, Array], ...]:
-    """(u, y) of every segment that is long enough.
-
-    Raises:
-        ModelError: for records of other channels, or if no segment is long enough.
-    """
-    several = [records] if isinstance(records, Record) else list(records)
-    needed = transient if transient is not None else cascade.memory
-    segments = []
-    for record in several:
-        check_channels(cascade, record)
-        check_sample_time(cascade, record)
-        segments += [
-            (np.ascontiguousarray(piece.input[:, 0]), np.ascontiguousarray(piece.output[:, 0]))
-            for piece in record.segments
-            if len(piece) > needed
-        ]
-    if not segments:
-        raise ModelError(
-            f"{cascade.name}: no segment is longer than the {needed} samples that its start takes; give more data or "
-            "smaller orders"
-        )
-    return tuple(segments)
 
 
 def _propagated(spread: Array, covariance: Array) -> Array:

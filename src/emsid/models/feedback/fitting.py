@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control
@@ -22,14 +21,13 @@ from emsid.estimation.nonlinear.gauss_newton import Infeasible, Minimum, gauss_n
 from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.findings import Finding
 from emsid.models.feedback.coordinates import Visited, coordinates, normal_form, whitened
-from emsid.models.feedback.model import FeedbackModel, check_channels
+from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.start import starting
-from emsid.models.free_run import check_sample_time
+from emsid.models.one_channel import Segments, segments_longer_than
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
 Array = NDArray[np.float64]
-Segments = tuple[tuple[Array, Array], ...]
 
 # Steps in one choice of coordinates, and the number of choices.
 STEPS, ROUNDS = 25, 6
@@ -161,7 +159,9 @@ def fit_feedback(
         check_whole(f"{start.name}: transient", transient, 0, "these are samples to be left out")
     if several and start.dt is None:
         start = replace(start, dt=several[0].dt)
-    segments = gather(start, several, transient)
+    segments = segments_longer_than(max(transient or 0, start.memory), start, several)
+    for record in several:
+        check_excitation(record)
     skipped = max(transient or 0, start.edge)
     return conclude(
         searched(start, segments, skipped, max_iterations, tolerance, control), segments, skipped, tolerance, control
@@ -280,28 +280,3 @@ def visited(model: FeedbackModel, segments: Segments, states: Sequence[Array]) -
     """
     runs = [model.trajectory(u, x) for (u, _), x in zip(segments, states, strict=True)]
     return Visited.of([model.entering(u) for u, _ in segments], runs)
-
-
-def gather(model: FeedbackModel, records: Sequence[Record], transient: int | None) -> Segments:
-    """(u, y) of every segment that is long enough.
-
-    Raises:
-        ModelError: for records of other channels, or if no segment is long enough.
-    """
-    needed = max(transient or 0, model.memory)
-    segments = []
-    for record in records:
-        check_channels(model.name, record)
-        check_sample_time(model, record)
-        check_excitation(record)
-        segments += [
-            (np.ascontiguousarray(piece.input[:, 0]), np.ascontiguousarray(piece.output[:, 0]))
-            for piece in record.segments
-            if len(piece) > needed
-        ]
-    if not segments:
-        raise ModelError(
-            f"{model.name}: no segment is longer than the {needed} samples that its start takes; give more data or a "
-            "smaller order"
-        )
-    return tuple(segments)

@@ -45,6 +45,7 @@ from emsid.models.feedback.start import starting
 from emsid.models.free_run import RunMethods
 from emsid.models.interpolation import INTERPOLATION_REACH, between, interpolated
 from emsid.models.model import levels
+from emsid.models.one_channel import check_one_channel
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
@@ -324,7 +325,7 @@ class FeedbackModel(RunMethods):
         Raises:
             ModelError: with the channels to choose from.
         """
-        check_channels(self.name, record, outputs=(0, 1))
+        check_one_channel(self.name, record, outputs=(0, 1))
 
     def equation(self) -> str:
         """One line for every signal; one step is a sample, or a fraction of it with oversampling."""
@@ -434,21 +435,3 @@ def _sum(factors: object, names: list[str], offset: float) -> str:
     if not text:
         return "0"
     return text[3:] if text[1] == "+" else f"-{text[3:]}"
-
-
-def check_channels(name: str, record: Record, outputs: tuple[int, ...] = (1,)) -> None:
-    """Refuse a record that has not one input and one output.
-
-    Args:
-        name: of the model.
-        record: a record.
-        outputs: the allowed numbers of outputs.
-
-    Raises:
-        ModelError: with the channels to choose from.
-    """
-    for side, names in (("input", record.input_names), ("output", record.output_names)):
-        if len(names) not in (outputs if side == "output" else (1,)):
-            raise ModelError(
-                f"{name} has one {side} and {record.name} {len(names)}; choose one of {', '.join(names) or 'them'}"
-            )

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from emsid.errors import listed
-from emsid.models.blocks.cascade import Cascade, check_channels
+from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import static_band
 from emsid.models.blocks.gain import fixed_gains
 from emsid.models.blocks.static_maps import Scaling, StaticMap
+from emsid.models.one_channel import check_one_channel
 from emsid.report.document import Axis, Band, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.numbers import capital, slug
 
@@ -58,7 +59,7 @@ def static_maps(fit: Fit[Cascade], record: Record, *, level: float = 0.95, name:
     at = [k for k, block in enumerate(model.blocks) if isinstance(block, StaticMap)]
     if not at:
         return None
-    check_channels(model, record)
+    check_one_channel(model.name, record)
     entering = _entering(model, record, at)
     plots = [_map_plot(fit, k, x, record, level) for k, x in zip(at, entering, strict=True)]
     lost = [n for n, v in zip(fit.names, np.diag(fit.covariance), strict=True) if n[0] == "f" and not np.isfinite(v)]

@@ -29,7 +29,6 @@ from emsid.models.blocks.search.orders import map_sizes, order_shares, oversampl
 from emsid.models.blocks.search.starts import (
     Candidate,
     Filters,
-    Segments,
     grown,
     linear_candidates,
     random_candidates,
@@ -40,6 +39,7 @@ from emsid.models.blocks.search.starts import (
 )
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
 from emsid.models.free_run import free_run_error, squared_errors
+from emsid.models.one_channel import Segments
 from emsid.record import Record
 from emsid.record.holding_back import SHORT, Split
 from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters

@@ -25,7 +25,7 @@ from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.losses import Loss
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
-from emsid.models.blocks.cascade import SAMPLES_PER_STATE, Cascade, check_channels
+from emsid.models.blocks.cascade import SAMPLES_PER_STATE, Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import Search, conclude, fit_cascade
 from emsid.models.blocks.search.choice import Choice, from_smaller, improving, searched, with_spread_knots
@@ -44,6 +44,7 @@ from emsid.models.blocks.search.topologies import (
     Topology,
 )
 from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.one_channel import check_one_channel
 from emsid.models.terms import check_whole
 from emsid.record import Record
 from emsid.record.holding_back import Split
@@ -222,7 +223,7 @@ def estimate(
         raise ModelError(f"{topology.name}: no record to identify from; give one or several")
     template = Cascade((Rational(np.ones(1)),), name=topology.name)
     for record in several:
-        check_channels(template, record)
+        check_one_channel(topology.name, record)
     _check_excitation(topology, several)
     _check_size(topology, several, orders, settings)
     shown, rounds = held_back(several, settings)

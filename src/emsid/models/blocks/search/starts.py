@@ -53,11 +53,11 @@ from emsid.models.blocks.fitting import search
 from emsid.models.blocks.gain import unit_gain
 from emsid.models.blocks.search.sign_recovery import recovered_signals
 from emsid.models.blocks.static_maps import Polynomial, Scaling, StaticMap
+from emsid.models.one_channel import Segments
 from emsid.models.regression.structures import wiener_hammerstein_regression
 from emsid.record import Record
 
 Array = NDArray[np.float64]
-Segments = Sequence[tuple[Array, Array]]
 Filters = tuple[Rational | None, Rational | None]
 
 # Samples of a trial; enough to rank the candidates.

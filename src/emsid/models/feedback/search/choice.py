@@ -25,10 +25,11 @@ from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.blocks.search.map_families import Family, family_of
-from emsid.models.feedback.fitting import Found, Segments, gather, searched, visited
+from emsid.models.feedback.fitting import Found, searched, visited
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.starts import linear_start, with_one_map_more
 from emsid.models.free_run import squared_errors
+from emsid.models.one_channel import Segments, segments_longer_than
 from emsid.models.regression.search.judge import BEYOND, diverges, enlarged, shortened
 from emsid.record import Record
 from emsid.record.holding_back import validation_splits
@@ -139,7 +140,7 @@ class Bench:
 
     def segments(self, model: FeedbackModel) -> Segments:
         """(u, y) of the data that models are fitted to."""
-        return gather(model, self.shown, None)
+        return segments_longer_than(model.memory, model, self.shown)
 
     def judged(self, found: Found, family: Family, size: int) -> Trial:
         """The errors of a model; infinite where it diverges on a larger input."""
@@ -297,6 +298,6 @@ def _second_map(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator
 def with_family(trial: Trial, records: Sequence[Record], family: Family, size: int) -> FeedbackModel:
     """The model of a trial with maps of another family or size, each the closest to the present one."""
     model = trial.found.model
-    seen = visited(model, gather(model, records, None), trial.found.states)
+    seen = visited(model, segments_longer_than(model.memory, model, records), trial.found.states)
     maps = [family.start(seen.z[:, i], seen.w[:, i], size) for i in range(len(model.maps))]
     return replace(model, maps=tuple(maps))

@@ -14,9 +14,10 @@ from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.static_maps import StaticMap
-from emsid.models.feedback.fitting import conclude, gather, searched
-from emsid.models.feedback.model import FeedbackModel, check_channels
+from emsid.models.feedback.fitting import conclude, searched
+from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.choice import FeedbackSearch, Trial, chosen
+from emsid.models.one_channel import check_one_channel, segments_longer_than
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
@@ -57,7 +58,7 @@ class FeedbackStructure:
         if not several:
             raise ModelError("feedback: no record to identify from; give one or several")
         for record in several:
-            check_channels(self.name, record)
+            check_one_channel(self.name, record)
             check_excitation(record)
         if sum(map(len, several)) < SAMPLES:
             raise ModelError(f"feedback: fewer than {SAMPLES} samples; record longer")
@@ -119,6 +120,6 @@ def feedback(
 def _fitted(best: Trial, records: Sequence[Record], control: Control, iterations: int = 150) -> Fit[Any]:
     """The model of a trial, fitted to all data."""
     model = best.found.model
-    segments = gather(model, records, None)
+    segments = segments_longer_than(model.memory, model, records)
     found = searched(model, segments, model.edge, iterations, 0.05, control)
     return conclude(found, segments, model.edge, 0.05, control)

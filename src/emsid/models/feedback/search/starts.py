@@ -25,10 +25,11 @@ from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.static_maps import CubicSpline
 from emsid.models.blocks.static_maps.through_points import spread_knots
 from emsid.models.feedback.coordinates import Visited, coordinates, whitened
-from emsid.models.feedback.fitting import Found, FreeRun, Segments, searched
+from emsid.models.feedback.fitting import Found, FreeRun, searched
 from emsid.models.feedback.kernels import LoopSignals, pushed
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.interpolation import interpolated
+from emsid.models.one_channel import Segments
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.structures import arx
 from emsid.record import Record, concatenate

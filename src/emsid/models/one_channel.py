@@ -1,0 +1,63 @@
+"""Records for models with one input and one output, such as cascades and feedback models."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+from emsid.models.free_run import check_sample_time
+from emsid.models.model import Model
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+Segments = Sequence[tuple[Array, Array]]
+"""(u, y) of every segment."""
+
+
+def check_one_channel(name: str, record: Record, outputs: Sequence[int] = (1,)) -> None:
+    """Refuse a record that has not one input and one output.
+
+    Args:
+        name: of the model.
+        record: a record.
+        outputs: the allowed numbers of outputs.
+
+    Raises:
+        ModelError: with the channels to choose from.
+    """
+    for side, names in (("input", record.input_names), ("output", record.output_names)):
+        if len(names) not in (outputs if side == "output" else (1,)):
+            raise ModelError(
+                f"{name} has one {side} and {record.name} {len(names)}; choose one of {', '.join(names) or 'them'}"
+            )
+
+
+def segments_longer_than(samples: int, model: Model, records: Iterable[Record]) -> Segments:
+    """(u, y) of every segment with more than this number of samples.
+
+    Args:
+        samples: that the start of a run takes.
+        model: with one input and one output.
+        records: at the sample time of the model.
+
+    Raises:
+        ModelError: for records of other channels or another sample time, or if no segment is long enough.
+    """
+    segments = []
+    for record in records:
+        check_one_channel(model.name, record)
+        check_sample_time(model, record)
+        segments += [
+            (np.ascontiguousarray(piece.input[:, 0]), np.ascontiguousarray(piece.output[:, 0]))
+            for piece in record.segments
+            if len(piece) > samples
+        ]
+    if not segments:
+        raise ModelError(
+            f"{model.name}: no segment is longer than the {samples} samples that its start takes; give more data or "
+            "smaller orders"
+        )
+    return tuple(segments)

@@ -3,18 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
-from emsid.models.free_run import check_sample_time
-from emsid.models.model import Model
+from emsid.models.free_run import RunMethods, check_sample_time
+from emsid.models.model import Model, levels
 from emsid.record import Record
 
 Array = NDArray[np.float64]
 Segments = Sequence[tuple[Array, Array]]
 """(u, y) of every segment."""
+
+
+class OneChannelMethods(RunMethods):
+    """`advance` and `check_record` too, for a class of models with one input and one output."""
+
+    def advance(self: Model, state: Any, u: ArrayLike) -> tuple[Array, Any]:
+        """The output (1,) for the input of one sample, `latency` samples late, and the state after it."""
+        outputs, state = self.run(state, levels(self.name, u, 1)[None, :])
+        return outputs[0], state
+
+    def check_record(self: Model, record: Record) -> None:
+        """Refuse a record that has not one input and one output; the output may be missing.
+
+        Raises:
+            ModelError: with the channels to choose from.
+        """
+        check_one_channel(self.name, record, outputs=(0, 1))
 
 
 def check_one_channel(name: str, record: Record, outputs: Sequence[int] = (1,)) -> None:

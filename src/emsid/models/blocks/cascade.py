@@ -47,11 +47,10 @@ from emsid.estimation.nonlinear.gauss_newton import Infeasible, gauss_newton
 from emsid.models.blocks.block import Block, block_from_data
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import StaticMap
-from emsid.models.free_run import RunMethods
 from emsid.models.interpolation import INTERPOLATION_REACH, between, interpolated
 from emsid.models.linear_parts import python_control
 from emsid.models.model import levels
-from emsid.models.one_channel import check_one_channel
+from emsid.models.one_channel import OneChannelMethods
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
@@ -89,7 +88,7 @@ class CascadeState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Cascade(RunMethods):
+class Cascade(OneChannelMethods):
     """A sequence of blocks, with offsets and an input delay.
 
     Args:
@@ -337,19 +336,6 @@ class Cascade(RunMethods):
             after.append(kept)
             first += block.states
         return self.sampled([x])[:, None], CascadeState(held[samples:], np.concatenate(after))
-
-    def advance(self, state: CascadeState, u: ArrayLike) -> tuple[Array, CascadeState]:
-        """The output (1,) for the input of one sample, `latency` samples late, and the state after it."""
-        outputs, state = self.run(state, levels(self.name, u, 1)[None, :])
-        return outputs[0], state
-
-    def check_record(self, record: Record) -> None:
-        """Refuse a record that has not one input and one output; the output may be missing.
-
-        Raises:
-            ModelError: with the channels to choose from.
-        """
-        check_one_channel(self.name, record, outputs=(0, 1))
 
     def equation(self) -> str:
         """One line per block, without offsets that are rounding.

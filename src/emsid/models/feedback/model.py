@@ -42,10 +42,9 @@ from emsid.models.blocks.block import block_from_data
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.kernels import LoopSignals, Tables, derivative, run, run_reference, tables_of
 from emsid.models.feedback.start import starting
-from emsid.models.free_run import RunMethods
 from emsid.models.interpolation import INTERPOLATION_REACH, between, interpolated
 from emsid.models.model import levels
-from emsid.models.one_channel import check_one_channel
+from emsid.models.one_channel import OneChannelMethods
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
@@ -72,7 +71,7 @@ class FeedbackState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class FeedbackModel(RunMethods):
+class FeedbackModel(OneChannelMethods):
     """A linear system with static maps in its feedback.
 
     Args:
@@ -313,19 +312,6 @@ class FeedbackModel(RunMethods):
             v = np.repeat(held[:samples], self.oversampling)
         out, after = self.stepped(np.ascontiguousarray(v), state.x)
         return out.y[:: self.oversampling, None].copy(), FeedbackState(held[samples:], after)
-
-    def advance(self, state: FeedbackState, u: ArrayLike) -> tuple[Array, FeedbackState]:
-        """The output (1,) for the input of one sample, `latency` samples late, and the state after it."""
-        outputs, state = self.run(state, levels(self.name, u, 1)[None, :])
-        return outputs[0], state
-
-    def check_record(self, record: Record) -> None:
-        """Refuse a record that has not one input and one output; the output may be missing.
-
-        Raises:
-            ModelError: with the channels to choose from.
-        """
-        check_one_channel(self.name, record, outputs=(0, 1))
 
     def equation(self) -> str:
         """One line for every signal; one step is a sample, or a fraction of it with oversampling."""

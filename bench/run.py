@@ -1,4 +1,4 @@
-"""Speed compared with other packages, in one run on one machine: ``make bench``.
+"""Speed compared with other packages, in one run on one machine: ``make bench``, or ``python bench/run.py PART…``.
 
 Every figure is the best of several repetitions with the libraries' default thread settings, after a warm-up that
 compiles what is compiled. Slow peers are measured on fewer samples and reported per sample. Nothing here decides a
@@ -26,6 +26,7 @@ import emsid
 from emsid.plant import Motor, simulate
 from emsid.plant.reference import simulate_reference
 from emsid.plant.simulation import Taylor
+from terms import terms
 
 warnings.filterwarnings("ignore")  # the peers'
 Array = NDArray[np.float64]
@@ -154,7 +155,7 @@ def free_run() -> None:
 
     record = record_of(N)
     few = record[:FEW]
-    for title, structure, degree, terms in (
+    for title, structure, degree, chosen in (
         ("Free run, ARX with 10 parameters", emsid.arx(na=5, nb=5), 1, 10),
         (
             "Free run, NARX with 10 parameters of degree 2",
@@ -170,7 +171,7 @@ def free_run() -> None:
         if degree == 1:
             a, b = np.r_[1, model.parameters[:5]], np.r_[0, model.parameters[5:]]
             board.peer("scipy.signal.lfilter", best(lambda a=a, b=b: lfilter(b, a, record.input[:, 0])) / N * 1e9)
-        peer = _sysidentpy(LeastSquares(), degree, terms)
+        peer = _sysidentpy(LeastSquares(), degree, chosen)
         peer.fit(X=few.input, y=few.output)
         board.peer(
             "SysIdentPy predict",
@@ -237,6 +238,12 @@ def start() -> None:
     console.print(f"emsid --help: {seconds:.2f} s (expected under 0.3 s)")
 
 
+PARTS = {
+    part.__name__.replace("_", "-"): part
+    for part in (batch, recursive, free_run, terms, plant, wiener_hammerstein, start)
+}
+
+
 if __name__ == "__main__":
-    for measurement in (batch, recursive, free_run, plant, wiener_hammerstein, start):
-        measurement()
+    for name in sys.argv[1:] or PARTS:
+        PARTS[name]()

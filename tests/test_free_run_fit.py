@@ -16,7 +16,7 @@ from emsid.estimation.linear.forward_selection import forward_selection
 from emsid.estimation.linear.information import Information
 from emsid.identification.candidates import usual_for
 from emsid.identification.regressions import REGRESSIONS
-from emsid.models.regression import free_run_fit, term_selection
+from emsid.models.regression import free_run_fit
 from emsid.models.regression.free_run_fit import FreeRunError
 from emsid.models.regression.search.judge import Judge, diverges, enlarged, fit_to_compare
 from emsid.models.regression.search.terms import Trial, as_good, of_the_rest, prune, select_by_free_run
@@ -187,22 +187,6 @@ def test_columns_that_depend_on_others_are_never_chosen() -> None:
     phi = rng.standard_normal((50, 3))
     both = np.column_stack([phi, phi[:, 0] + phi[:, 1], np.zeros(50)])
     assert len(forward_selection(Information.from_rows(both, rng.standard_normal(50)), 5).order) == 3
-
-
-def test_passes_over_a_large_dictionary_choose_what_its_factor_chooses(monkeypatch: pytest.MonkeyPatch) -> None:
-    structure = Structure.parse("y(t-1)", "-y(t-2)", "u(t-1)", "y(t-1)^3", "y(t-1)*u(t-1)^2")
-    record = measured(structure, np.array([1.5, 0.7, 0.3, -0.05, 0.04]), 900, 0.01)
-    dictionary = polynomial_narx(2, 2, 3)
-    by_factor = emsid.select_terms(dictionary, record, 8)
-    monkeypatch.setattr(term_selection, "FACTORED", 0)
-    monkeypatch.setattr(term_selection, "CHUNK", 100)
-    by_passes = emsid.select_terms(dictionary, [record[:500], record[500:]], 8)
-    joined = emsid.select_terms(dictionary, emsid.concatenate([record[:500], record[500:]]), 8)
-    assert by_passes.structure.labels == joined.structure.labels
-    np.testing.assert_allclose(by_passes.error_reduction, joined.error_reduction, rtol=1e-6)
-    assert by_factor.structure.labels[:5] == by_passes.structure.labels[:5]
-    with pytest.raises(ModelError, match="at least one"):
-        emsid.select_terms(dictionary, record, 0)
 
 
 def test_a_dictionary_has_every_product_once() -> None:

@@ -33,7 +33,7 @@ from emsid.models.regression.structures import (
     polynomial_narx,
     wiener_hammerstein_regression,
 )
-from emsid.models.regression.term_selection import about_dictionary
+from emsid.models.regression.term_selection import about_dictionary, select_terms
 from emsid.models.regression.transforms import Transform
 from emsid.record import Record
 from emsid.selection.coordinate_search import coordinate_search
@@ -43,6 +43,8 @@ ROUNDS = 2
 """The number of passes over all orders and delays when they are chosen."""
 DEGREE = 3
 """The largest degree of the products that terms are selected from, unless it is given."""
+LARGE, SHORTLIST = 400, 100
+"""Of a dictionary with more than so many terms, this many are selected one step ahead before the free run decides."""
 
 Choice = Mapping[str, int]
 Choices = Mapping[str, Sequence[int]]
@@ -148,30 +150,29 @@ class PolynomialNarx:
     """Products of lagged outputs and inputs as a candidate, selected from a dictionary by the free run.
 
     It begins with an output-error model. The dictionary has its lags; if products help, lags one sample longer are
-    tried too.
+    tried too. With knots, it also has hinges of the inputs and dry friction.
     """
 
     summary: str
     linear: OutputError
-    uses: ClassVar[tuple[str, ...]] = ("na", "nb", "nk", "degree", "held_back")
+    uses: ClassVar[tuple[str, ...]] = ("na", "nb", "nk", "degree", "knots", "held_back")
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Select terms on selection data, then fit to the free run over the whole record."""
         na, nb, nk, constant = self._lags(record, options, control)
-        degree, inputs = options.degree or DEGREE, record.input.shape[1]
+        inputs = record.input.shape[1]
         structure = replace(arx(na, nb, nk, inputs, constant), name="polynomial-narx")
         judge = Judge.of(record, options.held_back, max(na, nk + nb) + 1, control)
         fit = fit_to_compare(structure, judge.fitted, None, control)
         of_linear = judge.refitted(fit)
-        best = select_by_free_run(fit, polynomial_narx(na, nb, degree, nk, inputs), judge)
+        dictionary = _dictionary(record, options, judge, (na, nb, nk))
+        best = select_by_free_run(fit, dictionary, judge)
         if better(best.errors, of_linear):
             na, nb = na if options.na else na + 1, nb if options.nb else nb + 1
-            other = select_by_free_run(best.fit, polynomial_narx(na, nb, degree, nk, inputs), judge)
-            best = simplest([best, other])
+            dictionary = _dictionary(record, options, judge, (na, nb, nk))
+            best = simplest([best, select_by_free_run(best.fit, dictionary, judge)])
         fit = refit_to(best.fit, record, control)
-        return replace(
-            fit, findings=(*fit.findings, *_about_dictionary(polynomial_narx(na, nb, degree, nk, inputs), record))
-        )
+        return replace(fit, findings=(*fit.findings, *_about_dictionary(dictionary, record)))
 
     def _lags(self, record: Record, options: Options, control: Control) -> tuple[int, int, int, bool]:
         """na, nb, nk and whether there is a constant: those of the output-error model, and at least two outputs and
@@ -186,6 +187,19 @@ class PolynomialNarx:
         nk = min(first, 1) if options.nk is None else options.nk
         nb = max(last - nk + 1, 3) if options.nb is None else options.nb
         return na, nb, nk, "1" in found.labels
+
+
+def _dictionary(record: Record, options: Options, judge: Judge, lags: tuple[int, int, int]) -> Structure:
+    """The terms to select from; of many, those that predict best one step ahead."""
+    na, nb, nk = lags
+    dictionary = polynomial_narx(na, nb, options.degree or DEGREE, nk, record.input.shape[1])
+    if options.knots:
+        hard = friction_narx(1, nb, input_knots(record, options.knots), nk, speeds=stribeck_speeds(record))
+        bent = [r for r in hard.regressors if any(f.transform is not Transform.VALUE for f in r.factors)]
+        dictionary += Structure(tuple(bent), inputs=dictionary.inputs)
+    if len(dictionary) <= LARGE:
+        return dictionary
+    return select_terms(dictionary, judge.fitted, SHORTLIST, judge.control).structure
 
 
 def _about_dictionary(dictionary: Structure, record: Record) -> tuple[Finding, ...]:

@@ -100,7 +100,8 @@ class Structure:
 
     def __add__(self, other: Structure) -> Structure:
         """Both lists of regressors, without duplicates."""
-        new = [k for k, regressor in enumerate(other.regressors) if regressor not in self.regressors]
+        known = set(self.regressors)
+        new = [k for k, regressor in enumerate(other.regressors) if regressor not in known]
         return Structure(
             self.regressors + tuple(other.regressors[k] for k in new),
             name=self.name,

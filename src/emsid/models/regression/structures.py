@@ -6,6 +6,7 @@ ARX, the paper's Wiener–Hammerstein regression, and regressions with friction 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cache
 from itertools import combinations_with_replacement
 from math import comb
 
@@ -186,8 +187,9 @@ def polynomial_narx(na: int, nb: int, degree: int, nk: int = 1, inputs: int = 1,
         degree=degree,
         inputs=inputs,
     )
+    factor = cache(Factor)  # a dictionary has few different factors
     products = [
-        Regressor(tuple(Factor(channel, lag, chosen.count((channel, lag))) for channel, lag in dict.fromkeys(chosen)))
+        Regressor(tuple([factor(*each, chosen.count(each)) for each in dict.fromkeys(chosen)]))
         for power in range(2, degree + 1)
         for chosen in combinations_with_replacement(channels, power)
     ]

@@ -1,46 +1,59 @@
 r"""Terms of a structure selected by their error reduction ratio one step ahead, from a dictionary of any size.
 
-This is forward regression by orthogonal least squares (FROLS), see `emsid.estimation.linear.forward_selection`. The
-factor R of the dictionary contains all that it needs, but has n² numbers. For a large dictionary the same selection is
-made by passes over the data. With the orthonormal direction q of the last chosen term, every pass updates
+This is forward regression by orthogonal least squares (FROLS), see `emsid.estimation.linear.forward_selection`, without
+the matrix Φ of the dictionary or its factor. With the orthonormal direction q of the last chosen term, one pass over
+the data updates
 
     ‖wⱼ‖² ← ‖wⱼ‖² − (φⱼᵀq)²        wⱼᵀy ← wⱼᵀy − φⱼᵀq·qᵀy
 
-of every other term j. A column φⱼ exists for a thousand samples at a time; q is computed from the chosen columns and
-their own small factor. So memory is that of the chosen columns, whatever the size of the dictionary is.
+of every other term j; `shared_products` computes φⱼᵀq. These differences lose digits. So the part w of the term that
+seems best is computed itself before the term is chosen: orthogonal to all directions so far by one Gram–Schmidt step,
+and by a second one where the first cancels digits. If its exact ratio falls behind that of another term, that one is
+tried.
+
+Memory: the chosen columns and a copy of the signals, (most + 4)·N numbers, and 40 numbers for every term of the
+dictionary, instead of the n·N of its matrix or the n² of its factor.
 
 References:
     Billings, *Nonlinear System Identification* (2013), ch. 3. Chen, Billings, Luo, *Orthogonal least squares methods
-    and their application to non-linear system identification*, International Journal of Control 50 (1989).
+    and their application to non-linear system identification*, International Journal of Control 50 (1989). Daniel,
+    Gragg, Kaufman, Stewart, *Reorthogonalization and stable algorithms for updating the Gram–Schmidt QR factorization*,
+    Mathematics of Computation 30 (1976).
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import ModelError
-from emsid.estimation.linear.forward_selection import DEPENDENT, forward_selection
-from emsid.estimation.linear.information import Information, inverse_triangle
+from emsid.errors import DataError, ModelError
+from emsid.estimation.linear.forward_selection import DEPENDENT
+from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import check_excitation, gather
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.threads import one_blas_thread, short_tasks
 from emsid.findings import Finding
-from emsid.models.regression.kernels import multiply
+from emsid.models.regression.kernels import fill
 from emsid.models.regression.narx import Structure
-from emsid.models.regression.regressors import Tables
+from emsid.models.regression.regressors import tables
+from emsid.models.regression.shared_products import Tree, correlate, tree
 from emsid.record import Record, check_same_channels
 
 Array = NDArray[np.float64]
 
-# The largest dictionary whose factor is computed; a larger one is passed over once for every chosen term.
-FACTORED = 64
-# Samples that one thread processes at a time, and samples of one term that stay in the first-level cache.
-CHUNK, WIDTH = 1 << 13, 1024
+# A part that has less than this fraction of its column's square is made orthogonal once more.
+CANCELLED = 1e-2
+# The largest dictionary whose rank is looked at.
+RANKED = 64
+# Samples for each of its terms that the rank is looked at in first.
+RANK_SAMPLES = 10
+# Samples that one thread processes at a time.
+CHUNK = 1 << 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,34 +71,39 @@ class SelectedTerms:
     findings: tuple[Finding, ...] = ()
 
 
-def select_terms(dictionary: Structure, records: Record | Iterable[Record], most: int = 10) -> SelectedTerms:
+def select_terms(
+    dictionary: Structure, records: Record | Iterable[Record], most: int = 10, control: Control = FREE
+) -> SelectedTerms:
     """The terms of a dictionary that best predict one step ahead, by orthogonal forward selection (FROLS).
 
     What predicts best one step ahead need not run best freely; `emsid.identify` selects the terms of its polynomial
-    NARX model by the free run.
+    NARX model by the free run. The matrix of the dictionary is never made: the memory beyond the data is that of the
+    chosen columns, and some 40 numbers for every term.
 
     Args:
         dictionary: for instance ``emsid.polynomial_narx(na=2, nb=2, degree=3)``.
         records: a record, or several experiments.
         most: how many terms to choose; fewer are chosen where all others are combinations of them.
+        control: when to stop, and who is told of the progress.
 
     Raises:
         ModelError, DataError: for records that the dictionary cannot be computed on, or no term to choose.
+        Stopped: if the control ends the selection.
     """
     if most < 1:
         raise ModelError(f"{dictionary.name}: {most} terms to select; give at least one")
-    several = [records] if isinstance(records, Record) else list(records)
-    if len(dictionary) <= FACTORED:
-        information = gather(dictionary, several)[0]
-        found = forward_selection(information, most)
-        order, gains = list(found.order), found.error_reduction.tolist()
-        findings = about_dictionary(dictionary, information)
-    else:
-        findings = ()
-        order, gains = _by_passes(dictionary, several, most)
+    most = min(most, len(dictionary))
+    data = _Signals(dictionary, [records] if isinstance(records, Record) else list(records), most)
+    selection = _Selection(data, most)
+    with one_blas_thread():
+        while selection.add_best() and len(selection.order) < most:
+            control.doing(f"selecting terms of {len(dictionary):,}", len(selection.order), most)
+            selection.update()
+    order = selection.order
     chosen = tuple(dictionary.regressors[k] for k in order)
     names = tuple(dictionary.parameter_names[k] for k in order)
-    return SelectedTerms(Structure(chosen, dictionary.name, names, dictionary.inputs), np.array(gains), findings)
+    structure = Structure(chosen, dictionary.name, names, dictionary.inputs)
+    return SelectedTerms(structure, np.array(selection.gains), data.findings())
 
 
 def about_dictionary(dictionary: Structure, information: Information) -> tuple[Finding, ...]:
@@ -99,86 +117,126 @@ def about_dictionary(dictionary: Structure, information: Information) -> tuple[F
     return () if rank == terms else (Finding("dictionary-rank-deficient", "", {"rank": rank, "terms": terms}),)
 
 
-def _by_passes(dictionary: Structure, records: list[Record], most: int) -> tuple[list[int], list[float]]:
-    """Indices of the chosen terms, and their error reduction ratios."""
-    for record in records:
-        dictionary.check(record)
-        check_excitation(record)
-        check_same_channels(records[0], record)
-    n = len(dictionary)
-    parts = [chunk for record in records for chunk in dictionary.chunks(record, CHUNK)]
-    windows = [dictionary.window(*part) for part in parts]
-    outputs = [y[dictionary.memory :] for y, _ in windows]
-    power = float(sum(y @ y for y in outputs))
-    products, whole = _correlations(dictionary, windows, outputs, squares=True)
-    squares = whole
-    order: list[int] = []
-    gains: list[float] = []
-    left = np.ones(n, dtype=bool)
-    while True:
-        usable = left & (squares > DEPENDENT * whole)
-        if len(order) == most or not usable.any():
-            return order, gains
-        ratio = np.divide(products**2, squares * (power or 1.0), out=np.full(n, -1.0), where=usable)
-        k = int(np.argmax(ratio))
-        order.append(k)
-        gains.append(float(ratio[k]))
-        left[k] = False
-        if len(order) < most:
-            direction = _last_direction(dictionary, parts, order)
-            along = _correlations(dictionary, windows, direction)[0]
-            squares = squares - along**2
-            products = products - along * float(sum(q @ y for q, y in zip(direction, outputs, strict=True)))
+class _Signals:
+    """The samples of some records, and the inner products of the terms of a dictionary with signals over them."""
+
+    def __init__(self, dictionary: Structure, records: Sequence[Record], most: int) -> None:
+        for record in records:
+            dictionary.check(record)
+            check_excitation(record)
+            check_same_channels(records[0], record)
+        self.dictionary, self.records = dictionary, records
+        self.memory = dictionary.memory
+        self.parts = [chunk for record in records for chunk in dictionary.chunks(record, CHUNK)]
+        self.windows = [dictionary.window(*part) for part in self.parts]
+        self.tree: Tree = tree(dictionary.regressors)
+        ends = np.cumsum([0] + [stop - start for _, start, stop in self.parts])
+        self.slices = [slice(*pair) for pair in pairwise(ends.tolist())]
+        self.output = np.concatenate([y[self.memory :] for y, _ in self.windows] or [np.empty(0)])
+        if len(self.output) < most:
+            raise DataError(
+                f"{dictionary.name}: {len(self.output)} usable samples for {most} terms; record longer, or select fewer"
+            )
+
+    def correlations(self, signal: Array, square: bool = False) -> Array:
+        """(n,) φⱼᵀx of every term with a signal x (N,), or Σ x·φⱼ²; the parts in threads."""
+
+        def of_part(window: tuple[Array, Array], part: slice) -> Array:
+            result = np.zeros(len(self.dictionary))
+            correlate(result, self.tree, *window, self.memory, signal[part], square)
+            return result
+
+        several = len(self.windows) > 1 and len(self.dictionary) > RANKED
+        in_turn = short_tasks(os.cpu_count() or 1).map if several else map
+        total: Array = np.sum(list(in_turn(of_part, self.windows, self.slices)), axis=0)
+        return total
+
+    def column(self, term: int) -> Array:
+        """(N,) φⱼ of one term."""
+        one = tables((self.dictionary.regressors[term],))
+        block = np.empty((2, CHUNK))
+        column = np.empty(len(self.output))
+        for window, part in zip(self.windows, self.slices, strict=True):
+            count = part.stop - part.start
+            fill(block, one, *window, self.memory, count)
+            column[part] = block[0, :count]
+        return column
+
+    def findings(self) -> tuple[Finding, ...]:
+        """What `about_dictionary` finds, if the dictionary is small; a few samples are enough to show its full rank."""
+        size = len(self.dictionary)
+        if size > RANKED or size > len(self.output):
+            return ()
+        segment, start, stop = self.parts[0]
+        few = Information.empty(size)
+        self.dictionary.add_rows(few.factor, segment, start, min(stop, start + RANK_SAMPLES * size))
+        return about_dictionary(self.dictionary, few) and about_dictionary(
+            self.dictionary, gather(self.dictionary, self.records)[0]
+        )
 
 
-def _last_direction(dictionary: Structure, parts: Sequence[tuple[Record, int, int]], order: list[int]) -> list[Array]:
-    """The direction q of the last chosen term, orthogonal to those before it, in every part of the data."""
-    chosen = Structure(tuple(dictionary.regressors[k] for k in order), inputs=dictionary.inputs)
-    columns = [np.hstack(list(chosen.blocks(*part))) for part in parts]
-    factor = Information.empty(len(order))
-    for block in columns:
-        factor = factor.add_columns(block)
-    weights = inverse_triangle(factor.factor[:-1, :-1])[:, -1]
-    return [weights @ block[:-1] for block in columns]
+class _Selection:
+    """Terms chosen so far, and of every other one its part orthogonal to them.
 
-
-def _correlations(
-    dictionary: Structure, windows: Sequence[tuple[Array, Array]], targets: Sequence[Array], squares: bool = False
-) -> Array:
-    """φⱼᵀx of every term with a signal x given in parts, and φⱼᵀφⱼ if wanted; the parts in threads."""
-
-    def of_part(window: tuple[Array, Array], target: Array) -> Array:
-        result = np.zeros((2 if squares else 1, len(dictionary)))
-        correlate(result, dictionary.tables, *window, dictionary.memory, np.ascontiguousarray(target))
-        return result
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        total: Array = np.sum(list(pool.map(of_part, windows, targets)), axis=0)
-    return total
-
-
-@numba.njit(cache=True, nogil=True)
-def correlate(result: Array, tables: Tables, y: Array, u: Array, start: int, target: Array) -> None:
-    """Add φⱼᵀx and φⱼᵀφⱼ of samples ``start`` … to the rows of a result, tile by tile in the cache.
-
-    Args:
-        result: (2, n), or (1, n) without φⱼᵀφⱼ.
-        tables: the regressors.
-        y, u: (N,) and (nu, N).
-        start: the first sample.
-        target: (N − start,) x.
+    Attributes:
+        order: the chosen terms.
+        gains: their error reduction ratios.
+        directions: (k, N) their orthonormal directions q.
+        along: (k, n) φⱼᵀq of every term.
+        squares, products, whole: (n,) ‖wⱼ‖², wⱼᵀy and ‖φⱼ‖².
     """
-    signs, offsets, factors, parameters = tables
-    row = np.empty(WIDTH)
-    for first in range(start, len(y), WIDTH):
-        count = min(WIDTH, len(y) - first)
-        part, wanted = row[:count], target[first - start : first - start + count]
-        for j in range(len(signs)):
-            part[:] = signs[j]
-            for f in range(offsets[j], offsets[j + 1]):
-                channel, lag, power, code = factors[f]
-                signal = y if channel == 0 else u[channel - 1]
-                multiply(part, signal[first - lag : first - lag + count], code, parameters[f], power)
-            result[0, j] += np.dot(part, wanted)
-            if len(result) > 1:
-                result[1, j] += np.dot(part, part)
+
+    def __init__(self, data: _Signals, most: int) -> None:
+        self.data = data
+        self.power = float(data.output @ data.output) or 1.0
+        self.whole = data.correlations(np.ones(len(data.output)), square=True)
+        if not np.isfinite(self.whole).all():
+            raise DataError(f"the terms of {data.dictionary.name} overflow; scale the channels or lower powers")
+        self.squares, self.products = self.whole.copy(), data.correlations(data.output)
+        self.left = np.ones(len(self.whole), dtype=bool)
+        self._directions, self._along = np.empty((most, len(data.output))), np.empty((most, len(self.whole)))
+        self.order: list[int] = []
+        self.gains: list[float] = []
+
+    @property
+    def directions(self) -> Array:
+        return self._directions[: len(self.order)]
+
+    @property
+    def along(self) -> Array:
+        return self._along[: len(self.order)]
+
+    def add_best(self) -> bool:
+        """Choose the term that reduces the error most; False where all that are left depend on those chosen."""
+        tried, direction = -1, np.empty(0)
+        while True:
+            self.left &= self.squares > DEPENDENT * self.whole
+            ratio = np.divide(self.products**2, self.squares, out=np.full(len(self.left), -1.0), where=self.left)
+            best = int(np.argmax(ratio))
+            if not self.left[best]:
+                return False
+            if best == tried:
+                break
+            part = self.orthogonal_part(best)
+            self.squares[best], self.products[best] = part @ part, part @ self.data.output
+            tried, direction = best, part
+        self._directions[len(self.order)] = direction / np.sqrt(self.squares[best])
+        self.order.append(best)
+        self.gains.append(float(ratio[best] / self.power))
+        self.left[best] = False
+        return True
+
+    def orthogonal_part(self, term: int) -> Array:
+        """(N,) the part of a term that is orthogonal to all directions, to rounding."""
+        part = self.data.column(term)
+        part -= self.along[:, term] @ self.directions
+        if part @ part < CANCELLED * self.whole[term]:
+            part -= (self.directions @ part) @ self.directions
+        return part
+
+    def update(self) -> None:
+        """Take the direction of the last chosen term out of all others."""
+        direction, along = self.directions[-1], self.along[-1]
+        along[:] = self.data.correlations(direction)
+        self.squares -= along**2
+        self.products -= along * float(direction @ self.data.output)

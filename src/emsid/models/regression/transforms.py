@@ -78,11 +78,13 @@ def slope(code: int, x: float, p: float) -> float:
     return float(-np.sign(x) * np.exp(-abs(x) / p) / p)
 
 
+@cache
 def has_parameter(transform: Transform) -> bool:
     """Whether it has a parameter p."""
     return re.search(r"\bp\b", transform.text) is not None
 
 
+@cache
 def has_scale(transform: Transform) -> bool:
     """Whether p is a divisor, which must be positive."""
     return re.search(r"/p\b", transform.text) is not None

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 import emsid
 from emsid import ModelError, Record
+from emsid.estimation.nonlinear.control import FREE
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import DeadZone, Polynomial, Saturation, UserMap
 from emsid.models.feedback.coordinates import Visited, coordinates, directions, normal_form, whitened
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.search.choice import FeedbackSearch, chosen
 from test_models_contract import DT, LOOP, MAPS, TWO_LOOPS
 
 Array = NDArray[np.float64]
@@ -235,3 +237,43 @@ def test_maps_and_poles_are_drawn() -> None:
     groups = {mark.label: mark for mark in poles.plots[0].marks}
     assert {"small z", "middle", "large z"} <= groups.keys()
     assert len(groups["middle"].x) == 2
+
+
+def test_a_delay_of_the_input_is_found() -> None:
+    truth = FeedbackModel(
+        np.array([[0.8, 0.5, -1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), (Saturation(0.3, -0.2, 0.2),), delay=3
+    )
+    rng = np.random.default_rng(5)
+    u = rng.normal(size=800)
+    record = Record(u, truth.output(u, np.zeros(1)) + 0.01 * rng.normal(size=len(u)), DT)
+    found = emsid.feedback(order=1, static="saturation", maps=1, oversampling=1)
+    fit = emsid.fit(found, record)
+    assert fit.model.delay in (3, 4)  # the state adds a sample, which a direct path can make up for
+    assert np.sqrt(fit.noise_variance) < 0.011
+
+
+def test_an_order_above_three_is_found() -> None:
+    """Two resonances and a spring that hardens, which drives both."""
+    poles = np.array([0.9 * np.exp(0.4j), 0.95 * np.exp(1.1j)])
+    a = np.real(np.poly([*poles, *poles.conj()]))
+    matrix = np.zeros((6, 6))
+    matrix[:4, :4] = np.eye(4, k=1)
+    matrix[:4, 0], matrix[:4, 4], matrix[:4, 5] = -a[1:], (0.3, -0.2, 0.1, 0.05), (0.2, -0.1, 0.0, 0.1)
+    matrix[4:, 0] = 1.0
+    truth = FeedbackModel(matrix, (Polynomial(np.array([0.0, 0.0, 0.0, -0.1])),))
+    rng = np.random.default_rng(6)
+    u = 0.3 * rng.normal(size=1000)
+    record = Record(u, truth.output(u, np.zeros(4)) + 0.01 * rng.normal(size=len(u)), DT)
+    fit = emsid.fit(emsid.feedback(static="polynomial", size=3, maps=1, delay=0, oversampling=1), record)
+    assert fit.model.states == 4
+    assert np.sqrt(fit.noise_variance) < 0.011
+
+
+def test_a_linear_record_takes_one_trial() -> None:
+    """No map is refined at any order, because no direction explains more than noise."""
+    rng = np.random.default_rng(7)
+    u = rng.normal(size=1000)
+    linear = FeedbackModel(np.array([[1.5, 1.0, 0.2], [-0.6, 0.0, 0.1], [1.0, 0.0, 0.0]]))
+    record = Record(u, linear.output(u, np.zeros(2)) + 0.1 * rng.normal(size=len(u)), DT)
+    trials = list(chosen([record], FeedbackSearch(), FREE))
+    assert [(len(each.found.model.maps), each.found.model.states) for each in trials] == [(1, 2)]

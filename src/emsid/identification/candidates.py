@@ -100,7 +100,7 @@ class Feedback:
         held = None if options.hold is None else options.hold is Hold.ZERO
         order = options.orders[0] if options.orders else None
         search = FeedbackSearch(
-            order, None, static, options.knots or 0, options.nk or 0, held=held, held_back=options.held_back
+            order, None, static, options.knots or 0, options.nk, held=held, held_back=options.held_back
         )
         return FeedbackStructure(search).fit(record, control=control)
 

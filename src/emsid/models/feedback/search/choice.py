@@ -2,14 +2,15 @@
 
 From simple to complex, each choice must be better by more than noise (`emsid.selection.improvement`):
 
-1. for every order, a linear model and one map in the direction that explains most: a polynomial, or else a spline or a
-   dead zone;
+1. for every order, and a delay if linear models gain by it, a linear model and one map in the direction that explains
+   most: a polynomial, or else a spline or a dead zone;
 2. with the best order, twice the rate, for an input that goes on between its samples;
 3. other families of maps;
 4. a second map.
 
-If one map explains no more than noise, the search ends after the first step. A model whose free run diverges on an
-input a little larger than that of the record is not chosen.
+If no direction of a map explains more than noise, only linear models are fitted; if a linear model is as good as the
+best one with a map, the search ends after the first step with a map at this linear model. A model whose free run
+diverges on an input a little larger than that of the record is not chosen.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -27,18 +29,23 @@ from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.feedback.fitting import Found, searched, visited
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search.starts import linear_start, with_one_map_more
+from emsid.models.feedback.search.starts import Direction, directions_for, linear_start, with_one_map_more
 from emsid.models.free_run import squared_errors
 from emsid.models.one_channel import Segments, segments_longer_than
 from emsid.models.regression.search.judge import BEYOND, diverges, enlarged, shortened
 from emsid.record import Record
 from emsid.record.holding_back import validation_splits
-from emsid.selection.improvement import STRETCHES, StretchErrors, better, schwarz_gain
+from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters, schwarz_gain
 
 # Orders that are tried, if none is given.
 ORDERS = (1, 2, 3)
 # Samples that choices are made from, and of the unseen data.
 SEARCHED, JUDGED = 6_000, 8_000
+# The highest order, and the longest delay in samples, that are tried if none is given; the order of the linear models
+# that show a delay.
+MOST_ORDERS, LONGEST, OF_DELAY = 6, 5, 2
+# A second map takes at least this many samples for every knot, or degree.
+PER_KNOT = 20
 # Steps of a refinement for a choice.
 STEPS = 40
 # The maps that every order is tried with, until one is better than none, and families and sizes that are tried then.
@@ -65,7 +72,7 @@ class FeedbackSearch:
     maps: int | None = None
     static: Family | None = None
     size: int = 0
-    delay: int = 0
+    delay: int | None = None
     oversampling: int | None = None
     held: bool | None = None
     held_back: float = 0.25
@@ -122,7 +129,7 @@ class Bench:
             shown = [shortened(record, max(SEARCHED // len(records), 1)) for record in shown]
         largest = FeedbackModel(
             np.zeros(((settings.order or max(ORDERS)) + 1,) * 2),
-            delay=settings.delay,
+            delay=LONGEST if settings.delay is None else settings.delay,
             oversampling=settings.oversampling or 2,
         )
         shortest = max(len(segment) for record in unseen for segment in record.segments)
@@ -160,40 +167,99 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
         ModelError: if no feedback model can be fitted.
     """
     bench = Bench.of(records, settings, control)
-    first = Steps(settings.oversampling or 1, bool(settings.held))
-    given = [(settings.static, settings.size)] if settings.static else []
-    families = given or [(family_of(name), size) for name, size in FIRST]
-    orders = ORDERS if settings.order is None else (settings.order,)
-    best, bent, problem = None, False, None
-    for order in orders:
-        control.doing(f"order {order}", order, len(orders))
+    straight, best = _first_map(bench, settings)
+    if best is None or not _preferred(best, straight, bench.compared):  # a linear model is as good
+        family, size = _families(settings)[0]
         try:
-            linear = _linear(bench, order, first, settings.delay)
-        except EmsidError as error:
-            problem = error
-            continue
-        straight = bench.judged(linear, *families[0])
-        for family, size in families:
-            try:
-                trial = _with_map(bench, linear, family, size)
-            except EmsidError as error:
-                problem = error
-                continue
-            if best is None or _preferred(trial, best, bench.compared):
-                best = trial
-            if _preferred(trial, straight, bench.compared):
-                bent = True
-                break
-    if best is None:
-        raise problem or ModelError("feedback: no model of this record; check channels, units and delay")
-    yield best
-    if not bent:
+            yield _with_map(bench, straight.found, family, size)
+        except EmsidError:
+            if best is None:
+                raise
+            yield best
         return
+    yield best
     for step in (_faster, _other_families, _second_map):
         for trial in step(bench, best, settings):
             if _preferred(trial, best, bench.compared):
                 best = trial
                 yield best
+
+
+def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, Trial | None]:
+    """The best linear model over the orders, and the best one with a map; None where no map explains more than noise.
+
+    Orders above those of `ORDERS` are tried as long as the highest one was the best.
+
+    Raises:
+        ModelError: if no linear model can be fitted.
+    """
+    given, families = settings.order, _families(settings)
+    steps = Steps(settings.oversampling or 1, bool(settings.held))
+    straight: Trial | None = None
+    best: Trial | None = None
+    problem: EmsidError = ModelError("feedback: no model of this record; check channels, units and delay")
+    for delay in _delays(bench, settings, steps):
+        for order in range(1, MOST_ORDERS + 1) if given is None else (given,):
+            bench.control.doing(f"order {order}", order, max(ORDERS))
+            try:
+                linear = bench.judged(_linear(bench, order, steps, delay), *families[0])
+                trial = _bent(bench, linear, families)
+            except EmsidError as error:
+                problem = error
+                continue
+            higher = False
+            if straight is None or _preferred(linear, straight, bench.compared):
+                straight, higher = linear, True
+            against = straight if best is None else best
+            if trial is not None and _preferred(trial, against, bench.compared):
+                best, higher = trial, True
+            if order >= max(ORDERS) and not higher:
+                break
+    if straight is None:
+        raise problem
+    return straight, best
+
+
+def _delays(bench: Bench, settings: FeedbackSearch, steps: Steps) -> tuple[int, ...]:
+    """The delays that are tried: the given one, or none and the longest one that a linear model gains by."""
+    if settings.delay is not None:
+        return (settings.delay,)
+    errors, order = [], OF_DELAY if settings.order is None else settings.order
+    for delay in range(LONGEST + 1):
+        try:
+            errors.append(_linear(bench, order, steps, delay).error ** 2)
+        except EmsidError:
+            errors.append(inf)
+    longest = max(delay for delay, error in enumerate(errors) if not matters(min(errors), error))
+    return (0, longest) if longest and matters(errors[longest], errors[0]) else (0,)
+
+
+def _bent(bench: Bench, linear: Trial, families: Sequence[tuple[Family, int]]) -> Trial | None:
+    """A linear model with one map, of the first family that makes it better; the best of all where none does.
+
+    None where no direction explains more than noise, or the model diverges with each map.
+    """
+    found, best = linear.found, None
+    ways = directions_for(found, bench.segments(found.model), found.model.edge, bench.rng)
+    if not ways or not ways[0].explains(effective_samples(found.minimum.residuals)):
+        return None
+    for family, size in families:
+        try:
+            trial = _with_map(bench, found, family, size, ways)
+        except EmsidError:
+            continue
+        if best is None or _preferred(trial, best, bench.compared):
+            best = trial
+        if _preferred(trial, linear, bench.compared):
+            break
+    return best
+
+
+def _families(settings: FeedbackSearch) -> list[tuple[Family, int]]:
+    """The maps that every order is tried with, and their sizes."""
+    if settings.static:
+        return [(settings.static, settings.size)]
+    return [(family_of(name), size) for name, size in FIRST]
 
 
 def _preferred(trial: Trial, best: Trial, compared: bool) -> bool:
@@ -227,15 +293,16 @@ def _linear(bench: Bench, order: int, steps: Steps, delay: int) -> Found:
     return searched(start, bench.segments(start), start.edge, 20, 0.1, bench.control)
 
 
-def _with_map(bench: Bench, found: Found, family: Family, size: int) -> Trial:
-    """The trial with one map more.
+def _with_map(bench: Bench, found: Found, family: Family, size: int, ways: Sequence[Direction] | None = None) -> Trial:
+    """The trial with one map more, in the directions that explain most; these are looked for if they are not given.
 
     Raises:
         ModelError: if all directions diverge.
     """
     model = found.model
     segments, size = bench.segments(model), _size(family, size)
-    start = with_one_map_more(found, segments, model.edge, family, size, bench.rng, control=bench.control)
+    ways = directions_for(found, segments, model.edge, bench.rng) if ways is None else ways
+    start = with_one_map_more(found, segments, model.edge, family, size, ways, control=bench.control)
     if start is None:
         raise ModelError(f"{model.name}: with a map in its feedback the model diverges; choose another order")
     return _refined(bench, start.model, family, size)
@@ -261,7 +328,7 @@ def _faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Tri
         for each in (order, *fewer):
             bench.control.doing(f"two steps per sample, order {each}")
             try:
-                linear = _linear(bench, each, Steps(2, held), settings.delay)
+                linear = _linear(bench, each, Steps(2, held), best.found.model.delay)
                 yield _with_map(bench, linear, best.family, best.size)
             except EmsidError:
                 continue
@@ -287,6 +354,9 @@ def _second_map(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator
     names = [(best.family, best.size)]
     if settings.static is None and best.family.name != "spline":
         names.append((family_of("spline"), 0))
+    samples = sum(map(len, bench.shown))
+    if settings.maps is None:
+        names = [(family, size) for family, size in names if samples >= PER_KNOT * _size(family, size)]
     for family, size in names:
         bench.control.doing(f"second map: {family.name}")
         try:

@@ -83,7 +83,7 @@ def feedback(
     static: Family | StaticMap | type[StaticMap] | str | None = None,
     size: int = 0,
     maps: int | None = None,
-    delay: int = 0,
+    delay: int | None = None,
     oversampling: int | None = None,
     held: bool | None = None,
 ) -> FeedbackStructure:
@@ -97,7 +97,7 @@ def feedback(
         static: the family of its maps: a name such as ``dead-zone``, a map or its class; None chooses it.
         size: number of knots, or degree; 0 for the usual one of the family.
         maps: the number of maps, 1 or 2; None chooses it.
-        delay: from the input to its first effect, in samples.
+        delay: from the input to its first effect, in samples; None chooses it.
         oversampling: steps of the model per sample of the record; None tries 1 and 2.
         held: whether the input is held between its samples; otherwise it is band-limited. None tries both.
 

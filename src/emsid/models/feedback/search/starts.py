@@ -33,6 +33,7 @@ from emsid.models.one_channel import Segments
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.structures import arx
 from emsid.record import Record, concatenate
+from emsid.selection.improvement import schwarz_gain
 
 Array = NDArray[np.float64]
 
@@ -109,6 +110,8 @@ class Direction:
         column: (n + 1,) of B_w and D_yw.
         z, w: (K,) points of the map.
         error: mean square of the residual that is left, to first order.
+        before: mean square of the residual without the map.
+        numbers: how many numbers of map and column were fitted for that.
     """
 
     row: Array
@@ -116,6 +119,16 @@ class Direction:
     z: Array
     w: Array
     error: float
+    before: float
+    numbers: int
+
+    def explains(self, samples: float) -> bool:
+        """Whether a map in this direction explains more than noise, by Schwarz's criterion.
+
+        Args:
+            samples: the number of independent errors in all data that the map would be fitted to.
+        """
+        return schwarz_gain(self.error, self.before, samples, self.numbers) > 0
 
 
 def with_one_map_more(
@@ -124,7 +137,7 @@ def with_one_map_more(
     transient: int,
     family: Family,
     size: int,
-    rng: np.random.Generator,
+    directions: Sequence[Direction],
     tried: int = 3,
     steps: int = 10,
     control: Control = FREE,
@@ -136,13 +149,13 @@ def with_one_map_more(
         segments: (u, y) of each.
         transient: samples without error at the start of each.
         family, size: of the map.
-        rng: for directions.
+        directions: of the map, the best first; see `directions_for`.
         tried: how many directions are refined.
         steps: of the refinement of each; the best is refined to the end by the caller.
         control: when to stop.
     """
     best: Found | None = None
-    for direction in _apart(directions_for(found, segments, transient, rng), tried):
+    for direction in _apart(directions, tried):
         start = _joined(found, segments, direction, family, size)
         if start is None:
             continue
@@ -246,7 +259,8 @@ def _explained(
     length = np.linalg.norm(shape, axis=(0, 2))
     shape = shape / np.where(length > 0, length, 1.0)[:, None]
     b, c, error = _one_column(shape, residual)
-    return Direction(row, b / np.where(length > 0, length, 1.0), z, functions @ c, error)
+    before, numbers = float(np.mean(residual**2)), n + count  # n + 1 and count, less one for the unit of w
+    return Direction(row, b / np.where(length > 0, length, 1.0), z, functions @ c, error, before, numbers)
 
 
 def _one_column(shape: Array, residual: Array) -> tuple[Array, Array, float]:

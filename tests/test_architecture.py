@@ -61,6 +61,7 @@ STRANGERS = {
 SEARCHES = ("models.regression.search", "models.blocks.search", "models.feedback.search", "models.plants.search")
 SEARCHERS = (
     "models.feedback.search",
+    "models.refitting",
     "models.verbs",
     "identification",
     "study",

@@ -13,8 +13,10 @@ from emsid.blocks import CubicSpline, PiecewiseLinear, Polynomial, Rational
 from emsid.estimation.fit import Ending, Fit
 from emsid.findings import Finding
 from emsid.identification.conclusions import predictable_shares
+from emsid.identification.options import Options
 from emsid.identification.plausibility import IMPLAUSIBLE, Plausibility
-from emsid.identification.recommendation import EXPERIMENTS, experiment, recommendation, recommended_first
+from emsid.identification.ranking import ranked
+from emsid.identification.recommendation import EXPERIMENTS, experiment, recommendation, recommended
 from emsid.identification.verdict import implausible_models, model_verdicts
 from emsid.validation.agreement import difference_of_pieces
 from emsid.validation.comparison import as_fit, compare
@@ -134,7 +136,8 @@ def test_a_model_without_use_is_unusable_and_not_recommended(fit, code):
     (verdict,) = verdicts(fit)
     assert verdict.code == "model-unusable"
     assert reasons(verdict) == [code]
-    found = recommendation(compare([fit], unseen), verdict, (), seen=False)
+    choice = compare([fit], unseen)
+    found = recommendation(choice, ranked(choice, None, Options()), verdict, (), seen=False)
     assert found.code == "no-model-recommended"
     assert found.code != "model-recommended"
 
@@ -247,8 +250,7 @@ def test_a_model_that_diverges_on_a_larger_input_is_not_recommended():
     assert implausible(fit, known)["diverges-beyond-range"] == {"model": "cubic", "factor": 1.2}
     assert "diverges-beyond-range" not in implausible(linear(), known)
     fits = [linear(gain=0.3, name="poor"), linear(name="good")]
-    choice = recommended_first(compare(fits, unseen), (), {"good"})
-    assert choice.best.row.model == "poor"
+    assert recommended(ranked(compare(fits, unseen), None, Options()), (), {"good"}).name == "poor"
 
 
 # --- the recommendation ----------------------------------------------------------------------------------------------
@@ -259,10 +261,12 @@ def chosen_of(better_by, implausible="a"):
     unseen = record(1, name="other")
     fits = [linear(name="a"), linear(gain=1 - better_by, name="b")]
     findings = [Finding("map-leaves-range", implausible, {"model": implausible})]
-    choice = recommended_first(compare(fits, unseen), implausible_models(findings))
+    choice = compare(fits, unseen)
+    ranking = ranked(choice, None, Options())
+    chosen = recommended(ranking, implausible_models(findings))
     found = {each.model: each for each in verdicts(*fits, unseen=unseen, findings=findings)}
-    name = choice.best.row.model
-    return name, recommendation(choice, found[name], findings, seen=False)
+    choice = choice.in_order_of([chosen.fit, *(each.fit for each in ranking if each is not chosen)])
+    return chosen.name, recommendation(choice, ranking, found[chosen.name], findings, seen=False)
 
 
 def test_an_implausible_model_is_not_recommended_over_a_plausible_one_within_noise():

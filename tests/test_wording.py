@@ -84,7 +84,7 @@ LIMITS = [
     {"code": "error-in-one-stretch", "share": 0.7, "first": 3000, "last": 3200},
     {"code": "search-not-finished", "ending": "stalled"},
 ]
-RECOMMENDED = {"fit_percent": 97.3, "models": 9, "seen": False, "verdict": "model-supported", "reasons": []}
+RECOMMENDED = {"fit_percent": 97.3, "models": 9, "folds": 1, "seen": False, "verdict": "model-supported", "reasons": []}
 
 EXAMPLES: tuple[Finding, ...] = (
     # linear estimation
@@ -337,8 +337,9 @@ EXAMPLES: tuple[Finding, ...] = (
                 "instead_of": "hammerstein",
                 "because": {"code": "map-leaves-range", **LEAVES},
                 "ratio": 1.013,
+                "parameters": [6, 6],
             },
-            {"instead_of": "hammerstein", "because": None, "ratio": 1.013},
+            {"instead_of": "hammerstein", "because": None, "ratio": 1.013, "parameters": [10, 57], "folds": 4},
         )
     ),
     Finding(

@@ -1,12 +1,13 @@
 """The one model that is recommended, with reasons, and the experiment to run next.
 
-The model with the smallest free-run error on unseen data is recommended, unless it is implausible and a plausible model
-is as good within noise (`emsid.selection.improvement`). A model that cannot be used is not recommended at all.
+The simplest model is recommended that is as good as the best within noise (`emsid.selection.improvement`), by the free
+runs over data that were left out of the fit (`ranking`). An implausible model is recommended only if it is better than
+every plausible one by more than noise. A model that cannot be used is not recommended at all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,10 @@ from emsid.findings import Finding, finite
 from emsid.first_look.advice import advice
 from emsid.first_look.dynamics import response
 from emsid.identification.plausibility import IMPLAUSIBLE
+from emsid.identification.ranking import Ranked, compared
 from emsid.record import Record
-from emsid.selection.improvement import StretchErrors, better
-from emsid.validation.comparison import Assessment, Comparison
+from emsid.selection.improvement import better, simplest
+from emsid.validation.comparison import Comparison
 
 EXPERIMENTS = {
     "record-too-short": "longer",
@@ -38,72 +40,70 @@ OF_REASONS = {
     "error-in-one-stretch": "repeat-input",
 }
 """The experiment that shows what is behind a reason against a model."""
+CLOSE = 1.1
+"""Models whose RMSE differ by a larger factor are not tied, however large the noise is."""
 TWO_SIDED = 0.05
 """An input goes both ways if it reaches this share of its largest value on either side."""
 
 
-def recommended_first(
-    comparison: Comparison, implausible: Collection[str], excluded: Collection[str] = ()
-) -> Comparison:
-    """The models with the recommended one first: the best, or a plausible one that is as good within noise.
+def recommended(ranking: Sequence[Ranked], implausible: Collection[str], unusable: Collection[str] = ()) -> Ranked:
+    """The model to recommend: the best plausible one, or a simpler one that is as good within noise.
+
+    An implausible model is recommended only where no plausible one is as good.
 
     Args:
-        comparison: the models on the data that choose, the best free run first.
+        ranking: the models with their errors.
         implausible: the names of the models that are implausible.
-        excluded: the names of models that are not recommended over any usable one, however small their error is.
+        unusable: the names of models that are not recommended over any other, however small their error is.
     """
-    if comparison.best.row.model in excluded:
-        others = (each for each in comparison.assessments if each.row.model not in excluded and _usable(each))
-        comparison = comparison.led_by(next(others, comparison.best))
-    best = comparison.best
-    if best.row.model not in implausible:
-        return comparison
-    other = next((each for each in comparison.assessments if each.row.model not in implausible), best)
-    if other is best or not _usable(other) or better(_stretches(best), than=_stretches(other)):
-        return comparison
-    return comparison.led_by(other)
+    usable = [each for each in compared(ranking) if each.name not in unusable] or compared(ranking)
+    best = min(usable, key=lambda each: each.errors.mean)
+    plausible = [each for each in usable if each.name not in implausible]
+    if best.name in implausible and not any(_tied(each, best) for each in plausible):
+        return simplest(usable, lambda each: each.size, as_good=_close)
+    return simplest(plausible, lambda each: each.size, as_good=_close)
 
 
-def _usable(assessment: Assessment) -> bool:
-    """Whether a free run is better than the mean of the output."""
-    return assessment.row.diverged_at is None and not assessment.row.fit_percent <= 0
+def _tied(model: Ranked, best: Ranked) -> bool:
+    """Whether a model is as good as the best, within noise."""
+    return _close(model, best) and not better(best.errors, model.errors)
 
 
-def _stretches(assessment: Assessment) -> StretchErrors:
-    """The squared free-run errors, each output in its own deviation."""
-    record, counted = assessment.record, assessment.simulation.counted
-    spread = record.output[counted].std(axis=0)
-    errors = (record.output - assessment.simulation.output) / np.where(spread > 0, spread, 1.0)
-    squares = np.mean(errors**2, axis=1)
-    squares[~np.isfinite(squares)] = np.inf
-    return StretchErrors.of(np.where(counted, squares, np.nan))
+def _close(model: Ranked, best: Ranked) -> bool:
+    """Whether errors differ so little that noise may decide: where data are few, noise alone would excuse anything."""
+    return bool(model.errors.mean <= CLOSE**2 * best.errors.mean)
 
 
-def recommendation(choice: Comparison, verdict: Finding, findings: Iterable[Finding], *, seen: bool) -> Finding:
+def recommendation(
+    choice: Comparison, ranking: Sequence[Ranked], verdict: Finding, findings: Iterable[Finding], *, seen: bool
+) -> Finding:
     """The recommended model with the reasons for it.
 
     Args:
         choice: the models on the data that chose, the recommended one first.
+        ranking: the models with their errors over all folds.
         verdict: on the recommended model.
         findings: about the models.
         seen: whether the models were fitted to some of these data.
     """
-    row = choice.best.row
+    row, among = choice.best.row, {each.name: each for each in compared(ranking)}
     data: dict[str, Any] = {
         "fit_percent": finite(row.fit_percent),
         "models": len(choice.rows),
+        "folds": max(len(each.folds) for each in ranking),
         "seen": seen,
         "verdict": verdict.code,
         "reasons": verdict.data["reasons"],
     }
     if verdict.code == "model-unusable":
         return Finding("no-model-recommended", row.model, data)
-    smallest = min(choice.rows, key=lambda each: each.ranked_by)
-    if smallest.ranked_by < row.ranked_by:
-        against = [each for each in findings if each.model == smallest.model and each.code in IMPLAUSIBLE]
+    smallest, own = min(among.values(), key=lambda each: each.errors.mean), among[row.model]
+    if smallest.errors.mean < own.errors.mean:
+        against = [each for each in findings if each.model == smallest.name and each.code in IMPLAUSIBLE]
         because = {"code": against[0].code, **against[0].data} if against else None
-        ratio = float(np.sqrt(row.ranked_by / smallest.ranked_by))
-        data |= {"instead_of": smallest.model, "because": because, "ratio": ratio}
+        ratio = float(np.sqrt(own.errors.mean / smallest.errors.mean))
+        data |= {"instead_of": smallest.name, "because": because, "ratio": ratio}
+        data |= {"parameters": [own.size, smallest.size]}
     return Finding("model-recommended", row.model, data)
 
 

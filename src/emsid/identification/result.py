@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from emsid.findings import Finding, plain
 from emsid.identification.characteristics import Characteristic, characteristics
 from emsid.identification.conclusions import next_steps, verdicts
+from emsid.identification.ranking import Ranked
 from emsid.identification.recommendation import experiment, recommendation
 from emsid.presentation import Presented
 from emsid.record import Record
@@ -35,6 +36,7 @@ class Identification(Presented):
         interrupted: whether it was stopped before all models were done.
         on_choice: the models on further unseen data that chose among them; None where `unseen` did.
         model_verdicts: the verdict on every model, with its residual tests and reasons, the recommended one first.
+        ranking: the models with their errors over the folds that ranked them, the smallest first.
     """
 
     record: Record
@@ -46,6 +48,7 @@ class Identification(Presented):
     interrupted: bool = False
     on_choice: Comparison | None = None
     model_verdicts: tuple[Finding, ...] = ()
+    ranking: tuple[Ranked, ...] = ()
 
     def __repr__(self) -> str:
         best = self.chosen.model.name[:40]
@@ -62,7 +65,7 @@ class Identification(Presented):
         verdict = self.model_verdicts[0]
         choice = self.on_choice or self.on_unseen
         return (
-            recommendation(choice, verdict, self.findings, seen=self.seen),
+            recommendation(choice, self.ranking, verdict, self.findings, seen=self.seen),
             experiment(verdict, self.record, self.unseen, seen=self.seen),
         )
 

@@ -30,7 +30,8 @@ from emsid.identification.observations import (
     profile_failure,
 )
 from emsid.identification.options import Options
-from emsid.identification.recommendation import recommended_first
+from emsid.identification.ranking import Ranked, ranked
+from emsid.identification.recommendation import recommended
 from emsid.identification.records import Records, given_records
 from emsid.identification.requests import (
     check_physics,
@@ -126,7 +127,10 @@ def identify(
     taken = _profiles(found.fits, () if found.stopped else options.profile, control)
     on_record = compare(found.fits, train, transient=transient, data="identification")
     about_fits = about_the_fits(found.fits, train)
-    on_choice, on_unseen = _chosen(found.fits, test, transient, about_fits, divide=not others)
+    on_choice, on_unseen = _held_back(found.fits, test, transient, divide=not others)
+    ranking = ranked(on_choice or on_unseen, None if others else train, options, excluded_models(about_fits), control)
+    order = _order(on_choice or on_unseen, ranking, about_fits)
+    on_choice, on_unseen = on_choice and on_choice.in_order_of(order), on_unseen.in_order_of(order)
     test = on_unseen.best.record
     stopped = found.stopped or taken.stopped or control.cancelled()
     findings = [
@@ -138,7 +142,7 @@ def identify(
         *taken.failed,
     ]
     verdicts = model_verdicts(on_record, on_unseen, about_fits)
-    about = tuple(findings), taken.profiles, stopped, on_choice, verdicts
+    about = tuple(findings), taken.profiles, stopped, on_choice, verdicts, ranking
     return Identification(train, test, on_record, on_unseen, *about)
 
 
@@ -180,16 +184,25 @@ def _long_enough(record: Record) -> Record:
     )
 
 
-def _chosen(
-    fits: Sequence[Fit[Any]], unseen: Record, transient: int | None, findings: Sequence[Finding], *, divide: bool
+def _held_back(
+    fits: Sequence[Fit[Any]], unseen: Record, transient: int | None, *, divide: bool
 ) -> tuple[Comparison | None, Comparison]:
     """The models on the unseen data that choose among them, None where all do, and on those that give their errors."""
     parts = choice_and_headline(unseen) if divide and len(fits) > 1 else None
-    against = implausible_models(findings), excluded_models(findings)
     if parts is None:
-        return None, recommended_first(compare(fits, unseen, transient=transient, data="unseen"), *against)
-    choice = recommended_first(compare(fits, parts[0], transient=transient, data="choice"), *against)
-    return choice, compare(fits, parts[1], transient=transient, data="unseen").in_order_of(choice)
+        return None, compare(fits, unseen, transient=transient, data="unseen")
+    choice, headline = parts
+    return compare(fits, choice, transient=transient, data="choice"), compare(
+        fits, headline, transient=transient, data="unseen"
+    )
+
+
+def _order(choice: Comparison, ranking: Sequence[Ranked], findings: Sequence[Finding]) -> list[Fit[Any]]:
+    """The models, the recommended one first and the others by their errors."""
+    rows = choice.rows
+    useless = {row.model for row in rows if row.diverged_at is not None or row.fit_percent <= 0}
+    first = recommended(ranking, implausible_models(findings), useless | excluded_models(findings))
+    return [first.fit, *(each.fit for each in ranking if each is not first)]
 
 
 @dataclass(frozen=True)

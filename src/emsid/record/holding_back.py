@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,6 +23,8 @@ Split = tuple[Sequence[Record], Sequence[Record]]
 
 # Records with fewer samples than `SHORT` in total are cross-validated: each of `FOLDS` parts is unseen once.
 SHORT, FOLDS = 4_000, 4
+NEAR = 0.25
+"""A stretch ends at a gap that is nearer to its end than this share of its length."""
 LEAST_PART = 1_000
 """Unseen data are divided into a part that chooses and one that does not where each gets at least this many samples."""
 
@@ -103,6 +106,43 @@ def validation_splits(records: Sequence[Record], fraction: float) -> tuple[list[
 def folded(records: Sequence[Record]) -> tuple[list[Record], list[Split]]:
     """All records for a search to see, and `FOLDS` splits, in which every part of every record is unseen once."""
     return list(records), [_without_fold(records, k) for k in range(FOLDS)]
+
+
+def left_out_once(record: Record, folds: int, purged: int) -> list[tuple[Record, Record]]:
+    """Splits of a record in which every sample is left out once: the rest, and the part that is left out.
+
+    In a series of experiments every part is every k-th experiment. Otherwise the parts are stretches of about equal
+    length, with an edge at a gap where one is near.
+
+    Args:
+        record: of at least ``folds`` samples.
+        folds: k, at least two.
+        purged: samples on either side of a stretch that are in no part, as their noise is that of the stretch.
+    """
+    if is_series(record, folds):
+        pieces = record.segments
+        return [
+            (concatenate([p for n, p in enumerate(pieces) if n % folds != k]), concatenate(pieces[k::folds]))
+            for k in range(folds)
+        ]
+    found, place = [], np.arange(len(record))
+    edges = _edges(record, folds)
+    for first, stop in pairwise(edges):
+        out = (place >= first - (first not in record.breaks) * purged) & (
+            place < stop + (stop not in record.breaks) * purged
+        )
+        found.append((record.mask(out), record[first:stop]))
+    return found
+
+
+def _edges(record: Record, folds: int) -> list[int]:
+    """The first sample of every stretch, and the end; at a gap that is nearer than `NEAR` stretches."""
+    inner = []
+    for k in range(1, folds):
+        edge = round(k * len(record) / folds)
+        gap = min(record.breaks, key=lambda each: abs(each - edge), default=edge)
+        inner.append(gap if abs(gap - edge) < NEAR * len(record) / folds else edge)
+    return [0, *inner, len(record)]
 
 
 def is_series(record: Record, k: int) -> bool:

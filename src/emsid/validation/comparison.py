@@ -145,14 +145,10 @@ class Comparison(Presented):
 
     assessments: tuple[Assessment, ...]
 
-    def in_order_of(self, choice: Comparison) -> Comparison:
-        """The same assessments in the order of the same models in another comparison."""
-        place = {id(fit): k for k, fit in enumerate(choice.fits)}
+    def in_order_of(self, fits: Sequence[Fit[Any]]) -> Comparison:
+        """The same assessments in the order of these fits."""
+        place = {id(fit): k for k, fit in enumerate(fits)}
         return Comparison(tuple(sorted(self.assessments, key=lambda each: place[id(each.fit)])))
-
-    def led_by(self, chosen: Assessment) -> Comparison:
-        """The same with one of the assessments first."""
-        return Comparison((chosen, *(each for each in self.assessments if each is not chosen)))
 
     @property
     def rows(self) -> tuple[Row, ...]:

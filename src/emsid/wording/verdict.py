@@ -95,16 +95,22 @@ def model_unusable(f: Finding, argument: Spelling) -> str:
 
 @words("model-recommended")
 def model_recommended(f: Finding, argument: Spelling) -> str:
-    """Subject: the model. Data: fit_percent, models, seen, verdict, reasons; instead_of, because (None for no
-    finding), ratio where another model has a smaller error that is so within noise."""
+    """Subject: the model. Data: fit_percent, models, folds (parts of the data that were left out of a fit in turn),
+    seen, verdict, reasons; instead_of, because (None for no finding), ratio and parameters (of it and of the other)
+    where another model has a smaller error that is so within noise."""
     d = f.data
     where = "the data they were fitted to" if d["seen"] else "unseen data"
+    if d["folds"] > 1:
+        where = f"{d['folds']} parts of the data, each unseen by the fit that was run on it,"
     fit = "" if d["fit_percent"] is None else f" (a fit of {d['fit_percent']:.1f} %)"
     if "instead_of" in d:
-        because = "" if d["because"] is None else f", and is implausible ({reason_in_words(d['because'])})"
+        own, other = d["parameters"]
+        against = [f"needs {other} parameters instead of {own}"] if other > own else []
+        if d["because"] is not None:
+            against.append(f"is implausible ({reason_in_words(d['because'])})")
         why = (
-            f"{d['instead_of']} has a smaller error on {where}, by {100 * (d['ratio'] - 1):.2g} %, which is within "
-            f"noise{because}; {f.subject} is preferred{fit}"
+            f"{d['instead_of']} has a smaller error on {where} by {100 * (d['ratio'] - 1):.2g} %, which is within "
+            f"noise{f', and {listed(against)}' if against else ''}; {f.subject} is preferred{fit}"
         )
     elif d["models"] > 1:
         why = f"its free run on {where} has the smallest error of {d['models']} models{fit}"

@@ -1,0 +1,156 @@
+"""The ranking of fitted models over folds that cover all the data that may choose.
+
+One part of a record that was held back says little where the record is short or changes its character. Here every
+stretch of the data is left out once. The structure of a model is kept, and its parameters are fitted again to the rest,
+from the known estimate and in a few steps (`emsid.models.refitting`). Its free run over the stretch that was left out
+is compared with those of the others by the one rule, `better`. The paired stretches come from all folds, so their
+spread, the noise of the ranking, contains what differs from fold to fold. Where a fold reaches amplitudes that the rest
+does not, models extrapolate; their errors there are large, and weigh more in the mean square.
+
+The part that was held back from the fits is the first fold, and needs no other fit. It selects the models that are
+followed over the other folds: those with at most `HOPELESS` times its smallest error. Where it has `MANY` samples or
+only one model is left, it decides alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError
+from emsid.estimation.fit import Fit
+from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.identification.options import Options
+from emsid.models.free_run import free_run
+from emsid.models.model import Run
+from emsid.models.refitting import refitted
+from emsid.record import Record, concatenate
+from emsid.record.holding_back import left_out_once
+from emsid.selection.improvement import STRETCHES, StretchErrors
+from emsid.validation.comparison import Assessment, Comparison
+
+Array = NDArray[np.float64]
+
+FOLDS = 4
+"""The parts of the data that are left out in turn, with the one that was held back from the fits."""
+HOPELESS = 2.0
+"""A model whose error on the held-back part is larger than the smallest by this factor is not followed further."""
+MANY = 5_000
+"""A held-back part of this many samples decides alone."""
+LEAST = 3
+"""A fold has at least this many samples for each that starts a model."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ranked:
+    """A model with its free-run errors on data that its parameters are not from.
+
+    Attributes:
+        fit: the model.
+        folds: its squared errors over the variance of the output, stretch by stretch, on every part that was left out.
+    """
+
+    fit: Fit[Any]
+    folds: tuple[StretchErrors, ...]
+
+    @property
+    def name(self) -> str:
+        """Of the model."""
+        name: str = self.fit.model.name
+        return name
+
+    @property
+    def size(self) -> int:
+        """The number of estimated parameters."""
+        return len(self.fit.estimate)
+
+    @cached_property
+    def errors(self) -> StretchErrors:
+        """Over all folds."""
+        return StretchErrors.joined(self.folds)
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the mean square error over the stretches of all folds; NaN where a run diverges."""
+        means = self.errors.means[self.errors.samples > 0]
+        return float(np.std(means, ddof=1) / np.sqrt(len(means))) if len(means) > 1 else float("nan")
+
+
+def ranked(
+    choice: Comparison,
+    fitted: Record | None,
+    options: Options,
+    excluded: Collection[str] = (),
+    control: Control = FREE,
+) -> tuple[Ranked, ...]:
+    """The models of a comparison with their errors over the folds, the smallest first; then those not followed.
+
+    Args:
+        choice: the models on the part of the data that was held back from their fits.
+        fitted: the data they were fitted to; None where the held-back part decides alone.
+        options: how regressions are fitted.
+        excluded: names of models that are not recommended whatever their error is.
+        control: when to stop; the held-back part then decides.
+    """
+    scale = _scale(choice.best.record if fitted is None else concatenate([fitted, choice.best.record]))
+    alone = [
+        Ranked(each.fit, (_errors(each.simulation, each.record, scale, STRETCHES),)) for each in choice.assessments
+    ]
+    alone.sort(key=lambda each: each.errors.mean)
+    if fitted is None or len(choice.best.record) >= MANY:
+        return tuple(alone)
+    usable = [each for each in choice.assessments if each.row.model not in excluded] or [choice.best]
+    followed = [each for each in usable if each.row.ranked_by <= HOPELESS**2 * usable[0].row.ranked_by]
+    start = int(np.argmax(choice.best.simulation.counted))
+    if len(followed) < 2 or len(fitted) // (FOLDS - 1) < LEAST * start:
+        return tuple(alone)
+    try:
+        over_all = _over_folds(followed, fitted, scale, options, control)
+    except Stopped:
+        return tuple(alone)
+    over_all.sort(key=lambda each: each.errors.mean)
+    fits = {id(each.fit) for each in over_all}
+    return (*over_all, *(each for each in alone if id(each.fit) not in fits))
+
+
+def compared(ranking: Sequence[Ranked]) -> list[Ranked]:
+    """The models that were followed over all folds, so that their errors are on the same samples."""
+    most = max(len(each.folds) for each in ranking)
+    return [each for each in ranking if len(each.folds) == most]
+
+
+def _over_folds(
+    followed: Sequence[Assessment], fitted: Record, scale: Array, options: Options, control: Control
+) -> list[Ranked]:
+    """The models with their errors on the held-back part, and, fitted again to all the rest, on the other folds."""
+    held_back = followed[0].record
+    start = int(np.argmax(followed[0].simulation.counted))
+    found = [[_errors(each.simulation, each.record, scale, STRETCHES // FOLDS)] for each in followed]
+    for number, (rest, part) in enumerate(left_out_once(fitted, FOLDS - 1, start), 2):
+        others = concatenate([rest, held_back])
+        for one, errors in zip(followed, found, strict=True):
+            control.doing(f"ranking {one.row.model}", number, FOLDS)
+            try:
+                model = refitted(one.fit, others, linear=options.estimate, control=control)
+                errors.append(_errors(free_run(model, part, start), part, scale, STRETCHES // FOLDS))
+            except EmsidError:  # these data do not suit it
+                errors.append(StretchErrors.of(np.full(len(part), np.inf), STRETCHES // FOLDS))
+    return [Ranked(one.fit, tuple(errors)) for one, errors in zip(followed, found, strict=True)]
+
+
+def _errors(run: Run, record: Record, scale: Array, stretches: int) -> StretchErrors:
+    """The squared free-run errors, each output in its own scale (ny,), stretch by stretch."""
+    squares = np.mean(((record.output - run.output) / scale) ** 2, axis=1)
+    squares[~np.isfinite(squares)] = np.inf
+    return StretchErrors.of(np.where(run.counted, squares, np.nan), stretches)
+
+
+def _scale(record: Record) -> Array:
+    """(ny,) the standard deviation of every output; one where it is constant."""
+    spread = record.output.std(axis=0)
+    return np.where(spread > 0, spread, 1.0)

@@ -1,0 +1,143 @@
+"""`refitted`: the structure of a fit, estimated from other data.
+
+The search begins at the estimate and takes a few steps only, without intervals. Repeated without one part of the data
+after another, it shows the error of a structure on data that its parameters are not from, at a small part of the cost
+of a fit.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from emsid.errors import ModelError
+from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.linear.least_squares import least_squares
+from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.models.blocks import fitting as cascades
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.feedback import fitting as feedback
+from emsid.models.feedback.model import FeedbackModel
+from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
+from emsid.models.linear.state_space import StateSpaceModel
+from emsid.models.linear.subspace_fit import fit_state_space, state_space
+from emsid.models.model import Model
+from emsid.models.one_channel import segments_longer_than
+from emsid.models.plants.free_run_error import FreeRunError
+from emsid.models.plants.grey_box import GreyBox
+from emsid.models.plants.search.result import GreyBoxFit
+from emsid.models.regression.free_run_fit import fit_free_run
+from emsid.models.regression.narx import Narx, Structure
+from emsid.record import Record
+
+STEPS = 8
+"""Steps from the estimate of the whole data to that of a part of them."""
+SAVING = 1e-3
+"""The search ends once a few steps lower the cost by less than this share."""
+
+Linear = Callable[[Structure, Sequence[Record]], Fit[Narx]]
+"""How a regression is fitted one step ahead."""
+
+
+def refitted(
+    fit: Fit[Any], records: Record | Sequence[Record], *, linear: Linear = least_squares, control: Control = FREE
+) -> Model:
+    """The model of a fit with the parameters that suit other data.
+
+    Args:
+        fit: its structure and the parameters that it estimated are kept, and its estimate begins the search.
+        records: the other data, of the same channels and sample time.
+        linear: fits a regression that was fitted one step ahead.
+        control: when to stop.
+
+    Raises:
+        ModelError: for a kind of model that cannot be fitted again, or data that do not suit it.
+        Stopped: if ``control`` stops it.
+    """
+    several = (records,) if isinstance(records, Record) else tuple(records)
+    control.check()
+    for kind in type(fit.model).__mro__:
+        if kind in REFITTED:
+            found: Model = REFITTED[kind](fit, several, linear, control)
+            if control.ending is Ending.INTERRUPTED:
+                raise Stopped(Ending.INTERRUPTED)
+            return found
+    raise ModelError(f"a model of type {type(fit.model).__name__} cannot be fitted again; add its type to REFITTED")
+
+
+def _regression(fit: Fit[Narx], records: Sequence[Record], linear: Linear, control: Control) -> Model:
+    structure = fit.model.structure
+    if fit.method != "gn":
+        return linear(structure, records).model
+    quick: dict[str, Any] = {"max_iterations": STEPS, "least_saving": SAVING, "covariances": False}
+    return fit_free_run(structure, records, start=fit.estimate, control=control, **quick).model
+
+
+def _cascade(fit: Fit[Cascade], records: Sequence[Record], _: Linear, control: Control) -> Model:
+    minimum, problem = cascades.search(
+        fit.model, records, max_iterations=STEPS, least_saving=SAVING, control=control.quietly()
+    )
+    return problem.model(minimum.estimate)
+
+
+def _feedback(fit: Fit[FeedbackModel], records: Sequence[Record], _: Linear, control: Control) -> Model:
+    segments = segments_longer_than(fit.model.memory, fit.model, records)
+    found = feedback.searched(fit.model, segments, fit.model.edge, STEPS, 0.1, control.quietly(), SAVING)
+    return found.model
+
+
+def _polynomials(fit: Fit[PolynomialModel], records: Sequence[Record], _: Linear, control: Control) -> Model:
+    model = fit.model
+    (inputs, nb), nf = model.b.shape, model.f.shape[1]
+    orders = len(model.a), nb, len(model.c), len(model.d), nf, model.delay, inputs
+    structure = PolynomialStructure(*orders, constant="offset" in fit.names, name=model.name)
+    return fit_polynomials(structure, records, start=fit.estimate, max_iterations=STEPS, control=control).model
+
+
+def _state_space(fit: Fit[StateSpaceModel], records: Sequence[Record], _: Linear, control: Control) -> Model:
+    """By a subspace method again: its start needs no search."""
+    model = fit.model
+    structure = replace(state_space(model.order, direct=bool(model.d.any())), name=model.name)
+    free_run = not model.k.any()
+    return fit_state_space(structure, records, free_run=free_run, max_iterations=STEPS, control=control).model
+
+
+def _plant(fit: Fit[GreyBox], records: Sequence[Record], _: Linear, control: Control) -> Model:
+    if not isinstance(fit, GreyBoxFit):
+        raise ModelError(f"{fit.model.name}: it has not been fitted, so there is nothing to fit again")
+    plant, signals = fit.model.plant, fit.model.signals
+    segments = [segment for record in records for segment in record.segments if len(segment) > fit.model.memory]
+    states = [plant.first_state(signals, segment) for segment in segments]
+    unknown = [plant.free_states(signals, segment) for segment in segments]
+    threads = os.cpu_count() or 1
+    problem = FreeRunError(plant, signals, segments, fit.names, states, unknown, fit.weighting, threads)
+    lower, upper = problem.within(fit.limits)
+    found = gauss_newton(
+        problem,
+        np.clip(problem.start, lower, upper),
+        lower=lower,
+        upper=upper,
+        max_iterations=STEPS,
+        least_saving=SAVING,
+        names=problem.names,
+        covariances=False,
+        control=control.quietly(),
+    )
+    return replace(fit.model, plant=problem.plant_at(found.estimate))
+
+
+REFITTED: dict[type, Callable[[Any, Sequence[Record], Linear, Control], Model]] = {
+    Narx: _regression,
+    Cascade: _cascade,
+    FeedbackModel: _feedback,
+    PolynomialModel: _polynomials,
+    StateSpaceModel: _state_space,
+    GreyBox: _plant,
+}
+"""How each kind of model is fitted again; the search does not report, as its steps are a part of another activity."""

@@ -1,0 +1,220 @@
+"""The ranking over folds: splits that cover the record, structures fitted again to the rest, the choice by noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+import emsid
+from emsid.blocks import PiecewiseLinear, Rational
+from emsid.estimation.linear.least_squares import least_squares
+from emsid.estimation.nonlinear.control import Control, Stopped
+from emsid.identification import ranking as ranking_module
+from emsid.identification.options import Options
+from emsid.identification.ranking import FOLDS, Ranked, ranked
+from emsid.identification.recommendation import recommended
+from emsid.models.free_run import free_run_error
+from emsid.models.refitting import REFITTED, refitted
+from emsid.record.holding_back import left_out_once
+from emsid.selection.improvement import StretchErrors, better
+from emsid.validation.comparison import as_fit, compare
+
+DT, POLE = 0.01, 0.9
+
+
+def drive(seed=0, samples=1200, pole=POLE, gain=1.0, low=-1.0, high=1.0, noise=0.02):
+    """A first-order drive with a dead zone of 0.2, with noise."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(low, high, samples // 8 + 1), 8)[:samples]
+    x = gain * np.sign(u) * np.maximum(np.abs(u) - 0.2, 0)
+    y = lfilter([0.0, 1 - pole], [1.0, -pole], x) + noise * rng.standard_normal(samples)
+    return emsid.Record(u, y, DT, input_units=("V",), output_units=("rad/s",), name=f"drive {seed}")
+
+
+# --- folds -----------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.integers(2, 5), st.integers(0, 6), st.lists(st.integers(1, 199), max_size=12, unique=True), st.integers(0, 1000)
+)
+def test_every_sample_is_left_out_once_and_none_is_in_both_parts(folds, purged, breaks, seed):
+    whole = emsid.Record(np.arange(200.0), np.zeros(200), 0.1, breaks=tuple(sorted(breaks)))
+    splits = left_out_once(whole, folds, purged)
+    out = np.concatenate([part.input[:, 0] for _, part in splits])
+    assert sorted(out) == list(range(200))
+    for rest, part in splits:
+        inside = set(part.input[:, 0])
+        kept = rest.input[:, 0]
+        assert not inside & set(kept)
+        lost = 200 - len(kept) - len(inside)
+        assert 0 <= lost <= 2 * purged * max(len(part.segments), 1)
+
+
+def test_stretches_end_at_the_gaps_between_records():
+    whole = emsid.concatenate([drive(k, samples) for k, samples in enumerate((300, 340, 290))])
+    assert [len(part) for _, part in left_out_once(whole, 3, 5)] == [300, 340, 290]
+    assert all(len(rest) + len(part) == len(whole) for rest, part in left_out_once(whole, 3, 5))
+
+
+# --- fitted again ----------------------------------------------------------------------------------------------------
+
+
+def structures():
+    """Something of every kind that can be fitted again."""
+    yield emsid.arx(na=1, nb=1), {}
+    yield emsid.arx(na=1, nb=1), {"free_run": True}
+    yield emsid.Cascade((PiecewiseLinear((-1, -0.2, 0.2, 1), (-0.7, 0, 0, 0.7)), Rational([0.1], [-0.9], 1))), {}
+    yield emsid.box_jenkins(nb=1, nc=0, nd=0, nf=1), {}
+    yield emsid.state_space(order=1), {"free_run": True}
+    yield emsid.feedback(order=1, maps=1, static=emsid.blocks.DeadZone()), {}
+    yield emsid.plants.rigid_motor(), {}
+
+
+@pytest.fixture(scope="module")
+def fits():
+    return [emsid.fit(what, drive(0, 600), **options) for what, options in structures()]
+
+
+def test_every_kind_of_model_can_be_fitted_again(fits):
+    assert {type(fit.model) for fit in fits} == set(REFITTED)
+
+
+def test_a_model_fitted_again_to_its_own_data_is_the_same(fits):
+    record = drive(0, 600)
+    for fit in fits:
+        again = refitted(fit, record)
+        errors = [free_run_error(model, [record]) for model in (fit.model, again)]
+        assert errors[1] == pytest.approx(errors[0], rel=0.02), fit.model.name
+        assert again.name == fit.model.name
+
+
+def test_a_model_fitted_again_to_another_drive_follows_it(fits):
+    other = drive(1, 600, pole=0.85, gain=1.5)
+    for fit in fits:
+        before, after = (free_run_error(model, [other]) for model in (fit.model, refitted(fit, other)))
+        assert after < 0.3 * before, fit.model.name
+        assert (
+            after < 1.05 * free_run_error(emsid.fit(fit.model, other).model, [other])
+            if isinstance(fit.model, emsid.Cascade)
+            else True
+        )
+
+
+def test_a_regression_is_fitted_again_as_the_options_say(fits):
+    seen = []
+
+    def linear(structure, records):
+        seen.append(structure.name)
+        return least_squares(structure, records, ridge=10.0)
+
+    again = refitted(fits[0], drive(0), linear=linear)
+    assert seen == ["arx"]
+    assert free_run_error(again, [drive(0)]) != free_run_error(fits[0].model, [drive(0)])
+
+
+def test_a_cancelled_refit_is_stopped(fits):
+    with pytest.raises(Stopped):
+        refitted(fits[0], drive(0), control=Control(cancelled=lambda: True))
+    with pytest.raises(emsid.ModelError, match="cannot be fitted again"):
+        refitted(replace(fits[0], model=object()), drive(0))
+
+
+# --- the choice ------------------------------------------------------------------------------------------------------
+
+
+def model(size, errors, name):
+    """A model of some parameters with these mean square errors of its stretches."""
+    fit = replace(as_fit(emsid.Cascade((Rational([0.1], [-0.9], 1),), name=name)), estimate=np.zeros(size))
+    errors = np.asarray(errors, dtype=float)
+    return Ranked(fit, tuple(StretchErrors(each, np.full(len(each), 100.0)) for each in np.split(errors, FOLDS)))
+
+
+def noisy(mean, spread, seed=0):
+    """(16,) mean square errors."""
+    return mean + spread * np.random.default_rng(seed).standard_normal(16)
+
+
+def test_a_large_model_needs_to_be_better_than_a_small_one_by_more_than_noise():
+    small = model(10, noisy(1.0, 0.1), "small")
+    within, beyond = model(57, noisy(0.97, 0.1, 2), "large"), model(57, noisy(0.6, 0.1, 1), "large")
+    assert within.errors.mean < small.errors.mean
+    assert recommended([within, small], ()).name == "small"
+    assert recommended([beyond, small], ()).name == "large"
+
+
+def test_few_data_do_not_excuse_a_much_larger_error():
+    small, large = model(3, noisy(1.9, 2.0), "small"), model(5, noisy(1.0, 2.0, 2), "large")
+    assert not better(large.errors, than=small.errors)
+    assert recommended([small, large], ()).name == "large"
+    assert recommended([small, large], {"large"}).name == "large"
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(1, 60), st.floats(0.5, 2.0), st.booleans(), st.booleans()), min_size=1, max_size=6),
+    st.integers(0, 100),
+)
+def test_what_is_recommended_is_tied_with_the_best_or_plausible(kinds, seed):
+    ranking = [model(size, noisy(mean, 0.2, seed + k), str(k)) for k, (size, mean, _, _) in enumerate(kinds)]
+    implausible = {str(k) for k, each in enumerate(kinds) if each[2]}
+    unusable = {str(k) for k, each in enumerate(kinds) if each[3]}
+    chosen = recommended(ranking, implausible, unusable)
+    usable = [each for each in ranking if each.name not in unusable] or ranking
+    assert chosen in usable
+    same = [each for each in usable if (each.name in implausible) <= (chosen.name in implausible)]
+    best = min(same, key=lambda each: each.errors.mean)
+    assert chosen is best or (not better(best.errors, than=chosen.errors) and chosen.size <= best.size)
+
+
+def misleading():
+    """A record whose last part does not show the dead zone, and the models of all of it."""
+    first = emsid.concatenate([drive(3, 1200, low=0.3, noise=0.05), drive(5, 300, low=-1.0, high=-0.3, noise=0.05)])
+    last = drive(4, 600, low=0.4, noise=0.05)
+    fits = [
+        emsid.fit(emsid.arx(na=1, nb=1, constant=True), first, free_run=True),
+        emsid.fit(emsid.Cascade((emsid.blocks.DeadZone(-0.1, 0.1, 1, 1), Rational([0.1], [-0.9], 1))), first),
+    ]
+    return first, compare(fits, last, data="choice")
+
+
+def test_folds_over_the_whole_record_see_what_its_last_part_does_not_show():
+    fitted, choice = misleading()
+    found = ranked(choice, fitted, Options())
+    assert [len(each.folds) for each in found] == [FOLDS, FOLDS]
+    assert found[0].fit.model.name != "arx"
+    assert recommended(found, ()).name == found[0].name
+    ratios = [np.sqrt(arx.mean / cascade.mean) for cascade, arx in zip(found[0].folds, found[1].folds, strict=True)]
+    assert ratios[0] < 1.3
+    assert ratios[-1] > 5
+
+
+def test_the_held_back_part_decides_alone_where_it_is_long_or_there_is_no_time(monkeypatch):
+    fitted, choice = misleading()
+    late = Control(cancelled=lambda: True)
+    assert [len(each.folds) for each in ranked(choice, fitted, Options(), control=late)] == [1, 1]
+    assert [len(each.folds) for each in ranked(choice, None, Options())] == [1, 1]
+    assert [len(each.folds) for each in ranked(choice, fitted, Options(), {choice.rows[0].model})] == [1, 1]
+    monkeypatch.setattr(ranking_module, "MANY", 600)
+    assert [len(each.folds) for each in ranked(choice, fitted, Options())] == [1, 1]
+
+
+def test_a_model_that_some_folds_do_not_suit_is_last():
+    fitted, choice = misleading()
+    never = ranking_module.refitted
+
+    def refuses(fit, *arguments, **options):
+        if fit.model.name == "arx":
+            raise emsid.ModelError("these data do not suit it")
+        return never(fit, *arguments, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ranking_module, "refitted", refuses)
+        found = ranked(choice, fitted, Options())
+    assert found[-1].name == "arx"
+    assert np.isinf(found[-1].errors.mean)

@@ -119,6 +119,23 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("alternatives-fit-as-well", data={"instead": ["inductance", "sensor.lag"], "of": "drive.delay"}),
     Finding("alternatives-fit-as-well", data={"instead": ["drive.delay"], "of": None}),
     Finding("parameter-drifts", "offset", {"halves": [-3.247, -3.532], "unit": "N"}),
+    Finding(
+        "parameters-by-record",
+        "rigid-motor",
+        {"parameters": ["rotor_inertia"], "records": ["a", "b", "c"], "typical": [2.5e-4], "units": ["kg*m^2"]},
+    ),
+    Finding(
+        "parameters-by-record",
+        "motor",
+        {
+            "parameters": ["load_inertia", "load_torque"],
+            "records": ["a", "b"],
+            "typical": [2.5e-4, -0.01],
+            "units": ["kg*m^2", "N*m"],
+        },
+    ),
+    Finding("single-record", "bench.csv", {"parameters": ["rotor_inertia"]}),
+    Finding("single-record", "bench.csv", {"parameters": ["rotor_inertia", "load_torque"]}),
     Finding("steps-used-up", data=SO_FAR | {"steps": 1}),
     Finding("time-used-up", data=SO_FAR | {"offset": None}),
     Finding("search-cancelled", data=SO_FAR),

@@ -169,7 +169,7 @@ def physical_table(fit: GreyBoxFit) -> Table:
     """A table of the parameters of a plant and, if some are not identifiable, of the identifiable combinations."""
     from emsid.models.plants.search.result import Status
 
-    rows = [(row.name, row.symbol, row.value, _width(row), row.unit, row.how) for row in fit.table]
+    rows = [(row.name, row.symbol, row.value, _width(row), row.unit, row.how) for row in fit.shared]
     if any(row.status in (Status.KEPT, Status.CONDITIONAL) for row in fit.table):
         rows += [
             (each.name, each.formula, each.value, _half(error), each.unit, together.how)
@@ -183,6 +183,19 @@ def physical_table(fit: GreyBoxFit) -> Table:
     headings |= dict.fromkeys(("value", "±"), "right")
     headings |= dict.fromkeys(("unit", "status"), "left")
     return plain_table(f"{fit.model.name}, with 95 % intervals", headings, lines)
+
+
+def own_parameters_table(fit: GreyBoxFit) -> Table:
+    """A table of the parameters that differ by record: a line for every record."""
+    first = next(iter(fit.by_record.values()))
+    headings: dict[str, Align] = {"record": "left"}
+    for name, row in first.items():
+        headings |= {f"{name}, {plain_unit(row.unit)}" if row.unit else name: "right", f"± {name}": "right"}
+    lines = [
+        (record, *(cell for row in rows.values() for cell in (f"{row.value:.5g}", _width(row) or row.how)))
+        for record, rows in fit.by_record.items()
+    ]
+    return plain_table(f"{fit.model.name}, by record, with 95 % intervals", headings, lines)
 
 
 def _width(row: Estimate) -> str:

@@ -118,7 +118,7 @@ class Physical:
     summary: str
     plant: Plant
     refinements: tuple[Refinement, ...] = REFINEMENTS
-    uses: ClassVar[tuple[str, ...]] = ("fixed", "datasheet", "codes", "free", "recent", "hold", "profile")
+    uses: ClassVar[tuple[str, ...]] = ("fixed", "datasheet", "codes", "free", "recent", "hold", "per_record", "profile")
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose the refinements unless ``free`` is given, then fit to the whole record."""
@@ -137,6 +137,7 @@ class Physical:
                 datasheet=applicable(options.datasheet, plant),
                 weighting=weighting,
                 hold=options.hold,
+                per_record=options.per_record,
                 control=control,
             )
         return choose(
@@ -146,6 +147,7 @@ class Physical:
             datasheet=options.datasheet,
             weighting=None if options.recent is None else weighting,
             hold=options.hold,
+            per_record=options.per_record,
             refinements=self.refinements,
             control=control,
         )

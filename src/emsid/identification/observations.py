@@ -214,7 +214,8 @@ def built_in_values(fit: Fit[Any], options: Options) -> list[Finding]:
         return []
     plant = fit.model.plant
     given = (name for name, each in applicable(options.datasheet, plant).items() if each.value is not None)
-    taken = [name for name in (*options.free, *options.fixed, *given) if name in plant.handles]
+    asked = (row.name for row in fit.table)
+    taken = [name for name in (*options.free, *options.fixed, *given, *asked) if name in plant.handles]
     kept = [
         {"name": name, "value": float(plant.value(name)), "unit": plant.handles[name].parameter.unit}
         for name in without_overlap(plant, plant.default_free, taken)

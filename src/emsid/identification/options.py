@@ -44,6 +44,7 @@ class Options:
         recent: time in s after which errors of physical models are forgotten; see `Recent`. By default, never.
         hold: how the input goes on between its samples: ``"zero"`` (held), ``"first"`` (straight to the next one) or
             ``"record"`` (as each record shows); by default decided from the data.
+        per_record: physical parameters that have a value of their own in every record, such as the load.
         profile: physical parameters whose likelihood profiles are computed.
         held_back: fraction of the record that is selection data; see `emsid.record.hold_back`.
     """
@@ -64,11 +65,12 @@ class Options:
     free: tuple[str, ...] = ()
     recent: float | None = None
     hold: Hold | str | None = None
+    per_record: tuple[str, ...] = ()
     profile: tuple[str, ...] = ()
     held_back: float = 0.25
 
     def __post_init__(self) -> None:
-        for name in ("free", "profile"):
+        for name in ("free", "per_record", "profile"):
             object.__setattr__(self, name, as_names(getattr(self, name)))
         if self.static is not None:
             object.__setattr__(self, "static", family_of(self.static))

@@ -89,6 +89,7 @@ def understood(options: Options, models: Sequence[str]) -> Options:
     return replace(
         options,
         free=tuple(map(full, options.free)),
+        per_record=tuple(map(full, options.per_record)),
         profile=tuple(map(full, options.profile)),
         fixed=values,
         datasheet=sheet,
@@ -105,7 +106,7 @@ def check_physics(plants: Mapping[str, Plant], models: Sequence[str], options: O
     _check_there_are_plants(plants, models, options)
     for name in options.profile:
         _check_profile(plants, name, options)
-    for name in (*options.fixed, *options.free):
+    for name in (*options.fixed, *options.free, *options.per_record):
         _owners(plants, name)
 
 
@@ -122,6 +123,7 @@ def _check_datasheet(plants: Mapping[str, Plant], models: Sequence[str], options
 
 def _check_there_are_plants(plants: Mapping[str, Plant], models: Sequence[str], options: Options) -> None:
     asked = {"fixed": options.fixed, "free": options.free, "profiled": options.profile}
+    asked |= {"estimated for each record": options.per_record}
     if any(asked.values()) and not plants:
         what, names = next((what, names) for what, names in asked.items() if names)
         usable = [name for name, each in CANDIDATES.items() if isinstance(each, Physical)]

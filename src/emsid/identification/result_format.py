@@ -29,7 +29,8 @@ class FindingData(msgspec.Struct, forbid_unknown_fields=True):
 class ParameterData(msgspec.Struct, forbid_unknown_fields=True):
     """A parameter; ``interval`` is its 95 % interval, null where it was not estimated or is not determined.
 
-    ``given`` names the fixed and kept values that it depends on; the interval holds only if these are right.
+    ``given`` names the fixed and kept values that it depends on; the interval holds only if these are right. A
+    parameter that differs by record has the name of its ``record``.
     """
 
     name: str
@@ -43,6 +44,7 @@ class ParameterData(msgspec.Struct, forbid_unknown_fields=True):
     start: Number = None
     datasheet: Number = None
     given: list[str] = []
+    record: str = ""
 
 
 class CombinationData(msgspec.Struct, forbid_unknown_fields=True):

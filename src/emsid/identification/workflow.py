@@ -285,8 +285,10 @@ def _profiles(fits: Sequence[Fit[Any]], names: Sequence[str], control: Control) 
 
 
 def _parts_asked_for(fit: GreyBoxFit, names: Sequence[str]) -> list[str]:
-    """The parameters of a model among the names; a name that was split by direction is replaced by its parts."""
+    """The parameters of a model among the names; one that was split by direction or by record is replaced by its parts."""
     plant = fit.model.plant
+    by_record = {name: [row.name for rows in fit.by_record.values() if (row := rows.get(name))] for name in names}
+    names = [part for name in names for part in by_record[name] or [name]]
     asked = [name for name in names if name in plant.handles]
     split = {name: [part for part in parts(plant, name) if part in fit.names] for name in asked}
     return list(dict.fromkeys(one for whole in asked for one in split[whole] or [whole]))

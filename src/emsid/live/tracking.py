@@ -220,7 +220,7 @@ class Tracker:
         if model is None:
             return tracking
         if state is None or isinstance(state, Record):
-            seen = record if state is None else replace(concatenate([state, record]), breaks=(), times=())
+            seen = record if state is None else replace(concatenate([state, record]), breaks=(), times=(), sources=())
             need = max(model.memory, 1)
             if len(seen) <= need:
                 return replace(tracking, model=seen)

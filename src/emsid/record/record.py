@@ -46,6 +46,7 @@ class Record(Presented):
         breaks: the first sample of every further segment, ascending; empty for a record without gaps.
         times: the time in seconds of the first sample of every segment; by default the segments follow each other.
         name: the source of the record, for messages and figures.
+        sources: of several experiments that were joined, the name of the one that each segment is from; else empty.
         time_axis: the regularity of the time column in the file; None if the sample time was given instead.
         findings: what was noticed when the file was read.
         conversions: by channel, gain and offset from the numbers of the file to the values of the channel; empty for a
@@ -66,6 +67,7 @@ class Record(Presented):
     breaks: tuple[int, ...] = ()
     times: tuple[float, ...] = ()
     name: str = "record"
+    sources: tuple[str, ...] = ()
     time_axis: TimeAxis | None = None
     findings: tuple[Finding, ...] = ()
     conversions: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -112,6 +114,9 @@ class Record(Presented):
         put("times", tuple(float(t) for t in self.times) or tuple(edge * self.dt for edge in edges[:-1]))
         if len(self.times) != len(edges) - 1:
             raise DataError(f"{self.name}: {len(self.times)} segment times for {len(edges) - 1} segments")
+        put("sources", tuple(self.sources))
+        if self.sources and len(self.sources) != len(edges) - 1:
+            raise DataError(f"{self.name}: {len(self.sources)} segment sources for {len(edges) - 1} segments")
 
     @classmethod
     def from_frame(
@@ -202,6 +207,11 @@ class Record(Presented):
         )
 
     @property
+    def experiments(self) -> tuple[str, ...]:
+        """The name of the experiment that each segment is from: its own name, unless experiments were joined."""
+        return self.sources or (self.name,) * (len(self.breaks) + 1)
+
+    @property
     def segments(self) -> tuple[Record, ...]:
         """The pieces without a gap, each as a record (views, no copies)."""
         edges = (0, *self.breaks, len(self))
@@ -223,6 +233,7 @@ class Record(Presented):
             output=self.output[start:stop],
             breaks=tuple(b - start for b, _ in inside),
             times=(self.times[first] + (start - edges[first]) * self.dt, *(t for _, t in inside)),
+            sources=self.sources[first : first + len(inside) + 1],
         )
 
     def split(self, fraction: float) -> tuple[Record, Record]:
@@ -262,6 +273,9 @@ class Record(Presented):
             output=self.output[kept],
             breaks=tuple(int(b) for b in starts),
             times=tuple(float(t) for t in self.time[kept[first]]),
+            sources=tuple(self.sources[k] for k in np.searchsorted(self.breaks, kept[first], "right"))
+            if self.sources
+            else (),
         )
 
     def channel(self, name: str) -> Array:
@@ -423,9 +437,16 @@ def concatenate(records: Iterable[Record], name: str | None = None) -> Record:
         breaks=tuple(starts[1:]),
         times=tuple(time for piece in pieces for time in piece.times),
         name=name or first.name,
+        sources=_sources(pieces),
         time_axis=first.time_axis if all(piece.time_axis == first.time_axis for piece in pieces) else None,
         findings=_of_all(pieces),
     )
+
+
+def _sources(pieces: Sequence[Record]) -> tuple[str, ...]:
+    """The name of the experiment of every segment; empty where all have the same name."""
+    found = tuple(name for piece in pieces for name in piece.experiments)
+    return found if len(set(found)) > 1 else ()
 
 
 def _of_all(pieces: Sequence[Record]) -> tuple[Finding, ...]:

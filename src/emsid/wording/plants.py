@@ -89,6 +89,31 @@ def parameter_drifts(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("parameters-by-record")
+def parameters_by_record(f: Finding, argument: Spelling) -> str:
+    """Data: parameters, records, typical (value of every parameter in another record), units."""
+    d = f.data
+    several = len(d["parameters"]) > 1
+    typical = [
+        f"{name} = {with_unit(f'{value:.4g}', unit)}"
+        for name, value, unit in zip(d["parameters"], d["typical"], d["units"], strict=True)
+    ]
+    return (
+        f"{listed(d['parameters'])} {'have' if several else 'has'} a value for each of {len(d['records'])} records; in "
+        f"any other record the model uses the median{'s' * several}, {listed(typical)}"
+    )
+
+
+@words("single-record", Severity.WARNING)
+def single_record(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: parameters (those that were to differ by record)."""
+    have = "have" if len(f.data["parameters"]) > 1 else "has"
+    return (
+        f"{f.subject} is the only record, so {listed(f.data['parameters'])} {have} "
+        f"one value ({argument('per_record')} is for several records)"
+    )
+
+
 @words("no-shaft-seen", Severity.WARNING)
 def no_shaft_seen(f: Finding, argument: Spelling) -> str:
     return (

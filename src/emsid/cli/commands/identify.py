@@ -26,6 +26,7 @@ from emsid.cli.terminal import (
     EXPLAINED,
     characteristics_table,
     error_table,
+    own_parameters_table,
     physical_table,
     say,
     say_json,
@@ -97,6 +98,10 @@ Free = Annotated[
     str | None,
     typer.Option(metavar="NAME,...", help="Estimate exactly these physical parameters."),
 ]
+PerRecord = Annotated[
+    str | None,
+    typer.Option(metavar="NAME,...", help="Physical parameters that each record has its own value of, as a load."),
+]
 Recent = Annotated[
     float | None,
     typer.Option(
@@ -146,6 +151,7 @@ def identify(
     brake: Brake = [],  # noqa: B006
     coast: Coast = [],  # noqa: B006
     free: Free = None,
+    per_record: PerRecord = None,
     recent: Recent = None,
     hold: HoldInput = None,
     average: Average = False,
@@ -181,7 +187,7 @@ def identify(
         nk=nk,
         degree=degree,
         taps=taps,
-        knots=knots,
+        knots=knots,  # type: ignore[arg-type]
         orders=counts(orders, "--orders"),
         static=_family(static),
         ridge=ridge,
@@ -190,6 +196,7 @@ def identify(
         datasheet=_sheet(datasheet),
         codes=_codes(brake, coast),
         free=physical_names(free, "--free", plants),
+        per_record=physical_names(per_record, "--per-record", plants),
         recent=recent,
         hold=hold,
         profile=physical_names(profile, "--profile", plants),
@@ -270,6 +277,8 @@ def _print(result: "Identification") -> None:
     for fit in result.fits:
         if isinstance(fit, GreyBoxFit):
             show(physical_table(fit))
+            if fit.by_record:
+                show(own_parameters_table(fit))
     say(f"chosen: {result.chosen.model.name}")
     if not isinstance(result.chosen, GreyBoxFit):
         say(result.chosen.model.equation())

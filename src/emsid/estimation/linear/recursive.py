@@ -306,7 +306,11 @@ class RecursiveLeastSquares(Generic[M_co]):
                 state = state.cut()
             if state.tail is not None:
                 check_same_channels(state.tail, piece)
-            joined = piece if state.tail is None else replace(concatenate([state.tail, piece]), breaks=(), times=())
+            joined = (
+                piece
+                if state.tail is None
+                else replace(concatenate([state.tail, piece]), breaks=(), times=(), sources=())
+            )
             estimate, factor, diagonal, window = (
                 np.array(values) for values in (state.estimate, state.factor, state.diagonal, state.window)
             )

@@ -11,7 +11,8 @@ that rad/s and A have equal weight. W may weight errors by their age, see `Recen
 The derivative of ŷ is a difference of free runs, whose columns are computed in parallel threads. The motion is a
 continuous function of θ, because events are located, and a run takes microseconds. Differences are one-sided far from
 the minimum, and central near it, where they give the intervals. The initial states of all segments are changed
-together, because segments are independent.
+together, because segments are independent; and so is a parameter that differs by record, whose column is zero in all
+other records.
 
 References:
     Ljung, *System Identification*, 2nd ed., sec. 3.3 and 7.5. Schoukens, Ljung, *Nonlinear System Identification: A
@@ -114,6 +115,7 @@ class FreeRunError:
         self.plant, self.signals, self.segments, self.free = plant, tuple(signals), tuple(segments), tuple(free)
         self.weighting, self.threads = weighting, threads
         self._counted = counted  # (N,) of every segment, 0 for samples whose errors do not count; None: all do
+        self._record_of = [plant.record_of(segment) for segment in self.segments]
         self.control = FREE  # looked at before every free run; those of a plant with a stiff shaft take seconds
         self._initial = [state.copy() for state in states]
         self._places = [
@@ -211,10 +213,11 @@ class FreeRunError:
         self.control.check()
         try:
             plant = self.plant_at(theta)
+            plants = {k: plant.of_record(k) for k in set(self._record_of)}
             with np.errstate(all="ignore"):
                 residuals = [
-                    self._weighed(plant.simulate(segment.input, segment.dt, state, self.signals), segment)
-                    for segment, state in zip(self.segments, self.states(theta), strict=True)
+                    self._weighed(plants[k].simulate(segment.input, segment.dt, state, self.signals), segment)
+                    for segment, state, k in zip(self.segments, self.states(theta), self._record_of, strict=True)
                 ]
             if self._counted is not None:
                 channels = len(self.signals)
@@ -230,13 +233,9 @@ class FreeRunError:
         return np.concatenate([self.weighting(error[:, k], segment.dt) for k in range(error.shape[1])])
 
     def _differentiated(self, theta: Array, central: bool) -> _Linearised:
-        p, here = len(self.free), self.residuals(theta)
+        here = self.residuals(theta)
         step = 1e-5 * np.maximum(np.abs(theta), 1e-2 * self.sizes)
-        moves = [[k] for k in range(p)]
-        moves += [
-            [p + k for k, (_, i) in enumerate(self._places) if i == index]
-            for index in sorted({i for _, i in self._places})
-        ]
+        moves = self._moved_together(theta + step <= self.upper)
 
         def moved(move: list[int], by: Array) -> tuple[Array, list[Array], str]:
             there = theta.copy()
@@ -261,10 +260,32 @@ class FreeRunError:
         jacobians = [np.zeros((len(r), len(theta)), order="F") for r in here]
         for move, (width, columns) in zip(moves, differences, strict=True):
             for k in move:
-                touched = range(len(here)) if k < p else [self._places[k - p][0]]
-                for segment in touched:
+                for segment in self._touched(k):
                     jacobians[segment][:, k] = columns[segment] / width[k]
         return _Linearised(theta.copy(), list(zip(here, jacobians, strict=True)), central)
+
+    def _moved_together(self, may: NDArray[np.bool_]) -> list[list[int]]:
+        """Which elements of θ are changed in the same free run, because no segment depends on two of them.
+
+        Args:
+            may: (p,) whether an element may be changed together with others; at a bound it is not.
+        """
+        p = len(self.free)
+        groups: dict[object, list[int]] = {}
+        for k, name in enumerate(self.free):
+            own = self.plant.own_parameter(name)
+            groups.setdefault(k if own is None or not may[k] else own[0], []).append(k)
+        for k, (_, index) in enumerate(self._places):
+            groups.setdefault(("state", index), []).append(p + k)
+        return list(groups.values())
+
+    def _touched(self, k: int) -> Sequence[int]:
+        """The segments that an element of θ has an effect on."""
+        p = len(self.free)
+        if k >= p:
+            return [self._places[k - p][0]]
+        own = self.plant.own_parameter(self.free[k])
+        return [segment for segment, record in enumerate(self._record_of) if own is None or record == own[1]]
 
     def _sizes(self) -> Array:
         """The plausible size of θ: its value, or an estimate from the plant and the samples."""

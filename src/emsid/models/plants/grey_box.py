@@ -81,7 +81,7 @@ class GreyBox(RunMethods):
 
     def initial(self, segment: Record, samples: int) -> PlantState:
         """The state after the first ``samples`` samples of a segment, estimated by `beginning`."""
-        plant = self.plant.for_inputs(segment.input)  # the state keeps how the input goes on between its samples
+        plant = self.plant.for_segment(segment)  # the state keeps the record and how its input goes on
         start = plant.start(self.beginning(segment, samples), segment.input[0], segment.dt, self.signals)
         with np.errstate(over="ignore", invalid="ignore"):
             return self.run(start, segment.input[:samples])[1]
@@ -126,7 +126,7 @@ class GreyBox(RunMethods):
     def beginning(self, segment: Record, samples: int) -> Array:
         """The state at the first sample of a segment, estimated from its first ``samples`` samples."""
         head = segment[: max(samples, 1)]
-        plant = self.plant.for_inputs(segment.input)
+        plant = self.plant.for_segment(segment)
         first, free = plant.first_state(self.signals, head), plant.free_states(self.signals, head)
         if len(head) * len(self.signals) < 4 * len(free) or not len(free):
             return first

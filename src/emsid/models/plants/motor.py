@@ -24,7 +24,7 @@ from emsid.models.plants.drive import Acting, Drive, Feed, outer_handles
 from emsid.models.plants.driven import Driven
 from emsid.models.plants.one_mass import Motion, Sliding, moved
 from emsid.models.plants.parameters import TINY, Handle, Signal, dead_zone_handles, law_handles, scalar
-from emsid.models.plants.plant import Channels, Plant, Quantity, Sizes, StaticCharacteristic, plausible
+from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sizes, StaticCharacteristic, plausible
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
 from emsid.plant import DeadZoneLaw, Friction, FrictionLaw, Measure, Motor, Parameter, State, Taylor, simulate
@@ -194,6 +194,13 @@ class DrivenMotor(Driven):
             Feed.VOLTAGE: motor.motor_constant / motor.resistance, Feed.CURRENT: motor.motor_constant, Feed.TORQUE: 1.0
         }[self.feed]  # fmt: skip
         return per_unit * self.drive.largest(inputs)
+
+    def with_starts(self, asked: Sequence[str], segments: Sequence[Record], limits: Limits) -> Self:
+        """See `Driven.with_starts`; a load of one mass that is estimated begins with the inertia of the rotor."""
+        plant = super().with_starts(asked, segments, limits)
+        if "load_inertia" not in asked or self.motor.load_inertia > TINY:
+            return plant
+        return plant.with_values({"load_inertia": plant.value("rotor_inertia")})
 
     @property
     def absent(self) -> tuple[str, ...]:

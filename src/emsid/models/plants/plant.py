@@ -206,6 +206,22 @@ class Plant(Protocol):
         """The plant as it is in a record with inputs (N, nu)."""
         ...
 
+    def for_segment(self, segment: Record) -> Self:
+        """The plant as it is in a segment of a record: `for_inputs`, and with the parameters of its experiment."""
+        ...
+
+    def record_of(self, segment: Record) -> int:
+        """The number of the fitted record that a segment is from; -1 unless parameters differ by record."""
+        ...
+
+    def of_record(self, number: int) -> Plant:
+        """The plant as it is in a fitted record, by `record_of`; itself unless parameters differ by record."""
+        ...
+
+    def own_parameter(self, name: str) -> tuple[str, int] | None:
+        """Of a parameter that differs by record its name in every record, and the record; else None."""
+        ...
+
     @property
     def latency(self) -> int:
         """The delay of `run` in samples; zero unless it needs the next inputs to know how they go on."""
@@ -355,6 +371,22 @@ class BasePlant(ABC):
     def for_inputs(self, inputs: Array) -> Self:
         """The same plant."""
         return self
+
+    def for_segment(self, segment: Record) -> Self:
+        """The plant as it is with the inputs of a segment."""
+        return self.for_inputs(segment.input)
+
+    def record_of(self, segment: Record) -> int:
+        """-1: no parameter differs by record."""
+        return -1
+
+    def of_record(self, number: int) -> Plant:
+        """The same plant: no parameter differs by record."""
+        return self
+
+    def own_parameter(self, name: str) -> tuple[str, int] | None:
+        """None: no parameter differs by record."""
+        return None
 
     @property
     def body(self) -> str:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from emsid.errors import ModelError
+from emsid.models.plants.by_record import from_data
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.plant import Plant
@@ -116,4 +117,4 @@ def plant_from_data(data: Mapping[str, Any]) -> Plant:
     """
     if data["kind"] not in PLANTS:
         raise ModelError(f"no plant of kind {data['kind']!r}; there are {', '.join(PLANTS)}")
-    return PLANTS[data["kind"]].plain.with_data(data)
+    return from_data(PLANTS[data["kind"]].plain, data)

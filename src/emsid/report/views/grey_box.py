@@ -76,11 +76,11 @@ def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]
         level: of the intervals.
 
     Returns:
-        The table of parameters, and one of combinations where there are any.
+        The table of parameters, one of those that differ by record and one of combinations, where there are any.
     """
     factor = float(ndtri(0.5 + level / 2))
     sheet = any(row.datasheet is not None for row in fit.table)
-    cells = [_parameter_row(row, factor, sheet) for row in fit.table]
+    cells = [_parameter_row(row, factor, sheet) for row in fit.shared]
     statuses = dict.fromkeys(row.status for row in fit.table)
     meanings = [_MEANINGS[status] for status in statuses if status in _MEANINGS]
     meanings += [_TOO_WIDE_MEANS] * any(_INTERVAL_TOO_WIDE in row[4] for row in cells)
@@ -100,8 +100,9 @@ def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]
         sentence("; ".join(meanings)),
         text_columns=5,
     )
+    tables = (parameters, *([_own_parameters(fit, factor, level)] if fit.by_record else []))
     if not fit.combinations:
-        return (parameters,)
+        return tables
     combinations = Table(
         ("Quantity", "Formula", "Unit", "Estimate", "±\u00a0[%]"),
         tuple(
@@ -117,7 +118,28 @@ def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]
         f"{100 * level:g} % intervals.",
         text_columns=3,
     )
-    return parameters, combinations
+    return (*tables, combinations)
+
+
+def _own_parameters(fit: GreyBoxFit, factor: float, level: float) -> Table:
+    """The parameters that differ by record, a row for every record."""
+    first = next(iter(fit.by_record.values()))
+    heads = [
+        cell for name, row in first.items() for cell in (_with_unit_in_brackets(name, row.unit), "±\u00a0[%]", "Status")
+    ]
+    return Table(
+        ("Record", *heads),
+        tuple(
+            (record, *(cell for row in rows.values() for cell in (*_value(row, factor), row.how)))
+            for record, rows in fit.by_record.items()
+        ),
+        f"Parameters of {fit.model.name} that differ by record, with {100 * level:g} % intervals.",
+        text_columns=1,
+    )
+
+
+def _with_unit_in_brackets(name: str, unit: str) -> str:
+    return f"{name} [{readable_unit(unit)}]" if unit else name
 
 
 def friction(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure | None:
@@ -308,18 +330,20 @@ def units_taken(fit: GreyBoxFit) -> str:
 
 def _parameter_row(row: Estimate, factor: float, sheet: bool) -> tuple[str, ...]:
     identified = row.status in (Status.ESTIMATED, Status.CONDITIONAL) and row.standard_error is not None
-    if identified:
-        assert row.standard_error is not None
-        value = _with_interval(row.value, factor * row.standard_error)
-    elif row.status is Status.AT_BOUND and row.interval is not None:
-        value = (f"{_plain(row.interval[0])} to {_plain(row.interval[1])}", "–")
-    else:
-        value = (_plain(row.value), "–")
     given = "" if row.datasheet is None else _plain(row.datasheet)
     too_wide = identified and factor * (row.standard_error or 0.0) > abs(row.value)
     status = f"{row.how}, {_INTERVAL_TOO_WIDE}" if too_wide else row.how
     words = (row.name, _first_up(row.description), row.symbol, readable_unit(row.unit), status)
-    return (*words, *value, *((given,) if sheet else ()))
+    return (*words, *_value(row, factor), *((given,) if sheet else ()))
+
+
+def _value(row: Estimate, factor: float) -> tuple[str, str]:
+    """The value of a parameter and half its interval in percent."""
+    if row.status in (Status.ESTIMATED, Status.CONDITIONAL) and row.standard_error is not None:
+        return _with_interval(row.value, factor * row.standard_error)
+    if row.status is Status.AT_BOUND and row.interval is not None:
+        return f"{_plain(row.interval[0])} to {_plain(row.interval[1])}", "–"
+    return _plain(row.value), "–"
 
 
 def _with_interval(value: float, half: float) -> tuple[str, str]:

@@ -69,7 +69,7 @@ def alternatives(task: Task, problem: FreeRunError, names: Sequence[str], minimu
         minimum: where the search ended.
     """
     none = nothing(len(names))
-    driven = problem.plant.driven
+    driven = problem.plant.of_record(0).driven
     if driven is None or not driven.can_coast or driven.secondary:
         return none
     mine = next((name for name in SHORT_TIMES if name in names), None)

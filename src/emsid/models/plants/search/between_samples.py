@@ -8,16 +8,20 @@ goes on in the others.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
 from emsid.arguments import did_you_mean
 from emsid.errors import ModelError
+from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.excitation.between_samples import may_be_continuous
 from emsid.models.plants.drive import FEWEST, Hold
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.plant import Plant
+from emsid.models.plants.search import continuation
+from emsid.models.plants.search.continuation import Reached
 from emsid.models.plants.search.task import Task
 from emsid.record import Record
 
@@ -40,7 +44,7 @@ def as_hold(hold: Hold | str) -> Hold:
 
 def is_open(plant: Plant, segments: Sequence[Record]) -> bool:
     """Whether records must show how the command of a plant goes on: in some it changes smoothly at every sample."""
-    driven = plant.driven
+    driven = plant.of_record(0).driven
     if driven is None or driven.drive.codes or plant.hold is not Hold.ZERO:
         return False
     commands = [driven.drive.commands(segment.input) for segment in segments]
@@ -87,3 +91,13 @@ def _promises_more(task: Task, problem: FreeRunError, straight: Plant, cost: flo
     slopes = slopes / np.where(sizes > 0, sizes, 1.0)
     left = residual - slopes @ np.linalg.lstsq(slopes, residual, rcond=1e-9)[0]
     return bool(0.5 * float(left @ left) < cost)
+
+
+def straight_if_better(task: Task, reached: Reached, max_iterations: int) -> Reached:
+    """Where the search ends with a command that goes straight from sample to sample, if that simulates better."""
+    with suppress(Stopped):
+        for straight in promising(task, reached.problem, reached.minimum.cost):
+            again = continuation.search(task, straight, max_iterations)
+            if again.minimum.cost < reached.minimum.cost:
+                reached = again
+    return reached

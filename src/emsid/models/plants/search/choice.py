@@ -73,6 +73,7 @@ def choose(
     datasheet: Mapping[str, Given] | None = None,
     weighting: Weighting | None = None,
     hold: Hold | str | None = None,
+    per_record: str | Sequence[str] = (),
     refinements: Sequence[Refinement] = REFINEMENTS,
     control: Control = FREE,
 ) -> GreyBoxFit:
@@ -85,6 +86,7 @@ def choose(
         datasheet: likewise, as far as it is `applicable` to the plant.
         weighting: how errors count by their age; chosen where it is None.
         hold: as in `simulation_error`.
+        per_record: likewise; the refinements are chosen with the same values in all records.
         refinements: what is tried.
         control: when to stop; the best plant so far is then the answer.
     """
@@ -95,8 +97,9 @@ def choose(
     if not refinements:
         how = weighting or all_alike
         return simulation_error(
-            plant, record, free=free, fixed=values, datasheet=sheet, weighting=how, hold=hold, control=control
-        )
+            plant, record, free=free, fixed=values, datasheet=sheet, weighting=how, hold=hold, per_record=per_record,
+            control=control,
+        )  # fmt: skip
     search = _Choice(plant, record, free, values, sheet, hold, control)
     stopped = search.run(weighting, refinements)
     fit = simulation_error(
@@ -107,6 +110,7 @@ def choose(
         datasheet=sheet,
         weighting=search.weighting,
         hold=hold if search.thinned or search.found.hold is not Hold.ZERO else search.found.hold,
+        per_record=per_record,
         find_start=False,
         **({"max_iterations": 0} if stopped else {"control": control}),
     )

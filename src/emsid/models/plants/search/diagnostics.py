@@ -275,7 +275,7 @@ def _below(x: Array, deviance: Array, limit: float, bounds: tuple[float, float])
 def _speeds(fit: GreyBoxFit, segment: int) -> Array:
     """(N,) how fast the plant itself moves, rad/s or m/s: a sensor that lags or is off never shows a standstill."""
     record, plant = fit.segments[segment], fit.model.plant
-    speeds = plant.motion(record.input, record.dt, fit.states[segment])
+    speeds = plant.for_segment(record).motion(record.input, record.dt, fit.states[segment])
     if speeds is None:
         raise ModelError(f"{plant.name} has no friction or dead zone that emsid knows of")
     return speeds

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import EmsidError
-from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.restarts import RESTARTS, confirmed
 from emsid.estimation.threads import one_blas_thread
@@ -27,18 +26,15 @@ from emsid.findings import Finding
 from emsid.models.plants.beginning import agrees, starts_from_samples
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
-from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.motor import DrivenMotor
-from emsid.models.plants.parameters import Signal
+from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
-from emsid.models.plants.search.alternatives import alternatives, nothing
-from emsid.models.plants.search.between_samples import as_hold, is_open, promising
-from emsid.models.plants.search.conditions import conditions, unconditional
-from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, identified_by, keep_identifiable
-from emsid.models.plants.search.diagnostics import likelihood_profile
-from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
-from emsid.models.plants.search.slow_drift import slow_drift
+from emsid.models.plants.search.between_samples import as_hold, is_open, straight_if_better
+from emsid.models.plants.search.by_record import asked_together, experiments, own_names, separated
+from emsid.models.plants.search.conclusion import concluded
+from emsid.models.plants.search.continuation import Reached, identified_by, keep_identifiable
+from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.starts import starts_of
 from emsid.models.plants.search.task import Task, prepare
 from emsid.models.plants.search.trials import Trial, Trials
@@ -60,6 +56,7 @@ def simulation_error(
     signals: str | Signal | Sequence[str | Signal] | None = None,
     weighting: Weighting = all_alike,
     hold: Hold | str | None = None,
+    per_record: str | Sequence[str] = (),
     find_start: bool = True,
     max_iterations: int = 60,
     threads: int | None = None,
@@ -83,6 +80,8 @@ def simulation_error(
         hold: how the command goes on between its samples: ``"zero"`` (held), ``"first"`` (straight to the next) or
             ``"record"`` (straight in records where it changes smoothly at every sample and never jumps). By default
             whichever simulates the records better.
+        per_record: parameters that have a value of their own in every record, by name or symbol, such as the load; all
+            others are the same in all records. In another record the model has their medians.
         find_start: whether to begin at the datasheet, or where a regression on the records says if that simulates
             better; otherwise the search begins with the plant as it is given.
         max_iterations: of the search, all its rounds together; a parameter that is kept only in the end adds a few.
@@ -95,6 +94,12 @@ def simulation_error(
         DataError: for records without motion, with other channels, in other units, or with an output of the wrong sign.
     """
     plant = DrivenMotor(plant) if isinstance(plant, Motor) else plant
+    if per_record:
+        return _by_record(
+            plant, records, per_record, free, fixed=fixed, bounds=bounds, datasheet=datasheet, signals=signals,
+            weighting=weighting, hold=hold, find_start=find_start, max_iterations=max_iterations, threads=threads,
+            control=control,
+        )  # fmt: skip
     task = prepare(
         plant if hold is None else plant.with_hold(as_hold(hold)),
         records,
@@ -118,20 +123,31 @@ def simulation_error(
             if _starts_agree(freed, again.problem):
                 task, reached = freed, again
     if not task.hold_given and reached.unended and is_open(task.plant, task.segments):
-        reached = _straight_if_better(task, reached, max_iterations)
+        reached = straight_if_better(task, reached, max_iterations)
     if reached is not first and reached.unended:
         reached = _begun_again(task, reached, max_iterations)
-    return _concluded(task, start, reached)
+    return concluded(task, start, reached)
 
 
-def _straight_if_better(task: Task, reached: Reached, max_iterations: int) -> Reached:
-    """Where the search ends with a command that goes straight from sample to sample, if that simulates better."""
-    with suppress(Stopped):
-        for straight in promising(task, reached.problem, reached.minimum.cost):
-            again = continuation.search(task, straight, max_iterations)
-            if again.minimum.cost < reached.minimum.cost:
-                reached = again
-    return reached
+def _by_record(
+    plant: Plant,
+    records: Record | Iterable[Record],
+    per_record: str | Sequence[str],
+    free: str | Sequence[str] | None,
+    **options: Any,
+) -> GreyBoxFit:
+    """The fit with some parameters for every record, begun at the one with the same for all; of one record the same."""
+    segments = experiments(records)
+    own = own_names(plant, per_record, options["fixed"])
+    free = asked_together(plant, free, own, options["fixed"])
+    own = tuple(side for name in own for side in (name in (free or own) and [name]) or parts(plant, name))
+    hold = options.pop("hold")  # decided where the records have their own values
+    together = simulation_error(plant, segments, free=free, hold=plant.hold if hold is None else hold, **options)
+    if len({segment.experiments[0] for segment in segments}) == 1:
+        alone = Finding("single-record", segments[0].name, {"parameters": list(own)})
+        return replace(together, findings=(alone, *together.findings))
+    kept = ("fixed", "bounds", "datasheet", "max_iterations", "threads", "control")
+    return separated(together, segments, own, hold_given=hold is not None, **{name: options[name] for name in kept})
 
 
 def _starts_agree(task: Task, problem: FreeRunError) -> bool:
@@ -174,84 +190,3 @@ def _begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
         if reached.minimum.ending is Ending.STALLED and tuple(reached.names) == there.names:
             return reached._replace(minimum=confirmed(reached.minimum, there.ends))
     return reached
-
-
-def _concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
-    """The fit with its table, its combinations and what is to be said of it."""
-    problem, names, steps = reached.problem, reached.names, reached.steps
-    minimum = reached.minimum.judged()
-    found, states = problem.plant, problem.states(problem.start)
-    whole = problem if len(names) == len(task.asked) else task.problem(found, task.asked, states)
-    identifiability = identified_by(whole, task.asked, minimum)
-    held, others = unconditional(len(names)), [nothing(len(names))]
-    if reached.unended:
-        others = [model_error(task, problem, names, minimum) for model_error in (alternatives, slow_drift)]
-        inseparable = [name for group in identifiability.groups for name in group]
-        held = conditions(task, found, names, minimum.free, states, inseparable)
-    own = slice(len(names))
-    minimum.covariance[own, own] += held.covariance + sum(each.covariance for each in others)
-    rows = table(task, found, start, names, minimum, held)
-    together = combinations(found, names, identifiability, minimum, held)
-    findings = findings_of(task, found, names, minimum, identifiability, rows, together)
-    findings = (*(finding for each in others for finding in each.findings), *findings)
-    if reached.unended and _shaft_unseen(task, reached):
-        findings = (Finding("no-shaft-seen", found.name, {"simpler": "rigid-motor"}), *findings)
-    fit = minimum.fit(GreyBox(found, task.signals), tuple(names), "gn")
-    return _with_bounds_profiled(
-        GreyBoxFit(
-            **{f: getattr(fit, f) for f in Fit.__dataclass_fields__ if f not in ("findings", "iterations")},
-            iterations=steps,
-            findings=findings,
-            table=rows,
-            combinations=together,
-            identifiability=identifiability,
-            segments=task.segments,
-            states=tuple(states),
-            weighting=task.weighting,
-            limits=task.limits,
-            cost=minimum.cost,
-            colour=colour_of(reached.minimum, len(names)),
-        ),
-        task.control,
-    )
-
-
-def _with_bounds_profiled(fit: GreyBoxFit, control: Control) -> GreyBoxFit:
-    """The fit with intervals of parameters at a physical bound, where a profile takes no time.
-
-    A bound that is not physical says what a parameter may be, not what the data say of it.
-    """
-    physical = {
-        finding.subject
-        for finding in fit.findings
-        if finding.code == "parameter-at-bound" and finding.data.get("because") == "physical"
-    }
-    plant = fit.model.plant
-    if not physical or fit.ending is not Ending.CONVERGED or plant.driven is None or plant.secondary:
-        return fit
-    rows = []
-    for row in fit.table:
-        interval = row.interval
-        if row.name in physical:
-            with suppress(EmsidError, Stopped):
-                interval = likelihood_profile(fit, row.name, control=control).interval
-        rows.append(replace(row, interval=interval))
-    return replace(fit, table=tuple(rows))
-
-
-def _shaft_unseen(task: Task, reached: Reached) -> bool:
-    """Whether a simpler plant is as good: what the others gain is what noise gives them (χ², at 95 %)."""
-    from scipy.special import chdtri
-
-    problem, names, minimum, _ = reached
-    simpler = problem.plant.simpler(names)
-    if simpler is None:
-        return False
-    plant, left = simpler
-    states = problem.states(problem.start)
-    try:
-        rigid = continuation.search_once(task.problem(plant, left, states), task, LOOK)
-    except (EmsidError, Stopped):  # one mass is not even simulated, or there is no time for it
-        return False
-    noise = minimum.noise_variance * float(max(colour_of(minimum, len(names))))
-    return rigid.cost - minimum.cost <= 0.5 * noise * float(chdtri(len(names) - len(left), 0.05))

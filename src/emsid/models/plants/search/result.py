@@ -55,6 +55,7 @@ class Estimate:
         given: the fixed and kept values that the estimate depends on, by name; its interval holds only if they are
             right.
         interval: its 95 % interval, None without one; at a bound that of the likelihood profile.
+        record: of a parameter that differs by record, the record; else empty.
     """
 
     name: str
@@ -68,6 +69,7 @@ class Estimate:
     datasheet: float | None
     given: tuple[str, ...] = ()
     interval: tuple[float, float] | None = None
+    record: str = ""
 
     @property
     def how(self) -> str:
@@ -149,6 +151,20 @@ class GreyBoxFit(Fit[GreyBox]):
         data: dict[str, Any] = super().to_data() | plain({"parameters": parameters, "combinations": combinations})
         return data
 
+    @property
+    def shared(self) -> tuple[Estimate, ...]:
+        """The rows of the table that hold in every record."""
+        return tuple(row for row in self.table if not row.record)
+
+    @property
+    def by_record(self) -> dict[str, dict[str, Estimate]]:
+        """For every record the rows of the parameters of its own, by their names in every record; empty without any."""
+        found: dict[str, dict[str, Estimate]] = {}
+        for row in self.table:
+            if row.record:
+                found.setdefault(row.record, {})[row.name.removesuffix(f"[{row.record}]")] = row
+        return found
+
     def interval(self, level: float = 0.95) -> Array:
         """(p, 2) confidence interval of every parameter; at a bound, the 95 % interval of the likelihood profile."""
         ends = super().interval(level)
@@ -162,7 +178,7 @@ class GreyBoxFit(Fit[GreyBox]):
         """The free run (Nᵢ, ny) of every segment from its estimated initial state."""
         model = self.model
         return tuple(
-            model.plant.simulate(segment.input, segment.dt, state, model.signals)
+            model.plant.for_segment(segment).simulate(segment.input, segment.dt, state, model.signals)
             for segment, state in zip(self.segments, self.states, strict=True)
         )
 
@@ -203,7 +219,11 @@ def _as_simulated(task: Task, plant: Plant) -> list[Finding]:
         held = holds_in(plant, task.segments).count(Hold.ZERO)
         data = {"straight": len(task.segments) - held, "held": held}
         found.append(Finding("input-between-samples", task.segments[0].input_names[0], data))
-    if plant.driven is not None and plant.value("sensor.average") == 1 and "sensor.average" not in task.fixed:
+    if (
+        plant.of_record(0).driven is not None
+        and plant.value("sensor.average") == 1
+        and "sensor.average" not in task.fixed
+    ):
         found.append(Finding("speed-is-a-mean", task.segments[0].output_names[0]))
     return found
 
@@ -287,7 +307,9 @@ def table(
                 interval = value - STANDARD_ERRORS * error, value + STANDARD_ERRORS * error
         datasheet = sheet[name].value if name in sheet else None
         described = _described(plant.handles[name].parameter)
-        rows.append(Estimate(*described, value, error, status, start.value(name), datasheet, given, interval))
+        own = plant.own_parameter(name)
+        record = "" if own is None else name[len(own[0]) + 1 : -1]
+        rows.append(Estimate(*described, value, error, status, start.value(name), datasheet, given, interval, record))
     return tuple(rows)
 
 

@@ -1,0 +1,102 @@
+"""The fit that a search ends in, with its intervals and its findings."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+
+from emsid.errors import EmsidError
+from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.nonlinear.control import Control, Stopped
+from emsid.findings import Finding
+from emsid.models.plants.grey_box import GreyBox
+from emsid.models.plants.plant import Plant
+from emsid.models.plants.search import continuation
+from emsid.models.plants.search.alternatives import alternatives, nothing
+from emsid.models.plants.search.conditions import conditions, unconditional
+from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, identified_by
+from emsid.models.plants.search.diagnostics import likelihood_profile
+from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
+from emsid.models.plants.search.slow_drift import slow_drift
+from emsid.models.plants.search.task import Task
+
+
+def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
+    """The fit with its table, its combinations and what is to be said of it."""
+    problem, names, steps = reached.problem, reached.names, reached.steps
+    minimum = reached.minimum.judged()
+    found, states = problem.plant, problem.states(problem.start)
+    whole = problem if len(names) == len(task.asked) else task.problem(found, task.asked, states)
+    identifiability = identified_by(whole, task.asked, minimum)
+    held, others = unconditional(len(names)), [nothing(len(names))]
+    if reached.unended:
+        others = [model_error(task, problem, names, minimum) for model_error in (alternatives, slow_drift)]
+        inseparable = [name for group in identifiability.groups for name in group]
+        held = conditions(task, found, names, minimum.free, states, inseparable)
+    own = slice(len(names))
+    minimum.covariance[own, own] += held.covariance + sum(each.covariance for each in others)
+    rows = table(task, found, start, names, minimum, held)
+    together = combinations(found, names, identifiability, minimum, held)
+    findings = findings_of(task, found, names, minimum, identifiability, rows, together)
+    findings = (*(finding for each in others for finding in each.findings), *findings)
+    if reached.unended and _shaft_unseen(task, reached):
+        findings = (Finding("no-shaft-seen", found.name, {"simpler": "rigid-motor"}), *findings)
+    fit = minimum.fit(GreyBox(found, task.signals), tuple(names), "gn")
+    return _with_bounds_profiled(
+        GreyBoxFit(
+            **{f: getattr(fit, f) for f in Fit.__dataclass_fields__ if f not in ("findings", "iterations")},
+            iterations=steps,
+            findings=findings,
+            table=rows,
+            combinations=together,
+            identifiability=identifiability,
+            segments=task.segments,
+            states=tuple(states),
+            weighting=task.weighting,
+            limits=task.limits,
+            cost=minimum.cost,
+            colour=colour_of(reached.minimum, len(names)),
+        ),
+        task.control,
+    )
+
+
+def _with_bounds_profiled(fit: GreyBoxFit, control: Control) -> GreyBoxFit:
+    """The fit with intervals of parameters at a physical bound, where a profile takes no time.
+
+    A bound that is not physical says what a parameter may be, not what the data say of it.
+    """
+    physical = {
+        finding.subject
+        for finding in fit.findings
+        if finding.code == "parameter-at-bound" and finding.data.get("because") == "physical"
+    }
+    plant = fit.model.plant
+    if not physical or fit.ending is not Ending.CONVERGED or plant.driven is None or plant.secondary:
+        return fit
+    rows = []
+    for row in fit.table:
+        interval = row.interval
+        if row.name in physical:
+            with suppress(EmsidError, Stopped):
+                interval = likelihood_profile(fit, row.name, control=control).interval
+        rows.append(replace(row, interval=interval))
+    return replace(fit, table=tuple(rows))
+
+
+def _shaft_unseen(task: Task, reached: Reached) -> bool:
+    """Whether a simpler plant is as good: what the others gain is what noise gives them (χ², at 95 %)."""
+    from scipy.special import chdtri
+
+    problem, names, minimum, _ = reached
+    simpler = problem.plant.simpler(names)
+    if simpler is None:
+        return False
+    plant, left = simpler
+    states = problem.states(problem.start)
+    try:
+        rigid = continuation.search_once(task.problem(plant, left, states), task, LOOK)
+    except (EmsidError, Stopped):  # one mass is not even simulated, or there is no time for it
+        return False
+    noise = minimum.noise_variance * float(max(colour_of(minimum, len(names))))
+    return rigid.cost - minimum.cost <= 0.5 * noise * float(chdtri(len(names) - len(left), 0.05))

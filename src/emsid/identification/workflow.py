@@ -285,7 +285,7 @@ def _profiles(fits: Sequence[Fit[Any]], names: Sequence[str], control: Control) 
 
 
 def _parts_asked_for(fit: GreyBoxFit, names: Sequence[str]) -> list[str]:
-    """The parameters of a model among the names; one that was split by direction or by record is replaced by its parts."""
+    """The parameters of a model among the names; one split by direction or by record is replaced by its parts."""
     plant = fit.model.plant
     by_record = {name: [row.name for rows in fit.by_record.values() if (row := rows.get(name))] for name in names}
     names = [part for name in names for part in by_record[name] or [name]]

@@ -182,16 +182,10 @@ def identify(
     asked = names(models, "--models")
     plants = [each.plant for each in _physical_first(asked or candidates.USUAL)]
     options = Options(
-        na=na,
-        nb=nb,
-        nk=nk,
-        degree=degree,
-        taps=taps,
-        knots=knots,  # type: ignore[arg-type]
+        na=na, nb=nb, nk=nk, degree=degree, taps=taps, knots=knots, forgetting=forgetting,
         orders=counts(orders, "--orders"),
         static=_family(static),
         ridge=ridge,
-        forgetting=forgetting,
         fixed=physical_values([*fix, *(["sensor.average=1"] if average else [])], "--fix", plants),
         datasheet=_sheet(datasheet),
         codes=_codes(brake, coast),
@@ -200,7 +194,7 @@ def identify(
         recent=recent,
         hold=hold,
         profile=physical_names(profile, "--profile", plants),
-    )
+    )  # fmt: skip
     check_folder(out)
     records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
     search = partial(workflow.identify, records, tests or _fraction(unseen), models=asked or None, options=options)

@@ -117,9 +117,10 @@ def test_a_plant_has_bands_and_one_that_cannot_be_moved_says_so():
     assert 0.001 < step.standard_error[-1, 0] / step.value[-1, 0] < 0.02
     found = frequency_response_band(fit, 0.005)
     assert found.magnitude.standard_error[0] > 0
-    unmoved = Fit(emsid.fit(emsid.state_space(1), known).model, ("a",), np.ones(1), np.eye(1), 1.0, 300.0, 1.0, 1)
-    with pytest.raises(emsid.ModelError, match="no band"):
-        free_run_band(unmoved, known)
+    for structure in (emsid.state_space(1), emsid.armax(1, 1, 1)):
+        unmoved = Fit(emsid.fit(structure, known).model, ("a",), np.ones(1), np.eye(1), 1.0, 300.0, 1.0, 1)
+        with pytest.raises(emsid.ModelError, match="no band"):
+            free_run_band(unmoved, known)
 
 
 def test_friction_of_a_regression_is_in_units_of_the_input():
@@ -177,3 +178,109 @@ def test_the_page_draws_what_a_model_has_with_its_bands():
     run = measured_and_simulated(seen, band=free_run_band(fit, known, transient=seen.fit.model.memory))
     assert isinstance(run.plots[0].marks[0], Band)
     assert not isinstance(measured_and_simulated(seen).plots[0].marks[0], Band)
+
+
+# --- linear models with a noise model --------------------------------------------------------------------------------
+
+TWO = emsid.StateSpaceModel(
+    np.array([[0.9, 0.2], [-0.1, 0.7]]),
+    np.array([[1.0, 0.0], [0.2, 0.5]]),
+    np.array([[1.0, 0.0], [0.5, 2.0]]),
+    np.array([[0.0, 0.1], [0.0, 0.0]]),
+    np.zeros((2, 2)),
+    np.array([1.0, -4.0]),
+    DT,
+)
+
+
+def coloured(seed, samples=400):
+    """A record of (1 − 1.5q⁻¹ + 0.7q⁻²) y = (q⁻¹ + 0.5q⁻²) u + (1 − q⁻¹ + 0.2q⁻²) e."""
+    rng = np.random.default_rng(seed)
+    u, below = rng.choice([-1.0, 1.0], samples), [1.0, -1.5, 0.7]
+    y = lfilter([0.0, 1.0, 0.5], below, u) + lfilter([1.0, -1.0, 0.2], below, 0.5 * rng.standard_normal(samples))
+    return emsid.Record(u, y + 3.0, DT)
+
+
+@pytest.mark.parametrize(("direct", "noise"), [(False, False), (True, False), (False, True), (True, True)])
+def test_a_state_space_model_is_that_of_its_coefficients(direct, noise):
+    outputs = 1 if noise else 2
+    model = replace(
+        TWO,
+        c=TWO.c[:outputs],
+        d=TWO.d[:outputs] * direct,
+        k=np.array([[0.3], [0.1]]) if noise else TWO.k,
+        level=TWO.level[:outputs],
+    )
+    names, values = model.coefficients(direct, noise)
+    again = model.with_estimates(names, values)
+    frequency = np.array([0.0, 1.0, 10.0, 50.0])
+    np.testing.assert_allclose(again.response(frequency), model.response(frequency), rtol=1e-10, atol=1e-12)
+    u = np.random.default_rng(0).standard_normal((50, 2))
+    np.testing.assert_allclose(again.run(again.at_rest(), u)[0], model.run(model.at_rest(), u)[0], atol=1e-9)
+    if noise:
+        np.testing.assert_allclose(again.coefficients(direct, noise)[1], values, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("structure", "options"),
+    [
+        (emsid.armax(2, 2, 2), {}),
+        (emsid.box_jenkins(2, 2, 2, 2), {}),
+        (emsid.state_space(2, horizon=8), {}),
+        (emsid.arx(2, 2, constant=True), {"free_run": True}),
+    ],
+    ids=["armax", "box-jenkins", "state-space", "output-error"],
+)
+def test_the_bands_of_linear_models_contain_the_truth(structure, options):
+    """Frequency and step response of the system of Ljung's examples, each band at a few points."""
+    inside = []
+    for seed in range(12):
+        known = coloured(seed)
+        fit = emsid.fit(structure, known, **options)
+        response = frequency_response_band(fit, DT).magnitude
+        z = np.exp(-2j * np.pi * response.x * DT)
+        exact = 20 * np.log10(np.abs((z + 0.5 * z**2) / (1 - 1.5 * z + 0.7 * z**2)))
+        step = step_response_band(fit, known, size=1.0, start=0.0)
+        steps = lfilter([0.0, 1.0, 0.5], [1.0, -1.5, 0.7], np.ones(len(step.x)))
+        rise = np.array([2, 4, 8, 20])
+        inside.append(np.abs(exact - response.value)[[0, 150, 250, 290]] <= response.half[[0, 150, 250, 290]])
+        inside.append(np.abs(steps + 3.0 - step.value[:, 0])[rise] <= step.half[rise, 0])
+    assert 0.86 < np.mean(inside) <= 1.0  # 96 dependent numbers of nominal level 0.95
+
+
+def test_bands_of_an_armax_model_are_those_of_the_delta_method():
+    fit = emsid.fit(emsid.armax(2, 2, 2), coloured(1, 2000))
+    found = frequency_response_band(fit, DT)
+    z = np.exp(-2j * np.pi * found.magnitude.x * DT)
+    a, b = fit.estimate[:2], fit.estimate[2:4]
+    above, below = b[0] * z + b[1] * z**2, 1 + a[0] * z + a[1] * z**2
+    slope = np.array([-z / below, -(z**2) / below, z / above, z**2 / above]).T  # of log G
+    spread = np.sqrt(np.einsum("fi,ij,fj->f", slope.real, fit.covariance[:4, :4], slope.real))
+    np.testing.assert_allclose(found.magnitude.standard_error, 20 / np.log(10) * spread, rtol=0.02)
+
+
+def test_several_inputs_and_outputs_have_a_band_for_each_pair():
+    rng = np.random.default_rng(2)
+    u = rng.standard_normal((600, 2))
+    y = TWO.run(np.zeros(2), u)[0] + 0.1 * rng.standard_normal((600, 2))
+    known = emsid.Record(u, y, DT)
+    fit = emsid.fit(emsid.state_space(2, direct=True, horizon=6), known, free_run=True)
+    for i, k in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        found = frequency_response_band(fit, DT, output=i, input=k).magnitude
+        exact = 20 * np.log10(np.abs(TWO.response(found.x)[:, i, k]))
+        assert np.mean(np.abs(exact - found.value) <= 1.6 * found.half) > 0.9
+        assert np.all(found.standard_error > 0)
+    step = step_response_band(fit, known, size=1.0, start=0.0, input=1)
+    exact = TWO.run(np.zeros(2), np.tile([0.0, 1.0], (len(step.x), 1)))[0]
+    assert np.mean(np.abs(exact - step.value) <= 1.6 * step.half) > 0.9
+    assert free_run_band(fit, known).value.shape == (600, 2)
+    for wrong in ({"output": 2}, {"input": -1}):
+        with pytest.raises(emsid.ModelError, match="count from 0"):
+            frequency_response_band(fit, DT, **wrong)
+    from emsid.report.views import banded
+
+    assert [figure.name for figure in banded(fit, known)][:3] == [
+        "state-space-step-u1",
+        "state-space-step-u2",
+        "state-space-frequency-response-y1-u1",
+    ]

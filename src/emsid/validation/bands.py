@@ -16,7 +16,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +30,8 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import static_band
 from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.model import Model
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.narx import Narx
@@ -120,57 +122,72 @@ def free_run_band(fit: Fit[Any], record: Record, *, level: float = 0.95, transie
 
 
 def step_response_band(
-    fit: Fit[Any], record: Record, *, size: float | None = None, start: float | None = None, level: float = 0.95
+    fit: Fit[Any],
+    record: Record,
+    *,
+    size: float | None = None,
+    start: float | None = None,
+    input: int = 0,
+    level: float = 0.95,
 ) -> Band:
-    """The response from rest to a step of the input, over time in s.
+    """The response of every output to a step of one input from rest, over time in s.
 
     Args:
-        fit: of a model of one input.
-        record: whose sample time and range of the input are taken.
+        fit: of a model with a covariance.
+        record: whose sample time and ranges of the inputs are taken.
         size: of the step; by default up to the 90 % quantile of the input in this record.
         start: the input before the step; by default zero where the input of the record goes there, otherwise its 10 %
             quantile.
+        input: which input steps, from 0; all others stay at zero where they go there, otherwise at their mean.
         level: of the band.
 
     Raises:
-        ModelError: for a model of several inputs.
+        ModelError: for an input that the record does not have, a plant with several inputs, or a model whose parameters
+            cannot be moved.
     """
-    if record.input.shape[1] != 1:
-        raise ModelError(f"{fit.model.name}: a step response has one input, and {record.name} {record.input.shape[1]}")
-    u, dt = record.input[:, 0], record.dt
+    _check_channel(fit.model, "input", input, record.input.shape[1])
+    if record.input.shape[1] > 1 and isinstance(fit.model, GreyBox):
+        raise ModelError(f"{fit.model.name}: its second input is no command, so it has no step response")
+    u, dt = record.input[:, input], record.dt
     low, high = (float(np.quantile(u, share)) for share in (0.1, 0.9))
     before = start if start is not None else 0.0 if u.min() <= 0.0 <= u.max() else low
     height = size if size is not None else (high if abs(high) >= abs(low) else low) - before
+    rest = np.array([0.0 if x.min() <= 0.0 <= x.max() else x.mean() for x in record.input.T])
+    rest[input] = before
+    stepped = rest + height * (np.arange(len(rest)) == input)
 
     def response(model: Model, samples: int) -> Array:
         late = model.latency
-        state = model.at_rest(before, dt)
-        if before:
-            state = model.run(state, np.full((samples, 1), before))[1]
-        return model.run(state, np.full((samples + late, 1), before + height))[0][late:]
+        state = model.at_rest(rest, dt)
+        if rest.any():
+            state = model.run(state, np.tile(rest, (samples, 1)))[1]
+        return model.run(state, np.tile(stepped, (samples + late, 1)))[0][late:]
 
     nominal = response(fit.model, min(len(record), LONGEST))
     samples = _until_settled(nominal)
     return _band(fit, lambda model: response(model, samples), dt * np.arange(samples, dtype=float), level)
 
 
-def frequency_response_band(fit: Fit[Any], dt: float, *, level: float = 0.95) -> FrequencyResponse:
+def frequency_response_band(
+    fit: Fit[Any], dt: float, *, output: int = 0, input: int = 0, level: float = 0.95
+) -> FrequencyResponse:
     """The frequency response of a linear model, of the filters of a cascade in a row, or of a plant in motion.
 
     Args:
-        fit: of a linear regression, a cascade or a plant, of one input and one output.
+        fit: of a linear regression, a polynomial or state-space model, a cascade or a plant.
         dt: sample time of the record in s; frequencies go up to half the sampling rate.
+        output, input: of a model with several, from 0.
         level: of the bands.
 
     Raises:
-        ModelError: for a model without a frequency response.
+        ModelError: for a model without a frequency response, or without these channels.
     """
     top = 0.5 / dt
     f = np.geomspace(top / 10**DECADES, top, FREQUENCIES)
 
     def logarithm(model: Any) -> NDArray[np.complex128]:
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.log(_response(model, f, dt)))
+            return np.asarray(np.log(_response(model, f, dt, output, input)))
 
     value, spread = _with_error(fit, lambda model: _log_parts(logarithm(model)))
     to_db, to_degrees = 20 / np.log(10), 180 / np.pi
@@ -259,7 +276,10 @@ def _with_error(fit: Fit[Any], curve: Curve) -> tuple[Array, Array]:
     """A curve and its standard error."""
     here = np.asarray(curve(fit.model), dtype=float)
     variance = np.zeros_like(here)
-    for direction in _directions(fit.covariance):
+    directions = _directions(fit.covariance)
+    if directions:
+        _move_of(fit.model)(fit.names, fit.estimate)  # refuses other parameters than the model's own
+    for direction in directions:
         for step in SHORTER:
             change = _change(fit, curve, here, step * direction)
             if change is not None:
@@ -294,15 +314,24 @@ def _change(fit: Fit[Any], curve: Curve, here: Array, move: Array) -> Array | No
 
 def _moved(fit: Fit[Any], curve: Curve, here: Array, theta: Array) -> Array | None:
     """The curve of the model with another estimate; None where that cannot be run, or diverges."""
-    move = getattr(fit.model, "with_estimates", None)
-    if move is None:
-        raise ModelError(f"{fit.model.name}: the parameters of this kind of model cannot be moved, so it has no band")
     try:
         with np.errstate(all="ignore"):
-            found = np.asarray(curve(move(fit.names, theta)), dtype=float)
+            found = np.asarray(curve(_move_of(fit.model)(fit.names, theta)), dtype=float)
     except (EmsidError, Infeasible, ValueError, ArithmeticError):
         return None
     return found if np.isfinite(found[np.isfinite(here)]).all() else None
+
+
+def _move_of(model: Any) -> Callable[[Sequence[str], Array], Any]:
+    """The method of a model that gives it other estimates.
+
+    Raises:
+        ModelError: for a model without one.
+    """
+    move = getattr(model, "with_estimates", None)
+    if move is None:
+        raise ModelError(f"{model.name}: the parameters of this kind of model cannot be moved, so it has no band")
+    return move  # type: ignore[no-any-return]
 
 
 def _log_parts(logarithm: NDArray[np.complex128]) -> Array:
@@ -310,29 +339,43 @@ def _log_parts(logarithm: NDArray[np.complex128]) -> Array:
     return np.column_stack([logarithm.real, np.unwrap(logarithm.imag)])
 
 
-def _response(model: Any, f: Array, dt: float) -> NDArray[np.complex128]:
+def _response(model: Any, f: Array, dt: float, output: int, input: int) -> NDArray[np.complex128]:
     """The frequency response at frequencies f (m,) in Hz.
 
     Raises:
-        ModelError: for a model without one.
+        ModelError: for a model without one, or without these channels.
     """
     z = np.exp(-2j * np.pi * f * dt)
+    if isinstance(model, StateSpaceModel | PolynomialModel):
+        found = model.response(f)
+        _check_channel(model, "output", output, found.shape[1])
+        _check_channel(model, "input", input, found.shape[2])
+        return np.asarray(found[:, output, input])
+    _check_channel(model, "output", output, 1)
+    if isinstance(model, Narx) and model.is_linear:
+        below, above = model.linear_part()
+        _check_channel(model, "input", input, len(above))
+        polynomial = np.polynomial.polynomial.polyval
+        return np.asarray(polynomial(z, above[input]) / polynomial(z, below), dtype=complex)
+    _check_channel(model, "input", input, 1)
     if isinstance(model, Cascade):
         filters = [block for block in model.blocks if isinstance(block, Rational)]
         if filters:
             inside = dt / model.oversampling
             return np.asarray(z**model.delay * np.prod([block.response(f, inside) for block in filters], axis=0))
-    if isinstance(model, Narx) and model.is_linear and model.structure.inputs == 1:
-        below, above = model.linear_part()
-        polynomial = np.polynomial.polynomial.polyval
-        return np.asarray(polynomial(z, above[0]) / polynomial(z, below), dtype=complex)
     if isinstance(model, GreyBox):
         part = model.plant.linearised(model.signals)
         if part is not None:
             s = 2j * np.pi * f[:, None, None] * np.eye(len(part.a))
             states = np.linalg.solve(s - part.a, np.broadcast_to(part.b[:, :1], (len(f), len(part.a), 1)))
             return np.asarray((part.c[:1] @ states)[:, 0, 0] + part.d[0, 0])
-    raise ModelError(f"{model.name} has no frequency response: it is not linear, or has several inputs")
+    raise ModelError(f"{model.name} has no frequency response: it is not linear")
+
+
+def _check_channel(model: Any, what: str, number: int, count: int) -> None:
+    """Refuse the number of an input or output that there is not."""
+    if not 0 <= number < count:
+        raise ModelError(f"{model.name}: {what} {number} of {count}; they count from 0", arguments=(what,))
 
 
 def _of_one_side(model: Any) -> dict[int | None, dict[int, Regressor]]:

@@ -13,7 +13,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.models.free_run import RunMethods
-from emsid.models.linear.state_space import StateSpaceModel
+from emsid.models.linear.state_space import StateSpaceModel, observer_form
 from emsid.models.terms import check_whole, sum_of_terms
 from emsid.record import Record
 
@@ -146,6 +146,30 @@ class PolynomialModel(RunMethods):
         """(F, 1, nu) the frequency response from the inputs at frequencies (F,) in Hz."""
         return self.form.response(frequency)
 
+    def with_estimates(self, names: Sequence[str], values: Array) -> PolynomialModel:
+        """The model with other coefficients, in the order of `coefficient_names`.
+
+        Raises:
+            ModelError: for the names of other parameters.
+        """
+        inputs, constant = len(self.b), "offset" in names
+        sizes = len(self.a), self.b.shape[1], self.f.shape[1], len(self.c), len(self.d)
+        if tuple(names) != coefficient_names(*sizes, inputs, constant):
+            raise ModelError(f"{self.name}: {', '.join(names)} are not its coefficients, so it has no band")
+        a, b, f, c, d, level = np.split(
+            np.asarray(values, dtype=float),
+            np.cumsum([sizes[0], inputs * sizes[1], inputs * sizes[2], sizes[3], sizes[4]]),
+        )
+        return replace(
+            self,
+            a=a,
+            b=b.reshape(self.b.shape),
+            f=f.reshape(self.f.shape),
+            c=c,
+            d=d,
+            constant=float(level[0]) if constant else self.constant,
+        )
+
     def equation(self) -> str:
         """The difference equation with numbers."""
         terms = []
@@ -200,21 +224,17 @@ class _Stored(msgspec.Struct, forbid_unknown_fields=True):
     dt: float
 
 
-def observer_form(below: Array, above: Sequence[Array]) -> tuple[Array, Array]:
-    """A (n, n) and one column of B (n, k) for each numerator over a common denominator; C is (1, 0, …).
-
-    The direct terms are the first coefficients of the numerators.
-    """
-    n = max(len(below) - 1, *(len(each) - 1 for each in above), 1)
-    padded = np.zeros(n + 1)
-    padded[: len(below)] = below
-    a = np.diag(np.ones(n - 1), 1)
-    a[:, 0] -= padded[1:]
-    columns = np.zeros((n, len(above)))
-    for k, each in enumerate(above):
-        columns[: len(each) - 1, k] = each[1:]
-        columns[:, k] -= padded[1:] * each[0]
-    return a, columns
+def coefficient_names(na: int, nb: int, nf: int, nc: int, nd: int, inputs: int, constant: bool) -> tuple[str, ...]:
+    """A name for every coefficient: A, then B and F of every input, C, D and the constant."""
+    channels = [""] if inputs == 1 else [f"{i + 1}_" for i in range(inputs)]
+    return (
+        *(f"a{k + 1}" for k in range(na)),
+        *(f"b{i}{k + 1}" for i in channels for k in range(nb)),
+        *(f"f{i}{k + 1}" for i in channels for k in range(nf)),
+        *(f"c{k + 1}" for k in range(nc)),
+        *(f"d{k + 1}" for k in range(nd)),
+        *["offset"] * constant,
+    )
 
 
 def _text(coefficients: Array, delay: int = 0) -> str:

@@ -33,7 +33,7 @@ from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible, gauss_newton
-from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.polynomials import PolynomialModel, coefficient_names
 from emsid.models.regression.instruments import fit_instruments
 from emsid.models.regression.structures import arx
 from emsid.record import Record, check_same_channels
@@ -84,15 +84,7 @@ class PolynomialStructure:
     @property
     def names(self) -> tuple[str, ...]:
         """A name for every parameter."""
-        channels = [""] if self.inputs == 1 else [f"{i + 1}_" for i in range(self.inputs)]
-        return (
-            *(f"a{k + 1}" for k in range(self.na)),
-            *(f"b{i}{k + 1}" for i in channels for k in range(self.nb)),
-            *(f"f{i}{k + 1}" for i in channels for k in range(self.nf)),
-            *(f"c{k + 1}" for k in range(self.nc)),
-            *(f"d{k + 1}" for k in range(self.nd)),
-            *["offset"] * self.constant,
-        )
+        return coefficient_names(self.na, self.nb, self.nf, self.nc, self.nd, self.inputs, self.constant)
 
     @property
     def memory(self) -> int:

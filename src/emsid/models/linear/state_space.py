@@ -14,7 +14,8 @@ References:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import msgspec
@@ -182,6 +183,61 @@ class StateSpaceModel(RunMethods):
             self.c @ np.linalg.solve(resolvent, np.broadcast_to(self.b, (len(z), *self.b.shape))) + self.d
         )
 
+    def coefficients(self, direct: bool, noise: bool) -> tuple[tuple[str, ...], Array]:
+        """The names and values of the coefficients of A(q) yᵢ = Bᵢⱼ(q) uⱼ + y₀, which depend on no basis of the state.
+
+        Args:
+            direct: whether the input affects the output in the same sample.
+            noise: whether C(q) of the noise is among them; it exists for one output.
+        """
+        n, (outputs, inputs) = self.order, self.d.shape
+        below = np.poly(self.a)
+        values = list(below[1:])
+        for i in range(outputs):
+            for j in range(inputs):
+                above = np.poly(self.a - np.outer(self.b[:, j], self.c[i])) + (self.d[i, j] - 1.0) * below
+                values += list(above[1 - direct :])
+        if noise:
+            values += list(np.poly(self.a - self.k @ self.c)[1:])
+        return coefficient_names(n, outputs, inputs, direct, noise), np.asarray(np.real([*values, *self.level]))
+
+    def with_estimates(self, names: Sequence[str], values: Array) -> StateSpaceModel:
+        """The model with these coefficients, see `coefficients`, in observer form: n states for every output.
+
+        With several outputs it has no noise model, since the coefficients do not describe it.
+
+        Raises:
+            ModelError: for the names of other parameters.
+        """
+        n, (outputs, inputs) = self.order, self.d.shape
+        for direct, noise in product((False, True), (False, True)):
+            if tuple(names) == coefficient_names(n, outputs, inputs, direct, noise and outputs == 1):
+                break
+        else:
+            raise ModelError(f"{self.name}: {', '.join(names)} are not its coefficients, so it has no band")
+        noise = noise and outputs == 1
+        below, above, of_noise, level = np.split(
+            np.asarray(values, dtype=float), np.cumsum([n, (n + direct) * inputs * outputs, n * noise])
+        )
+        below, rows = np.append(1.0, below), above.reshape(outputs, inputs, n + direct)
+        forms = [observer_form(below, [each if direct else np.append(0.0, each) for each in row]) for row in rows]
+        gain = np.zeros((n * outputs, outputs))
+        if noise:
+            gain = observer_form(below, [np.append(1.0, of_noise)])[1]
+        zero = np.zeros((outputs, n, outputs, n))
+        a, c = zero.copy(), np.zeros((outputs, outputs, n))
+        for i, (form, _) in enumerate(forms):
+            a[i, :, i], c[i, i, 0] = form, 1.0
+        return replace(
+            self,
+            a=a.reshape(n * outputs, n * outputs),
+            b=np.vstack([columns for _, columns in forms]),
+            c=c.reshape(outputs, n * outputs),
+            d=rows[:, :, 0] if direct else np.zeros_like(self.d),
+            k=gain,
+            level=level,
+        )
+
     def equation(self) -> str:
         """The difference equations with numbers."""
         inputs = ["u(t)"] if self.b.shape[1] == 1 else [f"u{j + 1}(t)" for j in range(self.b.shape[1])]
@@ -243,6 +299,34 @@ class _Stored(msgspec.Struct, forbid_unknown_fields=True):
     level: list[float]
     dt: float
     start: int
+
+
+def observer_form(below: Array, above: Sequence[Array]) -> tuple[Array, Array]:
+    """A (n, n) and one column of B (n, k) for each numerator over a common denominator; C is (1, 0, …).
+
+    The direct terms are the first coefficients of the numerators.
+    """
+    n = max(len(below) - 1, *(len(each) - 1 for each in above), 1)
+    padded = np.zeros(n + 1)
+    padded[: len(below)] = below
+    a = np.diag(np.ones(n - 1), 1)
+    a[:, 0] -= padded[1:]
+    columns = np.zeros((n, len(above)))
+    for k, each in enumerate(above):
+        columns[: len(each) - 1, k] = each[1:]
+        columns[:, k] -= padded[1:] * each[0]
+    return a, columns
+
+
+def coefficient_names(order: int, outputs: int, inputs: int, direct: bool, noise: bool) -> tuple[str, ...]:
+    """The names of `StateSpaceModel.coefficients`."""
+    names = [f"a{k + 1}" for k in range(order)]
+    for i, j in product(range(1, outputs + 1), range(1, inputs + 1)):
+        label = "b" if outputs == inputs == 1 else f"b{j}_" if outputs == 1 else f"b{i}{j}_"
+        names += [f"{label}{k}" for k in range(1 - direct, order + 1)]
+    names += [f"c{k + 1}" for k in range(order)] * noise
+    names += ["y0" if outputs == 1 else f"y0_{i + 1}" for i in range(outputs)]
+    return tuple(names)
 
 
 def run_linear(a: Array, b: Array, c: Array, d: Array, state: Array, inputs: Array) -> tuple[Array, Array]:

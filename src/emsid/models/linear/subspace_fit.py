@@ -399,20 +399,7 @@ class StateSpaceError:
     def coefficients(self, beta: Array) -> tuple[tuple[str, ...], Array]:
         """The names and values of the coefficients of the transfer functions, in the units of the record."""
         model = self.data.in_units(self.model(beta)[0])
-        n, (outputs, inputs) = model.order, model.d.shape
-        below = np.poly(model.a)
-        names, values = [f"a{k + 1}" for k in range(n)], list(below[1:])
-        for i in range(outputs):
-            for j in range(inputs):
-                above = np.poly(model.a - np.outer(model.b[:, j], model.c[i])) + (model.d[i, j] - 1.0) * below
-                label = "b" if outputs == inputs == 1 else f"b{j + 1}_" if outputs == 1 else f"b{i + 1}{j + 1}_"
-                names += [f"{label}{k}" for k in range(1 - self.direct, n + 1)]
-                values += list(above[1 - self.direct :])
-        if not self.free_run and outputs == 1:
-            names += [f"c{k + 1}" for k in range(n)]
-            values += list(np.poly(model.a - model.k @ model.c)[1:])
-        names += ["y0" if outputs == 1 else f"y0_{i + 1}" for i in range(outputs)]
-        return tuple(names), np.asarray(np.real([*values, *model.level]))
+        return model.coefficients(self.direct, noise=not self.free_run and len(model.level) == 1)
 
     def fit(self, found: Minimum | None) -> Fit[StateSpaceModel]:
         """The fit, from the result of the search, or of the start alone."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,16 +34,29 @@ def banded(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = ""
     """The step response, frequency response, static map and friction of a model, as far as it has them, with bands.
 
     Args:
-        fit: of a model of one input.
+        fit: of a model with a covariance.
         record: with its sample time and ranges.
         level: of the bands.
         name: the beginning of the names of the figures, by default after the model.
     """
     prefix = slug(name or fit.model.name)
-    views: list[Callable[[], Figure]] = [lambda: step_response(fit, record, level=level, name=f"{prefix}-step")]
-    if hasattr(fit.model, "structure"):  # a cascade and a plant have views of their own
+    inputs, outputs = record.input.shape[1], record.output.shape[1]
+    views: list[Callable[[], Figure]] = []
+    for k in range(inputs):
+        end = f"-{slug(record.input_names[k])}" if inputs > 1 else ""
+        views.append(partial(step_response, fit, record, input=k, level=level, name=f"{prefix}-step{end}"))
+    if not hasattr(fit.model, "blocks") and not hasattr(fit.model, "plant"):  # they have views of their own
+        for i, k in product(range(outputs), range(inputs)):
+            end = f"-{slug(record.output_names[i])}-{slug(record.input_names[k])}" if inputs * outputs > 1 else ""
+            path: dict[str, Any] = {
+                "output": i,
+                "input": k,
+                "level": level,
+                "name": f"{prefix}-frequency-response{end}",
+            }
+            views.append(partial(frequency_response, fit, record, **path))
+    if hasattr(fit.model, "structure"):
         views += [
-            lambda: frequency_response(fit, record, level=level, name=f"{prefix}-frequency-response"),
             lambda: static_map(fit, record, level=level, name=f"{prefix}-static-map"),
             lambda: regression_friction(fit, record, level=level, name=f"{prefix}-friction"),
         ]
@@ -52,25 +67,29 @@ def banded(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = ""
     return tuple(figures)
 
 
-def step_response(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = "step") -> Figure:
-    """The response from rest to a step of the input, with its band, for every output.
+def step_response(fit: Fit[Any], record: Record, *, input: int = 0, level: float = 0.95, name: str = "step") -> Figure:
+    """The response from rest to a step of an input, with its band, for every output.
 
     Raises:
-        ModelError: for a model of several inputs.
+        ModelError: for a model without one.
     """
     from emsid.validation.bands import step_response_band
 
-    band = step_response_band(fit, record, level=level)
+    band = step_response_band(fit, record, input=input, level=level)
     plots = []
     for k, output in enumerate(record.output_names):
         one = replace(band, value=band.value[:, k], standard_error=band.standard_error[:, k])
         plots.append(
             Plot(_marks(one, fit.model.name), TIME, _limited(one, channel_axis(output, record.output_units[k])))
         )
-    return Figure(name, f"Step response of {fit.model.name} with {_percent(level)} band. {OF_PARAMETERS}", tuple(plots))
+    of_input = f" to a step of {record.input_names[input]}" if record.input.shape[1] > 1 else ""
+    caption = f"Step response of {fit.model.name}{of_input} with {_percent(level)} band. {OF_PARAMETERS}"
+    return Figure(name, caption, tuple(plots))
 
 
-def frequency_response(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = "response") -> Figure:
+def frequency_response(
+    fit: Fit[Any], record: Record, *, output: int = 0, input: int = 0, level: float = 0.95, name: str = "response"
+) -> Figure:
     """Magnitude and phase of a linear model with their bands.
 
     Raises:
@@ -78,7 +97,7 @@ def frequency_response(fit: Fit[Any], record: Record, *, level: float = 0.95, na
     """
     from emsid.validation.bands import frequency_response_band
 
-    found = frequency_response_band(fit, record.dt, level=level)
+    found = frequency_response_band(fit, record.dt, output=output, input=input, level=level)
     frequency = Axis("Frequency", "Hz", log=True, range=(float(found.magnitude.x[0]), float(found.magnitude.x[-1])))
     plots = tuple(
         Plot(_marks(band, label), frequency, _limited(band, Axis(quantity, unit)))
@@ -87,7 +106,9 @@ def frequency_response(fit: Fit[Any], record: Record, *, level: float = 0.95, na
             (found.phase, "", "Phase", "deg"),
         )
     )
-    caption = f"Frequency response of {fit.model.name} with {_percent(level)} band, up to half the sampling rate."
+    several = record.input.shape[1] * record.output.shape[1] > 1
+    path = f" from {record.input_names[input]} to {record.output_names[output]}" if several else ""
+    caption = f"Frequency response of {fit.model.name}{path} with {_percent(level)} band, up to half the sampling rate."
     return Figure(name, caption, plots, shared_x=True)
 
 

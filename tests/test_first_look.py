@@ -17,6 +17,7 @@ from emsid.errors import DataError
 from emsid.first_look import describe, describe_files
 from emsid.first_look.columns import column_of_numbers, quantisation
 from emsid.first_look.names import ColumnQuantity, meaning
+from emsid.first_look.systems import statistic
 from emsid.report.braille import braille
 
 N = 800
@@ -314,6 +315,44 @@ def test_a_record_of_opposite_sign_among_others(write: Write) -> None:
     (finding,) = describe_files(paths)[1]
     assert (finding.code, finding.data) == ("records-of-opposite-sign", {"records": ["1.csv"], "of": 3})
     assert describe_files(paths[::2])[1] == []
+
+
+def drive(pole: float, seed: int) -> np.ndarray:
+    """The output of a drive with this pole, with noise."""
+    y = np.zeros(N)
+    for k in range(1, N):
+        y[k] = pole * y[k - 1] + 5 * (1 - pole) * np.roll(U, 8 * seed)[k - 1]
+    return y + 0.05 * np.random.default_rng(seed).standard_normal(N)
+
+
+def test_files_with_another_header_and_another_response_are_of_another_system(write: Write) -> None:
+    def file(name: str, header: str, pole: float, seed: int) -> Path:
+        u, y = np.roll(U, 8 * seed), drive(pole, seed)
+        rows = (f"{x:g}\t{speed:.5f}\n" for x, speed in zip(u, y, strict=True))
+        return write(f"{header} (dt=10)\nPWM\tspeed\n{''.join(rows)}", name)
+
+    old, same = file("old.dat", "Motor", 0.9, 0), file("same.dat", "Motor Prescaler 5", 0.9, 1)
+    other, unmarked = file("other.dat", "Motor Prescaler 5", 0.8, 2), file("unmarked.dat", "Motor", 0.8, 3)
+    looks, findings = describe_files([old, other])
+    assert [finding.code for finding in findings] == ["files-of-another-system"]
+    said = findings[0].data
+    assert (said["files"], said["others"], said["words"]) == (["other.dat"], ["old.dat"], ["Prescaler"])
+    assert said["ratio"] > 3
+    assert [[Path(word).name for word in words if word.endswith(".dat")] for words in proposals(looks)] == [
+        ["old.dat"],
+        ["other.dat"],
+    ]
+    for pair in ([old, same], [old, unmarked]):
+        looks, findings = describe_files(pair)
+        assert findings == []
+        assert len(proposals(looks)) == 1
+
+
+def test_the_statistic_of_two_halves_of_a_system_is_about_one() -> None:
+    whole = emsid.Record(U, drive(0.9, 0), 0.01)
+    assert statistic(whole[:400], whole[400:]) < 3
+    assert statistic(whole[:400], emsid.Record(U, drive(0.8, 0), 0.01)[400:]) > 30
+    assert statistic(whole[:40], whole[400:]) == np.inf
 
 
 # --- how it is shown -------------------------------------------------------------------------------------------------

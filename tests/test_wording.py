@@ -403,6 +403,11 @@ EXAMPLES: tuple[Finding, ...] = (
         Finding(code, "y", {"input": "u", "delay": delay, "time": 0.01 * delay, "confidence": 0.95})
         for code, delay in (("response-delay", 1), ("response-delay", 230), ("response-negative", 2))
     ),
+    Finding(
+        "files-of-another-system",
+        "old.dat",
+        {"files": ["old.dat"], "others": ["a.dat", "b.dat"], "words": ["Prescaler"], "ratio": 8.2},
+    ),
     Finding("records-of-opposite-sign", "b.csv", {"records": ["b.csv", "c.csv"], "of": 5}),
     Finding("feedback-likely", "u", {"output": "y", "correlation": 0.4, "confidence": 0.9}),
     *(Finding(code, "y", {"share": 0.4, "reversals": 3}) for code in ("all-standstill", "much-standstill")),

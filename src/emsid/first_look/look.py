@@ -26,6 +26,7 @@ from emsid.first_look.columns import Column, Stretch, column_of_numbers
 from emsid.first_look.dynamics import Response, influence, response
 from emsid.first_look.names import ColumnQuantity, Meaning, known_unit, meaning
 from emsid.first_look.roles import Roles, find_roles, is_difference, with_responses
+from emsid.first_look.systems import Source, systems
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, as_numbers
 from emsid.io.reading import SECONDS, ParsedFile, read, read_columns
@@ -56,6 +57,8 @@ class FirstLook(Presented):
         response: delay and sign of the response of the first output to the first input.
         findings: what was noticed.
         tolerance: singular values of the lagged input below this share of the largest are no excitation.
+        header: the lines above the header of the table.
+        system: number of the system that it is of, among files that are looked at together.
     """
 
     path: str
@@ -69,11 +72,18 @@ class FirstLook(Presented):
     response: Response = field(default_factory=lambda: Response(None, 0, 0.0, 0.0))
     findings: tuple[Finding, ...] = ()
     tolerance: float = TOLERANCE
+    header: tuple[str, ...] = ()
+    system: int = 0
 
     @property
     def name(self) -> str:
         """The name of the file without its folder."""
         return Path(self.path).name
+
+    @property
+    def kind(self) -> str:
+        """The same for files that are read alike."""
+        return repr(sorted(self.reading.items(), key=str))
 
     def __getitem__(self, name: str) -> Column:
         """A column by its name."""
@@ -120,7 +130,9 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
         proposal = {name: value for name, value in proposal.items() if name not in ("time", "time_unit", "resample")}
     elif "time" in reading and "dt" not in reading:
         proposal.pop("dt", None)
-    look = FirstLook(str(path), rows, columns, raw.others, clock, roles, proposal, tolerance=tolerance)
+    look = FirstLook(
+        str(path), rows, columns, raw.others, clock, roles, proposal, tolerance=tolerance, header=tuple(raw.preamble)
+    )
     noticed += _about_columns(look)
     return _with_record(look, parsed, noticed, set(reading))
 
@@ -149,7 +161,24 @@ def describe_files(
             u, y = pair
             return [describe(y, tolerance=tolerance, **reading, input=f"{u}:1", output=f"{y}:1")], []
     looks = [describe(path, tolerance=tolerance, **reading) for path in paths]
-    return looks, opposite_signs((look.name, look.response) for look in looks)
+    looks, different = _told_apart(looks)
+    return looks, [*opposite_signs((look.name, look.response) for look in looks), *different]
+
+
+def _told_apart(looks: Sequence[FirstLook]) -> tuple[list[FirstLook], list[Finding]]:
+    """The looks with the numbers of their systems, and findings about those that are read alike and differ."""
+    kinds: dict[str, list[FirstLook]] = {}
+    for look in looks:
+        if look.record is not None and look.record.output.shape[1]:
+            kinds.setdefault(look.kind, []).append(look)
+    numbers: dict[str, int] = {}
+    found: list[Finding] = []
+    for alike in kinds.values():
+        sources = [Source(each.path, each.header, each.record) for each in alike if each.record is not None]
+        groups, different = systems(sources)
+        numbers |= {source.path: number for number, group in enumerate(groups) for source in group}
+        found += different
+    return [replace(look, system=numbers.get(look.path, 0)) for look in looks], found
 
 
 def _input_and_output(first: Path, second: Path) -> tuple[Path, Path] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.units import with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
@@ -144,6 +145,18 @@ def records_of_opposite_sign(f: Finding, argument: Spelling) -> str:
     return (
         f"the output has the opposite sign in {shortened(f.data['records'])} of {f.data['of']} records; turn it there "
         f"with {argument('scale')}, or identify these records alone"
+    )
+
+
+@words("files-of-another-system", Severity.WARNING)
+def files_of_another_system(f: Finding, argument: Spelling) -> str:
+    """Subject: the longest of these files. Data: files, others (those of the first system), words (that only one of the
+    headers has), ratio."""
+    files, others = shortened(f.data["files"]), shortened(f.data["others"])
+    return (
+        f"{files} probably {'is' if len(f.data['files']) == 1 else 'are'} of another system than {others}: only one of "
+        f"the headers has {listed(f.data['words'])}, and the response differs {f.data['ratio']:.2g} times as much as "
+        "between halves of one record; identify them separately"
     )
 
 

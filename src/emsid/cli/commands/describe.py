@@ -104,11 +104,11 @@ def _counted(looks: "Sequence[FirstLook]") -> list[str]:
 
 
 def proposals(looks: "Sequence[FirstLook]") -> list[list[str]]:
-    """The words of the commands to run next: one for all files that are read in the same way."""
-    kinds: dict[str, list[FirstLook]] = {}
+    """The words of the commands to run next: one for all files of one system that are read in the same way."""
+    kinds: dict[tuple[str, int], list[FirstLook]] = {}
     for look in looks:
         if not USELESS & {finding.code for finding in look.findings}:
-            kinds.setdefault(repr(sorted(look.reading.items(), key=str)), []).append(look)
+            kinds.setdefault((look.kind, look.system), []).append(look)
     return [
         ["emsid", "identify", *(look.path for look in alike), *as_options(alike[0].reading)] for alike in kinds.values()
     ]

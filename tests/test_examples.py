@@ -57,6 +57,14 @@ def test_a_spring_that_hardens(tmp_path, monkeypatch):
     assert (tmp_path / "hardening-spring.svg").exists()
     held = emsid.fit(replace(example["SPRING"], between="held"), example["experiment"](1, 0.004, 600))
     assert np.sqrt(held.noise_variance) > 10 * example["NOISE"]
+    (warning,) = (finding for finding in held.findings if finding.code == "input-taken-as-constant")
+    assert warning.subject == "force"
+    assert warning.data["between"] == "band-limited"
+    assert warning.data["ratio"] > 10
+    # What the user chose is no finding of the program.
+    assert not {"input-taken-as-constant", "input-between-samples"} & {finding.code for finding in fit.findings}
+    linear = emsid.fit(replace(example["SPRING"], between="linear"), example["experiment"](1, 0.004, 100))
+    assert "input-between-samples" not in {finding.code for finding in linear.findings}
 
 
 def test_two_tanks(tmp_path, monkeypatch):

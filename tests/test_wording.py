@@ -170,6 +170,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("map-is-straight", data={"block": 2}),
     Finding("parameters-without-interval", data={"parameters": ["f.b_r", "f.m_r"]}),
     # plants
+    Finding("input-taken-as-constant", "force", {"between": "band-limited", "ratio": 41.5}),
     Finding("input-between-samples", "voltage", {"straight": 1, "held": 0}),
     Finding("input-between-samples", "voltage", {"straight": 2, "held": 1}),
     Finding("speed-is-a-mean", "speed"),

@@ -55,6 +55,17 @@ def input_between_samples(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("input-taken-as-constant", Severity.WARNING)
+def input_taken_as_constant(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: between (how it goes on), ratio (of the errors)."""
+    between, ratio = f.data["between"], f.data["ratio"]
+    return (
+        f"{f.subject} is simulated as constant between its samples; with a {between} input the free-run error is "
+        f"{ratio:.3g} times smaller, and the parameters differ. Give the plant between={between!r}, or confirm with "
+        f"{argument('hold')} that the input is constant"
+    )
+
+
 @words("speed-is-a-mean")
 def speed_is_a_mean(f: Finding, argument: Spelling) -> str:
     """Subject: the output."""

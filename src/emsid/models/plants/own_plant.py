@@ -130,6 +130,12 @@ class OwnPlant(BasePlant):
         """The plant with a held or a linear input."""
         return replace(self, between="linear" if hold is Hold.FIRST else "held") if hold is not self.hold else self
 
+    def interpolating(self) -> tuple[Self, ...]:
+        """The plant with another ``between``, if its input is held."""
+        if self.between != "held":
+            return ()
+        return tuple(replace(self, between=between) for between in REACH if between != "held")
+
     def for_command(self, record: Record) -> Self:
         """The plant with as many samples for the initial state as a difference of initial states lasts in a record."""
         if self.beginning is not None:

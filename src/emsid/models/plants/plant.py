@@ -255,6 +255,10 @@ class Plant(Protocol):
         """A plant with fewer parameters to compare the fit with, and its part of the names; None without one."""
         ...
 
+    def interpolating(self) -> tuple[Plant, ...]:
+        """The plant with an input that goes on between its samples, in every way that no search tries."""
+        ...
+
     def motion(self, inputs: Array, dt: float, state: Array) -> Array | None:
         """(N,) the true speed, without the sensor, exactly 0 while friction holds it; None if unknown."""
         ...
@@ -509,6 +513,10 @@ class BasePlant(ABC):
     def simpler(self, names: Sequence[str]) -> tuple[Plant, list[str]] | None:
         """No simpler plant."""
         return None
+
+    def interpolating(self) -> tuple[Plant, ...]:
+        """None; a search tries whatever the drive can do."""
+        return ()
 
     def motion(self, inputs: Array, dt: float, state: Array) -> Array | None:
         """Not known."""

@@ -13,17 +13,23 @@ from contextlib import suppress
 import numpy as np
 
 from emsid.arguments import did_you_mean
-from emsid.errors import ModelError
+from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import Stopped
-from emsid.estimation.nonlinear.gauss_newton import Infeasible
-from emsid.excitation.between_samples import may_be_continuous
+from emsid.estimation.nonlinear.gauss_newton import Infeasible, Minimum
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
+from emsid.excitation.between_samples import may_be_continuous, repeats
+from emsid.findings import Finding
 from emsid.models.plants.drive import FEWEST, Hold
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
-from emsid.models.plants.search.continuation import Reached
+from emsid.models.plants.search.continuation import LOOK, Reached, search_once
 from emsid.models.plants.search.task import Task
 from emsid.record import Record
+from emsid.selection.improvement import matters
+
+CLEAR = 10.0
+"""The logarithm of a ratio of likelihoods from which on the records show how the input goes on."""
 
 
 def as_hold(hold: Hold | str) -> Hold:
@@ -101,3 +107,35 @@ def straight_if_better(task: Task, reached: Reached, max_iterations: int) -> Rea
             if again.minimum.cost < reached.minimum.cost:
                 reached = again
     return reached
+
+
+def taken_as_constant(task: Task, problem: FreeRunError, minimum: Minimum) -> list[Finding]:
+    """A finding where a plant of a user simulates better with an input that goes on between its samples.
+
+    No search decides that for it, since its equations may be those of a sampled system. The parameters are fitted again
+    in a few steps, because those of a held input make up for some of the delay.
+
+    Args:
+        task: what was asked.
+        problem, minimum: the last problem of the search, and its end.
+    """
+    others = () if task.hold_given else problem.plant.interpolating()
+    if not others or all(repeats([segment.input[:, k]]) for segment in task.segments for k in range(_inputs(task))):
+        return []
+    states, least = problem.states(problem.start), minimum.cost
+    found: list[Finding] = []
+    for other in others:
+        try:
+            again = search_once(task.problem(other, list(problem.free), states), task, LOOK)
+        except (EmsidError, Stopped):
+            continue
+        gained = effective_samples(again.residuals) * np.log(minimum.cost / again.cost) if again.cost > 0 else np.inf
+        if again.cost < least and matters(again.cost, minimum.cost) and gained > CLEAR:
+            least = again.cost
+            data = {"between": getattr(other, "between", ""), "ratio": float(np.sqrt(minimum.cost / again.cost))}
+            found = [Finding("input-taken-as-constant", task.segments[0].input_names[0], data)]
+    return found
+
+
+def _inputs(task: Task) -> int:
+    return int(task.segments[0].input.shape[1])

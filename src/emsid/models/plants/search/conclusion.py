@@ -13,6 +13,7 @@ from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.alternatives import alternatives, nothing
+from emsid.models.plants.search.between_samples import taken_as_constant
 from emsid.models.plants.search.conditions import conditions, unconditional
 from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, identified_by
 from emsid.models.plants.search.diagnostics import likelihood_profile
@@ -38,7 +39,8 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     rows = table(task, found, start, names, minimum, held)
     together = combinations(found, names, identifiability, minimum, held)
     findings = findings_of(task, found, names, minimum, identifiability, rows, together)
-    findings = (*(finding for each in others for finding in each.findings), *findings)
+    constant = taken_as_constant(task, problem, minimum) if reached.unended else []
+    findings = (*(finding for each in others for finding in each.findings), *constant, *findings)
     if reached.unended and _shaft_unseen(task, reached):
         findings = (Finding("no-shaft-seen", found.name, {"simpler": "rigid-motor"}), *findings)
     fit = minimum.fit(GreyBox(found, task.signals), tuple(names), "gn")

@@ -215,7 +215,7 @@ def findings_of(
 def _as_simulated(task: Task, plant: Plant) -> list[Finding]:
     """What was decided about the input between its samples and about the sensor, which is not among the parameters."""
     found = []
-    if plant.hold is not Hold.ZERO and not task.hold_given:
+    if plant.hold is not task.plant.hold and not task.hold_given:
         held = holds_in(plant, task.segments).count(Hold.ZERO)
         data = {"straight": len(task.segments) - held, "held": held}
         found.append(Finding("input-between-samples", task.segments[0].input_names[0], data))

@@ -161,6 +161,8 @@ EXAMPLES: tuple[Finding, ...] = (
         "wiener-hammerstein",
         {"model": "wiener-hammerstein", "delay": 2, "moved": 1, "filters": 2},
     ),
+    Finding("process-noise", "wiener", {"block": 2, "spread": 0.09, "share": 0.15, "corrected": True}),
+    Finding("process-noise", "wiener", {"block": 2, "spread": 0.09, "share": 0.15, "corrected": False}),
     Finding("zero-cancels-pole", data={"model": "wiener", "block": 1, "pole": [0.9, 0.0]}),
     Finding("zero-cancels-pole", data={"model": "wiener", "block": 1, "pole": [0.9, 0.1]}),
     Finding("dead-zone-side-unseen", data={"block": 2, "side": "left", "parameters": ["b_l", "m_l"], "share": 0.001}),

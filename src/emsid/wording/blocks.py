@@ -56,6 +56,16 @@ def map_is_straight(f: Finding, argument: Spelling) -> str:
     return f"{_block(f)}: the static map is a straight line in the range of the data; try a linear model"
 
 
+@words("process-noise", Severity.INFO)
+def process_noise(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: block, spread (input of the map), share of the signal, standard_errors, corrected."""
+    effect = "the model is corrected for it" if f.data["corrected"] else "it smooths the estimated map"
+    return (
+        f"{_block(f)}: the error varies with the slope of the map, as noise before the map makes it; its standard "
+        f"deviation is {f.data['spread']:.3g}, {100 * f.data['share']:.2g} % of the signal there, and {effect}"
+    )
+
+
 @words("parameters-without-interval", Severity.WARNING)
 def parameters_without_interval(f: Finding, argument: Spelling) -> str:
     return f"these data do not determine {listed(f.data['parameters'])} separately from other parameters"

@@ -31,6 +31,7 @@ from emsid.findings import Finding
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.gain import redundant, unit_gain
+from emsid.models.blocks.process_noise import Weighting
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.one_channel import Segments, segments_longer_than
 from emsid.models.terms import check_whole
@@ -127,12 +128,14 @@ class FreeRun:
         freedom: its coordinates.
         segments: (u, y) of each.
         transient: samples at the start of every segment that are left out of the residual.
+        weightings: of every segment after the transient, for a residual that noise before the map makes coloured.
     """
 
     cascade: Cascade
     freedom: Freedom
     segments: Segments
     transient: int
+    weightings: tuple[Weighting, ...] = ()
 
     @cached_property
     def start(self) -> Array:
@@ -182,9 +185,10 @@ class FreeRun:
         """Model minus measurement, per segment."""
         model = self.model(theta)
         model.check()
-        return [
+        errors = [
             (model.output(u, self._states(theta, k)) - y)[self.transient :] for k, (u, y) in enumerate(self.segments)
         ]
+        return [self._weighted(k, error[None])[0] for k, error in enumerate(errors)] if self.weightings else errors
 
     def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
         """Residual and derivative, per segment; the derivative with respect to the states of other segments is zero."""
@@ -199,8 +203,18 @@ class FreeRun:
                 derivative[j] = rows[row, self.transient :]
             first = count + k * model.states
             derivative[first : first + model.states] = rows[parameters:, self.transient :]
-            blocks.append(((model.sampled(signals) - y)[self.transient :], derivative.T))
+            error = (model.sampled(signals) - y)[self.transient :]
+            if self.weightings:
+                error, derivative = self._weighted(k, error[None])[0], self._weighted(k, derivative)
+            blocks.append((error, derivative.T))
         return blocks
+
+    def states(self, theta: Array) -> list[Array]:
+        """(s,) the initial states of every segment."""
+        return [self._states(theta, k) for k in range(len(self.segments))]
+
+    def _weighted(self, k: int, rows: Array) -> Array:
+        return self.weightings[k].whitened(rows)
 
     def _states(self, theta: Array, k: int) -> Array:
         first = len(self.freedom.free) + k * self.cascade.states
@@ -217,6 +231,7 @@ class Search(TypedDict, total=False):
     tolerance: float
     least_saving: float
     restarts: bool
+    weightings: Sequence[Weighting]
     control: Control
 
 
@@ -247,6 +262,7 @@ def search(
     tolerance: float = 0.05,
     least_saving: float = 0.0,
     restarts: bool = False,
+    weightings: Sequence[Weighting] = (),
     control: Control = FREE,
 ) -> tuple[Minimum, FreeRun]:
     """The minimum of `fit_cascade` without its covariance, for comparisons of models.
@@ -261,6 +277,7 @@ def search(
         max_iterations, tolerance, least_saving, control: as in `gauss_newton`.
         restarts: whether a search that does not converge is begun again, see `begun_again`; `fit_cascade` does that
             unless ``max_iterations`` is given.
+        weightings: of every segment after its transient, see `process_noise`.
 
     Raises:
         ModelError: for records with other channels or too few samples, or an unstable start.
@@ -272,7 +289,7 @@ def search(
     cascade.check()
     several = [records] if isinstance(records, Record) else records
     segments = segments_longer_than(cascade.memory if transient is None else transient, cascade, several)
-    problem = FreeRun(cascade, freedom(cascade, fixed), segments, max(transient or 0, cascade.edge))
+    problem = FreeRun(cascade, freedom(cascade, fixed), segments, max(transient or 0, cascade.edge), tuple(weightings))
     problem.check_values()
     theta = problem.start
     count = len(problem.freedom.free)
@@ -300,7 +317,8 @@ def conclude(minimum: Minimum, problem: FreeRun, loss: Loss = SQUARES) -> Fit[Ca
     minimum = minimum.judged()
     cascade = problem.model(minimum.estimate)
     count = len(problem.freedom.free)
-    own = minimum.covariance if not isinstance(loss, Squares) else _with_model_error(minimum, problem)
+    white = bool(problem.weightings)  # its robust covariance is that of the fit
+    own = minimum.covariance if white or not isinstance(loss, Squares) else _with_model_error(minimum, problem)
     covariance = _propagated(problem.freedom.spread, own[:count, :count])
     kept = np.flatnonzero(np.diag(covariance) > 0)
     names = [cascade.names[k] for k in problem.freedom.free]

@@ -22,7 +22,7 @@ from emsid.errors import ModelError, listed
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
-from emsid.estimation.nonlinear.losses import Loss
+from emsid.estimation.nonlinear.losses import SQUARES, Loss
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.blocks.cascade import SAMPLES_PER_STATE, Cascade
@@ -33,6 +33,7 @@ from emsid.models.blocks.search.cross_validation import as_arrays, held_back
 from emsid.models.blocks.search.dead_time import at_the_input
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER, filter_parameters, input_delay
+from emsid.models.blocks.search.process_noise import Corrected, without_process_noise
 from emsid.models.blocks.search.topologies import (
     DEFAULTS,
     HAMMERSTEIN,
@@ -251,9 +252,18 @@ def estimate(
             restarts=True,
             control=control.during(f"fitting {topology.name}"),
         )
-        fit = conclude(found.minimum, found.problem, settings.loss)
-        how = Search(transient=settings.transient, loss=settings.loss, max_iterations=settings.max_iterations)
-        return at_the_input(fit, several, how | {"control": control}) if settings.delay is None else fit
+        how = Search(
+            transient=settings.transient, loss=settings.loss, max_iterations=settings.max_iterations, control=control
+        )
+        if settings.loss is SQUARES:
+            corrected = without_process_noise(found.minimum, found.problem, several, orders, how)
+        else:
+            corrected = Corrected()
+        fit = corrected.fit
+        if fit is None:
+            fit = conclude(found.minimum, found.problem, settings.loss)
+            fit = at_the_input(fit, several, how) if settings.delay is None else fit
+        return replace(fit, findings=(*fit.findings, *corrected.findings))
     except Stopped as stopped:
         if best is None:
             raise

@@ -1,0 +1,198 @@
+"""The correction of a fitted cascade for noise before its static map; see `emsid.models.blocks.process_noise`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from operator import itemgetter
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from emsid.errors import EmsidError
+from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.nonlinear.gauss_newton import Minimum
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
+from emsid.findings import Finding
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.fitting import FreeRun, Search, conclude, search
+from emsid.models.blocks.process_noise import (
+    ErrorPiece,
+    ProcessNoise,
+    Weighting,
+    after_map,
+    dependence,
+    error_pieces,
+    estimated_noise,
+    map_index,
+)
+from emsid.models.blocks.search.orders import LARGEST_ORDER
+from emsid.models.blocks.search.starts import grown
+from emsid.models.blocks.search.topologies import Orders
+from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.blocks.static_maps.expected import ExpectedMap
+from emsid.record import Record
+from emsid.selection.improvement import NEGLIGIBLE
+
+Array = NDArray[np.float64]
+
+CHANCE = 1e-3
+"""The probability that noise on the output alone is taken for noise before the map."""
+LEAST_SAMPLES = 1_000
+"""In shorter records the variance of the error shows little."""
+SMALL = 0.02
+"""Noise of a smaller part of the signal before the map does not change the map visibly."""
+STEPS, SAVING = 15, 1e-4
+"""Steps of a fit that chooses orders; it ends where four together lower the cost by less than this part."""
+ORDER_SAMPLES = 16_000
+"""Samples that the orders are chosen on."""
+
+
+class Corrected(NamedTuple):
+    """What came out of the search for noise before the map.
+
+    Attributes:
+        fit: of the system without the noise; None where there is no noise, or no such fit describes the data as well.
+        findings: one where there is noise.
+    """
+
+    fit: Fit[Cascade] | None = None
+    findings: tuple[Finding, ...] = ()
+
+
+def without_process_noise(
+    minimum: Minimum, problem: FreeRun, records: Sequence[Record], orders: Orders, how: Search
+) -> Corrected:
+    """A fit of the system without the noise before its map, if there is any.
+
+    In such noise, the error of an order that is too low is small, but the white residual of the corrected fit shows it.
+    So orders that are not given rise here as long as Schwarz's criterion prefers that.
+
+    A map that does not describe the data also leaves an error that varies with its slope. So the correction is kept
+    only if the model without the noise still describes the data as well as the model before.
+
+    Args:
+        minimum, problem: of a fit, from `search`; one that did not converge is not corrected.
+        records: what it was fitted to.
+        orders: that are given, of the filters before and after the map.
+        how: of further fits, as in `fit_cascade`.
+    """
+    model = problem.model(minimum.estimate)
+    at, segments = map_index(model), problem.segments
+    if at is None or minimum.ending is not Ending.CONVERGED or minimum.samples < LEAST_SAMPLES:
+        return Corrected()
+    pieces = error_pieces(model, segments, problem.states(minimum.estimate), problem.transient)
+    score = dependence(pieces, after_map(model), model.oversampling)
+    if score < ndtri(1 - CHANCE):
+        return Corrected()
+    noise = estimated_noise(pieces, after_map(model), model.oversampling)
+    signal = float(np.std(np.concatenate([model.signals(u, model.resting(float(u[0])))[at] for u, _ in segments])))
+    if noise.spread < SMALL * signal:
+        return Corrected()
+    fit: Fit[Cascade] | None = None
+    with suppress(EmsidError):
+        larger = _grown(_expecting(model, noise.spread), pieces, noise, records, orders, how)
+        if len(larger.parameters) > len(model.parameters):
+            states = [larger.starting(u, y[: larger.memory]) for u, y in segments]
+            pieces = error_pieces(larger, segments, states, problem.transient)
+            noise = estimated_noise(pieces, after_map(larger), model.oversampling)
+        start = _expecting(_plain(larger), noise.spread)
+        limits = Search(weightings=_weightings(start, pieces, noise), restarts=True)
+        again, weighted = search(start, records, **(how | limits))
+        if again.ending is Ending.CONVERGED and _describes(again, replace(weighted, weightings=()), minimum):
+            fit = conclude(again, weighted)
+            fit = replace(fit, model=_plain(fit.model), noise_variance=minimum.noise_variance)
+    size: dict[str, float] = {"spread": noise.spread, "share": noise.spread / signal, "standard_errors": score}
+    found = Finding("process-noise", model.name, {"block": at + 1, **size, "corrected": fit is not None})
+    return Corrected(fit, (found,))
+
+
+def _grown(
+    model: Cascade,
+    pieces: Sequence[ErrorPiece],
+    noise: ProcessNoise,
+    records: Sequence[Record],
+    orders: Orders,
+    how: Search,
+) -> Cascade:
+    """The model with filters of larger orders, where Schwarz's criterion prefers them on a part of the records."""
+    part = _first_segments(records, model, how)
+    samples = sum(len(record) for record in part)
+    weightings = _weightings(model, pieces[: len(part)], noise)
+    limits = Search(max_iterations=STEPS, least_saving=SAVING, weightings=weightings)
+
+    def fitted(start: Cascade) -> tuple[float, Cascade]:
+        minimum, problem = search(start, part, **(how | limits))
+        return minimum.cost, problem.model(minimum.estimate)
+
+    if not _one_larger(model, orders):
+        return model
+    cost, best = fitted(model)
+    while True:
+        least, larger = min(
+            (fitted(each) for each in _one_larger(best, orders)), key=itemgetter(0), default=(cost, best)
+        )
+        if cost - least < np.log(samples):  # V is half the sum of squares, and there are two more parameters
+            return best
+        cost, best = least, larger
+
+
+def _first_segments(records: Sequence[Record], model: Cascade, how: Search) -> list[Record]:
+    """The first segments that a fit uses, with about `ORDER_SAMPLES` samples in all, each as a record."""
+    transient = how.get("transient")
+    needed = model.memory if transient is None else transient
+    part: list[Record] = []
+    left = ORDER_SAMPLES
+    for segment in (piece for record in records for piece in record.segments if len(piece) > needed):
+        part.append(segment[: max(left, needed + 1)])
+        left -= len(part[-1])
+        if left <= needed:
+            break
+    return part
+
+
+def _one_larger(model: Cascade, orders: Orders) -> list[Cascade]:
+    """The model with one pole and zero more, which cancel, in each filter whose order is not given."""
+    now = [len(block.denominator) for block in model.blocks if isinstance(block, Rational)]
+    there = [isinstance(block, Rational) for block in (model.blocks[0], model.blocks[-1])]
+    given = [order for order, used in zip(orders, there, strict=True) if used]
+    larger = []
+    for k, order in enumerate(given):
+        if order is None and now[k] < LARGEST_ORDER:
+            sizes = [size + (j == k) for j, size in enumerate(now)]
+            larger.append(grown(model, (sizes[0], sizes[1] if len(sizes) > 1 else None)))
+    return larger
+
+
+def _weightings(model: Cascade, pieces: Sequence[ErrorPiece], noise: ProcessNoise) -> list[Weighting]:
+    return [noise.weighting(piece.slope, after_map(model), model.oversampling) for piece in pieces]
+
+
+def _describes(again: Minimum, problem: FreeRun, before: Minimum) -> bool:
+    """Whether the corrected model, without noise, describes the data as well as the model before.
+
+    The model before has the least error on these data, which is below the noise by its number of parameters.
+    """
+    plain = replace(problem, cascade=_plain(problem.cascade))
+    error, least = plain.residuals(again.estimate), before.residuals
+    allowed = 1 + NEGLIGIBLE + before.rank / effective_samples(least)
+    return _mean_square(error) < allowed * _mean_square(least)
+
+
+def _expecting(model: Cascade, spread: float) -> Cascade:
+    """The cascade with the expectation of its map."""
+    blocks = (ExpectedMap(block, spread) if isinstance(block, StaticMap) else block for block in model.blocks)
+    return replace(model, blocks=tuple(blocks))
+
+
+def _plain(model: Cascade) -> Cascade:
+    """The cascade with the map itself in the place of its expectation."""
+    return replace(model, blocks=tuple(block.of if isinstance(block, ExpectedMap) else block for block in model.blocks))
+
+
+def _mean_square(errors: Sequence[Array]) -> float:
+    return float(np.mean(np.concatenate(errors) ** 2))

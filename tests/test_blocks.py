@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline as ScipySpline
-from scipy.signal import lfilter, lfilter_zi
+from scipy.signal import filtfilt, lfilter, lfilter_zi
 
 from emsid.errors import ModelError
-from emsid.estimation.linear.filtering import filter_rows
+from emsid.estimation.linear.filtering import filter_rows, filtered_both_ways
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.models.blocks.block import Block, block_from_data
 from emsid.models.blocks.filters import Rational, fir
@@ -318,3 +318,12 @@ def test_a_filter_continues_from_its_recorded_states() -> None:
     visited = block.visited(x, y)
     np.testing.assert_allclose(visited[:, 0], state, atol=1e-12)
     np.testing.assert_allclose(block.output(x[40:], visited[:, 40]), y[40:], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("above", "below"), [([0.1], [1.0, -0.9]), ([2.0, 0.6], [2.0, -3.0, 1.2]), ([0.5, 0.5], [1.0])]
+)
+def test_a_filter_forwards_and_backwards_is_that_of_scipy(above: list[float], below: list[float]) -> None:
+    x = np.random.default_rng(0).standard_normal(80).cumsum()
+    found = filtered_both_ways(above, below, x, 25)
+    np.testing.assert_allclose(found, filtfilt(above, below, x, padlen=25), rtol=1e-10, atol=1e-10)

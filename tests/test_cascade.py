@@ -21,6 +21,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.fitting import FreeRun, fit_cascade, freedom, search, static_band
 from emsid.models.blocks.gain import fixed_gains, normalised, unit_gain, unit_slope
+from emsid.models.blocks.search.choice import unseen_errors
 from emsid.models.blocks.search.diagnostics import advice
 from emsid.models.blocks.static_maps import (
     Abs,
@@ -34,6 +35,7 @@ from emsid.models.blocks.static_maps import (
 )
 from emsid.models.model import Model
 from emsid.record import Record
+from emsid.selection.improvement import StretchErrors
 
 Array = NDArray[np.float64]
 
@@ -434,3 +436,31 @@ def test_the_initial_state_behind_a_lost_sign_has_the_right_sign() -> None:
         states = model.starting(u[first:], y[first : first + model.memory])
         wrong += np.max(np.abs(model.output(u[first:], states) - y[first:])) > 1e-3
     assert wrong <= 2
+
+
+@pytest.mark.parametrize("name", CASCADES)
+def test_several_starts_at_once_are_those_one_by_one(name: str) -> None:
+    cascade, u = CASCADES[name], excitation(50)
+    states = np.random.default_rng(3).standard_normal((3, cascade.states))
+    np.testing.assert_array_equal(cascade.outputs(u, states), [cascade.output(u, each) for each in states])
+
+
+def test_a_model_that_is_hopeless_on_the_first_split_is_not_fitted_to_the_others() -> None:
+    true = Cascade((Rational(np.array([0.0, 0.5]), np.array([-0.5])),))
+    record = record_of(true, 400)
+    splits = [([record[200:]], [record[:200]]), ([record[:200]], [record[200:]])]
+    start = true.with_parameters(0.9 * true.parameters)
+    assert unseen_errors(start, splits, Control(), None).mean < 1e-9  # fitted again to each
+    rival = StretchErrors.of(np.full(400, 1e-30))
+    with pytest.raises(ModelError, match="much larger"):
+        unseen_errors(start, [splits[0], ([], [])], Control(), rival)
+
+
+@pytest.mark.parametrize("poles", [[0.5], [0.999], [1.0], [0.3, -0.8], [0.6 + 0.5j, 0.6 - 0.5j], [0.1, 1.2], [1j, -1j]])
+def test_a_filter_is_stable_where_its_largest_pole_is_inside_the_circle(poles: list[complex]) -> None:
+    block = Rational([1.0], np.real(np.poly(poles))[1:])
+    if np.max(np.abs(poles)) < 1:
+        block.check()
+    else:
+        with pytest.raises(Infeasible):
+            block.check()

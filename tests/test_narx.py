@@ -344,3 +344,13 @@ def test_a_sample_time_that_differs_by_rounding_is_accepted() -> None:
 def test_parameters_that_do_not_fit_are_refused(parameters: list[float]) -> None:
     with pytest.raises(ModelError, match="parameters"):
         Narx(arx(1, 1), np.array(parameters), 0.01)
+
+
+def test_a_nonlinear_model_is_at_rest_where_its_run_settles() -> None:
+    saturating = Structure.parse("y(t-1)", "tanh(y(t-1)/1)", "u(t-1)")
+    for slope, level in ((0.5, 2.0), (0.999, 0.001), (0.5, 0.0)):
+        model = Narx(saturating, np.array([slope, -0.1, 0.4]), 0.01)
+        y = model.at_rest(level)[-1, 0]
+        assert slope * y - 0.1 * np.tanh(y) + 0.4 * level == pytest.approx(y, abs=1e-9)
+    cycling = Narx(Structure.parse("sign(y(t-1))", "u(t-1)"), np.array([-1.0, 0.1]), 0.01)
+    assert cycling.at_rest(1.0)[-1, 0] == 0.0  # it goes on between two values

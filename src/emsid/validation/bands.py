@@ -406,8 +406,6 @@ def _sum(model: Narx, regressors: dict[int, Regressor], x: Array) -> Array:
     for k, regressor in regressors.items():
         value = np.full(len(x), -model.parameters[k] if regressor.negative else model.parameters[k])
         for factor in regressor.factors:
-            value = (
-                value * np.array([factor.transform.definition(each, factor.parameter) for each in x]) ** factor.power
-            )
+            value = value * factor.transform.definition(x, factor.parameter) ** factor.power
         total += value
     return total

@@ -45,6 +45,30 @@ def filtered_from(above: ArrayLike, below: ArrayLike, signal: ArrayLike, state: 
     return rows[0], after[0]
 
 
+def filtered_both_ways(above: ArrayLike, below: ArrayLike, signal: ArrayLike, padding: int) -> Array:
+    """A signal (N,) through B/A forwards and then backwards, so that nothing is delayed.
+
+    Beyond its ends the signal goes on point-symmetrically, from the steady state of the filter there.
+
+    Args:
+        above, below: as in `filtered`, with a finite gain at rest.
+        signal: (N,).
+        padding: samples beyond each end, fewer than N.
+
+    References:
+        Gustafsson, F. (1996). Determining the initial states in forward-backward filtering, IEEE Trans. Signal
+        Processing 44(4).
+    """
+    b, a = _equally_long(above, below)
+    x = np.asarray(signal, dtype=float)
+    before, after = 2 * x[0] - x[padding:0:-1], 2 * x[-1] - x[-2 : -padding - 2 : -1]
+    whole = np.concatenate([before, x, after])
+    at_rest = np.cumsum((b[1:] - a[1:] * (b.sum() / a.sum()))[::-1])[::-1]
+    for _ in range(2):
+        whole = filtered_from(b, a, whole, at_rest * whole[0])[0][::-1]
+    return np.asarray(whole[padding : padding + len(x)])
+
+
 def past_state(above: ArrayLike, below: ArrayLike, outputs: ArrayLike, inputs: ArrayLike) -> Array:
     """(n,) the state of a filter after these outputs and inputs (≥ n,), the newest last."""
     b, a = _equally_long(above, below)

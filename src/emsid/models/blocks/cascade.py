@@ -43,6 +43,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.linear.filtering import filter_rows
 from emsid.estimation.nonlinear.gauss_newton import Infeasible, gauss_newton
 from emsid.models.blocks.block import Block, block_from_data
 from emsid.models.blocks.filters import Rational
@@ -230,6 +231,20 @@ class Cascade(OneChannelMethods):
         """(N,) the free run from an input (N,) and initial states (s,)."""
         return self.sampled(self.signals(u, states))
 
+    def outputs(self, u: Array, states: Array) -> Array:
+        """(k, N) the free runs from an input (N,) and several initial states (k, s), faster than one by one."""
+        rows, first = np.repeat(self._entering(u)[None], len(states), axis=0), 0
+        for block in self.blocks:
+            own = np.array(states[:, first : first + block.states], order="C")
+            if isinstance(block, Rational):
+                filter_rows(*block.transfer, rows, rows, own)
+            elif isinstance(block, StaticMap):
+                rows = block.value(rows.ravel()).reshape(rows.shape)
+            else:
+                rows = np.array([block.output(x, state) for x, state in zip(rows, own, strict=True)])
+            first += block.states
+        return rows[:, :: self.oversampling] + self.output_offset
+
     def sampled(self, signals: Sequence[Array]) -> Array:
         """(N,) the output, from the result of `signals`."""
         return signals[-1][:: self.oversampling] + self.output_offset
@@ -280,8 +295,8 @@ class Cascade(OneChannelMethods):
         start = u[: len(y)]
         cloud = self._reachable_states(u[:REACHABLE_SAMPLES])
         trials = [rest, *cloud[:, :: -(-cloud.shape[1] // TRIAL_STATES)].T]
-        missed = [float(np.sum((self.output(start, states) - y)[self.edge :] ** 2)) for states in trials]
-        begin = trials[int(np.argmin(missed))]
+        missed = self.outputs(start, np.array(trials)) - y
+        begin = trials[int(np.argmin(np.sum(missed[:, self.edge :] ** 2, axis=1)))]
         rows = self.gradient(self.signals(start, begin))[len(self.parameters) :, self.edge :]
         weak = np.diag(REST * np.linalg.norm(rows, axis=1))
         free = gauss_newton(_Start(self, start, y, rest, weak), begin, **FIRST_LOOK)

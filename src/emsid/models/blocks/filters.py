@@ -21,6 +21,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
+from math import sqrt
 from typing import Any, ClassVar
 
 import numpy as np
@@ -137,7 +138,7 @@ class Rational:
             Infeasible: with the unstable pole.
         """
         if len(self.denominator):
-            largest = float(np.max(np.abs(self.poles)))
+            largest = _largest_root(*self.denominator) if len(self.denominator) <= 2 else np.max(np.abs(self.poles))
             if largest >= 1 - STABILITY_MARGIN:
                 raise Infeasible(
                     f"unstable filter: a pole of size {largest:.6g}; poles must lie inside the unit circle"
@@ -233,6 +234,12 @@ class Rational:
         a[1:] = self.denominator
         filter_rows(b, a, rows, out, np.zeros((len(rows), len(self.denominator))))
         return out
+
+
+def _largest_root(a1: float, a2: float = 0.0) -> float:
+    """The size of the largest root of z² + a₁z + a₂, without the eigenvalues of a matrix."""
+    square = a1 * a1 - 4 * a2
+    return float(0.5 * (abs(a1) + sqrt(square)) if square >= 0 else sqrt(a2))
 
 
 def fir(taps: ArrayLike, delay: int = 0) -> Rational:

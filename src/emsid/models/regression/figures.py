@@ -97,7 +97,7 @@ def _of_inputs(terms: list[tuple[float, Regressor]], level: float) -> float:
     """What a constant input adds to the next output."""
     return sum(
         coefficient
-        * prod(factor.transform.definition(level, factor.parameter) ** factor.power for factor in regressor.factors)
+        * float(prod(each.transform.definition(level, each.parameter) ** each.power for each in regressor.factors))
         for coefficient, regressor in terms
     )
 

@@ -37,10 +37,11 @@ Array = NDArray[np.float64]
 
 # Rows of a regression built at a time; they fit into the second-level cache.
 BLOCK = 4096
-# Samples of the free run that finds the steady state of a nonlinear model.
-SETTLING = 100_000
-# A free run is in steady state if it changes by no more than this fraction over its memory.
-SETTLED = 1e-12
+# The most samples of the free run that finds the steady state of a nonlinear model, and how many are run at a time.
+SETTLING, SETTLING_BLOCK = 100_000, 2_000
+# A free run is in steady state if it changes by no more than this fraction of its largest output over its memory. It
+# does not settle in time if it moves by more than this fraction of what it moved in the samples before.
+SETTLED, SETTLES = 1e-12, 0.99
 
 
 @dataclass(frozen=True)
@@ -291,9 +292,19 @@ class Narx(RunMethods):
             left = 1.0 - float(linear.sum())
             return free / left if abs(left) > SETTLED * (1.0 + float(np.abs(linear).sum())) else 0.0
         state = np.concatenate([np.zeros((self.structure.memory, 1)), np.tile(u, (self.structure.memory, 1))], axis=1)
-        with np.errstate(all="ignore"):
-            end = self.run(state, np.tile(u, (SETTLING, 1)))[0][-self.structure.memory - 1 :, 0]
-        return float(end[-1]) if np.ptp(end) <= SETTLED * abs(end[-1]) else 0.0
+        inputs = np.tile(u, (max(SETTLING_BLOCK, self.structure.memory + 1), 1))
+        largest, before = 0.0, np.inf
+        for _ in range(SETTLING // len(inputs)):
+            with np.errstate(all="ignore"):
+                outputs, state = self.run(state, inputs)
+            end, moved = outputs[-self.structure.memory - 1 :, 0], float(np.ptp(outputs))
+            largest = max(largest, float(np.max(np.abs(outputs))))
+            if np.ptp(end) <= SETTLED * largest:
+                return float(end[-1])
+            if not moved < SETTLES * before:  # a cycle, or no number
+                break
+            before = moved
+        return 0.0
 
     def initial(self, segment: Record, samples: int) -> Array:
         """The last outputs and inputs of these samples, (largest lag, 1 + nu); see ``start`` for estimated outputs."""

@@ -11,18 +11,19 @@ import re
 from collections.abc import Callable
 from enum import IntEnum
 from functools import cache
+from typing import Any
 
 import numba
 import numpy as np
 
-Definition = Callable[[float, float], float]
+Definition = Callable[[Any, float], Any]
 
 
 class Transform(IntEnum):
     """Static transforms of a channel x, with one parameter p.
 
     The value is the code in the kernels. ``text`` is the notation: a divisor p must be positive, and "x-p" can have
-    either sign, or no p. ``definition`` is the function of x and p, as a slow and simple reference.
+    either sign, or no p. ``definition`` is the function of x and p, as a slow and simple reference; x may be an array.
     """
 
     text: str
@@ -36,8 +37,8 @@ class Transform(IntEnum):
     VALUE = 0, "x", lambda x, p: x
     SIGN = 1, "sign(x)", lambda x, p: np.sign(x)  # eq. (4.8)
     TANH = 2, "tanh(x/p)", lambda x, p: np.tanh(x / p)  # a sign that is smooth over p
-    ABOVE = 3, "max(x-p, 0)", lambda x, p: max(x - p, 0.0)  # the right branch of a dead zone (4.9)
-    BELOW = 4, "min(x-p, 0)", lambda x, p: min(x - p, 0.0)  # its left branch
+    ABOVE = 3, "max(x-p, 0)", lambda x, p: np.maximum(x - p, 0.0)  # the right branch of a dead zone (4.9)
+    BELOW = 4, "min(x-p, 0)", lambda x, p: np.minimum(x - p, 0.0)  # its left branch
     ABS = 5, "abs(x)", lambda x, p: abs(x)
     DECAY = 6, "exp(-abs(x)/p)", lambda x, p: np.exp(-abs(x) / p)  # the Stribeck term of (4.7)
 

@@ -27,6 +27,7 @@ from emsid.models.blocks.search.cross_validation import as_arrays, delayed, shor
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import map_sizes, order_shares, oversamplings, sign_recovery_orders, total_orders
 from emsid.models.blocks.search.starts import (
+    RANDOM_DRAWS,
     Candidate,
     Filters,
     grown,
@@ -53,6 +54,12 @@ REFINED_MAPS, REFINED_MAPS_SHORT = 2, 6
 # Limits of a refinement for a choice: steps, distance to the minimum in standard errors, and relative reduction of the
 # cost over a few steps.
 CHOICE_STEPS, CHOICE_TOLERANCE, CHOICE_SAVING = 25, 0.2, 1e-3
+# Of a short record only this many kinds of model are compared by cross-validation. The others are worse on the data
+# that they were refined on.
+COMPARED = 4
+# Steps of a fit to the parts of a short record that are not held back: it starts at the minimum of the whole. A sum of
+# squared errors on unseen data that is this many times larger than that of another model ends a comparison.
+REFIT_STEPS, HOPELESS = 5, 2.0
 # Random starts and recovered signs are tried unless the error of another start is below this fraction of the output. In
 # a short record they take little time.
 LINEAR_SUFFICES, SUFFICES_SHORT = 0.5, 0.2
@@ -241,8 +248,9 @@ def _starts(
     if topology.first:  # a map that is even about some level looks like no linear relation at all
         found += _sign_recovery_starts(topology, segments, orders, settings, template, rng, control)
     draws: list[Filters] = []
-    for first, second in order_shares(topology, orders, totals[-1]):
-        draws += random_candidates((first, second), len(segments[0][0]), rng)
+    shares = order_shares(topology, orders, totals[-1])
+    for first, second in shares:
+        draws += random_candidates((first, second), len(segments[0][0]), rng, RANDOM_DRAWS // len(shares))
     found += scanned(draws, segments, leading.trial, template, settings.threads)
     found.sort(key=lambda candidate: candidate.error)
     return [candidate.cascade for candidate in found[:REFINED_RANDOM]]
@@ -303,26 +311,21 @@ def _refined(
         return Choice(found.model, UNKNOWN, found.error, plan.size, plan.family)
 
     def compare(choice: Choice) -> Choice:
-        models = [
-            choice.model if len(rounds) == 1 else searched(choice.model, rest, **budget).model for rest, _ in rounds
-        ]
-        parts = [squared_errors(model, unseen) for model, (_, unseen) in zip(models, rounds, strict=True)]
-        unseen = StretchErrors.joined([StretchErrors.of(part, STRETCHES // len(rounds)) for part in parts])
-        if not np.isfinite(unseen.mean):
-            raise ModelError(f"{choice.model.name}: the free run diverges on the data held back")
-        return replace(choice, unseen=unseen)
+        return replace(choice, unseen=unseen_errors(choice.model, rounds, control, best))
 
     problems: list[Exception] = []
     refined = _successes(refine, plans, threads, control, problems)
     ranked: list[Choice] = []
+    best = None if rival is None or len(rounds) == 1 else rival.unseen
     if len(rounds) > 1:  # every split costs a fit, so only the best of each kind is compared
         kinds = {(_kind(each.model), each.size): each for each in sorted(refined, key=lambda each: -each.known)}
-        refined = sorted(kinds.values(), key=lambda each: each.known)
+        refined = sorted(kinds.values(), key=lambda each: each.known)[:COMPARED]
         if rival is None:
             ranked, refined = _successes(compare, refined[:1], threads, control, problems), refined[1:]
-        # A choice that is worse than this on the data that it was refined on cannot be the best on unseen data.
-        best = min((choice.error for choice in (*ranked, rival) if choice), default=np.inf)
-        refined = [choice for choice in refined if not matters(best**2, choice.known**2)]
+            best = ranked[0].unseen if ranked else None
+        if best is not None:
+            # A choice that is worse than this on the data that it was refined on cannot be the best on unseen data.
+            refined = [choice for choice in refined if not matters(best.mean, choice.known**2)]
     ranked = sorted(
         [*ranked, *_successes(compare, refined, threads, control, problems)], key=lambda choice: choice.error
     )
@@ -333,6 +336,41 @@ def _refined(
             f"{name}: no start value leads to a model of the record{why}; check channels, units, delay and length"
         )
     return ranked
+
+
+def unseen_errors(
+    model: Cascade, rounds: Sequence[Split], control: Control, rival: StretchErrors | None
+) -> StretchErrors:
+    """The free-run errors of a model on the unseen data of all splits, fitted again to the rest of each of several.
+
+    Raises:
+        ModelError: where a free run diverges, or the errors are hopelessly larger than those of the rival, if any; the
+            other splits are not looked at then.
+    """
+    parts: list[StretchErrors] = []
+    for known, unseen in rounds:
+        fitted = model if len(rounds) == 1 else _refitted(model, known, control)
+        parts.append(StretchErrors.of(squared_errors(fitted, unseen), STRETCHES // len(rounds)))
+        if not np.isfinite(parts[-1].mean):
+            raise ModelError(f"{model.name}: the free run diverges on the data held back")
+        so_far = sum(float(part.means @ part.samples) for part in parts)
+        if rival is not None and so_far > HOPELESS * rival.means @ rival.samples:
+            raise ModelError(f"{model.name}: the error on the data held back is much larger than that of another model")
+    return StretchErrors.joined(parts)
+
+
+def _refitted(model: Cascade, records: Sequence[Record], control: Control) -> Cascade:
+    """A model that is fitted to all of the data, fitted to a part of them in a few steps."""
+    minimum, problem = search(
+        model,
+        records,
+        transient=model.memory,
+        max_iterations=REFIT_STEPS,
+        tolerance=CHOICE_TOLERANCE,
+        least_saving=CHOICE_SAVING,
+        control=control.quietly(),
+    )
+    return problem.model(minimum.estimate)
 
 
 def _successes(

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError, EmsidError, listed
+from emsid.estimation.linear.filtering import filtered_both_ways
 from emsid.models.plants.drive import Drive
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.one_mass import Motion
@@ -239,9 +240,6 @@ def _rows(segment: Record, channel: int, is_position: bool, samples: float, widt
 
 def _smooth(values: Array, samples: float) -> Array:
     """Through 1/(1 + τs) forward and backward, so that nothing is delayed; τ in samples."""
-    from scipy.signal import filtfilt
-
     decay = np.exp(-1.0 / samples)
     padding = min(int(3 * samples) + 3, len(values) - 1)
-    smooth: Array = filtfilt([1.0 - decay], [1.0, -decay], values, padlen=padding)
-    return smooth
+    return filtered_both_ways([1.0 - decay], [1.0, -decay], values, padding)

@@ -7,7 +7,7 @@ import inspect
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 import emsid
+from source_tree import nodes_of
 
 HOME = Path(emsid.__file__).parent
 SOURCES = {
@@ -83,14 +84,18 @@ UPWARD = ("presentation", "report.notebook")
 CYCLES = [["record.record", "record.time_axis"]]
 
 
+def nodes(module: str) -> tuple[ast.AST, ...]:
+    return nodes_of(SOURCES[module])
+
+
 @cache
-def tree_of(module: str) -> ast.Module:
-    return ast.parse(SOURCES[module].read_text("utf-8"))
-
-
-def imports(tree: ast.Module) -> Iterator[str]:
+def imports(module: str) -> tuple[str, ...]:
     """Every module that is imported anywhere, ``from a import b`` as ``a.b``."""
-    for node in ast.walk(tree):
+    return tuple(_imports(module))
+
+
+def _imports(module: str) -> Iterator[str]:
+    for node in nodes(module):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -98,11 +103,13 @@ def imports(tree: ast.Module) -> Iterator[str]:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-def own_imports(module: str) -> set[str]:
+@cache
+def own_imports(module: str) -> frozenset[str]:
     """What a module imports from the package, as modules of it where there are such."""
-    names = (name.removeprefix("emsid.") for name in imports(tree_of(module)) if name.startswith("emsid."))
-    return {name if name in SOURCES or name.rpartition(".")[0] not in SOURCES else name.rpartition(".")[0]
-            for name in names}  # fmt: skip
+    names = (name.removeprefix("emsid.") for name in imports(module) if name.startswith("emsid."))
+    return frozenset(
+        name if name in SOURCES or name.rpartition(".")[0] not in SOURCES else name.rpartition(".")[0] for name in names
+    )
 
 
 def within(module: str, package: str) -> bool:
@@ -128,7 +135,7 @@ def forbidden(module: str, target: str) -> bool:
 @pytest.mark.parametrize("face", FACES)
 def test_a_public_face_passes_on_names_of_the_models_and_defines_nothing(face: str) -> None:
     assert all(target.startswith(("models.", "plant.")) for target in own_imports(face))
-    assert not [node for node in ast.walk(tree_of(face)) if isinstance(node, ast.FunctionDef | ast.ClassDef)]
+    assert not [node for node in nodes(face) if isinstance(node, ast.FunctionDef | ast.ClassDef)]
 
 
 def test_every_package_has_its_layer() -> None:
@@ -220,9 +227,14 @@ def test_no_module_imports_itself_by_a_detour() -> None:
 # --- who may do what -------------------------------------------------------------------------------------------------
 
 
-def calls(tree: ast.AST) -> Iterator[str]:
-    """Every function that is called, as it is written."""
-    yield from (ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call))
+@cache
+def calls(module: str) -> tuple[str, ...]:
+    """Every function that a module calls, as it is written."""
+    return tuple(called(nodes(module)))
+
+
+def called(among: Iterable[ast.AST]) -> Iterator[str]:
+    yield from (ast.unparse(node.func) for node in among if isinstance(node, ast.Call))
 
 
 def offenders(found: Callable[[str], object]) -> dict[str, object]:
@@ -245,7 +257,7 @@ def offenders(found: Callable[[str], object]) -> dict[str, object]:
 )
 def test_only_one_place_imports(packages: set[str], allowed: str) -> None:
     def found(module: str) -> set[str]:
-        return {name for name in imports(tree_of(module)) if name.split(".")[0] in packages}
+        return {name for name in imports(module) if name.split(".")[0] in packages}
 
     assert {module: names for module, names in offenders(found).items() if not re.fullmatch(allowed, module)} == {}
 
@@ -257,18 +269,18 @@ OPENS = re.compile(
 
 
 def test_only_io_and_live_touch_files() -> None:
-    found = offenders(lambda module: [name for name in calls(tree_of(module)) if OPENS.fullmatch(name)])
+    found = offenders(lambda module: [name for name in calls(module) if OPENS.fullmatch(name)])
     assert [module for module in found if not (within(module, "io") or within(module, "live"))] == []
 
 
 def test_no_text_is_ever_executed() -> None:
     executed = {"eval", "exec", "compile", "__import__"}
-    assert offenders(lambda module: executed & set(calls(tree_of(module)))) == {}
+    assert offenders(lambda module: executed & set(calls(module))) == {}
 
     def named_by_data(module: str) -> list[str]:
         """Imports of a module whose name is not written there: a file could name it."""
-        nodes = [node for node in ast.walk(tree_of(module)) if isinstance(node, ast.Call)]
-        imported = [node for node in nodes if ast.unparse(node.func).endswith("import_module")]
+        made = [node for node in nodes(module) if isinstance(node, ast.Call)]
+        imported = [node for node in made if ast.unparse(node.func).endswith("import_module")]
         return [ast.unparse(node) for node in imported if not isinstance(node.args[0], ast.Constant)]
 
     assert offenders(named_by_data) == {}
@@ -278,7 +290,7 @@ def test_only_the_command_line_knows_of_ctrl_c() -> None:
     """A search looks at its `Control` between steps; the signal becomes `Control.cancelled` in the command line."""
 
     def found(module: str) -> bool:
-        return any(isinstance(node, ast.Name) and node.id == "KeyboardInterrupt" for node in ast.walk(tree_of(module)))
+        return any(isinstance(node, ast.Name) and node.id == "KeyboardInterrupt" for node in nodes(module))
 
     assert [module for module in offenders(found) if not (within(module, "cli") or module == "__main__")] == []
 
@@ -288,9 +300,8 @@ OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
 
 def texts(module: str) -> Iterator[str]:
     """Every string of a module that is no documentation."""
-    tree = tree_of(module)
-    silent = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    for node in ast.walk(tree):
+    silent = {id(node.value) for node in nodes(module) if isinstance(node, ast.Expr)}
+    for node in nodes(module):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in silent:
             yield node.value
 
@@ -308,7 +319,7 @@ def test_nobody_asks_for_the_type_or_the_name_of_a_plant() -> None:
 
     def found(module: str) -> list[str]:
         questions = []
-        for node in ast.walk(tree_of(module)):
+        for node in nodes(module):
             if isinstance(node, ast.Call) and ast.unparse(node.func) in ("isinstance", "issubclass"):
                 asked = {each.id for each in ast.walk(node.args[1]) if isinstance(each, ast.Name)}
                 questions += [ast.unparse(node)] if asked & PLANTS else []
@@ -327,7 +338,7 @@ LONG = {"plant.simulation._run": "one compiled loop, in which every branch is a 
 def test_functions_are_short_enough_to_be_read() -> None:
     long = {}
     for module in MODULES:
-        for node in ast.walk(tree_of(module)):
+        for node in nodes(module):
             if isinstance(node, ast.FunctionDef):
                 first = node.body[0]
                 documented = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant)
@@ -354,7 +365,7 @@ def test_start_is_fast_because_nothing_heavy_is_imported(command: str) -> None:
 
 def compiled(module: str) -> dict[str, str]:
     """The compiled functions of a module and what they return."""
-    functions = [node for node in ast.walk(tree_of(module)) if isinstance(node, ast.FunctionDef)]
+    functions = [node for node in nodes(module) if isinstance(node, ast.FunctionDef)]
     return {
         f.name: ast.unparse(f.returns) if f.returns else "?"
         for f in functions
@@ -368,8 +379,8 @@ def test_compiled_code_returns_numbers_only_to_python() -> None:
     unsafe = {name for name, kind in kernels.items() if kind not in ("None", "int", "float", "bool")}
 
     def found(module: str) -> set[str]:
-        functions = [node for node in ast.walk(tree_of(module)) if isinstance(node, ast.FunctionDef)]
-        return {name for f in functions if f.name not in kernels for name in calls(f)} & unsafe
+        functions = [node for node in nodes(module) if isinstance(node, ast.FunctionDef)]
+        return {name for f in functions if f.name not in kernels for name in called(ast.walk(f))} & unsafe
 
     assert offenders(found) == {}
 
@@ -441,4 +452,9 @@ def test_public_methods_have_docstrings(name: str) -> None:
 
 def test_modules_say_what_they_are() -> None:
     """All but an empty ``__init__``, which has nothing to say."""
-    assert offenders(lambda module: tree_of(module).body and not ast.get_docstring(tree_of(module))) == {}
+
+    def silent(module: str) -> bool:
+        tree = nodes(module)[0]
+        return isinstance(tree, ast.Module) and bool(tree.body) and not ast.get_docstring(tree)
+
+    assert offenders(silent) == {}

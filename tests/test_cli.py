@@ -81,9 +81,9 @@ def log(tmp_path):
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory, command):
-    """A folder in which a record has been identified."""
+    """A folder in which a record has been identified with the default models for a record of this length."""
     folder = tmp_path_factory.mktemp("identified")
-    log = table(folder / "log.csv")
+    log = table(folder / "log.csv", samples=300)
     assert command("identify", log, *IDENTIFY, "--out", folder / "result") == 0
     return folder / "result"
 
@@ -104,7 +104,7 @@ def test_identify_writes_everything_it_promises(result):
 
 def test_validate_reproduces_the_errors_of_identify(result, run, tmp_path):
     rows = json.loads((result / "result.json").read_text())["rows"]
-    unseen = ("validate", "MODEL", result.parent / "log.csv", *IDENTIFY, "--rows", "420:600", "--json")
+    unseen = ("validate", "MODEL", result.parent / "log.csv", *IDENTIFY, "--rows", "210:300", "--json")
     for name in ("arx", "friction-narx", "wiener-hammerstein-regression"):
         (before,) = (row for row in rows if (row["model"], row["data"]) == (name, "unseen"))
         words = (result / f"{name}.json" if word == "MODEL" else word for word in unseen)
@@ -114,7 +114,7 @@ def test_validate_reproduces_the_errors_of_identify(result, run, tmp_path):
         for error in ("simulation_mse", "one_step_mse", "fit_percent"):
             assert after[error] == pytest.approx(before[error], rel=1e-9, abs=1e-25)
         assert after["horizon"] == 5
-        model, record = emsid.load(result / f"{name}.json"), emsid.read(unseen[2], input="u", output="y", dt=0.01)[420:]
+        model, record = emsid.load(result / f"{name}.json"), emsid.read(unseen[2], input="u", output="y", dt=0.01)[210:]
         ahead = model.predict(record, 5)
         expected = np.mean((ahead.output - record.output)[ahead.counted] ** 2)
         assert after["horizon_mse"] == pytest.approx(expected, rel=1e-9, abs=1e-25)

@@ -16,6 +16,7 @@ import pytest
 
 import emsid
 from emsid.wording import CATALOGUE, Severity
+from source_tree import nodes_of
 
 TESTS = Path(__file__).parent
 STUDY = "test_study.py::"
@@ -113,7 +114,7 @@ def test_results_without_a_fault_have_no_problem(present: dict[str, set[str]]) -
 
 def texts(path: Path, test: str) -> Iterator[str]:
     """Every text in a test."""
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+    for node in nodes_of(path):
         if isinstance(node, ast.FunctionDef) and node.name == test:
             yield from (n.value for n in ast.walk(node) if isinstance(n, ast.Constant) and isinstance(n.value, str))
 

@@ -457,7 +457,7 @@ def test_what_is_not_known_to_its_physical_scale_is_a_finding():
 
 def test_an_excess_estimated_as_zero_has_the_interval_of_its_profile():
     free = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb", EXCESS)
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(78)  # the first of few records with this estimate; others take a fit each
     records = (simulated_record(rng, noise=3.0, motor=STICTION) for _ in range(100))
     fit = next(fit for fit in (simulation_error(STICTION, r, free=free) for r in records) if fit.estimate[-1] == 0)
     assert fit.table[-1].status is Status.AT_BOUND

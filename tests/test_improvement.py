@@ -16,6 +16,7 @@ from emsid.models.free_run import free_run_error, mean_squared_error
 from emsid.record import hold_back
 from emsid.record.holding_back import FOLDS, LEAST_PART, choice_and_headline, hold_back_records, validation_splits
 from emsid.selection.improvement import CHANCE, NEGLIGIBLE, StretchErrors, better
+from source_tree import nodes_of
 
 SOURCES = Path(emsid.__file__).parent
 
@@ -93,7 +94,7 @@ def test_every_kind_of_model_is_chosen_by_this_rule() -> None:
     assigned = {
         target.id
         for path in SOURCES.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        for node in nodes_of(path)
         if isinstance(node, ast.Assign)
         for target in node.targets
         if isinstance(target, ast.Name)

@@ -18,6 +18,7 @@ import emsid
 from emsid.cli.options import option
 from emsid.findings import Finding
 from emsid.wording import CATALOGUE, Severity, sentence, severity
+from source_tree import nodes_of
 
 HOME = Path(emsid.__file__).parent
 TESTS = Path(__file__).parent
@@ -563,22 +564,21 @@ def test_sentences_are_in_plain_words(word: str) -> None:
 
 def strings(path: Path) -> Iterator[str]:
     """Every text in a file of Python, but for docstrings."""
-    tree = ast.parse(path.read_text("utf-8"))
     documents = {
         id(node.body[0].value)
-        for node in ast.walk(tree)
+        for node in nodes_of(path)
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
         and node.body
         and isinstance(node.body[0], ast.Expr)
     }
-    for node in ast.walk(tree):
+    for node in nodes_of(path):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documents:
             yield node.value
 
 
 def constructed(path: Path) -> Iterator[str]:
     """The codes that findings are made with, where they are written in the call."""
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+    for node in nodes_of(path):
         if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] == "Finding":
             first: Any = node.args[0] if node.args else next((k.value for k in node.keywords if k.arg == "code"), None)
             for each in ast.walk(first) if first is not None else ():

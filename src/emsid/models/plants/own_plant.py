@@ -198,19 +198,25 @@ def _measure(unit: str) -> Measure:
 
 
 def _runge_kutta(f: Any, g: Any, inputs: Array, p: Array, state: Array, dt: float, steps: int, out: Array) -> None:
-    """Fill ``out`` (N, ny), and update ``state`` (n,) to the end of the last sample."""
+    """Fill ``out`` (N, ny), and update ``state`` (n,) to the end of the last sample.
+
+    Numbers are copied one by one: Numba takes seconds to compile the assignment of an array to a slice.
+    """
     x = state.copy()
     h = dt / steps
     for k in range(len(inputs)):
         u = inputs[k]
-        out[k] = np.asarray(g(x, u, p))
+        y = np.asarray(g(x, u, p))
+        for i in range(out.shape[1]):
+            out[k, i] = y[i]
         for _ in range(steps):
             k1 = np.asarray(f(x, u, p))
             k2 = np.asarray(f(x + 0.5 * h * k1, u, p))
             k3 = np.asarray(f(x + 0.5 * h * k2, u, p))
             k4 = np.asarray(f(x + h * k3, u, p))
             x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    state[:] = x
+    for i in range(len(x)):
+        state[i] = x[i]
 
 
 def _between(f: Any, g: Any, fine: Array, p: Array, state: Array, dt: float, steps: int, out: Array) -> None:
@@ -219,7 +225,9 @@ def _between(f: Any, g: Any, fine: Array, p: Array, state: Array, dt: float, ste
     h = dt / steps
     for k in range(len(out)):
         at = 2 * steps * k
-        out[k] = np.asarray(g(x, fine[at], p))
+        y = np.asarray(g(x, fine[at], p))
+        for i in range(out.shape[1]):
+            out[k, i] = y[i]
         for _ in range(steps):
             k1 = np.asarray(f(x, fine[at], p))
             k2 = np.asarray(f(x + 0.5 * h * k1, fine[at + 1], p))
@@ -227,7 +235,8 @@ def _between(f: Any, g: Any, fine: Array, p: Array, state: Array, dt: float, ste
             k4 = np.asarray(f(x + h * k3, fine[at + 2], p))
             x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
             at += 2
-    state[:] = x
+    for i in range(len(x)):
+        state[i] = x[i]
 
 
 _compiled_runge_kutta = njit(nogil=True)(_runge_kutta)

@@ -30,7 +30,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # signatures on a phone; docstrings say shapes and units
 autodoc_default_options = {
     "members": True,
-    "inherited-members": "object,tuple,Protocol,Exception,BaseException",
+    "inherited-members": "object,tuple,int,str,Enum,Protocol,BaseException",
     "show-inheritance": False,
 }
 python_use_unqualified_type_names = True

@@ -321,6 +321,8 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("next-check-data", "log.csv", {"fit_percent": 12.0}),
     Finding("next-physical-model", "arx"),
     Finding("dictionary-rank-deficient", data={"rank": 25, "terms": 35}),
+    Finding("intervals-by-bootstrap", "armax", {"model": "armax", "count": 199, "pieces": 30, "samples": 1200}),
+    Finding("no-bootstrap", "armax", {"model": "armax", "problem": "armax: 3 pieces of at least 30 samples"}),
     Finding("few-unseen-samples", "log.csv, unseen part", {"samples": 6, "needed": 50}),
     Finding("delay-from-data", "speed", {"input": "u", "delay": 36, "time": 0.036}),
     # the verdict on a model

@@ -40,6 +40,7 @@ from .models.blocks.search.estimation import hammerstein as hammerstein
 from .models.blocks.search.estimation import hammerstein_wiener as hammerstein_wiener
 from .models.blocks.search.estimation import wiener as wiener
 from .models.blocks.search.estimation import wiener_hammerstein as wiener_hammerstein
+from .models.bootstrap import bootstrap as bootstrap
 from .models.feedback.model import FeedbackModel as FeedbackModel
 from .models.feedback.search.estimation import feedback as feedback
 from .models.linear.polynomials import PolynomialModel as PolynomialModel

@@ -43,6 +43,7 @@ from emsid.identification.requests import (
 )
 from emsid.identification.result import Identification
 from emsid.identification.verdict import excluded_models, implausible_models, model_verdicts
+from emsid.models.bootstrap import bootstrap as drawn_again
 from emsid.models.plants.grey_box import assumptions
 from emsid.models.plants.parameters import parts
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
@@ -67,6 +68,8 @@ def identify(
     budget: float | None = None,
     options: Options | None = None,
     transient: int | None = None,
+    bootstrap: int = 0,
+    seed: int = 1,
     control: Control = FREE,
     **reading: Any,
 ) -> Identification:
@@ -84,6 +87,8 @@ def identify(
             out of time keeps its best result.
         options: given orders, delay, knots and others; by default all are chosen.
         transient: samples at the start of every segment that start a free run and are left out of every error.
+        bootstrap, seed: number and seed of the fits to drawn pieces of the data that give intervals, see
+            `emsid.bootstrap`; zero takes the robust covariance.
         control: when to stop, and where to report progress.
         reading: where paths are given, how to read them: ``input``, ``output``, ``time`` and the other arguments of
             `emsid.read`.
@@ -103,8 +108,7 @@ def identify(
     others = () if isinstance(unseen, (int, float)) else given_records(unseen, reading)
     record = _long_enough(as_one(several))
     names = names or usual_for(record)
-    options = understood(options, names)
-    given = options
+    given = options = understood(options, names)
     responses = responses_of(several)
     options, about_delay = with_delay(codes_of_channel(options, record), responses, several)
     plants = plants_of(names, options)
@@ -120,7 +124,7 @@ def identify(
     train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)
     _check_sample_times(train, test, [name for name in names if name not in plants])
 
-    found = _fit_all(names, train, options, control)
+    found = _with_bootstrap(_fit_all(names, train, options, control), train, bootstrap, seed, control)
     if found.stopped:
         findings.append(missing_models(names, found.fits, found.failed))
     findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
@@ -246,6 +250,22 @@ def _fit_all(names: Sequence[str], record: Record, options: Options, control: Co
         raise end or next(iter(problems.values()), Stopped(Ending.OUT_OF_BUDGET))
     failed = [*(failure(name, each) for name, each in problems.items()), *map(out_of_time, late)]
     return _Fits(tuple(fits), tuple(failed), end is not None)
+
+
+def _with_bootstrap(found: _Fits, record: Record, count: int, seed: int, control: Control) -> _Fits:
+    """The models with intervals from drawn pieces of the record, as far as they can be fitted again."""
+    if not count or found.stopped:
+        return found
+    fits, failed = list(found.fits), list(found.failed)
+    for k, fit in enumerate(fits):
+        own = _of_one_model(control, f"{fit.model.name} (bootstrap {k + 1} of {len(fits)})")
+        try:
+            fits[k] = drawn_again(fit, record, count, rng=np.random.default_rng(seed), control=own)
+        except Stopped as stop:
+            return _Fits(tuple(fits), tuple(failed), stop.ending is Ending.INTERRUPTED)
+        except EmsidError as problem:
+            failed.append(Finding("no-bootstrap", fit.model.name, {"model": fit.model.name, "problem": str(problem)}))
+    return _Fits(tuple(fits), tuple(failed), stopped=False)
 
 
 def _of_one_model(control: Control, name: str) -> Control:

@@ -34,6 +34,23 @@ def dictionary_rank_deficient(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("intervals-by-bootstrap", Severity.INFO)
+def intervals_by_bootstrap(f: Finding, argument: Spelling) -> str:
+    """Data: model, count, pieces, samples (of the shortest piece)."""
+    d = f.data
+    return (
+        f"{d['model']}: intervals and bands are those of {d['count']} fits to {d['pieces']} pieces drawn from the data "
+        f"({d['samples']:,} samples or more each)"
+    )
+
+
+@words("no-bootstrap", Severity.WARNING)
+def no_bootstrap(f: Finding, argument: Spelling) -> str:
+    """Data: model, problem (why)."""
+    problem = f.data["problem"].removeprefix(f"{f.data['model']}: ")
+    return f"{f.data['model']}: its intervals are those of its fit and not by bootstrap: {problem}"
+
+
 @words("few-samples", Severity.WARNING)
 def few_samples(f: Finding, argument: Spelling) -> str:
     """Data: samples, parameters."""

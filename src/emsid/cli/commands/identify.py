@@ -124,6 +124,11 @@ Profile = Annotated[
     typer.Option(metavar="NAME,...", help="Compute likelihood profiles of these physical parameters."),
 ]
 
+Bootstrap = Annotated[
+    int, typer.Option(metavar="N", help="Intervals and bands from N fits to drawn pieces of the data.", min=0)
+]
+Seed = Annotated[int, typer.Option(metavar="N", help="Seed of the drawn pieces.", min=0)]
+
 
 @app.command()
 @reads_records()
@@ -156,6 +161,8 @@ def identify(
     hold: HoldInput = None,
     average: Average = False,
     profile: Profile = None,
+    bootstrap: Bootstrap = 0,
+    seed: Seed = 1,
     out: Out = Path("emsid-result"),
     json: Json = False,
     pdf: Pdf = False,
@@ -198,7 +205,8 @@ def identify(
     check_folder(out)
     records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
     search = partial(workflow.identify, records, tests or _fraction(unseen), models=asked or None, options=options)
-    _run(partial(search, transient=transient, quick=quick, budget=budget), reader, out, json, pdf)
+    search = partial(search, transient=transient, quick=quick, budget=budget, bootstrap=bootstrap, seed=seed)
+    _run(search, reader, out, json, pdf)
 
 
 def _fraction(unseen: float) -> float:

@@ -1,0 +1,181 @@
+r"""Intervals by bootstrap over segments: the model is fitted again to pieces of the data, drawn with replacement.
+
+The data are cut into m pieces that are long compared with the memory of the system, so that pieces are nearly
+independent. Of these, m are drawn with replacement, and the model is fitted to them, as separate segments. The spread
+of the estimates over many draws is that over experiments (Künsch 1989). It needs no assumption on the noise within a
+piece, nor that the cost is quadratic; but it needs more pieces than parameters. The covariance is multiplied by
+m/(m − 1), since the mean of the pieces is estimated too.
+
+References:
+    Künsch, *The jackknife and the bootstrap for general stationary observations*, Annals of Statistics 17 (1989).
+    Efron, Tibshirani, *An Introduction to the Bootstrap* (1993), sec. 8.6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError, ModelError
+from emsid.estimation.fit import Fit
+from emsid.estimation.linear.least_squares import least_squares
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.findings import Finding
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.fitting import fit_cascade
+from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
+from emsid.models.linear.state_space import StateSpaceModel, coefficient_names
+from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
+from emsid.models.regression.free_run_fit import fit_free_run
+from emsid.models.regression.narx import Narx
+from emsid.record import Record, concatenate
+from emsid.record import segments as segments_of
+
+Array = NDArray[np.float64]
+
+PIECES, PER_PARAMETER = 30, 3
+"""The number of pieces, and that for each parameter; the larger one is taken."""
+LENGTHS = 3
+"""A piece has at least so many times the samples of the model's memory."""
+SHORTEST = 30
+"""The fewest samples of a piece."""
+FEWEST = 10
+"""The fewest pieces, and the fewest draws."""
+ENOUGH = 0.8
+"""The share of the draws that must give a model."""
+STEPS = 20
+"""Gauss–Newton steps of a fit to drawn pieces, which begins at the estimate."""
+
+
+def bootstrap(
+    fit: Fit[Any],
+    records: Record | Iterable[Record],
+    count: int = 200,
+    *,
+    rng: np.random.Generator,
+    pieces: int | None = None,
+    control: Control = FREE,
+) -> Fit[Any]:
+    """The fit with a covariance from refits to pieces of its data, for intervals and bands.
+
+    >>> u = np.random.default_rng(0).standard_normal(2000)
+    >>> y = np.convolve(u, [0.0, 1.0, 0.5])[:2000] + 0.1 * np.random.default_rng(1).standard_normal(2000)
+    >>> from emsid import arx, fit
+    >>> record = Record(u, y, dt=0.01)
+    >>> known = fit(arx(0, 2), record)
+    >>> drawn = bootstrap(known, record, 100, rng=np.random.default_rng(2))
+    >>> bool(np.all(abs(drawn.standard_error / known.standard_error - 1) < 0.5))
+    True
+
+    Args:
+        fit: of a regression, a polynomial or state-space model, or a cascade.
+        records: those that it was fitted to.
+        count: how many times pieces are drawn.
+        rng: draws the pieces.
+        pieces: how many; by default 30, or three for each parameter if that is more, as far as the data last. Where the
+            data have at least as many segments of their own, these are drawn.
+        control: when to stop, and who is told of the progress.
+
+    Raises:
+        ModelError: for a model that cannot be fitted again, data that are too short, or numbers out of range.
+        Stopped: if the control ends it.
+    """
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < FEWEST:
+        raise ModelError(f"bootstrap: {count!r} draws; give a whole number of at least {FEWEST}", arguments=("count",))
+    several = [records] if isinstance(records, Record) else list(records)
+    refit = _refit_of(fit, several)
+    cut = pieces_of(fit, list(segments_of(several)), pieces)
+    found: list[Array] = []
+    for draw in range(int(count)):
+        control.doing(f"fitting to drawn pieces ({len(cut)} of {len(cut[0]):,} samples)", draw, int(count))
+        drawn = concatenate([cut[k] for k in rng.integers(len(cut), size=len(cut))], "drawn pieces")
+        try:
+            again = refit(drawn)
+        except EmsidError:
+            continue
+        if again.names == fit.names and np.isfinite(again.estimate).all():
+            found.append(again.estimate)
+    if len(found) < ENOUGH * count:
+        raise ModelError(
+            f"{fit.model.name}: only {len(found)} of {count} fits to drawn pieces succeeded; record longer"
+        )
+    covariance = len(cut) / (len(cut) - 1) * np.atleast_2d(np.cov(np.array(found).T))
+    data = {"model": fit.model.name, "count": len(found), "pieces": len(cut), "samples": min(map(len, cut))}
+    return replace(
+        fit, covariance=covariance, findings=(*fit.findings, Finding("intervals-by-bootstrap", fit.model.name, data))
+    )
+
+
+def pieces_of(fit: Fit[Any], segments: Sequence[Record], pieces: int | None) -> list[Record]:
+    """The pieces to draw from: the segments themselves where they are many, otherwise equal parts of them.
+
+    Args:
+        fit: of the model; its memory and number of parameters limit the pieces.
+        segments: the data.
+        pieces: how many; see `bootstrap`.
+
+    Raises:
+        ModelError: where there are too few.
+    """
+    shortest = max(SHORTEST, LENGTHS * fit.model.memory)
+    long = [each for each in segments if len(each) >= shortest]
+    wanted = max(PIECES, PER_PARAMETER * len(fit.estimate)) if pieces is None else pieces
+    samples = sum(map(len, long))
+    if pieces is None:
+        wanted = min(wanted, max(samples // shortest, 1))
+    if len(long) >= wanted:
+        cut = long
+    else:
+        length = max(samples // max(wanted, 1), shortest)
+        cut = []
+        for segment in long:
+            parts = max(len(segment) // length, 1)
+            edges = [len(segment) * k // parts for k in range(parts + 1)]
+            cut += [segment[a:b] for a, b in pairwise(edges)]
+    least = max(FEWEST, len(fit.estimate) + 1)
+    if len(cut) < least:
+        raise ModelError(
+            f"{fit.model.name}: {len(cut)} pieces of at least {shortest} samples, and a bootstrap of "
+            f"{len(fit.estimate)} parameters needs {least}; record longer"
+        )
+    return cut
+
+
+def _refit_of(fit: Fit[Any], records: Sequence[Record]) -> Callable[[Record], Fit[Any]]:
+    """The same estimator for other data, beginning at the estimate.
+
+    Raises:
+        ModelError: for a model of another kind.
+    """
+    model = fit.model
+    if isinstance(model, Narx) and model.start:
+        return lambda record: fit_free_run(
+            model.structure, record, start=fit.estimate, max_iterations=STEPS, covariances=False
+        )
+    if isinstance(model, Narx) and fit.method == "ls":
+        plain = least_squares(model.structure, records).estimate
+        if np.allclose(plain, fit.estimate, rtol=1e-6, atol=1e-9 * np.abs(plain).max()):  # no ridge
+            return lambda record: least_squares(model.structure, record)
+    if isinstance(model, PolynomialModel):
+        structure = _structure_of(model, "offset" in fit.names)
+        return lambda record: fit_polynomials(structure, record, start=fit.estimate, max_iterations=STEPS)
+    if isinstance(model, StateSpaceModel) and fit.method != "subspace":
+        (outputs, inputs), noise = model.d.shape, bool(model.k.any())
+        direct = fit.names == coefficient_names(model.order, outputs, inputs, True, noise and outputs == 1)
+        of_states = StateSpaceStructure(model.order, direct, name=model.name)
+        return lambda record: fit_state_space(of_states, record, free_run=not noise, max_iterations=STEPS)
+    if isinstance(model, Cascade):
+        fixed = [name for name in model.names if name not in fit.names]
+        return lambda record: fit_cascade(model, record, fixed=fixed, max_iterations=STEPS)
+    raise ModelError(f"{model.name}: a fit of this kind ({fit.method}) cannot be repeated on drawn pieces")
+
+
+def _structure_of(model: PolynomialModel, constant: bool) -> PolynomialStructure:
+    sizes = len(model.a), model.b.shape[1], len(model.c), len(model.d), model.f.shape[1]
+    return PolynomialStructure(*sizes, model.delay, len(model.b), constant, model.name)

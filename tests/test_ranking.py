@@ -218,3 +218,24 @@ def test_a_model_that_some_folds_do_not_suit_is_last():
         found = ranked(choice, fitted, Options())
     assert found[-1].name == "arx"
     assert np.isinf(found[-1].errors.mean)
+
+
+# --- the recommended model on all data -------------------------------------------------------------------------------
+
+
+def test_the_recommended_model_is_fitted_again_to_all_data(monkeypatch):
+    whole, other = drive(1), drive(2)
+    result = emsid.identify(whole, models="friction-narx")
+    structure = result.chosen.model.structure
+    np.testing.assert_allclose(result.recommended.parameters, least_squares(structure, whole).estimate, rtol=1e-9)
+    (finding,) = (each for each in result.findings if each.code == "fitted-to-all-data")
+    assert finding.data == {"model": "friction-narx", "samples": 1200, "of": len(result.record)}
+    errors = [free_run_error(model, [other]) for model in (result.chosen.model, result.recommended)]
+    assert errors[1] < 1.05 * errors[0]
+
+    given_by_name = emsid.identify(whole, other, models="friction-narx")
+    assert given_by_name.on_all_data is None
+    assert given_by_name.recommended is given_by_name.chosen.model
+    monkeypatch.setattr(ranking_module, "MANY", 300)
+    long = emsid.identify(whole, models="friction-narx")
+    assert "fitted-to-all-data" not in {each.code for each in long.findings}

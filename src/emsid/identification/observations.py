@@ -102,6 +102,17 @@ ENOUGH = 200
 """Samples of a half on which a model is chosen, or judged."""
 
 
+def fitted_to_all_data(model: str, fitted: Record, whole: Record) -> Finding:
+    """The finding that a model is there with parameters from all data too.
+
+    Args:
+        model: its name.
+        fitted: the data of the fit that the errors are from.
+        whole: all data.
+    """
+    return Finding("fitted-to-all-data", whole.name, {"model": model, "samples": len(whole), "of": len(fitted)})
+
+
 def chosen_and_judged_apart(comparison: Comparison) -> list[float] | None:
     """RMSE of every output where a model is chosen on one half of the data and judged on the other, both ways round.
 

@@ -18,6 +18,7 @@ from emsid.record.overlap import shared_stretch
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
+    from emsid.models.model import Model
     from emsid.models.plants.search.diagnostics import Profile
     from emsid.validation.comparison import Comparison
 
@@ -37,6 +38,8 @@ class Identification(Presented):
         on_choice: the models on further unseen data that chose among them; None where `unseen` did.
         model_verdicts: the verdict on every model, with its residual tests and reasons, the recommended one first.
         ranking: the models with their errors over the folds that ranked them, the smallest first.
+        on_all_data: the chosen model with its parameters from `record` and `unseen`; None where that changes little,
+            and where data for the choice were given.
     """
 
     record: Record
@@ -49,6 +52,7 @@ class Identification(Presented):
     on_choice: Comparison | None = None
     model_verdicts: tuple[Finding, ...] = ()
     ranking: tuple[Ranked, ...] = ()
+    on_all_data: Model | None = None
 
     def __repr__(self) -> str:
         best = self.chosen.model.name[:40]
@@ -58,6 +62,12 @@ class Identification(Presented):
     def chosen(self) -> Fit[Any]:
         """The recommended model: the best free run on the data that chose, or a plausible one as good within noise."""
         return self.on_unseen.best.fit
+
+    @property
+    def recommended(self) -> Model:
+        """The model to use: `on_all_data`, or that of `chosen`, which the errors are from."""
+        model: Model = self.chosen.model
+        return model if self.on_all_data is None else self.on_all_data
 
     @cached_property
     def recommendation(self) -> tuple[Finding, Finding]:

@@ -24,13 +24,14 @@ from emsid.identification.observations import (
     about_the_fits,
     built_in_values,
     failure,
+    fitted_to_all_data,
     missing_models,
     observations,
     out_of_time,
     profile_failure,
 )
 from emsid.identification.options import Options
-from emsid.identification.ranking import Ranked, ranked
+from emsid.identification.ranking import Ranked, on_all_data, ranked
 from emsid.identification.recommendation import recommended
 from emsid.identification.records import Records, given_records
 from emsid.identification.requests import (
@@ -125,8 +126,7 @@ def identify(
     _check_sample_times(train, test, [name for name in names if name not in plants])
 
     found = _with_bootstrap(_fit_all(names, train, options, control), train, bootstrap, seed, control)
-    if found.stopped:
-        findings.append(missing_models(names, found.fits, found.failed))
+    findings += [missing_models(names, found.fits, found.failed)] if found.stopped else []
     findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
     taken = _profiles(found.fits, () if found.stopped else options.profile, control)
     on_record = compare(found.fits, train, transient=transient, data="identification")
@@ -135,19 +135,20 @@ def identify(
     ranking = ranked(on_choice or on_unseen, None if others else train, options, excluded_models(about_fits), control)
     order = _order(on_choice or on_unseen, ranking, about_fits)
     on_choice, on_unseen = on_choice and on_choice.in_order_of(order), on_unseen.in_order_of(order)
-    test = on_unseen.best.record
+    final = None if others or found.stopped else on_all_data(order[0], test, record, options, control)
     stopped = found.stopped or taken.stopped or control.cancelled()
     findings = [
-        *observations(on_unseen, train, test, taken.profiles, on_choice),
+        *observations(on_unseen, train, on_unseen.best.record, taken.profiles, on_choice),
         *about_fits,
         *found.failed,
         *findings,
+        *([] if final is None else [fitted_to_all_data(final.name, train, record)]),
         *([] if stopped else _difference_of_records(on_unseen, (*several, *others))),
         *taken.failed,
     ]
     verdicts = model_verdicts(on_record, on_unseen, about_fits)
-    about = tuple(findings), taken.profiles, stopped, on_choice, verdicts, ranking
-    return Identification(train, test, on_record, on_unseen, *about)
+    about = tuple(findings), taken.profiles, stopped, on_choice, verdicts, ranking, final
+    return Identification(train, on_unseen.best.record, on_record, on_unseen, *about)
 
 
 def _asked_for(models: str | Iterable[str] | None, quick: bool) -> tuple[str, ...] | None:

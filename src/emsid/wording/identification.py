@@ -130,6 +130,16 @@ def few_unseen_samples(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("fitted-to-all-data")
+def fitted_to_all_data(f: Finding, argument: Spelling) -> str:
+    """Subject: the data. Data: model (its name), samples (of all data), of (of those that the errors are from)."""
+    d = f.data
+    return (
+        f"after the choice {d['model']} is fitted again to all {d['samples']:,} samples, for use; the errors are those "
+        f"of the fit to {d['of']:,}"
+    )
+
+
 @words("free-run-error")
 def free_run_error(f: Finding, argument: Spelling) -> str:
     """Data: seen, outputs (name, unit, rmse, fit_percent; None for a constant output); chosen_among (how many models)

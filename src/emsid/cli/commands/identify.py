@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from emsid.models.plants.datasheet import Given
     from emsid.models.plants.drive import Bridge
 
+RECOMMENDED = "recommended.json"
+"""The file of the recommended model with its parameters from all data."""
 
 Files = Annotated[
     list[Path],
@@ -172,7 +174,8 @@ def identify(
     Models are ranked by their free run (simulation from the input alone) on unseen data, to which no model was fitted.
 
     The program chooses orders, delay and knots that are not given. It writes report.html, result.json, a file for
-    every model, and the figures as SVG.
+    every model, and the figures as SVG. The recommended model is fitted again to all data where these are few; that
+    one is in recommended.json.
 
     \b
     Examples:
@@ -218,12 +221,15 @@ def _fraction(unseen: float) -> float:
 def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: bool, pdf: bool) -> None:
     """Identify, write and print the result, draw the report."""
     from emsid.identification import candidates
+    from emsid.io import save
     from emsid.report.identification_page import report
 
     with working() as control:
         result = search(control=control)
     with kept(result, "identification") as result:
         write(out, {"result.json": result.to_data()}, result.fits, result.record, reader.remembered)
+        if result.on_all_data is not None:
+            save(result.on_all_data, out / RECOMMENDED, result.record, reader.remembered)
         if json:
             say_json(as_json(result.to_data()))
         else:
@@ -231,7 +237,8 @@ def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: 
     drawn = draw(out, lambda: report(result, option), pdf, interrupted=result.interrupted)
     if not json:
         written = [f"{fit.model.name}.json" for fit in result.fits]
-        possible = [f"{name}.json" for name in candidates.CANDIDATES]
+        written += [] if result.on_all_data is None else [RECOMMENDED]
+        possible = [RECOMMENDED, *(f"{name}.json" for name in candidates.CANDIDATES)]
         say_where(out, drawn, "result.json", *written, possible=possible)
     INTERRUPTION.end(result.interrupted or not drawn)
 

@@ -8,7 +8,11 @@ switch. A bridge that leaves the armature open in the off-time of its PWM brakes
     c = 1 − λ·(1 − ρ)
 
 of a period, with ±supply across it. Its mean torque is K_m/R_a·(v − c·K_m·ω), so the effect of the back electromotive
-force decreases with the duty. Codes among the commands stand for a bridge that brakes (c = 1, v = 0) or coasts (c = 0).
+force decreases with the duty. A bridge that switches loses a part ℓ of its on-time; at full duty it does not switch:
+
+    ρ = (1 − ℓ)·|v|/supply  below the supply,      ρ = 1  at the supply.
+
+Codes among the commands stand for a bridge that brakes (c = 1, v = 0) or coasts (c = 0).
 
 **Between the samples** a command is held, as that of a digital output is, or it goes straight from one sample to the
 next, as a signal that was only sampled nearly does. A straight command is simulated in `PIECES` pieces of every sample,
@@ -38,6 +42,8 @@ Array = NDArray[np.float64]
 LONGEST_DELAY = 1_000_000
 PIECES = 4
 """Pieces of a sample in which a straight command is simulated."""
+FULL = 1.0 - 1e-6
+"""A command of this part of the supply is full duty."""
 FEWEST = 30
 """With fewer samples a record does not show how its command goes on; then it goes straight, as in the others."""
 
@@ -101,6 +107,7 @@ class Drive:
         codes: pairs of a code and the state of the bridge; codes are values of the command, or of the second input
             column if there is one.
         hold: how the command goes on between its samples.
+        loss: ℓ, the part of its on-time that the bridge loses below full duty, where it switches.
 
     Raises:
         ModelError: for a value that is not physical, a bridge that coasts without a supply voltage, or codes in a
@@ -116,6 +123,7 @@ class Drive:
     freewheel: float = 0.0
     codes: tuple[tuple[float, Bridge], ...] = ()
     hold: Hold = Hold.ZERO
+    loss: float = 0.0
 
     def __post_init__(self) -> None:
         if self.codes and self.hold is not Hold.ZERO:
@@ -131,6 +139,8 @@ class Drive:
                 f"drive with a knee at {self.knee} V and {self.beyond} times beyond; the first must be positive, the "
                 "second not negative and finite"
             )
+        if not 0 <= self.loss < 1:
+            raise ModelError(f"drive with a loss of {self.loss} of its on-time; give 0 (none) to less than 1")
         if not 0 <= self.freewheel <= 1:
             raise ModelError(f"drive with freewheel {self.freewheel}; give 0 (always conducts) to 1 (open when off)")
         if self.freewheel > 0 and not isfinite(self.supply):
@@ -177,7 +187,8 @@ class Drive:
         """Voltage (N,) and conducting fraction (N,) for inputs (N, nu), before the delay."""
         voltage, conducts = self.after_knee(self.gain * (self.commands(inputs) + self.offset)), np.ones(len(inputs))
         if isfinite(self.supply):
-            voltage = np.clip(voltage, -self.supply, self.supply)
+            switching = np.abs(voltage) < FULL * self.supply
+            voltage = np.where(switching, (1.0 - self.loss) * voltage, np.clip(voltage, -self.supply, self.supply))
             conducts = 1.0 - self.freewheel * (1.0 - np.abs(voltage) / self.supply)
         for code, bridge in self.codes:
             here = inputs[:, -1] == code
@@ -304,6 +315,15 @@ def outer_handles(unit: str, word: str, measure: Measure, motion: str, shown: Me
         **one("drive.supply", "V_s", unit, f"limit of the supply in {word}", measure, TINY),
         **one("drive.knee", "V_k", unit, f"{word} above which the gain changes", measure, TINY),
         **one("drive.beyond", "γ", "1", "factor of the gain beyond the knee", factor),
+        **one(
+            "drive.loss",
+            "ℓ",
+            "1",
+            "part of its on-time that a switching bridge loses",
+            factor,
+            0.0,
+            0.9,
+        ),
         **one("drive.freewheel", "λ", "1", "freewheeling in the off-time of the bridge, 0 to 1", factor, 0.0, 1.0),
         **one("sensor.lag", "t_s", "s", "time constant of the sensor", time),
         **one("sensor.offset", "y₀", motion, "sensor reading at rest", shown, -inf),

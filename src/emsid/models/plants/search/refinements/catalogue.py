@@ -18,6 +18,7 @@ from emsid.models.plants.search.refinements.gain_by_direction import SLOPE, gain
 from emsid.models.plants.search.refinements.knee import knee
 from emsid.models.plants.search.refinements.stribeck_by_direction import stribeck_by_direction
 from emsid.models.plants.search.refinements.supply_limit import supply_limit
+from emsid.models.plants.search.refinements.switching_loss import switching_loss
 from emsid.models.plants.search.refinements.usual import (
     averaging_sensor,
     by_direction,
@@ -32,7 +33,7 @@ from emsid.models.plants.search.refinements.usual import (
 REFINEMENTS: tuple[Refinement, ...] = (
     coasting_bridge, late_command, slow_sensor, averaging_sensor, stribeck, by_direction, viscous_by_direction,
     constant_load, supply_limit, knee, gain_by_direction,
-    stribeck_by_direction,
+    stribeck_by_direction, switching_loss,
 )  # fmt: skip
 EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge,)
 """Refinements that do great harm on another record where they are wrong: they are judged on kinds left out."""
@@ -42,6 +43,7 @@ LOOK_ALIKE: dict[Refinement, str] = {late_command: "drive.delay", slow_sensor: "
 """Refinements that look alike in many records, each with its parameter, which is zero without it."""
 WITHOUT: tuple[Mapping[str, float], ...] = (
     {"drive.delay": 0.0},
+    {"drive.loss": 0.0},
     {"sensor.lag": 0.0},
     {"drive.freewheel": 0.0},
     {"drive.supply": inf},

@@ -300,6 +300,17 @@ def test_an_output_with_the_wrong_sign_is_refused(plant, noise):
         simulation_error(plant, replace(record, output=-record.output))
 
 
+def two_channels(noise):
+    record = driven(noise=noise, signals=(Signal.SPEED, Signal.CURRENT))
+    return replace(record, input_names=("v",), output_names=("w", "i"), name="log")
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.5])
+def test_channels_with_the_right_signs_are_fitted(noise):
+    fit = simulation_error(DrivenMotor(ONE_MASS), two_channels(noise))
+    assert fit.model.plant.value("motor_constant") == pytest.approx(ONE_MASS.motor_constant, rel=0.02)
+
+
 @pytest.mark.parametrize("noise", [0.002, 0.5])
 @pytest.mark.parametrize(
     ("signs", "words"),
@@ -310,10 +321,7 @@ def test_an_output_with_the_wrong_sign_is_refused(plant, noise):
     ],
 )
 def test_the_channel_with_the_wrong_sign_is_named(signs, words, noise):
-    record = driven(noise=noise, signals=(Signal.SPEED, Signal.CURRENT))
-    record = replace(record, input_names=("v",), output_names=("w", "i"), name="log")
-    right = simulation_error(DrivenMotor(ONE_MASS), record)
-    assert right.model.plant.value("motor_constant") == pytest.approx(ONE_MASS.motor_constant, rel=0.02)
+    record = two_channels(noise)
     with pytest.raises(DataError, match=f"log: {words}"):
         simulation_error(DrivenMotor(ONE_MASS), replace(record, output=record.output * np.array(signs)))
 
@@ -352,7 +360,7 @@ def test_a_finding_names_inseparable_parameters_and_the_missing_current():
 
 
 def test_parameters_found_undetermined_return_to_their_start_values():
-    fit = simulation_error(Motor().rigid(), driven(noise=0.002))
+    fit = simulation_error(Motor().rigid(), driven(noise=0.002)[:800])
     kept = {row.name: (row.value, row.start) for row in fit.table if row.status is Status.KEPT}
     assert set(kept) == {"resistance", "rotor_viscous"}
     assert kept == {"resistance": (2.0, 2.0), "rotor_viscous": (1e-5, 1e-5)}
@@ -416,9 +424,10 @@ def test_an_axis_of_unknown_force_is_identified_in_units_of_its_command():
 
 @pytest.mark.parametrize("noise", [0.002, 0.05])
 def test_a_shaft_without_effect_on_the_record_is_a_finding(noise):
-    fit = simulation_error(STARTS["motor"], driven(noise=noise), max_iterations=20)
+    record = driven(noise=noise)[:800]
+    fit = simulation_error(STARTS["motor"], record, max_iterations=20)
     assert fit.findings[0].code == "no-shaft-seen"
-    rigid = simulation_error(STARTS["rigid-motor"], driven(noise=noise))
+    rigid = simulation_error(STARTS["rigid-motor"], record)
     assert 2 * (rigid.cost - fit.cost) < 12.0 * fit.noise_variance
     assert rigid.noise_variance == pytest.approx(noise**2 * np.var(driven(noise=0.0).output), rel=0.1)
 
@@ -656,6 +665,16 @@ def whole(x, u, p):
 OWN = OwnPlant(decay, whole, (Parameter("a", "a", "1/s", "rate"),), (2.0,), 1, name="tank")
 
 
+@pytest.fixture(scope="module")
+def tank():
+    """A record of a plant that is not compiled."""
+    return Record(LEVELS, OWN.simulate(LEVELS[:, None], DT, np.zeros(1), ()), DT)
+
+
+def test_a_plant_of_plain_functions_is_fitted(tank):
+    assert simulation_error(OWN.with_values({"a": 1.5}), tank).estimate == pytest.approx([2.0], rel=1e-8)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -668,11 +687,9 @@ OWN = OwnPlant(decay, whole, (Parameter("a", "a", "1/s", "rate"),), (2.0,), 1, n
     ],
     ids=["nan", "runaway", "long", "number", "none", "outputs"],
 )
-def test_a_plant_that_cannot_be_simulated_is_refused(changes, message):
-    record = Record(LEVELS, OWN.simulate(LEVELS[:, None], DT, np.zeros(1), ()), DT)
-    assert simulation_error(OWN.with_values({"a": 1.5}), record).estimate == pytest.approx([2.0], rel=1e-8)
+def test_a_plant_that_cannot_be_simulated_is_refused(tank, changes, message):
     with pytest.raises(ModelError, match=message):
-        simulation_error(replace(OWN, **changes), record)
+        simulation_error(replace(OWN, **changes), tank)
 
 
 # --- what the sample time hides -------------------------------------------------------------------------------------

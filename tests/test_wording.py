@@ -162,6 +162,8 @@ EXAMPLES: tuple[Finding, ...] = (
         "wiener-hammerstein",
         {"model": "wiener-hammerstein", "delay": 2, "moved": 1, "filters": 2},
     ),
+    Finding("periods-averaged", "wiener", {"period": 4096, "periods": 6, "records": 2, "noise": 0.01}),
+    Finding("periods-averaged", "wiener", {"period": 4096, "periods": 1, "records": 1, "noise": None}),
     Finding("process-noise", "wiener", {"block": 2, "spread": 0.09, "share": 0.15, "corrected": True}),
     Finding("process-noise", "wiener", {"block": 2, "spread": 0.09, "share": 0.15, "corrected": False}),
     Finding("zero-cancels-pole", data={"model": "wiener", "block": 1, "pole": [0.9, 0.0]}),

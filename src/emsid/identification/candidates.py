@@ -56,12 +56,14 @@ class Blocks:
 
     summary: str
     topology: Topology
-    uses: ClassVar[tuple[str, ...]] = ("nk", "knots", "orders", "static", "hold")
+    uses: ClassVar[tuple[str, ...]] = ("nk", "knots", "orders", "static", "period", "hold")
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose orders, knots and delay on selection data, then fit to the free run over the whole record."""
         rate = 1 if options.hold is Hold.ZERO else None  # more steps per sample are for inputs that go on in between
-        settings = CascadeSearch(static=options.static, size=options.knots, delay=options.nk, oversampling=rate)
+        settings = CascadeSearch(
+            static=options.static, size=options.knots, delay=options.nk, oversampling=rate, period=options.period
+        )
         return CascadeStructure(self.topology, self._orders(options), settings).fit(record, control=control)
 
     def _orders(self, options: Options) -> tuple[int | None, int | None]:

@@ -33,6 +33,8 @@ class Options:
         orders: of the filters of a cascade of blocks, as many as it has.
         static: family of its static map, or the name of one; by default a spline where knots are given, or chosen with
             everything else.
+        period: of a periodic input in steady state, in samples; by default it is detected where the input repeats
+            exactly, and 0 takes no input for periodic.
         ridge: weight of the squared parameters.
         forgetting: forgetting factor; recursive least squares is used where it is given.
         fixed: physical parameters that are known, by name or symbol, in SI units or as texts with a unit.
@@ -57,6 +59,7 @@ class Options:
     knots: int | None = None
     orders: tuple[int, ...] = ()
     static: Family | None = None
+    period: int | None = None
     ridge: float = 0.0
     forgetting: float | None = None
     fixed: Mapping[str, Any] = field(default_factory=dict)

@@ -56,6 +56,19 @@ def map_is_straight(f: Finding, argument: Spelling) -> str:
     return f"{_block(f)}: the static map is a straight line in the range of the data; try a linear model"
 
 
+@words("periods-averaged", Severity.INFO)
+def periods_averaged(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: period (samples), periods, records, noise (standard deviation, None for one period)."""
+    count, records = f.data["periods"], f.data["records"]
+    parts = f"{records} record{'s' * (records > 1)} with a period of {f.data['period']:,} samples"
+    if f.data["noise"] is None:
+        return f"the input is periodic: the model is fitted in steady state to {parts}"
+    return (
+        f"the input repeats: the model is fitted to the means over {count} periods, {parts}; the standard deviation of "
+        f"the noise over periods is {f.data['noise']:.3g}"
+    )
+
+
 @words("process-noise", Severity.INFO)
 def process_noise(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: block, spread (input of the map), share of the signal, standard_errors, corrected."""

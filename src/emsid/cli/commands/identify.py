@@ -77,6 +77,10 @@ Static = Annotated[
     str | None,
     typer.Option(metavar="NAME", help="Static map of a cascade (see `emsid list`); by default chosen."),
 ]
+Period = Annotated[
+    int | None,
+    typer.Option(metavar="N", help="Period of the input in samples, in steady state; 0: not periodic.", min=0),
+]
 Ridge = Annotated[
     float, typer.Option(metavar="WEIGHT", help="Ridge regression: weight of the squared parameters.", min=0)
 ]
@@ -151,6 +155,7 @@ def identify(
     knots: Knots = None,
     orders: Orders = None,
     static: Static = None,
+    period: Period = None,
     ridge: Ridge = 0.0,
     forgetting: Forgetting = None,
     fix: Fix = [],  # noqa: B006
@@ -195,6 +200,7 @@ def identify(
         na=na, nb=nb, nk=nk, degree=degree, taps=taps, knots=knots, forgetting=forgetting,
         orders=counts(orders, "--orders"),
         static=_family(static),
+        period=period,
         ridge=ridge,
         fixed=physical_values([*fix, *(["sensor.average=1"] if average else [])], "--fix", plants),
         datasheet=_sheet(datasheet),

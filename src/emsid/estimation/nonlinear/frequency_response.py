@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,9 @@ ComplexArray = NDArray[np.complex128]
 
 # Independent averages per Hann window, at an overlap of one half.
 INDEPENDENT = 0.95
+# Lines of a periodic input that are excited, by their power relative to the strongest; the most bands that they are
+# averaged in, and the fewest lines of a band.
+EXCITED, BANDS, LINES = 1e-4, 512, 8
 # The iterated linear problems keep their poles inside this radius.
 LARGEST_RADIUS = 0.9995
 
@@ -55,16 +59,23 @@ class FrequencyResponse:
     deviation: Array
 
 
-def frequency_response(segments: Sequence[tuple[Array, Array]], window: int | None = None) -> FrequencyResponse:
+def frequency_response(
+    segments: Sequence[tuple[Array, Array]], window: int | None = None, period: int | None = None
+) -> FrequencyResponse:
     """The response from (u, y) segments by averaged spectra.
 
     Args:
         segments: (u (Nᵢ,), y (Nᵢ,)); those shorter than the window are not used.
         window: samples; by default a sixteenth of the longest segment's, a power of two from 32 to 1024.
+        period: of the input in samples. Segments of this length are whole periods in steady state, whose spectra have
+            no leakage; if there are any, they are used without a window.
 
     Raises:
         ModelError: where no segment is as long as the window, or the input is constant.
     """
+    whole = [(u, y) for u, y in segments if len(u) == period]
+    if whole:
+        return _periodic_response(whole)
     longest = max(len(u) for u, _ in segments)
     size = int(np.clip(2 ** int(np.log2(max(longest / 16, 1))), 32, 1024)) if window is None else window
     total, power, response, cross = 0.0, np.zeros(1), np.zeros(1), np.zeros(1, dtype=complex)
@@ -82,11 +93,36 @@ def frequency_response(segments: Sequence[tuple[Array, Array]], window: int | No
     suu, syy, suy = (np.asarray(s)[used] for s in (power, response, cross))
     if not np.all(suu > 0):
         raise ModelError("the input is constant and excites nothing; use a record in which it moves")
+    return _response(frequency[used], suu, syy, suy, 2 * total / size * INDEPENDENT)
+
+
+def _response(
+    frequency: Array, suu: Array, syy: Array, suy: ComplexArray, averages: float | Array
+) -> FrequencyResponse:
+    """The response from spectra (m,) that are means of this many independent ones."""
     value = suy / suu
     coherence = np.clip(np.abs(suy) ** 2 / np.maximum(suu * syy, np.finfo(float).tiny), 1e-6, 1 - 1e-9)
-    averages = 2 * total / size * INDEPENDENT
     deviation = np.abs(value) * np.sqrt((1 - coherence) / (coherence * averages))
-    return FrequencyResponse(frequency[used], value, np.maximum(deviation, 1e-9 * np.max(np.abs(value))))
+    return FrequencyResponse(frequency, value, np.maximum(deviation, 1e-9 * np.max(np.abs(value))))
+
+
+def _periodic_response(periods: Sequence[tuple[Array, Array]]) -> FrequencyResponse:
+    """The response at the excited lines of (u, y), each one period, averaged over neighbouring lines and periods."""
+    spectra = [(np.fft.rfft(u)[1:], np.fft.rfft(y)[1:]) for u, y in periods]
+    power = np.sum([np.abs(u) ** 2 for u, _ in spectra], axis=0)
+    lines = np.flatnonzero(power > EXCITED * np.max(power))
+    if not np.max(power) > 0:
+        raise ModelError("the input is constant and excites nothing; use a record in which it moves")
+    bands = np.array_split(lines, max(min(BANDS, len(lines) * len(periods) // LINES), 1))
+
+    def mean(values: Array | ComplexArray) -> Any:
+        return np.array([np.sum(values[band]) for band in bands])
+
+    syy = np.sum([np.abs(y) ** 2 for _, y in spectra], axis=0)
+    suy = np.sum([np.conj(u) * y for u, y in spectra], axis=0)
+    averages = np.array([len(band) * len(periods) for band in bands], dtype=float)
+    frequency = np.array([(band.mean() + 1) / len(periods[0][0]) for band in bands])
+    return _response(frequency, mean(power), mean(syy), mean(suy), averages)
 
 
 def fit_rational(response: FrequencyResponse, nb: int, na: int, oversampling: int = 1) -> tuple[Array, Array, float]:

@@ -225,12 +225,12 @@ def _starts(
         recovered = _sign_recovery_starts(topology, segments, orders, settings, template, rng, control)
         if recovered:
             return [candidate.cascade for candidate in recovered]
-    totals = total_orders(topology, segments, orders)
+    totals = total_orders(topology, segments, orders, settings.period)
     pairs: list[Filters] = []
     for total in totals:
         for first, second in order_shares(topology, orders, total):
             with suppress(ModelError):  # too short for a frequency response: the other sources remain
-                pairs += linear_candidates(segments, (first, second), total, template.oversampling)
+                pairs += linear_candidates(segments, (first, second), total, template.oversampling, settings.period)
             if topology.second and template.oversampling == 1:
                 with suppress(ModelError):
                     _, behind = regression_candidate(records, second or 0, 3, max(template.delay, 0))

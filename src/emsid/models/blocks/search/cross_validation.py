@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from emsid.models.blocks.search.topologies import CascadeSearch
 from emsid.record import Record, concatenate
-from emsid.record.holding_back import Split, is_series, validation_splits
+from emsid.record.holding_back import Split, every, is_series, validation_splits
 
 Array = NDArray[np.float64]
 # The unseen fraction of each record while choices are made.
@@ -21,7 +21,13 @@ SERIES = 4
 
 
 def held_back(records: Sequence[Record], settings: CascadeSearch) -> tuple[list[Record], list[Split]]:
-    """The records that choices are made from, and the splits into fitted and unseen data that compare them."""
+    """The records that choices are made from, and the splits into fitted and unseen data that compare them.
+
+    Of several records of a period each, every k-th is unseen, so that the others stay whole.
+    """
+    if settings.period and settings.unseen is None and len(records) >= SERIES:
+        known, unseen = every(records, SERIES)
+        return known, [(known, [record[:CHOICE_SAMPLES] for record in unseen])]
     if settings.unseen is not None:
         unseen = [settings.unseen] if isinstance(settings.unseen, Record) else list(settings.unseen)
         return list(records), [(records, [record[:CHOICE_SAMPLES] for record in unseen])]

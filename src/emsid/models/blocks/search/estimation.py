@@ -33,6 +33,7 @@ from emsid.models.blocks.search.cross_validation import as_arrays, held_back
 from emsid.models.blocks.search.dead_time import at_the_input
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER, filter_parameters, input_delay
+from emsid.models.blocks.search.periods import Steady, steady_state
 from emsid.models.blocks.search.process_noise import Corrected, without_process_noise
 from emsid.models.blocks.search.topologies import (
     DEFAULTS,
@@ -118,6 +119,7 @@ class CascadeOptions(TypedDict, total=False):
     oversampling: int | None
     unseen: Record | Sequence[Record] | None
     transient: int | None
+    period: int | None
     loss: Loss
     threads: int
     max_iterations: int
@@ -227,11 +229,15 @@ def estimate(
         check_one_channel(topology.name, record)
     _check_excitation(topology, several)
     _check_size(topology, several, orders, settings)
+    steady = None if settings.unseen or settings.transient is not None else steady_state(several, settings.period)
+    settings = replace(settings, period=steady.period if steady else 0)
+    several = steady.records if steady else several
     shown, rounds = held_back(several, settings)
     _check_unseen(topology, rounds, orders)
     delay = settings.delay
     if delay is None:
-        delay = 0 if settings.families[0].loses_sign else input_delay(topology, as_arrays(shown), orders)
+        signless, period = settings.families[0].loses_sign, settings.period
+        delay = 0 if signless else input_delay(topology, as_arrays(shown), orders, period)
     longest = max(len(u) for u, _ in as_arrays(shown))
     if delay >= longest:
         raise ModelError(f"{topology.name}: a delay of {delay} in a stretch of {longest} samples; give a smaller one")
@@ -242,34 +248,42 @@ def estimate(
             best = choice
         assert best is not None
         best = from_smaller(best, topology, shown, rounds, orders, settings, template, control)
-        control.doing(f"fitting {topology.name} to all data")
-        found = searched(
-            with_spread_knots(best, topology, orders, several, settings),
-            several,
-            transient=settings.transient,
-            loss=settings.loss,
-            max_iterations=settings.max_iterations,
-            restarts=True,
-            control=control.during(f"fitting {topology.name}"),
-        )
-        how = Search(
-            transient=settings.transient, loss=settings.loss, max_iterations=settings.max_iterations, control=control
-        )
-        if settings.loss is SQUARES:
-            corrected = without_process_noise(found.minimum, found.problem, several, orders, how)
-        else:
-            corrected = Corrected()
-        fit = corrected.fit
-        if fit is None:
-            fit = conclude(found.minimum, found.problem, settings.loss)
-            fit = at_the_input(fit, several, how) if settings.delay is None else fit
-        return replace(fit, findings=(*fit.findings, *corrected.findings))
+        start = with_spread_knots(best, topology, orders, several, settings)
+        return _fitted(start, several, steady, orders, settings, control)
     except Stopped as stopped:
         if best is None:
             raise
         fit = fit_cascade(best.model, several, transient=settings.transient, max_iterations=0)
         cut_short = Finding("choices-cut-short", topology.name, {"cancelled": stopped.ending is Ending.INTERRUPTED})
         return replace(fit, ending=stopped.ending, findings=(cut_short,))
+
+
+def _fitted(
+    start: Cascade,
+    records: Sequence[Record],
+    steady: Steady | None,
+    orders: Orders,
+    settings: CascadeSearch,
+    control: Control,
+) -> Fit[Cascade]:
+    """The fit to all data of the chosen structure, corrected for noise before its map."""
+    control.doing(f"fitting {start.name} to all data")
+    transient = settings.transient
+    if steady is not None:
+        records, transient = steady.with_end_ahead(start)
+    how = Search(transient=transient, loss=settings.loss, max_iterations=settings.max_iterations, control=control)
+    reporting = Search(restarts=True, control=control.during(f"fitting {start.name}"))
+    found = searched(start, records, **(how | reporting))
+    corrected = Corrected()
+    if settings.loss is SQUARES:
+        averages = steady.each if steady else 1.0
+        corrected = without_process_noise(found.minimum, found.problem, records, orders, how, averages)
+    fit = corrected.fit
+    if fit is None:
+        fit = conclude(found.minimum, found.problem, settings.loss)
+        fit = at_the_input(fit, records, how) if settings.delay is None else fit
+    periods = () if steady is None else (steady.finding(start.name),)
+    return replace(fit, findings=(*fit.findings, *periods, *corrected.findings))
 
 
 def _check_excitation(topology: Topology, records: Sequence[Record]) -> None:

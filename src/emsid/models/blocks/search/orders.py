@@ -37,23 +37,25 @@ MOST_DELAY = 0.25
 SAMPLES_PER_PARAMETER = 5
 
 
-def total_orders(topology: Topology, segments: Sequence[tuple[Array, Array]], orders: Orders) -> list[int]:
+def total_orders(
+    topology: Topology, segments: Sequence[tuple[Array, Array]], orders: Orders, period: int | None = None
+) -> list[int]:
     """Orders of the best linear approximation to try: the given ones, or that of least description length and below.
 
     A nonlinearity can look like poles and zeros in the response, so lower orders are tried too: all of them with one
     filter, and some with two, because each of them can be divided in many ways.
     """
-    least, most = _least(topology, orders), _total(topology, segments, orders)
+    least, most = _least(topology, orders), _total(topology, segments, orders, period)
     return list(range(max(most - LOWER, least) if topology.first and topology.second else least, most + 1))
 
 
-def _total(topology: Topology, segments: Sequence[tuple[Array, Array]], orders: Orders) -> int:
+def _total(topology: Topology, segments: Sequence[tuple[Array, Array]], orders: Orders, period: int | None) -> int:
     """The given order, or the one of least description length for the frequency response."""
     least = _least(topology, orders)
     if not _open(topology, orders):
         return least
     try:
-        response = frequency_response(segments)
+        response = frequency_response(segments, period=period)
     except ModelError:
         return least
     points = 2 * len(response.frequency)
@@ -101,11 +103,13 @@ def sign_recovery_orders(topology: Topology, orders: Orders) -> list[tuple[int, 
     return list(product(first, second))
 
 
-def input_delay(topology: Topology, segments: Sequence[tuple[Array, Array]], orders: Orders) -> int:
+def input_delay(
+    topology: Topology, segments: Sequence[tuple[Array, Array]], orders: Orders, period: int | None = None
+) -> int:
     """The least delay whose fit to the measured frequency response is about as good as the best."""
-    total = _total(topology, segments, orders)
+    total = _total(topology, segments, orders, period)
     try:
-        response = frequency_response(segments)
+        response = frequency_response(segments, period=period)
     except ModelError:
         return 0
     noise = 2 * len(response.frequency)

@@ -65,7 +65,12 @@ class Corrected(NamedTuple):
 
 
 def without_process_noise(
-    minimum: Minimum, problem: FreeRun, records: Sequence[Record], orders: Orders, how: Search
+    minimum: Minimum,
+    problem: FreeRun,
+    records: Sequence[Record],
+    orders: Orders,
+    how: Search,
+    averages: float = 1.0,
 ) -> Corrected:
     """A fit of the system without the noise before its map, if there is any.
 
@@ -80,6 +85,7 @@ def without_process_noise(
         records: what it was fitted to.
         orders: that are given, of the filters before and after the map.
         how: of further fits, as in `fit_cascade`.
+        averages: the number of periods that the output is the mean of. The map shows the noise of each.
     """
     model = problem.model(minimum.estimate)
     at, segments = map_index(model), problem.segments
@@ -91,23 +97,25 @@ def without_process_noise(
         return Corrected()
     noise = estimated_noise(pieces, after_map(model), model.oversampling)
     signal = float(np.std(np.concatenate([model.signals(u, model.resting(float(u[0])))[at] for u, _ in segments])))
-    if noise.spread < SMALL * signal:
+    times = float(np.sqrt(averages))
+    if noise.spread * times < SMALL * signal:
         return Corrected()
     fit: Fit[Cascade] | None = None
     with suppress(EmsidError):
-        larger = _grown(_expecting(model, noise.spread), pieces, noise, records, orders, how)
+        larger = _grown(_expecting(model, times * noise.spread), pieces, noise, records, orders, how)
         if len(larger.parameters) > len(model.parameters):
             states = [larger.starting(u, y[: larger.memory]) for u, y in segments]
             pieces = error_pieces(larger, segments, states, problem.transient)
             noise = estimated_noise(pieces, after_map(larger), model.oversampling)
-        start = _expecting(_plain(larger), noise.spread)
+        start = _expecting(_plain(larger), times * noise.spread)
         limits = Search(weightings=_weightings(start, pieces, noise), restarts=True)
         again, weighted = search(start, records, **(how | limits))
         if again.ending is Ending.CONVERGED and _describes(again, replace(weighted, weightings=()), minimum):
             fit = conclude(again, weighted)
             fit = replace(fit, model=_plain(fit.model), noise_variance=minimum.noise_variance)
-    size: dict[str, float] = {"spread": noise.spread, "share": noise.spread / signal, "standard_errors": score}
-    found = Finding("process-noise", model.name, {"block": at + 1, **size, "corrected": fit is not None})
+    spread = times * noise.spread
+    data = {"block": at + 1, "spread": spread, "share": spread / signal, "standard_errors": score}
+    found = Finding("process-noise", model.name, {**data, "corrected": fit is not None})
     return Corrected(fit, (found,))
 
 

@@ -84,7 +84,7 @@ class Candidate:
 
 
 def linear_candidates(
-    segments: Segments, orders: tuple[int | None, int | None], total: int, oversampling: int
+    segments: Segments, orders: tuple[int | None, int | None], total: int, oversampling: int, period: int | None = None
 ) -> Iterator[Filters]:
     """Pairs of filters that divide the poles and zeros of the best linear approximation.
 
@@ -93,8 +93,9 @@ def linear_candidates(
         orders: of the first and the second filter; None if the structure has no such filter.
         total: order of the approximation; its zeros are divided in any way that keeps the filters proper.
         oversampling: of the cascade.
+        period: of the input in samples, if it is periodic.
     """
-    response = frequency_response(segments)
+    response = frequency_response(segments, period=period)
     b, a, _ = fit_rational(response, total + 1, total, oversampling)
     whole = Rational(b, a)
     first, second = orders

@@ -54,6 +54,8 @@ class CascadeSearch:
         oversampling: steps of the blocks per sample; None tries 1 and 2.
         unseen: records for the comparison of choices, instead of the last quarter of the fitted records.
         transient: samples left out at the start of every segment; None estimates the starting states.
+        period: of a periodic input in steady state, in samples: outputs are averaged over periods, and no starting
+            state is estimated. None detects inputs that repeat exactly, 0 takes none for periodic.
         loss: the loss of the final fit.
         threads: number of threads for parallel trials.
         max_iterations: steps of the final fit.
@@ -69,6 +71,7 @@ class CascadeSearch:
     oversampling: int | None = None
     unseen: Record | Sequence[Record] | None = None
     transient: int | None = None
+    period: int | None = None
     loss: Loss = SQUARES
     threads: int = 2
     max_iterations: int = 150
@@ -82,6 +85,7 @@ class CascadeSearch:
             ("oversampling", self.oversampling, 1, "blocks run at least as fast as the record"),
             ("size", self.size, 0, "this is a number of knots, or a degree"),
             ("transient", self.transient, 0, "these are samples to be left out"),
+            ("period", self.period, 0, "0 takes no input for periodic"),
             ("threads", self.threads, 1, "at least one thread is needed"),
         ):
             if value is not None:

@@ -384,6 +384,19 @@ def test_interrupting_keeps_what_was_found(run, log, tmp_path, monkeypatch):
     assert (tmp_path / "out" / "report.html").exists()
 
 
+def test_every_finished_model_is_saved_at_once(run, log, tmp_path, monkeypatch):
+    from emsid.identification import workflow as identification
+
+    def killed(*_):
+        assert emsid.load(tmp_path / "out" / "arx.json").name == "arx"
+        assert not (tmp_path / "out" / "result.json").exists()
+        raise Stopped(Ending.INTERRUPTED)
+
+    monkeypatch.setitem(identification.CANDIDATES, "friction-narx", killed)
+    status, _, _ = run("identify", log, *IDENTIFY, "--models", "arx,friction-narx", "--out", tmp_path / "out")
+    assert status == 130
+
+
 def test_interrupting_before_anything_is_found_writes_nothing(run, log, tmp_path, monkeypatch):
     from emsid.identification import workflow as identification
 

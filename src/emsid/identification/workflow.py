@@ -6,7 +6,7 @@ data, which no step of a fit uses.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -72,6 +72,7 @@ def identify(
     bootstrap: int = 0,
     seed: int = 1,
     control: Control = FREE,
+    finished: Callable[[Fit[Any]], None] | None = None,
     **reading: Any,
 ) -> Identification:
     """Fit several kinds of model and rank them by their free run on unseen data.
@@ -91,6 +92,7 @@ def identify(
         bootstrap, seed: number and seed of the fits to drawn pieces of the data that give intervals, see
             `emsid.bootstrap`; zero takes the robust covariance.
         control: when to stop, and where to report progress.
+        finished: called with every fit as soon as it is found, for instance to save it.
         reading: where paths are given, how to read them: ``input``, ``output``, ``time`` and the other arguments of
             `emsid.read`.
 
@@ -114,18 +116,14 @@ def identify(
     options, about_delay = with_delay(codes_of_channel(options, record), responses, several)
     plants = plants_of(names, options)
     check_physics(plants, names, options)
-    findings = [
-        *record.findings,
-        *questions(several, responses),
-        *about_delay,
-        *unused_requests(plants, names, given, record),
-    ]
+    findings = [*record.findings, *questions(several, responses), *about_delay]
+    findings += unused_requests(plants, names, given, record)
     findings += [each.about(name) for name, plant in plants.items() for each in assumptions(plant, record)]
 
     train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)
     _check_sample_times(train, test, [name for name in names if name not in plants])
 
-    found = _with_bootstrap(_fit_all(names, train, options, control), train, bootstrap, seed, control)
+    found = _with_bootstrap(_fit_all(names, train, options, control, finished), train, bootstrap, seed, control)
     findings += [missing_models(names, found.fits, found.failed)] if found.stopped else []
     findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
     taken = _profiles(found.fits, () if found.stopped else options.profile, control)
@@ -219,7 +217,13 @@ class _Fits:
     stopped: bool
 
 
-def _fit_all(names: Sequence[str], record: Record, options: Options, control: Control) -> _Fits:
+def _fit_all(
+    names: Sequence[str],
+    record: Record,
+    options: Options,
+    control: Control,
+    finished: Callable[[Fit[Any]], None] | None = None,
+) -> _Fits:
     """Every model fitted to the record, one after the other.
 
     Raises:
@@ -236,6 +240,8 @@ def _fit_all(names: Sequence[str], record: Record, options: Options, control: Co
             own = _of_one_model(share, f"{name} ({number} of {len(names)})")
             own.doing("fitting")
             fits.append(fit_or_problem(partial(CANDIDATES[name], record, options, own)))
+            if finished is not None:
+                finished(fits[-1])
         except Stopped as stop:
             if stop.ending is not Ending.INTERRUPTED:
                 late.append(name)

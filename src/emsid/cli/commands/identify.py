@@ -231,7 +231,7 @@ def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: 
     from emsid.report.identification_page import report
 
     with working() as control:
-        result = search(control=control)
+        result = search(control=control, finished=lambda fit: write(out, {}, [fit], None, reader.remembered))
     with kept(result, "identification") as result:
         write(out, {"result.json": result.to_data()}, result.fits, result.record, reader.remembered)
         if result.on_all_data is not None:

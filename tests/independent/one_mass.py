@@ -2,7 +2,7 @@
 
 It shares no code and no method with `emsid.plant`, which locates where friction sticks and solves the pieces exactly:
 
-    dv/dt = gain·D(u(t − delay)) − damping·c(u)·v − T(v) − offset(t)
+    dv/dt = gain·D(u(t − delay)) − damping·c(u)·v − T(v) − quadratic·|v|·v − a·cos(2πx/P) − b·sin(2πx/P) − offset(t)
     T(v)  = tanh(v/ε)·(coulomb + stribeck·exp(−|v|/v_s)) + viscous·v,      by direction of v
 
 All forces are divided by the mass. D is a dead zone, c(u) the part of the time that a bridge conducts.
@@ -32,6 +32,8 @@ class OneMass:
         damping: in 1/s, while the bridge conducts.
         coulomb, stribeck: levels of friction; the second fades over ``stribeck_speed``.
         viscous: in 1/s.
+        quadratic: friction by the square of the speed.
+        cogging: period P, a and b.
         dead_zone: half its width, in units of the command.
         offset: constant deceleration.
         coasting: the part of the damping that is missing in the off-time of the bridge.
@@ -49,6 +51,8 @@ class OneMass:
     stribeck: Pair = (0.0, 0.0)
     stribeck_speed: float = 1.0
     viscous: Pair = (0.0, 0.0)
+    quadratic: float = 0.0
+    cogging: tuple[float, float, float] = (1.0, 0.0, 0.0)
     dead_zone: float = 0.0
     offset: float = 0.0
     coasting: float = 0.0
@@ -85,28 +89,33 @@ class OneMass:
         speed[0], position[0] = state
         _integrate(
             self.gain * through, self.damping * conducting, offset, friction, self.stribeck_speed, self.smooth,
+            self.quadratic, np.array(self.cogging),
             dt / FINE / steps, steps, speed, position,
         )  # fmt: skip
         return speed[::FINE], position[::FINE]
 
 
 @numba.njit(cache=True)
-def _acceleration(v, force, damping, offset, friction, fading, smooth):  # type: ignore[no-untyped-def]
+def _acceleration(v, x, force, damping, offset, friction, fading, smooth, quadratic, cogging):  # type: ignore[no-untyped-def]
     side = 0 if v >= 0 else 1
     level = friction[0, side] + friction[1, side] * np.exp(-abs(v) / fading)
+    turn = 2 * np.pi * x / cogging[0]
+    force -= cogging[1] * np.cos(turn) + cogging[2] * np.sin(turn) + quadratic * abs(v) * v
     return force - (damping + friction[2, side]) * v - np.tanh(v / smooth) * level - offset
 
 
 @numba.njit(cache=True)
-def _integrate(force, damping, offset, friction, fading, smooth, h, steps, speed, position):  # type: ignore[no-untyped-def]
+def _integrate(force, damping, offset, friction, fading, smooth, quadratic, cogging, h, steps, speed, position):  # type: ignore[no-untyped-def]
     v, x = speed[0], position[0]
     for t in range(len(force)):
         f, d, o = force[t], damping[t], offset[t]
         for _ in range(steps):
-            k1 = _acceleration(v, f, d, o, friction, fading, smooth)
-            k2 = _acceleration(v + 0.5 * h * k1, f, d, o, friction, fading, smooth)
-            k3 = _acceleration(v + 0.5 * h * k2, f, d, o, friction, fading, smooth)
-            k4 = _acceleration(v + h * k3, f, d, o, friction, fading, smooth)
+            q = quadratic
+            k1 = _acceleration(v, x, f, d, o, friction, fading, smooth, q, cogging)
+            middle = x + 0.5 * h * v
+            k2 = _acceleration(v + 0.5 * h * k1, middle, f, d, o, friction, fading, smooth, q, cogging)
+            k3 = _acceleration(v + 0.5 * h * k2, middle, f, d, o, friction, fading, smooth, q, cogging)
+            k4 = _acceleration(v + h * k3, x + h * v, f, d, o, friction, fading, smooth, q, cogging)
             after = v + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
             x += 0.5 * h * (v + after)
             v = after

@@ -30,6 +30,7 @@ class Measure(Enum):
 
     FORCE = ("N*m", "N")
     DAMPING = ("N*m*s/rad", "N*s/m")
+    QUADRATIC = ("N*m*s^2/rad^2", "N*s^2/m^2")
     SPEED = ("rad/s", "m/s")
     PER_SPEED = ("s/rad", "s/m")
     COMMAND = ("V", "V")

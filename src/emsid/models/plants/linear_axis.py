@@ -1,6 +1,6 @@
 """A linear axis as a plant: one mass on a guide, driven by a force.
 
-    M = mass,   F = D_F(f) − offset,   D = viscous friction,
+    M = mass,   F = D_F(f) − offset,   D = viscous friction,   and quadratic friction and cogging where there are any,
 
 simulated by the fast loop of `one_mass`.
 """
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
+from emsid.models.plants.cogging import Cogging, check_quadratic, cogging_handles, extra_terms, without_idle
 from emsid.models.plants.drive import Drive, Feed, outer_handles
 from emsid.models.plants.driven import Driven
 from emsid.models.plants.one_mass import Motion, Sliding, moved
@@ -35,6 +36,7 @@ def _handles(law: type[FrictionLaw]) -> Mapping[str, Handle]:
     """Mass, frictions, offset, dead zone, drive and sensor."""
     outer = outer_handles("N", "newtons", Measure.FORCE, "m", Measure.OTHER)
     viscous = Parameter("viscous_friction", "F_v", "N*s/m", "viscous friction")
+    quadratic = Parameter("quadratic_viscous", "F_q", Measure.QUADRATIC.unit(linear=True), "quadratic viscous friction")
     offset = Parameter("offset", "F₀", "N", "constant force against the motion")
     return {
         **scalar(("mass",), Parameter("mass", "M", "kg", "moving mass"), lower=TINY),
@@ -42,6 +44,8 @@ def _handles(law: type[FrictionLaw]) -> Mapping[str, Handle]:
         **law_handles(("friction",), "friction", law, linear=True),
         **scalar(("offset",), offset, Measure.FORCE, -inf),
         **dead_zone_handles(("dead_zone",), "dead_zone", "force", "N", Measure.FORCE),
+        **scalar(("quadratic_viscous",), quadratic, Measure.QUADRATIC),
+        **cogging_handles("N", "m"),
         **{name: handle for name, handle in outer.items() if name not in ("drive.freewheel", "sensor.ratio")},
     }
 
@@ -59,6 +63,8 @@ class LinearAxis(Driven):
         friction: Coulomb and Stribeck friction (4.7), its levels in N and its rate in s/m.
         offset: constant force in N, such as gravity on an inclined axis.
         dead_zone: on the force, break points in N.
+        quadratic_viscous: friction by the square of the speed, in N·s²/m².
+        cogging: force over position, in N and m.
         drive: converts the command to a force; its gain is in N per unit.
         sensor: between the motion and the log.
         steps: steps per sample for the Stribeck excess.
@@ -75,6 +81,8 @@ class LinearAxis(Driven):
     drive: Drive = Drive()  # noqa: RUF009  (frozen)
     sensor: Sensor = Sensor()  # noqa: RUF009  (frozen)
     steps: int = 1
+    quadratic_viscous: float = 0.0
+    cogging: Cogging = Cogging(1.0)  # noqa: RUF009  (frozen)
 
     def __post_init__(self) -> None:
         pair = self.viscous_friction
@@ -86,6 +94,7 @@ class LinearAxis(Driven):
             raise ModelError(f"linear axis with viscous friction {pair}; it cannot be negative and must be finite")
         if not isfinite(self.offset):
             raise ModelError(f"linear axis with an offset of {self.offset} N; it must be finite")
+        check_quadratic("linear axis", self.quadratic_viscous)
 
     @property
     def name(self) -> str:
@@ -155,7 +164,7 @@ class LinearAxis(Driven):
         speeds, positions = moved(
             self.mass,
             type(self.friction).level,
-            Sliding.of(self.friction, self.viscous_friction),  # type: ignore[arg-type]
+            Sliding.of(self.friction, self.viscous_friction, self.quadratic_viscous, self.cogging.waves),  # type: ignore[arg-type]
             force - self.offset,
             np.zeros(len(force)),
             on.dt,
@@ -201,7 +210,8 @@ class LinearAxis(Driven):
         forward, backward = self.viscous_friction  # type: ignore[misc]
 
         def force(speed: Array) -> Array:
-            return np.asarray(self.friction.torque(speed) + np.where(speed < 0, backward, forward) * speed)
+            linear = np.where(speed < 0, backward, forward) * speed
+            return np.asarray(self.friction.torque(speed) + linear + self.quadratic_viscous * speed * np.abs(speed))
 
         return StaticCharacteristic(force, ("Speed v", "m/s"), ("Friction force", "N"), self.friction.breakaway)
 
@@ -216,12 +226,13 @@ class LinearAxis(Driven):
 
     def equations(self) -> str:
         """One mass and its position."""
-        return "M·dv/dt = D(f) − F_v·v − T_f(v) − F₀\ndx/dt = v"
+        extra = extra_terms(self.quadratic_viscous, self.cogging, "F_q", "v", "x")
+        return f"M·dv/dt = D(f) − F_v·v − T_f(v) − F₀{extra}\ndx/dt = v"
 
     def to_data(self) -> dict[str, Any]:
         """Parameters and sensor, and the dead zone if there is one."""
         data = super().to_data()
-        parameters = data["parameters"]
+        parameters = without_idle(data["parameters"])
         if self.dead_zone is None:
             parameters = {name: value for name, value in parameters.items() if not name.startswith("dead_zone.")}
         return {**data, "parameters": parameters, "feed": Feed.VOLTAGE.value}

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
+from emsid.models.plants.cogging import Cogging, check_quadratic, cogging_handles, extra_terms, without_idle
 from emsid.models.plants.drive import Acting, Drive, Feed, outer_handles
 from emsid.models.plants.driven import Driven
 from emsid.models.plants.one_mass import Motion, Sliding, moved
@@ -69,6 +70,10 @@ def _handles(rigid: bool, feed: Feed, rotor: type[FrictionLaw], load: type[Frict
             found |= scalar(path, parameter, about["measure"], TINY if about["positive"] else 0.0)
     torque = Parameter("load_torque", "T_d", "N*m", "constant torque on the load")
     found |= scalar(("load_torque",), torque, Measure.FORCE, -inf)
+    if rigid:
+        square = Parameter("quadratic_viscous", "B_q", Measure.QUADRATIC.unit(), "quadratic viscous friction")
+        found |= scalar(("quadratic_viscous",), square, Measure.QUADRATIC)
+        found |= cogging_handles("N*m", "rad")
     return found | outer_handles(*_MADE[feed], "rad/s", Measure.SPEED)
 
 
@@ -86,9 +91,12 @@ class DrivenMotor(Driven):
         load_torque: constant torque T_d on the load in N·m.
         steps: steps per sample for the Stribeck excess of a rigid motor.
         feed: the output of the drive; with a current or a torque, a rigid motor has no back electromotive force.
+        quadratic_viscous: friction by the square of the speed, as of a fan, in N·m·s²/rad²; of a rigid motor.
+        cogging: torque over the angle, in N·m and rad; of a rigid motor.
 
     Raises:
-        ModelError: for a motor with an elastic shaft that is fed with anything but a voltage.
+        ModelError: for a motor with an elastic shaft that is fed with anything but a voltage, or that has quadratic
+            friction or cogging.
     """
 
     motor: Motor = field(default_factory=Motor)
@@ -97,8 +105,11 @@ class DrivenMotor(Driven):
     load_torque: float = 0.0
     steps: int = 2
     feed: Feed = Feed.VOLTAGE
+    quadratic_viscous: float = 0.0
+    cogging: Cogging = Cogging()  # noqa: RUF009  (frozen)
 
     def __post_init__(self) -> None:
+        check_quadratic(self.name, self.quadratic_viscous)
         if self.feed is not Feed.VOLTAGE and not self.motor.is_rigid:
             raise ModelError(f"a motor fed with a {self.feed.value} is simulated as one mass only; give Motor.rigid()")
 
@@ -293,7 +304,7 @@ class DrivenMotor(Driven):
         speeds, positions = moved(
             motor.rotor_inertia + motor.load_inertia,
             type(law).level,
-            Sliding.of(law),
+            Sliding.of(law, quadratic=self.quadratic_viscous, waves=self.cogging.waves),
             torque - self.load_torque,
             braking + (motor.rotor_viscous + motor.load_viscous),
             on.dt,
@@ -318,6 +329,11 @@ class DrivenMotor(Driven):
                 "a bridge that coasts is simulated for a rigid motor without inductance only; choose rigid-motor, "
                 "or leave out these samples with a mask",
                 arguments=("mask",),
+            )
+        if self.quadratic_viscous or len(self.cogging.waves):
+            raise ModelError(
+                "quadratic friction and cogging are simulated for a rigid motor without inductance only; choose "
+                "rigid-motor"
             )
         ends = motion[:, None]
         volts, durations = _pieces(on.voltage, on.dt, on.late)
@@ -449,7 +465,8 @@ class DrivenMotor(Driven):
 
         def torque(speed: Array) -> Array:
             viscous = (m.rotor_viscous + m.load_viscous) * speed
-            return np.asarray(m.rotor_friction.torque(speed) + m.load_friction.torque(speed) + viscous)
+            dry = m.rotor_friction.torque(speed) + m.load_friction.torque(speed)
+            return np.asarray(dry + viscous + self.quadratic_viscous * speed * np.abs(speed))
 
         forward, backward = (m.rotor_friction.breakaway[k] + m.load_friction.breakaway[k] for k in (0, 1))
         return StaticCharacteristic(torque, ("Speed ω", "rad/s"), ("Friction torque", "N*m"), (forward, backward))
@@ -473,7 +490,8 @@ class DrivenMotor(Driven):
         made = "T" if self.feed is Feed.TORQUE else "K_m·i"
         torque = made if motor.torque_dead_zone is None else f"D_T({made})"
         if motor.is_rigid:
-            mechanical = [f"(J_m + J_L)·dω/dt = {torque} − (B_m + B_L)·ω − T_f(ω) − T_d"]
+            extra = extra_terms(self.quadratic_viscous, self.cogging, "B_q", "ω", "θ")
+            mechanical = [f"(J_m + J_L)·dω/dt = {torque} − (B_m + B_L)·ω − T_f(ω) − T_d{extra}"]
         else:
             mechanical = [
                 f"J_m·dω_m/dt = {torque} − T_s − B_m·ω_m − T_f(ω_m)",
@@ -486,7 +504,8 @@ class DrivenMotor(Driven):
         """Parameters and input quantity, and the dead zones that exist."""
         data = super().to_data()
         absent = tuple(f"{zone}." for zone in _ZONES if getattr(self.motor, zone) is None)
-        kept = {name: value for name, value in data["parameters"].items() if not name.startswith(absent or ("\0",))}
+        parameters = without_idle(data["parameters"])
+        kept = {name: value for name, value in parameters.items() if not name.startswith(absent or ("\0",))}
         return {**data, "parameters": kept, "feed": self.feed.value}
 
     def with_data(self, data: Mapping[str, Any]) -> Self:

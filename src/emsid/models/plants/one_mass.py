@@ -13,8 +13,9 @@ friction is s·c, and for constant c the solution over any time h is
 
 The mass comes to rest at t = ln(1 − r·v₀/a)/r. Then friction holds it, at exactly zero speed until |F| exceeds the
 break-away level, or it slides back. So with Coulomb friction the motion is exact, including sticking. A law that
-depends on speed, such as a Stribeck excess, is evaluated at the speed in the middle of the step, which is of second
-order in h; the tests compare it with `emsid.plant.simulate`.
+depends on speed, such as a Stribeck excess or quadratic friction, is evaluated at the speed in the middle of the step,
+which is of second order in h; the tests compare it with `emsid.plant.simulate`. A force that repeats with position
+(`cogging`) counts with its mean over the way of the step, so that many periods in one step average out.
 
 The loop is the same for every friction law: `loop_for` replaces ``level``.
 
@@ -37,6 +38,10 @@ from emsid.plant.friction import FrictionLaw, Level
 from emsid.plant.friction import coulomb_stribeck as level
 
 Array = NDArray[np.float64]
+
+
+NO_WAVES = np.empty((0, 3))
+"""No cogging."""
 
 
 class Motion(NamedTuple):
@@ -63,19 +68,30 @@ class Sliding(NamedTuple):
     Attributes:
         numbers: (2, n) the parameters of the friction law.
         breakaway: (2,) break-away level, in N or N·m.
-        varies: (2,) whether the law depends on speed.
+        varies: (2,) whether friction depends on speed or position.
         viscous: (2,) added to D in that direction, in N·s/m or N·m·s/rad.
+        quadratic: friction by the square of the speed, in N·s²/m² or N·m·s²/rad².
+        waves: (n, 3) 2π over the period, cosine and sine of every harmonic of the cogging.
     """
 
     numbers: Array
     breakaway: Array
     varies: NDArray[np.bool_]
     viscous: Array
+    quadratic: float
+    waves: Array
 
     @classmethod
-    def of(cls, law: FrictionLaw, viscous: Sequence[float] = (0.0, 0.0)) -> Sliding:
-        """A friction law, and viscous friction (forward, backward)."""
-        return cls(law.numbers, np.array(law.breakaway), law.varies, np.array(viscous))
+    def of(
+        cls,
+        law: FrictionLaw,
+        viscous: Sequence[float] = (0.0, 0.0),
+        quadratic: float = 0.0,
+        waves: Array = NO_WAVES,
+    ) -> Sliding:
+        """A friction law, viscous friction (forward, backward), quadratic friction and cogging."""
+        varies = law.varies | bool(quadratic > 0 or len(waves))
+        return cls(law.numbers, np.array(law.breakaway), varies, np.array(viscous), float(quadratic), waves)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -118,19 +134,19 @@ def move(
             for _ in range(steps):
                 left = whole / steps
                 while left > 0.0:
-                    if v == 0.0:
-                        side = 0 if drive > 0.0 else 1
-                        if abs(drive) <= friction.breakaway[side]:
-                            break
-                    else:
-                        side = 0 if v > 0.0 else 1
+                    net = drive - _ripple(x, 0.0, friction.waves)
+                    side = 0 if v > 0.0 or (v == 0.0 and net > 0.0) else 1
+                    if v == 0.0 and abs(net) <= friction.breakaway[side]:
+                        break
                     direction = 1.0 - 2.0 * side
                     r = (drag + friction.viscous[side]) / mass
                     if friction.varies[side]:
-                        a = (drive - direction * level(abs(v), friction.numbers, side)) / mass
+                        against = level(abs(v), friction.numbers, side) + friction.quadratic * v * v
+                        a = (net - direction * against) / mass
                         half = 0.5 * left
                         middle = max(direction * (v + (a - r * v) * half / (1.0 + 0.5 * r * half)), 0.0)
-                        a = (drive - direction * level(middle, friction.numbers, side)) / mass
+                        against = level(middle, friction.numbers, side) + friction.quadratic * middle * middle
+                        a = (drive - _ripple(x, direction * middle * left, friction.waves) - direction * against) / mass
                     else:
                         a = (drive - direction * friction.breakaway[side]) / mass
                     if r != known_rate or left != known_time:
@@ -159,7 +175,9 @@ def loop_for(law: Level) -> Callable[..., None]:
     if law is level:
         return move
     compiled = hasattr(law, "py_func")
-    names = {**move.py_func.__globals__, "level": law, "_phi": _phi if compiled else _phi.py_func}
+    names = {**move.py_func.__globals__, "level": law}
+    if not compiled:
+        names |= {"_phi": _phi.py_func, "_ripple": _ripple.py_func}
     with_law = FunctionType(move.py_func.__code__, names, "move_with_law")
     if compiled:
         loop: Callable[..., None] = njit(nogil=True, error_model="numpy")(with_law)
@@ -170,6 +188,18 @@ def loop_for(law: Level) -> Callable[..., None]:
             with_law(*arguments)
 
     return slow
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _ripple(x: float, way: float, waves: Array) -> float:
+    """The mean of the cogging between the positions x and x + way."""
+    force = 0.0
+    for n in range(len(waves)):
+        k, cosine, sine = waves[n, 0], waves[n, 1], waves[n, 2]
+        middle, half = k * (x + 0.5 * way), 0.5 * k * way
+        mean = np.sin(half) / half if abs(half) > 1e-4 else 1.0 - half * half / 6.0
+        force += mean * (cosine * np.cos(middle) + sine * np.sin(middle))
+    return force
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

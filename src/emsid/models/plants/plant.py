@@ -568,6 +568,7 @@ def plausible(measure: Measure, force: float, sizes: Sizes) -> float:
     return {
         Measure.FORCE: 0.1 * force,
         Measure.DAMPING: 0.1 * force / sizes.output,
+        Measure.QUADRATIC: 0.1 * force / sizes.output**2,
         Measure.PER_SPEED: 10 / sizes.output,
         Measure.SPEED: 0.1 * sizes.output,
         Measure.COMMAND: 0.1 * sizes.command,

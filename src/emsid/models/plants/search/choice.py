@@ -10,7 +10,8 @@ channels. Only the last fit, with its intervals, is done in SI units.
 
 **Drift.** The free run of a position keeps for ever what a slow disturbance did to it. So each half of the record is
 fitted and judged on the other, once with all errors alike and once with errors that are forgotten (`Recent`). The
-second is used where it is clearly better.
+second is used where it is clearly better. What the first samples of a position do not show exactly is no drift: where
+an estimated start predicts the other half better and agrees with these samples (`beginning`), it is estimated.
 """
 
 from __future__ import annotations
@@ -37,7 +38,14 @@ from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.between_samples import as_hold, holds_in, is_open
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.kinds import better_on_both_sides, better_on_kinds
-from emsid.models.plants.search.refinements.catalogue import BREAKS, EXTRAPOLATES, LOOK_ALIKE, REFINEMENTS, simplified
+from emsid.models.plants.search.refinements.catalogue import (
+    BREAKS,
+    EXTRAPOLATES,
+    INSTEAD,
+    LOOK_ALIKE,
+    REFINEMENTS,
+    simplified,
+)  # fmt: skip
 from emsid.models.plants.search.refinements.contract import Refined, Refinement
 from emsid.models.plants.search.refinements.usual import by_direction
 from emsid.models.plants.search.result import GreyBoxFit
@@ -176,6 +184,10 @@ class _Choice:
         sides = {side: both for name, both in plain.limits.items() for side in parts(plant, name)}
         limits = {**physical, **sides, **plain.limits}
         complete = whole if self.thinned and signals == (Signal.POSITION,) else None
+        self._start_agrees = not all(
+            np.array_equal(state, start.first_state(signals, segment))
+            for state, segment in zip(plain.states, plain.segments, strict=True)
+        )
         self._trials = Trials(plain.segments, signals, limits, self.weighting, control, complete)
         self._rng = np.random.default_rng(0)
         self._starts = [start, *_started(start, plain.segments, signals)]
@@ -202,7 +214,7 @@ class _Choice:
         try:
             self._begin(self._chosen_weighting() if weighting is None else weighting)
             if self.trial.residuals:
-                self._add(refinements)
+                self._add([each for each in refinements if each not in INSTEAD])
                 self._exchange(refinements)
                 self._remove()
         except Stopped:
@@ -218,29 +230,37 @@ class _Choice:
             self.trial = self._trials.around(found, self._rng, RESTARTS)
 
     def _chosen_weighting(self) -> Weighting:
-        """All errors alike, or forgotten after a while, whichever predicts the other half of the record better."""
-        trials = self._trials
-        longest = max(len(segment) for segment in trials.segments)
-        if trials.signals != (Signal.POSITION,) or longest < 2 * HALF_AT_LEAST:
+        """All errors alike, or forgotten after a while, whichever predicts the other half of the record better.
+
+        Before that, the start of a position that agrees with the first samples is left to the fits, if that does.
+        """
+        longest = max(len(segment) for segment in self._trials.segments)
+        if self._trials.signals != (Signal.POSITION,) or longest < 2 * HALF_AT_LEAST:
             return all_alike
+        errors = self._other_half(self._trials)
+        if self._start_agrees:
+            free = replace(self._trials, free_starts=True)
+            if better(left_free := self._other_half(free), errors):
+                self._trials, errors = free, left_free
         recent = Recent(longest * self._record.dt / FORGOTTEN, 2)
-        plant, names = self.trial.plant, self.trial.names
-        if not any(
-            name in self._fixed for name in plant.default_free
-        ):  # the directions may differ, as drift makes them
-            plant, names = next(iter(by_direction(plant, names, self._record)), (plant, names))
-        errors = []
-        halves = self._record.split(0.5)
-        for how in (all_alike, recent):
-            parts = []
-            for known, unseen in (halves, halves[::-1]):
-                half = replace(trials, segments=known.segments, weighting=how)
-                parts.append(half.unseen_error(half.fitted([plant], names), unseen.segments))
-            errors.append(StretchErrors.joined(parts))
-        if better(errors[1], errors[0]):
+        if better(self._other_half(replace(self._trials, weighting=recent)), errors):
             self.drifts = recent.time
             return recent
         return all_alike
+
+    def _other_half(self, trials: Trials) -> StretchErrors:
+        """The errors on each half of the record of a fit to the other half.
+
+        The directions may differ, as drift makes them, unless something is fixed.
+        """
+        plant, names = self.trial.plant, self.trial.names
+        if not any(name in self._fixed for name in plant.default_free):
+            plant, names = next(iter(by_direction(plant, names, self._record)), (plant, names))
+        halves, errors = self._record.split(0.5), []
+        for known, unseen in (halves, halves[::-1]):
+            half = replace(trials, segments=known.segments)
+            errors.append(half.unseen_error(half.fitted([plant], names), unseen.segments))
+        return StretchErrors.joined(errors)
 
     def _add(self, refinements: Sequence[Refinement]) -> None:
         for done in range(MOST):
@@ -279,12 +299,10 @@ class _Choice:
             for other in (each for each in LOOK_ALIKE if each is not mine and each in refinements):
                 if name in self.trial.names and LOOK_ALIKE[other] not in self.trial.names:
                     without = tuple(each for each in self.trial.names if each != name)
-                    exchanged = self._tried([other(self.trial.plant.with_values({name: 0.0}), without, self._record)])[
-                        0
-                    ]
+                    plain = self.trial.plant.with_values({name: 0.0})
+                    exchanged = self._tried([other(plain, without, self._record)])[0]
                     if exchanged is not None and exchanged.cost < self.trial.cost:
                         self._take(exchanged)
-
         if self._may_be_straight:
             for hold in (Hold.ZERO, Hold.RECORD, Hold.FIRST):
                 self._exchange_hold(hold)

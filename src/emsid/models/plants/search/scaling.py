@@ -23,7 +23,8 @@ _EXPONENTS = {
     "V": (1, 0, 0), "A": (1, 0, 0), "N*m": (0, 0, 1), "N": (0, 0, 1),
     "rad": (0, 1, 0), "m": (0, 1, 0), "rad/s": (0, 1, 0), "m/s": (0, 1, 0), "s/rad": (0, -1, 0), "s/m": (0, -1, 0),
     "kg*m^2": (0, -1, 1), "kg": (0, -1, 1), "N*m*s/rad": (0, -1, 1), "N*s/m": (0, -1, 1), "N*m/rad": (0, -1, 1),
-    "V*s/rad": (-1, 0, 1), "N*m/A": (-1, 0, 1), "s": (0, 0, 0), "ohm": (0, 0, 0), "H": (0, 0, 0), "1": (0, 0, 0),
+    "V*s/rad": (-1, 0, 1), "N*m/A": (-1, 0, 1), "N*m*s^2/rad^2": (0, -2, 1), "N*s^2/m^2": (0, -2, 1),
+    "s": (0, 0, 0), "ohm": (0, 0, 0), "H": (0, 0, 0), "1": (0, 0, 0),
 }  # fmt: skip
 # Of the drive, what is counted in units of the command, and what belongs to one unit of it.
 _BY_NAME = {"drive.offset": (1, 0, 0), "drive.gain": (0, 0, 0)}

@@ -2,10 +2,12 @@ r"""Parameters that are not the same in both halves of a long record, and what t
 
 Friction and offset of a real axis change with its temperature. A free run over the whole record of a position takes
 such a slow drift into all parameters, and residuals of one run do not show by how much. So the halves are fitted too,
-each with its own initial state. Where a parameter differs between them by more than `FAR` standard errors, the
-covariance includes half of what they differ by,
+each with its own initial state and its own offset. Where a parameter differs between them by more than `FAR` standard
+errors, the covariance includes what the halves differ from the whole by, in the mean of both,
 
-    C + δδᵀ,      δ = (θ̂₂ − θ̂₁)/2.
+    C + ½·Σᵢ (θ̂ᵢ − θ̂)(θ̂ᵢ − θ̂)ᵀ,
+
+which is half of what they differ from one another by, and what the drift has moved the estimates of the whole run by.
 """
 
 from __future__ import annotations
@@ -68,4 +70,7 @@ def slow_drift(task: Task, problem: FreeRunError, names: Sequence[str], minimum:
         for k, name in enumerate(names)
         if far[k]
     )
-    return Addition(np.outer(difference, difference) / 4, findings) if findings else nothing(len(names))
+    if not findings:
+        return nothing(len(names))
+    moved = np.array([np.where(free, half.estimate[own] - minimum.estimate[own], 0.0) for half in halves])
+    return Addition(moved.T @ moved / len(moved), findings)

@@ -68,7 +68,7 @@ def motions(
         for part in DEAD_ZONES if dead_zone else (0.0,):
             width = part * largest
             rows = [
-                _rows(segment, channel, is_position, samples, width, offset)
+                motion_rows(segment, channel, is_position, samples, width, offset)[0]
                 for segment in segments
                 if len(segment) > 12
             ]
@@ -77,11 +77,11 @@ def motions(
             matrix = np.concatenate(rows)
             if len(matrix) < 12:
                 continue
-            gain, damping, coulomb, drop = _solved(matrix[:, :-1], matrix[:, -1])
+            gain, damping, coulomb, drop = solved(matrix[:, :-1], matrix[:, -1])
             if gain != 0:
                 yield Motion(gain, max(damping, 0.0), coulomb, drop, width)
             if samples == FILTERS[0]:
-                gain, coulomb, drop = _solved(matrix[:, [0, 2, 3]], -matrix[:, 1])
+                gain, coulomb, drop = solved(matrix[:, [0, 2, 3]], -matrix[:, 1])
                 if gain != 0:
                     for time in SETTLING:
                         rate = 1 / (time * segments[0].dt)
@@ -212,7 +212,7 @@ def _motion_channel(signals: Sequence[Signal]) -> tuple[int | None, bool]:
     return None, False
 
 
-def _solved(matrix: Array, right: Array) -> list[float]:
+def solved(matrix: Array, right: Array) -> list[float]:
     """The least-squares solution, whatever the units of the columns; zeros where it is not finite."""
     scale = np.linalg.norm(matrix, axis=0)
     scale[scale == 0] = 1.0
@@ -220,25 +220,33 @@ def _solved(matrix: Array, right: Array) -> list[float]:
     return [float(x) for x in found] if np.isfinite(found).all() else [0.0] * len(scale)
 
 
-def _rows(segment: Record, channel: int, is_position: bool, samples: float, width: float, offset: float) -> Array:
-    """(n, 5) rows of [D(u), −v, −sgn(v), −1 | dv/dt], filtered, of the samples that move."""
+def motion_rows(
+    segment: Record, channel: int, is_position: bool, samples: float, width: float, offset: float
+) -> tuple[Array, NDArray[np.bool_]]:
+    """(n, 5) rows of [D(u), −v, −sgn(v), −1 | dv/dt], `smoothed`, of the samples that move, and (N,) which these are.
+
+    Args:
+        segment, channel, is_position, offset: see `motions`.
+        samples: time constant of the filter, in samples.
+        width: half the width of the dead zone.
+    """
     dt = segment.dt
     u = segment.input[:, 0] + offset
     drive = np.maximum(u - width, 0.0) + np.minimum(u + width, 0.0)
     y = segment.output[:, channel]
-    speed = np.gradient(_smooth(y, samples), dt) if is_position else _smooth(y, samples)
+    speed = np.gradient(smoothed(y, samples), dt) if is_position else smoothed(y, samples)
     moving = np.abs(speed) > 0.03 * np.max(np.abs(speed))
     sliding = np.where(moving, np.sign(speed), 0.0)
     held = np.concatenate([drive[:1], drive[:-1]])  # what acted over the sample before
     columns = [0.5 * (drive + held), -speed, -sliding, -np.ones(len(u))]
-    filtered = [_smooth(c, samples) if k != 1 else c for k, c in enumerate(columns)]
+    filtered = [smoothed(c, samples) if k != 1 else c for k, c in enumerate(columns)]
     table = np.column_stack([*filtered, np.gradient(speed, dt)])
     kept = moving & np.roll(moving, 1) & np.roll(moving, -1)
     kept[:3] = kept[-3:] = False
-    return np.asarray(table[kept])
+    return np.asarray(table[kept]), kept
 
 
-def _smooth(values: Array, samples: float) -> Array:
+def smoothed(values: Array, samples: float) -> Array:
     """Through 1/(1 + τs) forward and backward, so that nothing is delayed; τ in samples."""
     decay = np.exp(-1.0 / samples)
     padding = min(int(3 * samples) + 3, len(values) - 1)

@@ -93,6 +93,7 @@ class Trials:
         complete: the segment with all samples of which ``segments`` are parts with fewer samples (`thinning`); it shows
             the initial states. None where they show them.
         counted: (N,) of every segment, 0 for samples whose errors do not count; None where all of them do.
+        free_starts: whether initial states are estimated also where the first samples show them; see `beginning`.
     """
 
     segments: tuple[Record, ...]
@@ -102,6 +103,7 @@ class Trials:
     control: Control = FREE
     complete: Record | None = None
     counted: tuple[Array, ...] | None = None
+    free_starts: bool = False
 
     def fitted(
         self, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None = None
@@ -182,7 +184,7 @@ class Trials:
             seen = [self._beginning(segment) for segment in self.segments]
             first = [inside.first_state(self.signals, s) for s in seen] if states is None else states
             free: list[tuple[int, ...]] = [() for _ in self.segments]
-            if not starts_from_samples(inside, self.signals):
+            if self.free_starts or not starts_from_samples(inside, self.signals):
                 free = [inside.free_states(self.signals, s) for s in seen]
             return FreeRunError(
                 inside, self.signals, self.segments, names, first, free, self.weighting, 1, self.counted

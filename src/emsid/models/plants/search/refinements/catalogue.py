@@ -13,9 +13,12 @@ import numpy as np
 from emsid.errors import ModelError
 from emsid.models.plants.parameters import parts
 from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.search.refinements.cogging import FIRST, SECOND, cogging
 from emsid.models.plants.search.refinements.contract import Refined, Refinement
 from emsid.models.plants.search.refinements.gain_by_direction import SLOPE, gain_by_direction
+from emsid.models.plants.search.refinements.inductance import INDUCTANCE, inductance
 from emsid.models.plants.search.refinements.knee import knee
+from emsid.models.plants.search.refinements.quadratic_viscous import QUADRATIC, quadratic_viscous
 from emsid.models.plants.search.refinements.stribeck_by_direction import stribeck_by_direction
 from emsid.models.plants.search.refinements.supply_limit import supply_limit
 from emsid.models.plants.search.refinements.switching_loss import switching_loss
@@ -33,14 +36,20 @@ from emsid.models.plants.search.refinements.usual import (
 REFINEMENTS: tuple[Refinement, ...] = (
     coasting_bridge, late_command, slow_sensor, averaging_sensor, stribeck, by_direction, viscous_by_direction,
     constant_load, supply_limit, knee, gain_by_direction,
-    stribeck_by_direction, switching_loss,
+    stribeck_by_direction, switching_loss, quadratic_viscous, cogging, inductance,
 )  # fmt: skip
-EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge,)
+EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge, quadratic_viscous)
 """Refinements that do great harm on another record where they are wrong: they are judged on kinds left out."""
 BREAKS: dict[Refinement, str] = {supply_limit: "drive.supply", knee: "drive.knee"}
 """Refinements that break the range of voltages in two, each with the parameter that says where; both must be seen."""
-LOOK_ALIKE: dict[Refinement, str] = {late_command: "drive.delay", slow_sensor: "sensor.lag"}
+LOOK_ALIKE: dict[Refinement, str] = {
+    late_command: "drive.delay",
+    slow_sensor: "sensor.lag",
+    inductance: INDUCTANCE,
+}
 """Refinements that look alike in many records, each with its parameter, which is zero without it."""
+INSTEAD: tuple[Refinement, ...] = (inductance,)
+"""Refinements that are slow to simulate: they are only tried instead of one that looks alike."""
 WITHOUT: tuple[Mapping[str, float], ...] = (
     {"drive.delay": 0.0},
     {"drive.loss": 0.0},
@@ -49,8 +58,12 @@ WITHOUT: tuple[Mapping[str, float], ...] = (
     {"drive.supply": inf},
     {"drive.knee": inf, "drive.beyond": 1.0},
     {SLOPE: 1.0},
+    {QUADRATIC: 0.0},
+    {INDUCTANCE: 0.0},
+    {FIRST[0]: 1.0, **dict.fromkeys(FIRST[1:], 0.0)},
+    dict.fromkeys(SECOND, 0.0),
 )
-"""The parameters of refinements of drive and sensor, with the values at which they have no effect."""
+"""The parameters of refinements, with the values at which they have no effect; without cogging any period will do."""
 
 
 def simplified(plant: DrivenPlant, free: tuple[str, ...]) -> list[Refined]:

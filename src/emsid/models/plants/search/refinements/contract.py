@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
+from emsid.models.plants.grey_box import signals_of
+from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant
 from emsid.record import Record
 
@@ -18,3 +22,12 @@ None where the plant cannot be refined like this, or is already.
 def level_name(plant: DrivenPlant) -> str:
     """The name of the level of its friction, the first parameter of the law."""
     return f"{plant.friction_name}.{plant.frictions[plant.friction_name].parameters[0].name}"
+
+
+def top_speed(plant: DrivenPlant, record: Record) -> float:
+    """How fast it moves at most, but for a few samples."""
+    y = record.output[:, 0]
+    if signals_of(plant, record)[0] is Signal.POSITION:
+        long = [segment for segment in record.segments if len(segment) > 1]
+        y = np.concatenate([np.gradient(segment.output[:, 0], segment.dt) for segment in long])
+    return float(np.percentile(np.abs(y), 99)) or 1.0

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isfinite
 
-import numpy as np
-
 from emsid.models.plants.grey_box import signals_of
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import DrivenPlant
-from emsid.models.plants.search.refinements.contract import Refined, level_name
+from emsid.models.plants.search.refinements.contract import Refined, level_name, top_speed
 from emsid.record import Record
 
 
@@ -53,7 +51,7 @@ def stribeck(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Seque
     if excess not in plant.handles or rate in free:
         return []
     largest = 0.3 * max(plant.value(level_name(plant)), 0.03 * plant.largest_force(record.input))
-    fast = _top_speed(plant, record)
+    fast = top_speed(plant, record)
     return [
         (plant.with_values({excess: largest, rate: times / fast}), (*free, excess, rate))
         for times in (5.0, 20.0, 60.0, 200.0)
@@ -98,12 +96,3 @@ def constant_load(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> 
         return []  # a difference of levels already says it
     pull = 0.1 * plant.value(level_name(plant))
     return [(plant.with_values({plant.load_name: load}), (*free, plant.load_name)) for load in (0.0, pull, -pull)]
-
-
-def _top_speed(plant: DrivenPlant, record: Record) -> float:
-    """How fast it moves at most, but for a few samples."""
-    y = record.output[:, 0]
-    if signals_of(plant, record)[0] is Signal.POSITION:
-        long = [segment for segment in record.segments if len(segment) > 1]
-        y = np.concatenate([np.gradient(segment.output[:, 0], segment.dt) for segment in long])
-    return float(np.percentile(np.abs(y), 99)) or 1.0

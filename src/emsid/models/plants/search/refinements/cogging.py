@@ -1,0 +1,114 @@
+r"""A force that repeats with position, as slots of a motor or turns of a screw make it.
+
+Its period is found without a simulation. With all signals smoothed, the acceleration of one mass is linear in the
+command, the speed and the direction. What this regression leaves is correlated with exp(2πi·x/P) for many periods P,
+of which the travel has at least two; those that stand out most are the starts, with the motion that a regression with
+the wave finds: a free run that is off by a period does not find it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError
+from emsid.models.plants.grey_box import signals_of
+from emsid.models.plants.one_mass import Motion
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.search.refinements.contract import Refined
+from emsid.models.plants.search.starts import after_drive, motion_rows, smoothed, solved
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+FIRST, SECOND = (("cogging.period", "cogging.cosine_1", "cogging.sine_1"), ("cogging.cosine_2", "cogging.sine_2"))
+"""The parameters of the harmonics; the period comes with the first."""
+SMOOTH = 3.0
+"""Time constant of the filter, in samples."""
+TURNS = np.arange(2.0, 120.0, 0.25)
+"""Periods in the whole travel that are looked at."""
+STANDS_OUT = 15.0
+"""How many times the median power a period has, at least, to be tried."""
+TRIED = 3
+"""How many periods are tried at most."""
+FINER = np.linspace(-0.5, 0.5, 21)
+"""How many turns more, around each of them, are compared in a regression."""
+FEWEST = 100
+"""Samples in motion that a spectrum is made of, at least."""
+
+
+def cogging(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
+    """A force repeats with the measured position: with one harmonic, then with two."""
+    if FIRST[0] not in plant.handles or signals_of(plant, record)[0] is not Signal.POSITION:
+        return []
+    if FIRST[0] in free:
+        return [] if SECOND[0] in free else [(plant, (*free, *SECOND))]
+    wave = _wave(plant, record)
+    if wave is None:
+        return []
+    moved = _moved(plant, wave[0])
+    return [
+        (each.with_values(dict(zip(FIRST, wave[1], strict=True))), (*free, *FIRST))
+        for each in (moved, plant)
+        if each is not None
+    ]
+
+
+def _moved(plant: DrivenPlant, motion: Motion) -> DrivenPlant | None:
+    """The plant with a motion; None where it cannot have it."""
+    try:
+        return plant.with_motion(motion)
+    except EmsidError:
+        return None
+
+
+def _wave(plant: DrivenPlant, record: Record) -> tuple[Motion, tuple[float, float, float]] | None:
+    """The motion of a regression with the wave that leaves least, and that wave: its period, cosine and sine.
+
+    None where no wave stands out in what a regression without one leaves.
+    """
+    segments = after_drive(plant.drive, [segment for segment in record.segments if len(segment) > 12])
+    zone = next((plant.value(name) for name in plant.handles if name.endswith(".half_width")), 0.0)
+    width = zone / abs(plant.drive.gain)
+    tables = [motion_rows(segment, 0, True, SMOOTH, width, plant.drive.offset) for segment in segments]
+    kept = [mask for _, mask in tables]
+    if sum(int(mask.sum()) for mask in kept) < FEWEST:
+        return None
+    rows, positions = np.concatenate([table for table, _ in tables]), [segment.output[:, 0] for segment in segments]
+    left = rows[:, -1] - rows[:, :-1] @ np.array(solved(rows[:, :-1], rows[:, -1]))
+    position = np.concatenate([x[mask] for x, mask in zip(positions, kept, strict=True)])
+    travel = float(np.ptp(position))
+    if not travel > 0:
+        return None
+    power = np.abs([np.mean(left * np.exp(2j * np.pi * turns / travel * position)) for turns in TURNS]) ** 2
+    peaks = [k for k in np.argsort(-power) if power[k] == power[max(k - 2, 0) : k + 3].max()][:TRIED]
+    largest = float(np.max(np.abs(plant.drive.commands(record.input)))) or 1.0
+    tried = [TURNS[k] for k in peaks if power[k] > STANDS_OUT * np.median(power)]
+    if not tried:
+        return None
+    turns = np.concatenate([each + FINER for each in tried])
+    for part in (0.1, 0.0):
+        _, best, values = min(_with_wave(rows, positions, kept, travel, each) for each in turns.tolist())
+        turns = best + part * FINER
+    gain, damping, coulomb, offset, cosine, sine = values
+    if gain == 0:
+        return None
+    mass = plant.largest_force(record.input) / largest / abs(gain)
+    return Motion(gain, max(damping, 0.0), coulomb, offset, width), (travel / best, mass * cosine, mass * sine)
+
+
+def _with_wave(
+    rows: Array, positions: Sequence[Array], kept: Sequence[NDArray[np.bool_]], travel: float, turns: float
+) -> tuple[float, float, list[float]]:
+    """What a regression with a wave leaves, how many turns the travel has, and the coefficients."""
+    angles = [2 * np.pi * turns / travel * x for x in positions]
+    waves = [
+        np.concatenate([-smoothed(wave(angle), SMOOTH)[mask] for angle, mask in zip(angles, kept, strict=True)])
+        for wave in (np.cos, np.sin)
+    ]
+    matrix = np.column_stack([rows[:, :-1], *waves])
+    values = solved(matrix, rows[:, -1])
+    return float(np.sum((rows[:, -1] - matrix @ np.array(values)) ** 2)), turns, values

@@ -1,0 +1,23 @@
+"""The armature has an inductance: the current, and with it the torque, follows the voltage after some time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.search.refinements.contract import Refined
+from emsid.record import Record
+
+INDUCTANCE = "inductance"
+STARTS = (0.5, 1.5)
+"""Electrical time constants to begin with, in samples; much shorter ones do not show."""
+MOST = 5000
+"""Samples in all with which it is tried: a motor with inductance takes twenty times as long to simulate."""
+
+
+def inductance(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
+    """The current is late, as the records of a motor driven by a voltage may show."""
+    if not plant.can_coast or INDUCTANCE in free or plant.value(INDUCTANCE) or len(record) > MOST:
+        return []
+    henry_per_sample = plant.value("resistance") * record.dt
+    return [(plant.with_values({INDUCTANCE: start * henry_per_sample}), (*free, INDUCTANCE)) for start in STARTS]

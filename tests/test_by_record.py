@@ -213,3 +213,58 @@ def test_the_command_line_prints_and_writes_every_load(tmp_path, command, capsys
     for name, inertia in (("bare.csv", LOADS["bare"]), ("wheel.csv", LOADS["wheel"])):
         assert rows[name].value == pytest.approx(inertia, rel=0.03)
     assert "rotor_inertia [kg·m²]" in (out / "report.html").read_text()
+
+
+# --- estimated again on a new record ---
+
+
+def test_a_load_is_estimated_again_and_the_rest_judges(fit):
+    heavier = experiment("heavier", 1e-3, seed=5)
+    found = emsid.reestimate(fit, heavier, "rotor_inertia", part=0.4)
+    assert found.fit.names == ("rotor_inertia",)
+    assert found.fit.estimate[0] == pytest.approx(1e-3, rel=0.01)
+    assert 0 < found.fit.standard_error[0] < 5e-6
+    assert len(found.assessment.record) == 300
+    assert found.assessment.row.simulation_rmse < 0.35 < 2 * 0.35 < found.before.simulation_rmse
+    assert found.finding.data["samples"] == 200
+    motor = found.fit.model.plant
+    assert motor.value("motor_constant") == fit.model.plant.value("motor_constant")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"free": "load"}, "has no parameter 'load'"),
+        ({"free": ()}, "no parameter is named"),
+        ({"part": 1.0}, "a part of 1; give a fraction"),
+        ({"part": 0.02}, "the first 2 % cannot show rotor_inertia"),
+        ({"model": emsid.fit}, "is no model"),
+    ],
+)
+def test_what_cannot_be_estimated_again_is_refused(fit, changes, message):
+    record = experiment("heavier", 1e-3)
+    resting = np.arange(len(record)) < 50
+    record = replace(record, input=record.input * ~resting[:, None], output=record.output * ~resting[:, None])
+    options = {"model": fit, "free": "rotor_inertia", **changes}
+    with pytest.raises(emsid.EmsidError, match=message):
+        emsid.reestimate(record=record, **options)
+
+
+def test_a_regression_has_nothing_to_estimate_again(records):
+    with pytest.raises(ModelError, match="arx has no physical parameters"):
+        emsid.reestimate(emsid.fit(emsid.arx(na=1, nb=1), records[0]), records[1], "rotor_inertia")
+
+
+def test_validate_says_what_it_estimated_again(fit, tmp_path, command, capsys):
+    record = experiment("heavier", 1e-3, seed=5)
+    path, model = tmp_path / "heavier.csv", tmp_path / "motor.json"
+    table = np.column_stack([record.time, record.input, record.output])
+    np.savetxt(path, table, delimiter=",", header="t,u1,y1", comments="")
+    emsid.save(fit.model, model)
+    channels = ["-u", "u1", "-y", "y1", "--time", "t", "--unit", "u1=V", "--unit", "y1=rad/s"]
+    assert command("validate", model, path, *channels, "--free", "rotor_inertia", "--part", "0.4", "--json") == 0
+    found = json.loads(capsys.readouterr().out)["records"][0]["reestimated"]
+    assert [row["name"] for row in found["parameters"]] == ["rotor_inertia"]
+    assert found["parameters"][0]["value"] == pytest.approx(1e-3, rel=0.05)
+    assert found["finding"]["code"] == "parameters-reestimated"
+    assert command("validate", model, path, *channels, "--free", "load") != 0

@@ -135,6 +135,11 @@ EXAMPLES: tuple[Finding, ...] = (
             "units": ["kg*m^2", "N*m"],
         },
     ),
+    Finding(
+        "parameters-reestimated",
+        "disc.csv",
+        {"parameters": ["rotor_inertia"], "samples": 225, "rest": 525, "before": 81.23, "after": 97.5},
+    ),
     Finding("single-record", "bench.csv", {"parameters": ["rotor_inertia"]}),
     Finding("single-record", "bench.csv", {"parameters": ["rotor_inertia", "load_torque"]}),
     Finding("steps-used-up", data=SO_FAR | {"steps": 1}),

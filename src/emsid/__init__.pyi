@@ -77,5 +77,6 @@ from .validation.comparison import Comparison as Comparison
 from .validation.comparison import assess as assess
 from .validation.comparison import assess_model as assess_model
 from .validation.comparison import compare as compare
+from .validation.reestimation import reestimate as reestimate
 
 __version__: str

@@ -14,3 +14,5 @@ from .comparison import assess_model as assess_model
 from .comparison import compare as compare
 from .metrics import fit_percent as fit_percent
 from .metrics import mean_squared_error as mean_squared_error
+from .reestimation import Reestimation as Reestimation
+from .reestimation import reestimate as reestimate

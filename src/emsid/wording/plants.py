@@ -115,6 +115,18 @@ def parameters_by_record(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("parameters-reestimated")
+def parameters_reestimated(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: parameters, samples (they are estimated from), rest, before, after (fit in %)."""
+    d = f.data
+    was = "were" if len(d["parameters"]) > 1 else "was"
+    fits = [("no fit" if each is None else f"a fit of {each:.1f} %") for each in (d["after"], d["before"])]
+    return (
+        f"{f.subject}: {listed(d['parameters'])} {was} estimated again from the first {d['samples']:,} samples; on the "
+        f"other {d['rest']:,} the free run has {fits[0]}, and {fits[1]} with the values of the model file"
+    )
+
+
 @words("single-record", Severity.WARNING)
 def single_record(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: parameters (those that were to differ by record)."""

@@ -7,18 +7,31 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
-from emsid.cli.options import Json, Transient, option
+from emsid.cli.options import Json, Transient, names, option
 from emsid.cli.reading import reads_records
-from emsid.cli.terminal import EXPLAINED, error_table, say, say_json, show
+from emsid.cli.terminal import EXPLAINED, error_table, physical_table, say, say_json, show
 from emsid.cli.writing import as_json, check_folder, draw, say_where, write
 from emsid.errors import DataError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from emsid.findings import Finding
     from emsid.validation.comparison import Assessment
+    from emsid.validation.reestimation import Reestimation
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that emsid wrote.")]
 Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records that the model was not fitted to.")]
 Horizon = Annotated[int, typer.Option(metavar="K", help="Also predict this many samples ahead.", min=1)]
+Free = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME,...", help="Estimate these physical parameters again, as a load, from the first part of a record."
+    ),
+]
+Part = Annotated[
+    float, typer.Option(metavar="FRACTION", help="With --free: the part of a record to estimate from; the rest judges.")
+]
 Folder = Annotated[
     Path | None, typer.Option(metavar="DIR", help="Folder for a report with figures; by default none is written.")
 ]
@@ -32,6 +45,8 @@ def validate(
     reader: Any,
     transient: Transient = None,
     horizon: Horizon = 1,
+    free: Free = None,
+    part: Part = 0.3,
     out: Folder = None,
     json: Json = False,
 ) -> None:
@@ -44,11 +59,11 @@ def validate(
     Examples:
       emsid validate emsid-result/friction-narx.json other.csv
       emsid validate emsid-result/arx.json other.csv --dt 10ms --mask "" --out check
+      emsid validate emsid-result/rigid-motor.json heavier.csv --free rotor_inertia
     """
     from emsid.io import load, origin, read_options
-    from emsid.models.free_run import mean_squared_error
     from emsid.validation.comparison import assess_model
-    from emsid.wording import sentence
+    from emsid.validation.reestimation import reestimate
 
     loaded, source = load(model), origin(model)
     reader = reader.after(read_options(model))
@@ -59,25 +74,22 @@ def validate(
         )
     if out is not None:
         check_folder(out)
-    assessed = [assess_model(loaded, record, transient) for record in map(reader, files)]
+    records = list(map(reader, files))
+    again: list[Reestimation | None] = [None] * len(records)
+    if free is not None:
+        again = [reestimate(loaded, each, names(free, "--free"), part=part, transient=transient) for each in records]
+    assessed = [
+        assess_model(loaded, record, transient) if some is None else some.assessment
+        for record, some in zip(records, again, strict=True)
+    ]
     documents = []
-    for each in assessed:
+    for each, some in zip(assessed, again, strict=True):
         differences = [*each.record.findings, *([] if source is None else source.differences(each.record))]
-        document = {
-            "record": each.record.name,
-            **each.row.to_data(),
-            "findings": [finding.to_data() for finding in differences],
-        }
-        if horizon > 1:
-            ahead = loaded.predict(each.record, horizon, transient)
-            error = mean_squared_error(each.record.output[ahead.counted], ahead.output[ahead.counted])
-            document |= {"horizon": horizon, "horizon_mse": error}
-        documents.append(document)
+        documents.append(_document(each, differences, some, horizon, transient))
         if not json:
-            show(error_table([each.row], each.record.name, each.record.output_units[0]))
-            say(*(sentence(finding, option) for finding in differences))
+            _print(each, differences, some)
             if horizon > 1:
-                say(f"{horizon} samples ahead: MSE {document['horizon_mse']:.5g}")
+                say(f"{horizon} samples ahead: MSE {documents[-1]['horizon_mse']:.5g}")
     result = {"schema": 1, "model": loaded.name, "records": documents}
     if json:
         say_json(as_json(result))
@@ -90,6 +102,38 @@ def validate(
         if not json:
             say_where(out, drawn, "validation.json")
         INTERRUPTION.end(not drawn)
+
+
+def _document(
+    assessed: "Assessment",
+    findings: "Sequence[Finding]",
+    again: "Reestimation | None",
+    horizon: int,
+    transient: int | None,
+) -> dict[str, Any]:
+    """What a file holds of one record."""
+    from emsid.models.free_run import mean_squared_error
+
+    record = assessed.record
+    document = {"record": record.name, **assessed.row.to_data(), "findings": [each.to_data() for each in findings]}
+    if again is not None:
+        document |= {"reestimated": again.to_data()}
+    if horizon > 1:
+        ahead = assessed.fit.model.predict(record, horizon, transient)
+        error = mean_squared_error(record.output[ahead.counted], ahead.output[ahead.counted])
+        document |= {"horizon": horizon, "horizon_mse": error}
+    return document
+
+
+def _print(assessed: "Assessment", findings: "Sequence[Finding]", again: "Reestimation | None") -> None:
+    """The errors on one record, the parameters that were estimated again, and the findings."""
+    from emsid.wording import sentence
+
+    show(error_table([assessed.row], assessed.record.name, assessed.record.output_units[0]))
+    if again is not None:
+        show(physical_table(again.fit))  # type: ignore[arg-type]
+        say(sentence(again.finding, option))
+    say(*(sentence(finding, option) for finding in findings))
 
 
 def _report(model: Path, assessed: "list[Assessment]") -> Any:

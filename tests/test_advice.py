@@ -331,3 +331,27 @@ class TestBreakaway:
         u = np.tile(np.repeat([0.0, 100.0], 20), 10)
         assert breakaway(u, np.roll(u, 1) == 0, 1) is None
         assert breakaway(u, np.zeros(len(u), dtype=bool), 1) is None
+
+
+def test_feedback_is_seen_between_the_steps_of_a_reference() -> None:
+    """A proportional controller: most of what is new in the input are the steps, and they answer nothing."""
+    rng = np.random.default_rng(0)
+    samples, pole = 3000, 0.9
+    reference = np.repeat(rng.uniform(-8, 8, samples // 40), 40)
+    noise = lfilter([1.0], [1.0, -0.95], 0.3 * rng.standard_normal(samples))
+    u, y = np.zeros(samples), np.zeros(samples)
+    for k in range(1, samples):
+        y[k] = pole * (y[k - 1] - noise[k - 1]) + 0.5 * u[k - 1] + noise[k]
+        u[k] = 3 * (reference[k] - y[k] / 5)
+    assert "feedback-likely" in findings(u, y)
+    assert "feedback-likely" not in findings(u, lfilter([0.0, 0.5], [1.0, -pole], u) + rng.permutation(noise))
+
+
+def test_a_smooth_input_does_not_delay_the_response() -> None:
+    rng = np.random.default_rng(1)
+    lines = np.arange(1, 80, 2)
+    one = np.cos(2 * np.pi * np.outer(np.arange(1000), lines) / 1000 + rng.uniform(0, 6, len(lines))).sum(axis=1)
+    u = np.tile(one, 4)
+    found = findings(u, lfilter([0.0, 0.1], [1.0, -0.9], u) + 0.1 * rng.standard_normal(len(u)))
+    assert found["response-delay"].data["delay"] <= 1
+    assert "sampling-too-slow" not in found

@@ -41,7 +41,7 @@ def drive(edge=0.0, noise=0.01, seed=0, samples=2000, name="bench"):
 def test_gain_and_time_constant_of_a_linear_model_are_in_the_units_of_the_record():
     record = drive(noise=1e-4)
     gain, time_constant = of_fit(least_squares(arx(1, 1), record), record)
-    assert (gain.name, gain.unit) == ("gain", "(rad/s)/V")
+    assert (gain.name, gain.unit) == ("gain", "rad/(s*V)")
     assert (time_constant.name, time_constant.unit) == ("time constant", "s")
     for found, truth in ((gain, GAIN), (time_constant, TIME_CONSTANT)):
         assert abs(found.value - truth) < 2 * found.half_width < 0.01 * truth

@@ -30,7 +30,7 @@ def test_a_linear_regression_gives_gain_and_time_constant():
     gain, time = found["static gain over the range of the input"], found["time constant"]
     assert gain.value == pytest.approx(2.0, abs=4 * gain.standard_error)
     assert time.value == pytest.approx(-DT / np.log(0.9), abs=4 * time.standard_error)
-    assert (gain.unit, time.unit) == ("rad/s/(V)", "s")
+    assert (gain.unit, time.unit) == ("rad/(s*V)", "s")
 
 
 def test_the_intervals_of_a_linear_regression_cover_the_truth():

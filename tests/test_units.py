@@ -7,7 +7,7 @@ from math import pi
 import pytest
 
 from emsid.errors import DataError
-from emsid.units import conversion
+from emsid.units import conversion, per_unit, readable_unit
 
 
 @pytest.mark.parametrize(
@@ -100,3 +100,26 @@ def test_what_is_no_unit(unit: str, target: str | None, meanings: dict[str, floa
 def test_powers_without_end_are_refused_at_once(text: str) -> None:
     with pytest.raises(DataError, match="is not understood"):
         conversion(text)
+
+
+@pytest.mark.parametrize(
+    ("above", "below", "ratio"),
+    [
+        ("rad/s", "V", "rad/(s*V)"),
+        ("rad/s", "V*s/rad", "rad^2/(s^2*V)"),
+        ("rad/s", "rad/s", "1"),
+        ("N*m/A", "ohm", "N*m/(A*ohm)"),
+        ("kg*m^2", "N*m*s", "kg*m/(N*s)"),
+        ("count/sample", "pwm", "count/(sample*pwm)"),
+        ("V", "1", "V"),
+        ("1", "m/s", "s/m"),
+        ("", "V", ""),
+        ("V^0.5", "A", "(V^0.5)/(A)"),
+    ],
+)
+def test_the_unit_of_a_ratio_has_one_fraction_bar(above: str, below: str, ratio: str) -> None:
+    assert per_unit(above, below) == ratio
+
+
+def test_a_gain_is_printed_as_a_textbook_prints_it() -> None:
+    assert readable_unit(per_unit("rad/s", "V")) == "rad/(s·V)"

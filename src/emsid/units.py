@@ -38,6 +38,34 @@ def readable_unit(unit: str) -> str:
     return "–" if unit == "1" else raised.replace("*", "·").replace("ohm", "Ω")
 
 
+def per_unit(above: str, below: str) -> str:
+    """The unit of a ratio, with one fraction bar; empty where one of the units is not known.
+
+    >>> per_unit("rad/s", "V"), per_unit("V", "1"), per_unit("m", "N*m"), per_unit("m", "m")
+    ('rad/(s*V)', 'V', '1/N', '1')
+    """
+    if not (above and below):
+        return ""
+    powers: dict[str, int] = {}
+    for unit, sign in ((above, 1), (below, -1)):
+        top, *bottoms = unit.replace("·", "*").split("/")
+        for text, way in ((top, sign), *((each, -sign) for each in bottoms)):
+            for factor in text.strip("()").split("*"):
+                name, _, power = factor.partition("^")
+                if not re.fullmatch(r"[-+]?\d*", power):
+                    return f"({above})/({below})"
+                if name not in ("1", ""):
+                    powers[name] = powers.get(name, 0) + way * int(power or 1)
+    parts = {
+        sign: [f"{name}^{abs(power)}" if abs(power) > 1 else name for name, power in powers.items() if power * sign > 0]
+        for sign in (1, -1)
+    }
+    whole = "*".join(parts[1]) or "1"
+    if not parts[-1]:
+        return whole
+    return f"{whole}/{parts[-1][0]}" if len(parts[-1]) == 1 else f"{whole}/({'*'.join(parts[-1])})"
+
+
 def plain_unit(unit: str) -> str:
     """A unit for print, empty where there is none."""
     return "" if unit in ("", "1") else readable_unit(unit)

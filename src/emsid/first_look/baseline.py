@@ -18,8 +18,10 @@ Array = NDArray[np.float64]
 
 ORDER = 4
 """Past inputs and past outputs."""
-CERTAIN = 5
+CERTAIN = 1
 """Delays of up to this many samples are not tried again."""
+EQUAL = 1e-3
+"""Of delays whose free runs differ by less than this, the longest is taken."""
 SAMPLES, SAMPLES_FOR_DELAY = 20_000, 4_000
 """At most this many samples, from the middle, estimate the model with instruments, and compare delays."""
 REPETITIONS = 6
@@ -94,7 +96,8 @@ def _best_delay(record: Record, delay: int) -> int:
         for one in _by_instruments(few, each)
         if (simulated := _simulated(few, *one, each)) is not None
     }
-    return max(fits, key=lambda each: fits[each], default=1)
+    best = max(fits.values(), default=0.0)
+    return max((each for each in fits if fits[each] >= best - EQUAL), default=1)
 
 
 def _middle(record: Record, most: int) -> Record:

@@ -39,6 +39,8 @@ MOST_SAMPLES = 20_000
 """A prediction is computed from at most this many samples, from the middle of the record."""
 FIRST = 0.2
 """The response begins at the first correlation above this share of the largest."""
+HELD_INPUT = 0.1
+"""An input that stays the same in more of its samples does not answer a measured output."""
 CLEAR = 6.0
 """A correlation of this many standard deviations shows the delay."""
 
@@ -103,9 +105,17 @@ def feedback(u: Array, y: Array, from_lag: int) -> float:
     error = _residual(np.hstack([one, past_u[:, : LONG_PAST // 2], past_y[:, : LONG_PAST // 2]]), y[rows])
     if new.std() < 1e-6 * u.std() or error.std() < 1e-9 * y.std():
         return 0.0
+    if np.mean(np.diff(u) == 0) < HELD_INPUT:  # steps of a reference hide what answers the output in between
+        new, error = _clipped(new), _clipped(error)
     lags = range(from_lag, LONG_PAST // 2)
     found = [abs(float(np.corrcoef(error[: len(error) - lag], new[lag:])[0, 1])) for lag in lags]
     return max(found) if max(found) > CLEAR / np.sqrt(len(rows)) else 0.0
+
+
+def _clipped(x: Array) -> Array:
+    """A signal without its extremes, at four standard deviations of its middle."""
+    limit = 4 * 1.4826 * float(np.median(np.abs(x - np.median(x))))
+    return np.clip(x, -limit, limit) if limit > 0 else x
 
 
 def response(u: Array, y: Array, breaks: Sequence[int], integrates: bool = False) -> Response:

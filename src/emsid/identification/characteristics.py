@@ -20,6 +20,7 @@ from emsid.models.regression.figures import of_regression
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.transforms import Transform
 from emsid.record import Record
+from emsid.units import per_unit
 from emsid.validation.comparison import Comparison
 
 Array = NDArray[np.float64]
@@ -213,8 +214,7 @@ def _time_constant(poles: NDArray[Any], dt: float) -> float | None:
 
 
 def _gain_unit(record: Record) -> str:
-    y, u = record.output_units[0], record.input_units[0]
-    return f"({y})/{u}" if y and u and "/" in y else f"{y}/{u}" if y and u else ""
+    return per_unit(record.output_units[0], record.input_units[0])
 
 
 def _half(error: float | None) -> float | None:

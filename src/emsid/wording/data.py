@@ -132,9 +132,10 @@ def delay_from_data(f: Finding, argument: Spelling) -> str:
 def response_negative(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: input, delay (samples), time (s), confidence."""
     d = f.data
+    many = "s" * (d["delay"] != 1)
     return (
         f"{f.subject} {how_sure(d['confidence'])} answers {d['input']} with the opposite sign, after {d['delay']} "
-        f"samples ({_milliseconds(d['time'])}): the leads or the sensor are reversed; turn the sign with "
+        f"sample{many} ({_milliseconds(d['time'])}): the leads or the sensor are reversed; turn the sign with "
         f"{argument('scale')} {d['input']}=-1"
     )
 
@@ -296,8 +297,9 @@ def aliasing_possible(f: Finding, argument: Spelling) -> str:
 def sampling_too_slow(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: time_constant (s), samples, dt (s), confidence."""
     d = f.data
+    many = f"{d['samples']:.2g} sample{'s' * (round(d['samples'], 1) != 1)}"
     return (
-        f"the response of {f.subject} takes about {d['samples']:.2g} samples ({_milliseconds(d['time_constant'])}), "
+        f"the response of {f.subject} takes about {many} ({_milliseconds(d['time_constant'])}), "
         f"{how_sure(d['confidence'])} too few to see its shape; sample at least five times faster"
     )
 

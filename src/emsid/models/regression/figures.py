@@ -20,6 +20,7 @@ from emsid.models.regression.narx import Narx
 from emsid.models.regression.regressors import Regressor
 from emsid.models.regression.transforms import Transform
 from emsid.record import Record
+from emsid.units import per_unit
 
 Array = NDArray[np.float64]
 
@@ -75,7 +76,7 @@ def _of_a_regression(model: Narx, record: Record) -> list[Figure]:
     slope = (_of_inputs(inputs, high) - _of_inputs(inputs, low)) / (high - low) if high > low else 0.0
     rest = 1 - sum(a.values())
     if slope and rest > 1e-9:
-        figures.append(Figure(STATIC_GAIN, slope / rest, _per(record.output_units[0], record.input_units[0])))
+        figures.append(Figure(STATIC_GAIN, slope / rest, per_unit(record.output_units[0], record.input_units[0])))
     if a:
         denominator = np.zeros(max(a) + 1)
         denominator[0] = 1.0
@@ -107,10 +108,6 @@ def _time_constants(poles: NDArray[Any], dt: float, where: str) -> list[Figure]:
     sizes = sorted({round(float(abs(pole)), 12) for pole in poles if 0.05 < abs(pole) < 1}, reverse=True)
     names = ("time constant", "second time constant")
     return [Figure(f"{name}{where}", -dt / float(np.log(size)), "s") for name, size in zip(names, sizes, strict=False)]
-
-
-def _per(output: str, input: str) -> str:
-    return f"{output}/({input})" if output and input else ""
 
 
 def _with_errors(fit: Fit[Any], figures_at: Callable[[Array], list[Figure]]) -> tuple[Figure, ...]:

@@ -46,9 +46,9 @@ LEAST_SAMPLES = 1_000
 """In shorter records the variance of the error shows little."""
 SMALL = 0.02
 """Noise of a smaller part of the signal before the map does not change the map visibly."""
-STEPS, SAVING = 15, 1e-4
+STEPS, SAVING = 40, 1e-5
 """Steps of a fit that chooses orders; it ends where four together lower the cost by less than this part."""
-ORDER_SAMPLES = 16_000
+ORDER_SAMPLES = 12_000
 """Samples that the orders are chosen on."""
 
 

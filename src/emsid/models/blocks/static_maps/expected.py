@@ -16,7 +16,7 @@ from emsid.models.blocks.static_maps.static_map import StaticMap
 Array = NDArray[np.float64]
 
 # Points of the Gauss–Hermite rule, for a smooth map and for one that may have kinks.
-SMOOTH_POINTS, POINTS = 7, 15
+SMOOTH_POINTS, POINTS = 5, 15
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,11 @@ from emsid.first_look.advice import advice, breakaway, dead_zone, questions, rep
 from emsid.first_look.baseline import baseline
 from emsid.first_look.dynamics import Response, influence, response
 from emsid.first_look.nonlinearity import nonlinearity, period_of
+from emsid.identification.delay import LONGEST_SEARCHED, with_delay
+from emsid.identification.options import Options
 from emsid.record import Record
 from emsid.record.time_axis import time_axis
+from independent.nonlinear_systems import tanks
 
 N = 2000
 Array = np.ndarray
@@ -299,6 +302,14 @@ class TestLongDelays:
         (found,) = (each for each in result.findings if each.code == "delay-from-data")
         assert found.data["delay"] == 36
         assert result.chosen.model.structure.labels[1] == "u(t-36)"
+
+    def test_a_slow_response_that_starts_at_once_is_no_delay(self) -> None:
+        """The output of two tanks follows the second of them, whose level rises late."""
+        record = tanks(seed=2).fitted
+        (answer,) = responses_of([record])
+        assert answer is not None
+        assert answer.delay > LONGEST_SEARCHED
+        assert with_delay(Options(), [answer], [record]) == (Options(), ())
 
     def test_a_given_or_a_short_one_is_not(self) -> None:
         u = steps()

@@ -17,13 +17,14 @@ from emsid.estimation.linear.information import Information
 from emsid.identification.candidates import usual_for
 from emsid.identification.regressions import REGRESSIONS
 from emsid.models.regression import free_run_fit
-from emsid.models.regression.free_run_fit import FreeRunError
+from emsid.models.regression.free_run_fit import FreeRunError, fit_free_run
 from emsid.models.regression.search.judge import Judge, diverges, enlarged, fit_to_compare
 from emsid.models.regression.search.terms import Trial, as_good, of_the_rest, prune, select_by_free_run
 from emsid.models.regression.sensitivities import derivative_reference
-from emsid.models.regression.structures import input_knots, polynomial_narx
+from emsid.models.regression.structures import friction_narx, input_knots, polynomial_narx
 from emsid.models.regression.transforms import Transform, slope, transformed
 from emsid.selection.improvement import StretchErrors
+from independent.cases import motor
 
 Array = NDArray[np.float64]
 
@@ -285,3 +286,13 @@ def test_knots_lie_in_the_range_of_the_input() -> None:
         assert all(low < knot < high for knot in knots), (low, high)
         assert len(knots) == 8
     assert input_knots(Record(np.linspace(-3.0, 2.9, 100), y, 1.0), 1) == (-0.75, 0.75)  # one reach on both sides
+
+
+@pytest.mark.parametrize(("seed", "lower", "ending"), [(6, 0.1, Ending.STALLED), (7, 1.0, Ending.CONVERGED)])
+def test_a_search_that_stalls_is_begun_again(seed: int, lower: float, ending: Ending) -> None:
+    """The free run of a motor with friction is not smooth; the same rule as for cascades and plants helps it."""
+    record, structure = motor(seed, 1500).fitted, friction_narx(1, 1, knots=(), nk=1)
+    once, again = (fit_free_run(structure, record, restarts=each) for each in (False, True))
+    assert once.ending is Ending.STALLED
+    assert again.noise_variance < lower * once.noise_variance
+    assert again.ending is ending

@@ -106,11 +106,16 @@ def _middle(record: Record, most: int) -> Record:
     return record[start : start + most]
 
 
+def excerpt(record: Record, most: int) -> Record:
+    """At most this many samples from the middle of a record, with its first input and its first output only."""
+    few = _middle(record, most)
+    few = replace(few, input=few.input[:, :1], input_names=few.input_names[:1], input_units=few.input_units[:1])
+    return replace(few, output=few.output[:, :1], output_names=few.output_names[:1], output_units=few.output_units[:1])
+
+
 def _by_instruments(record: Record, delay: int) -> list[tuple[Array, Array, float]]:
     """(a, b, constant) of a model of second order by refined instruments; none where it has no stable free run."""
-    few = _middle(record, SAMPLES)
-    few = replace(few, input=few.input[:, :1], input_names=few.input_names[:1], input_units=few.input_units[:1])
-    few = replace(few, output=few.output[:, :1], output_names=few.output_names[:1], output_units=few.output_units[:1])
+    few = excerpt(record, SAMPLES)
     try:
         fit = fit_instruments(arx(2, 2, nk=delay, constant=True), few, max_iterations=REPETITIONS)
     except EmsidError:

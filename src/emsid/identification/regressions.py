@@ -41,6 +41,8 @@ from emsid.selection.improvement import STRETCHES, StretchErrors, better
 
 ROUNDS = 2
 """The number of passes over all orders and delays when they are chosen."""
+BEGUN_AGAIN = 20_000
+"""Searches over at most this many samples are begun again where they do not converge."""
 DEGREE = 3
 """The largest degree of the products that terms are selected from, unless it is given."""
 LARGE, SHORTLIST = 400, 100
@@ -210,8 +212,12 @@ def _about_dictionary(dictionary: Structure, record: Record) -> tuple[Finding, .
 
 
 def refit_to(fit: Fit[Narx], record: Record, control: Control) -> Fit[Narx]:
-    """The same structure fitted to the free run over a whole record, from a fit to a part of it."""
-    return fit_free_run(fit.model.structure, record, start=fit.estimate, control=control)
+    """The same structure fitted to the free run over a whole record, from a fit to a part of it.
+
+    A search that does not converge is begun again, unless the record is so long that this takes minutes.
+    """
+    short = len(record) <= BEGUN_AGAIN
+    return fit_free_run(fit.model.structure, record, start=fit.estimate, control=control, restarts=short)
 
 
 def chosen_structure(

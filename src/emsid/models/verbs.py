@@ -108,7 +108,7 @@ def _regression(
         begin = None if start is None else np.asarray(start, dtype=float)
         return fit_instruments(structure, records, start=begin, control=control)
     if free_run:
-        return fit_free_run(structure, records, start=start, transient=transient, control=control)
+        return fit_free_run(structure, records, start=start, transient=transient, control=control, restarts=True)
     if start is not None or transient is not None:
         raise ModelError("start and transient are for a fit to the free run; give free_run=True, or leave them out")
     if not recursive:

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,7 +32,8 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import check_excitation, least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible, gauss_newton
+from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible, Minimum, gauss_newton
+from emsid.estimation.nonlinear.restarts import begun_again
 from emsid.models.model import check_samples
 from emsid.models.regression.kernels import read_only
 from emsid.models.regression.narx import Narx, Structure
@@ -125,6 +127,7 @@ def fit_free_run(
     least_saving: float = 0.0,
     control: Control = FREE,
     covariances: bool = True,
+    restarts: bool = False,
 ) -> Fit[Narx]:
     """The parameters that minimise the error of the free run over one or several records.
 
@@ -138,6 +141,7 @@ def fit_free_run(
         tolerance, least_saving: see `gauss_newton`.
         control: when to stop.
         covariances: whether they are computed; otherwise they are infinite.
+        restarts: whether a search that does not converge is begun again, see `begun_again`.
 
     Returns:
         A fit with intervals that allow for coloured residuals and model error.
@@ -166,16 +170,15 @@ def fit_free_run(
         begin = _towards_free_run(structure, segments, skipped, begin, control)
     states = largest_output_lag(structure.regressors) * len(segments)
     problem = FreeRunError(structure, segments, skipped, states=states <= MOST_STATES)
-    found = gauss_newton(
-        problem,
-        problem.with_states(begin),
-        max_iterations=max_iterations,
-        tolerance=tolerance,
-        least_saving=least_saving,
-        names=problem.names,
-        control=control,
-        covariances=covariances,
-    )
+    same: dict[str, Any] = {"tolerance": tolerance, "names": problem.names, "control": control}
+    usual = {"max_iterations": max_iterations, "least_saving": least_saving, "covariances": covariances}
+
+    def search(theta: Array, **others: Any) -> Minimum:
+        return gauss_newton(problem, theta, **same, **(usual | others))
+
+    found = search(problem.with_states(begin))
+    if restarts:
+        found = begun_again(found, search, len(structure), control)
     shortest = min(map(len, segments))
     samples = min(SAMPLES_PER_STATE * largest_output_lag(structure.regressors), shortest // 4)
     model = replace(structure.model(found.estimate[: len(structure)], several[0]), start=samples)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -16,12 +17,15 @@ from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.identification import ranking as ranking_module
 from emsid.identification.options import Options
-from emsid.identification.ranking import FOLDS, Ranked, ranked
+from emsid.identification.ranking import FOLDS, Ranked, front_rows, ranked
 from emsid.identification.recommendation import recommended
 from emsid.models.free_run import free_run_error
 from emsid.models.refitting import REFITTED, refitted
 from emsid.record.holding_back import left_out_once
-from emsid.selection.improvement import StretchErrors, better
+from emsid.report.figures import draw
+from emsid.report.page_plots import page_figure
+from emsid.report.views.front import front_figure, front_table
+from emsid.selection.improvement import StretchErrors, better, front
 from emsid.validation.comparison import as_fit, compare
 
 DT, POLE = 0.01, 0.9
@@ -239,3 +243,50 @@ def test_the_recommended_model_is_fitted_again_to_all_data(monkeypatch):
     monkeypatch.setattr(ranking_module, "MANY", 300)
     long = emsid.identify(whole, models="friction-narx")
     assert "fitted-to-all-data" not in {each.code for each in long.findings}
+
+
+# --- the front -------------------------------------------------------------------------------------------------------
+
+
+def test_a_model_is_on_the_front_where_more_parameters_pay():
+    ranking = [
+        model(40, noisy(0.2, 0.02, 2) * 0.995, "much larger"),
+        model(12, noisy(0.2, 0.02, 2), "large"),
+        model(12, noisy(0.9, 0.02, 2), "as large and worse"),
+        model(3, noisy(0.8, 0.02, 1), "small"),
+        model(1, [np.inf] * 16, "diverges"),
+    ]
+    rows = front_rows(ranking, "large")
+    assert [row.model for row in rows] == ["diverges", "small", "large", "as large and worse", "much larger"]
+    assert [row.model for row in rows if row.on_front] == ["small", "large"]
+    assert [row.model for row in rows if row.recommended] == ["large"]
+    assert all(row.low < row.error < row.high for row in rows[1:])
+    assert np.isnan(rows[0].low)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.integers(1, 60), st.floats(0.5, 2.0)), min_size=1, max_size=8), st.integers(0, 100))
+def test_nothing_simpler_is_as_good_as_a_model_on_the_front(kinds, seed):
+    ranking = [model(size, noisy(mean, 0.1, seed + k), str(k)) for k, (size, mean) in enumerate(kinds)]
+    kept = front(ranking, lambda each: each.size)
+    assert kept
+    for simple, rich in pairwise(kept):
+        assert simple.size < rich.size or simple.errors.mean == rich.errors.mean
+        assert better(rich.errors, than=simple.errors)
+    for each in ranking:
+        simpler = [one for one in kept if one.size <= each.size]
+        assert any(one is each or not better(each.errors, than=one.errors) for one in simpler)
+
+
+def test_the_front_is_drawn_with_its_numbers_and_standard_errors():
+    rows = front_rows([model(3, noisy(0.8, 0.1), "small"), model(9, noisy(0.2, 0.1, 1), "large")], "large")
+    figure = front_figure(rows)
+    (plot,) = page_figure(figure).plots
+    assert {text for _, _, text in plot.notes} == {"1", "2"}
+    assert all(0 <= left <= 100 and 0 <= bottom <= 100 for left, bottom, _ in plot.notes)
+    assert plot.y.log
+    assert len(plot.y.ticks) > 1
+    assert [entry.label for entry in page_figure(figure).legend] == ["front", "other models", "recommended"]
+    assert [row[0] for row in front_table(rows).rows] == ["1 small", "2 large"]
+    assert b"<svg" in draw(figure)["svg"]
+    assert front_figure(rows[:1]) is None

@@ -265,6 +265,11 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("data-not-unseen", "log.csv"),
     Finding("free-run-error", "arx", {"model": "arx", "seen": False, "outputs": ONE_OUTPUT}),
     Finding(
+        "error-in-region",
+        "speed",
+        {"model": "arx", "region": "reversal", "rmse": 3.21, "others": 1.0, "unit": "rad/s", "samples": 812},
+    ),
+    Finding(
         "free-run-error",
         "arx",
         {"model": "arx", "seen": False, "outputs": ONE_OUTPUT, "chosen_among": 4, "apart": [1.31]},

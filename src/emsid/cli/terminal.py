@@ -23,9 +23,11 @@ if TYPE_CHECKING:
 
     from emsid.estimation.nonlinear.control import Control
     from emsid.identification.characteristics import Characteristic
+    from emsid.identification.ranking import FrontRow
     from emsid.models.plants.search.result import Estimate, GreyBoxFit
     from emsid.report import document
     from emsid.validation.comparison import Row
+    from emsid.validation.regions import RegionError
 
 
 SPELT_OUT = "emsid-spelt-out"
@@ -147,6 +149,36 @@ def error_table(rows: Sequence[Row], title: str, unit: str = "") -> Table:
                 )
             )
     return plain_table(title, headings, lines)
+
+
+def front_table(rows: Sequence[FrontRow]) -> Table:
+    """Accuracy against number of parameters, from simple to complex."""
+    from emsid.report.views.front import error_range, percent_of, place
+
+    lines = [
+        (each.model, str(each.parameters), percent_of(each.error), error_range(each), place(each)) for each in rows
+    ]
+    headings: dict[str, Align] = {"model": "left", "parameters": "right", "error %": "right"}
+    headings |= {"± one standard error": "right", "": "left"}
+    folds = rows[0].folds
+    where = f"over {folds} parts of the data, each left out of a fit once" if folds > 1 else "on unseen data"
+    return plain_table(f"error over number of parameters, {where}, in % of the output's deviation", headings, lines)
+
+
+def region_table(errors: Sequence[RegionError], where: str) -> Table:
+    """The RMSE of every model in every operating region."""
+    from emsid.validation.regions import REGIONS
+
+    regions = [region for region in REGIONS if any(each.region == region for each in errors)]
+    several = len({each.output for each in errors}) > 1
+    found = {(each.model, each.output, each.region): f"{each.rmse:.4g}" for each in errors}
+    lines = [
+        (model, *((output,) * several), *(found.get((model, output, region), "–") for region in regions))
+        for model, output in dict.fromkeys((each.model, each.output) for each in errors)
+    ]
+    headings: dict[str, Align] = dict.fromkeys(("model", *("output",) * several), "left")
+    unit = "" if several or not errors[0].unit else f" [{readable_unit(errors[0].unit)}]"
+    return plain_table(f"free-run RMSE{unit} by region, {where}", headings | dict.fromkeys(regions, "right"), lines)
 
 
 def characteristics_table(characteristics: Iterable[Characteristic]) -> Table:

@@ -22,6 +22,7 @@ from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record
 from emsid.validation.comparison import Assessment, Comparison, models_noise
 from emsid.validation.nonlinear_correlation import free_run_tests
+from emsid.validation.regions import worst_region
 from emsid.validation.residual_test import residual_tests
 
 BEYOND = 0.1
@@ -50,6 +51,7 @@ def observations(
         *_about_the_best(comparison, unseen, seen, choice),
         *about_the_residual(comparison.best),
         *about_nonlinear_terms(comparison.best),
+        *([found] if (found := worst_region(comparison.best)) else []),
         *_about_few_samples(comparison.best.row.samples, unseen),
         *about_the_unseen_input(record, unseen, seen),
         *(

@@ -33,14 +33,14 @@ from emsid.models.refitting import refitted
 from emsid.models.regression.search.judge import BEYOND, diverges, enlarged
 from emsid.record import Record, concatenate
 from emsid.record.holding_back import left_out_once
-from emsid.selection.improvement import STRETCHES, StretchErrors
+from emsid.selection.improvement import STRETCHES, StretchErrors, front
 from emsid.validation.comparison import Assessment, Comparison
 
 Array = NDArray[np.float64]
 
 FOLDS = 4
 """The parts of the data that are left out in turn, with the one that was held back from the fits."""
-HOPELESS = 2.0
+HOPELESS = 4.0
 """A model whose error on the held-back part is larger than the smallest by this factor is not followed further."""
 MANY = 5_000
 """A held-back part of this many samples decides alone."""
@@ -77,10 +77,17 @@ class Ranked:
         return StretchErrors.joined(self.folds)
 
     @property
-    def spread(self) -> float:
-        """Standard deviation of the mean square error over the stretches of all folds; NaN where a run diverges."""
-        means = self.errors.means[self.errors.samples > 0]
-        return float(np.std(means, ddof=1) / np.sqrt(len(means))) if len(means) > 1 else float("nan")
+    def rmse(self) -> tuple[float, float, float]:
+        """Root mean square error as a share of the output's deviation, and the ends of one standard error.
+
+        The standard error is that of the mean over the stretches of all folds; NaN where a run diverges.
+        """
+        mean, means = self.errors.mean, self.errors.means[self.errors.samples > 0]
+        if not np.isfinite(means).all() or len(means) < 2:
+            return float(np.sqrt(mean)), float("nan"), float("nan")
+        half = float(np.std(means, ddof=1) / np.sqrt(len(means)))
+        low, high = max(mean - half, 0.0), mean + half
+        return float(np.sqrt(mean)), float(np.sqrt(low)), float(np.sqrt(high))
 
 
 def ranked(
@@ -118,6 +125,45 @@ def ranked(
     over_all.sort(key=lambda each: each.errors.mean)
     fits = {id(each.fit) for each in over_all}
     return (*over_all, *(each for each in alone if id(each.fit) not in fits))
+
+
+@dataclass(frozen=True)
+class FrontRow:
+    """A model in the comparison of accuracy and number of parameters.
+
+    Attributes:
+        model: its name.
+        parameters: the number of its estimated parameters.
+        error: RMSE of the free run over all folds, as a share of the deviation of the output.
+        low, high: of the error, one standard error away; NaN where a run diverges.
+        folds: the number of parts of the data that were left out in turn.
+        on_front: whether it is better by more than noise than every simpler model on the front.
+        recommended: whether it is the recommended model.
+    """
+
+    model: str
+    parameters: int
+    error: float
+    low: float
+    high: float
+    folds: int
+    on_front: bool
+    recommended: bool
+
+
+def front_rows(ranking: Sequence[Ranked], recommended: str) -> tuple[FrontRow, ...]:
+    """The models that were compared over all folds, from simple to complex.
+
+    Args:
+        ranking: of the models.
+        recommended: the name of the recommended one.
+    """
+    among = compared(ranking)
+    kept = {id(each) for each in front(among, lambda each: each.size)}
+    return tuple(
+        FrontRow(each.name, each.size, *each.rmse, len(each.folds), id(each) in kept, each.name == recommended)
+        for each in sorted(among, key=lambda each: (each.size, each.errors.mean))
+    )
 
 
 def compared(ranking: Sequence[Ranked]) -> list[Ranked]:

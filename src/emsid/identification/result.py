@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from emsid.findings import Finding, plain
 from emsid.identification.characteristics import Characteristic, characteristics
 from emsid.identification.conclusions import next_steps, verdicts
-from emsid.identification.ranking import Ranked
+from emsid.identification.ranking import FrontRow, Ranked, front_rows
 from emsid.identification.recommendation import experiment, recommendation
 from emsid.presentation import Presented
 from emsid.record import Record
 from emsid.record.overlap import shared_stretch
+from emsid.validation.regions import RecordError, RegionError, by_region
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
@@ -40,6 +41,7 @@ class Identification(Presented):
         ranking: the models with their errors over the folds that ranked them, the smallest first.
         on_all_data: the chosen model with its parameters from `record` and `unseen`; None where that changes little,
             and where data for the choice were given.
+        by_record: the errors of the models on every record as a whole, where there are several.
     """
 
     record: Record
@@ -53,6 +55,7 @@ class Identification(Presented):
     model_verdicts: tuple[Finding, ...] = ()
     ranking: tuple[Ranked, ...] = ()
     on_all_data: Model | None = None
+    by_record: tuple[RecordError, ...] = ()
 
     def __repr__(self) -> str:
         best = self.chosen.model.name[:40]
@@ -83,6 +86,16 @@ class Identification(Presented):
     def fits(self) -> tuple[Fit[Any], ...]:
         """The models, the best free run first."""
         return self.on_unseen.fits
+
+    @cached_property
+    def front(self) -> tuple[FrontRow, ...]:
+        """Accuracy against number of parameters of the models that were compared, from simple to complex."""
+        return front_rows(self.ranking, self.chosen.model.name)
+
+    @cached_property
+    def by_region(self) -> tuple[RegionError, ...]:
+        """The errors of the models on the unseen data by operating region, the recommended one first."""
+        return by_region(self.on_unseen)
 
     @property
     def seen(self) -> bool:
@@ -130,6 +143,9 @@ class Identification(Presented):
             "fits": [fit.to_data() for fit in self.fits],
             "rows": [row.to_data() for row in rows],
             "chosen": self.chosen.model.name,
+            "front": [asdict(row) for row in self.front],
+            "regions": [asdict(each) for each in self.by_region],
+            "records": [asdict(each) for each in self.by_record],
             "profiles": [{"model": name} | each.to_data() for name, some in self.profiles.items() for each in some],
             "findings": [finding.to_data() for finding in self.findings],
             "characteristics": [each.to_data() for each in self.characteristics],

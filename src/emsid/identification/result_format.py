@@ -108,6 +108,50 @@ class RowData(msgspec.Struct, forbid_unknown_fields=True):
     outputs: list[OutputData] = []
 
 
+class FrontData(msgspec.Struct, forbid_unknown_fields=True):
+    """A model in the comparison of accuracy and number of parameters, on ``folds`` parts of the data.
+
+    ``error`` is the RMSE of the free run as a share of the output's deviation, ``low`` and ``high`` one standard error
+    away. A model ``on_front`` is better by more than noise than every simpler one on the front.
+    """
+
+    model: str
+    parameters: int
+    error: Number
+    low: Number
+    high: Number
+    folds: int
+    on_front: bool
+    recommended: bool
+
+
+class RegionData(msgspec.Struct, forbid_unknown_fields=True):
+    """The error of a model on unseen data in one operating region of an output.
+
+    ``region`` is ``standstill``, ``low speed``, ``reversal`` or ``high speed``; their limits
+    are in `emsid.validation.regions`. ``share`` is that of the squared error.
+    """
+
+    model: str
+    output: str
+    unit: str
+    region: str
+    samples: int
+    rmse: Number
+    share: Number
+
+
+class RecordData(msgspec.Struct, forbid_unknown_fields=True):
+    """The error of a model on one of several records as a whole, used in the fit or not."""
+
+    model: str
+    record: str
+    output: str
+    unit: str
+    samples: int
+    rmse: Number
+
+
 class ProfileData(msgspec.Struct, forbid_unknown_fields=True):
     """The likelihood profile of a parameter; an end of the interval that was not found is null."""
 
@@ -140,6 +184,9 @@ class ResultFile(msgspec.Struct, forbid_unknown_fields=True):
     interrupted: bool
     chosen: str
     rows: list[RowData]
+    front: list[FrontData]
+    regions: list[RegionData]
+    records: list[RecordData]
     fits: list[FitData]
     profiles: list[ProfileData]
     findings: list[FindingData]

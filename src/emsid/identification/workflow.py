@@ -53,6 +53,7 @@ from emsid.record import Record, concatenate
 from emsid.record.holding_back import choice_and_headline, hold_back_records
 from emsid.validation.agreement import disagreement
 from emsid.validation.comparison import Comparison, compare
+from emsid.validation.regions import by_record
 
 NAMED = 4
 """Name at most this many records in a title; of more give the number."""
@@ -144,9 +145,9 @@ def identify(
         *([] if stopped else _difference_of_records(on_unseen, (*several, *others))),
         *taken.failed,
     ]
-    verdicts = model_verdicts(on_record, on_unseen, about_fits)
-    about = tuple(findings), taken.profiles, stopped, on_choice, verdicts, ranking, final
-    return Identification(train, on_unseen.best.record, on_record, on_unseen, *about)
+    about = tuple(findings), taken.profiles, stopped, on_choice, model_verdicts(on_record, on_unseen, about_fits)
+    each_record = by_record(on_unseen.fits, (*several, *others), transient)
+    return Identification(train, on_unseen.best.record, on_record, on_unseen, *about, ranking, final, each_record)
 
 
 def _asked_for(models: str | Iterable[str] | None, quick: bool) -> tuple[str, ...] | None:

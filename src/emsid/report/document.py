@@ -86,12 +86,14 @@ class Points:
         x, y: (n,) in the units of the axes.
         label: for the legend, empty for none.
         ink: their colour.
+        names: short texts beside them, one each; empty for none.
     """
 
     x: Array
     y: Array
     label: str = ""
     ink: Ink = Ink.BLUE
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

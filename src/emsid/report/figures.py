@@ -407,6 +407,8 @@ def _(mark: Line, axes: Axes) -> Artist | BarContainer:
 
 @_draw.register(Points)
 def _(mark: Points, axes: Axes) -> Artist | BarContainer:
+    for x, y, name in zip(mark.x, mark.y, mark.names, strict=False):
+        axes.annotate(name, (x, y), xytext=(4, 3), textcoords="offset points", fontsize=_SMALL)
     return axes.plot(mark.x, mark.y, "o", color=mark.ink.value, markersize=3.5, clip_on=False, zorder=4)[0]
 
 

@@ -17,6 +17,7 @@ from emsid.report import views
 from emsid.report.document import Fact, Notice, Report, Section, Table
 from emsid.report.numbers import estimate, number, percent
 from emsid.report.views import terms
+from emsid.report.views.front import front_figure, front_table, record_table, region_tables
 from emsid.units import plain_unit, with_unit
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
 
@@ -57,6 +58,7 @@ def report(result: Identification, argument: Spelling = as_python) -> Report:
         advice=tuple(sentence(each, argument) for each in (*result.recommendation, *result.next_steps)),
         sections=(
             which_model(result),
+            where_errors_are(result),
             verdicts(result, argument),
             *([Section("More findings", remarks=others)] if others else []),
             free_runs(result),
@@ -170,6 +172,21 @@ def which_model(result: Identification) -> Section:
             ),
         ),
         figures=(views.ranking(result.on_choice or result.on_unseen),),
+    )
+
+
+def where_errors_are(result: Identification) -> Section:
+    """Accuracy against number of parameters, and errors by operating region and by record."""
+    front = result.front
+    drawn = front_figure(front)
+    return Section(
+        "Size, regions and records",
+        tables=(
+            *([front_table(front)] if len(front) > 1 else []),
+            *region_tables(result.by_region, f"on {result.ranked_on}"),
+            *([record_table(result.by_record)] if result.by_record else []),
+        ),
+        figures=() if drawn is None else (drawn,),
     )
 
 

@@ -58,6 +58,12 @@ function show(plot, view) {
   const {x0, x1, y0, y1} = view;
   plot.svg.setAttribute("viewBox", `${WIDTH * x0} ${HEIGHT * (1 - y1)} ${WIDTH * (x1 - x0)} ${HEIGHT * (y1 - y0)}`);
   for (const old of plot.area.querySelectorAll("i, b.grid")) old.remove();
+  for (const note of plot.area.querySelectorAll("em")) {
+    const [left, bottom] = note.dataset.at.split(" ").map(v => v / 100);
+    note.hidden = left < x0 || left > x1 || bottom < y0 || bottom > y1;
+    note.style.left = 100 * (left - x0) / (x1 - x0) + "%";
+    note.style.bottom = 100 * (bottom - y0) / (y1 - y0) + "%";
+  }
   const part = (axis, a, b) => [axis.low + a * (axis.high - axis.low), axis.low + b * (axis.high - axis.low)];
   const [left, right] = part(plot.x, x0, x1), [low, high] = part(plot.y, y0, y1);
   const add = (kind, name, side, place, text) => {

@@ -134,6 +134,7 @@ class PagePlot:
         legend: its own; empty where the figure has one for all its plots.
         bars: for a chart of names, which has no y axis.
         span: its width in columns.
+        notes: positions in percent of width and height, and the texts there.
     """
 
     title: str
@@ -147,6 +148,7 @@ class PagePlot:
     legend: tuple[Entry, ...]
     bars: tuple[Bar, ...]
     span: int
+    notes: tuple[tuple[float, float, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -180,9 +182,16 @@ def _page_plot(plot: Plot, x: Scale, y: Scale, room: int, legend: tuple[Entry, .
     bars = tuple(_bars(plot, x)) if plot.y.names else ()
     shapes = () if bars else tuple(each for mark in plot.marks for each in _shapes(mark, x, y) if each.path)
     y_title = "" if bars else plot.y.title
-    return PagePlot(
-        plot.title, plot.x.title, y_title, x, y, shapes, round(_ROW * plot.height), room, legend, bars, plot.span
-    )
+    height, notes = round(_ROW * plot.height), () if bars else tuple(_notes(plot, x, y))
+    return PagePlot(plot.title, plot.x.title, y_title, x, y, shapes, height, room, legend, bars, plot.span, notes)
+
+
+def _notes(plot: Plot, x: Scale, y: Scale) -> Iterable[tuple[float, float, str]]:
+    """The names of points."""
+    for mark in plot.marks:
+        if isinstance(mark, Points) and mark.names:
+            places = zip(x.place(mark.x, 100), y.place(mark.y, 100), mark.names, strict=True)
+            yield from ((round(float(a), 2), round(float(b), 2), text) for a, b, text in places if np.isfinite(b))
 
 
 def _bars(plot: Plot, x: Scale) -> Iterable[Bar]:

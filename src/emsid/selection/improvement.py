@@ -140,3 +140,20 @@ def simplest(
     best = min(models, key=lambda each: each.errors.mean)
     good = [each for each in models if each is best or (as_good(each, best) and not better(best.errors, each.errors))]
     return min(good, key=lambda each: (size(each), each.errors.mean))
+
+
+def front(models: Sequence[T], size: Callable[[T], int]) -> list[T]:
+    """The models that more parameters pay for, from simple to complex.
+
+    Each is better than the one before by more than noise. The others have a simpler or equally simple model that is as
+    good.
+
+    Args:
+        models: compared on the same samples.
+        size: how complex one is: its number of parameters.
+    """
+    found: list[T] = []
+    for each in sorted(models, key=lambda each: (size(each), each.errors.mean)):
+        if np.isfinite(each.errors.mean) and (not found or better(each.errors, than=found[-1].errors)):
+            found.append(each)
+    return found

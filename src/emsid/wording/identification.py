@@ -176,6 +176,25 @@ def _rmse(output: Any) -> str:
     return with_unit(f"{output['rmse']:.4g}", output["unit"])
 
 
+@words("error-in-region", Severity.WARNING)
+def error_in_region(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: model, region, rmse, others (RMSE in the other regions), unit, samples."""
+    d = f.data
+    here, others = (with_unit(f"{d[which]:.4g}", d["unit"]) for which in ("rmse", "others"))
+    return (
+        f"{_REGIONS[d['region']]} the free run is worse than elsewhere: RMSE {here} against {others} ({d['samples']:,} "
+        f"samples of {f.subject})"
+    )
+
+
+_REGIONS = {
+    "standstill": "at standstill",
+    "low speed": "at low speed",
+    "reversal": "in reversals",
+    "high speed": "at high speed",
+}
+
+
 @words("no-better-than-mean", Severity.PROBLEM)
 def no_better_than_mean(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: seen."""

@@ -26,8 +26,10 @@ from emsid.cli.terminal import (
     EXPLAINED,
     characteristics_table,
     error_table,
+    front_table,
     own_parameters_table,
     physical_table,
+    region_table,
     say,
     say_json,
     show,
@@ -287,6 +289,9 @@ def _print(result: "Identification") -> None:
     show(error_table(result.on_unseen.rows, title, result.unseen.output_units[0]))
     say(EXPLAINED)
     say(*(sentence(finding, option) for finding in result.recommendation))
+    if len(result.front) > 1:
+        show(front_table(result.front))
+    show(region_table(result.by_region, title))
     if result.characteristics:
         show(characteristics_table(result.characteristics))
     for fit in result.fits:

@@ -1,5 +1,6 @@
 """``emsid validate``."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,7 +10,7 @@ from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Transient, names, option
 from emsid.cli.reading import reads_records
-from emsid.cli.terminal import EXPLAINED, error_table, physical_table, say, say_json, show
+from emsid.cli.terminal import EXPLAINED, error_table, physical_table, region_table, say, say_json, show
 from emsid.cli.writing import as_json, check_folder, draw, say_where, write
 from emsid.errors import DataError
 
@@ -64,6 +65,7 @@ def validate(
     from emsid.io import load, origin, read_options
     from emsid.validation.comparison import assess_model
     from emsid.validation.reestimation import reestimate
+    from emsid.validation.regions import worst_region
 
     loaded, source = load(model), origin(model)
     reader = reader.after(read_options(model))
@@ -85,6 +87,7 @@ def validate(
     documents = []
     for each, some in zip(assessed, again, strict=True):
         differences = [*each.record.findings, *([] if source is None else source.differences(each.record))]
+        differences += [finding] if (finding := worst_region(each)) else []
         documents.append(_document(each, differences, some, horizon, transient))
         if not json:
             _print(each, differences, some)
@@ -113,9 +116,11 @@ def _document(
 ) -> dict[str, Any]:
     """What a file holds of one record."""
     from emsid.models.free_run import mean_squared_error
+    from emsid.validation.regions import errors_by_region
 
     record = assessed.record
     document = {"record": record.name, **assessed.row.to_data(), "findings": [each.to_data() for each in findings]}
+    document |= {"regions": [asdict(each) for each in errors_by_region(assessed)]}
     if again is not None:
         document |= {"reestimated": again.to_data()}
     if horizon > 1:
@@ -127,9 +132,11 @@ def _document(
 
 def _print(assessed: "Assessment", findings: "Sequence[Finding]", again: "Reestimation | None") -> None:
     """The errors on one record, the parameters that were estimated again, and the findings."""
+    from emsid.validation.regions import errors_by_region
     from emsid.wording import sentence
 
     show(error_table([assessed.row], assessed.record.name, assessed.record.output_units[0]))
+    show(region_table(errors_by_region(assessed), assessed.record.name))
     if again is not None:
         show(physical_table(again.fit))  # type: ignore[arg-type]
         say(sentence(again.finding, option))
@@ -141,11 +148,16 @@ def _report(model: Path, assessed: "list[Assessment]") -> Any:
     from emsid.report import views
     from emsid.report.document import Fact, Report, Section
     from emsid.report.numbers import percent
+    from emsid.report.views.front import region_tables
+    from emsid.validation.regions import errors_by_region
 
     sections = [
         Section(
             each.record.name,
-            tables=(views.results_table([each.row], unit=each.record.output_units[0]),),
+            tables=(
+                views.results_table([each.row], unit=each.record.output_units[0]),
+                *region_tables(errors_by_region(each), f"on {each.record.name}"),
+            ),
             figures=(
                 views.measured_and_simulated(each, name=f"free-run-{k}"),
                 views.residuals([each], name=f"residuals-{k}"),

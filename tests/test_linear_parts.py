@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emsid import Cascade, DrivenMotor, LinearAxis, ModelError, Narx, Structure, arx
+from emsid import Cascade, DrivenMotor, LinearAxis, ModelError, Narx, StateSpaceModel, Structure, arx
 from emsid.models.blocks.filters import Rational
 from emsid.models.plants.drive import Drive, Feed
 from emsid.models.plants.grey_box import GreyBox
@@ -105,3 +105,21 @@ def test_without_python_control_the_message_says_what_to_install(name: str, monk
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(ModelError, match=r"pip install emsid\[control\]"):
         ALL[name].to_control()  # type: ignore[attr-defined]
+
+
+def test_a_state_space_model_runs_and_answers_as_in_python_control(control: Any) -> None:
+    model = StateSpaceModel(
+        np.array([[0.9, 0.2], [-0.1, 0.7]]),
+        np.array([[1.0, 0.0], [0.2, 0.5]]),
+        np.array([[1.0, 0.0], [0.5, 2.0]]),
+        np.array([[0.0, 0.1], [0.0, 0.0]]),
+        np.zeros((2, 2)),
+        np.zeros(2),
+        0.01,
+    )
+    u = np.random.default_rng(1).standard_normal((100, 2))
+    theirs = control.forced_response(model.to_control(), inputs=u.T).outputs.T
+    np.testing.assert_allclose(model.run(np.zeros(2), u)[0], theirs, atol=1e-12)
+    frequency = np.array([0.1, 5.0, 40.0])
+    answer = control.frequency_response(model.to_control(), 2 * np.pi * frequency).frdata.transpose(2, 0, 1)
+    np.testing.assert_allclose(model.response(frequency), answer, rtol=1e-12)

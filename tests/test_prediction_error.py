@@ -64,6 +64,48 @@ def test_the_armax_system_of_the_textbook() -> None:
     np.testing.assert_allclose(state_space.estimate[:6], fit.estimate[:6], atol=0.01)
 
 
+def test_a_regression_with_arma_errors_is_that_of_statsmodels() -> None:
+    """SARIMAX(1, 0, 1) of statsmodels 0.15 by exact likelihood; ``python bench/linear.py`` prints these numbers."""
+    rng = np.random.default_rng(0)
+    u = rng.choice([-1.0, 1.0], 2000)
+    noise = lfilter([1.0, 0.4], [1.0, -0.8], rng.standard_normal(2000))
+    fit = emsid.fit(box_jenkins(2, 1, 1, 0), Record(u, lfilter([0.0, 1.0, 0.5], [1.0], u) + 3.0 + noise, 0.01))
+    theirs, errors = np.array([0.9996, 0.5027, 0.3971, -0.7981]), np.array([0.0192, 0.0190, 0.0230, 0.0149])
+    assert (np.abs(fit.estimate[:4] - theirs) < 0.15 * fit.standard_error[:4]).all()
+    np.testing.assert_allclose(fit.standard_error[:4], errors, rtol=0.1)
+
+
+def test_the_covariance_of_an_arma_model_is_that_of_the_textbook() -> None:
+    """Box and Jenkins (1970), sec. 7.2.6: ARMA(1, 1), of which an input that does nothing is independent."""
+    a, c, samples = -0.8, 0.5, 4000
+    rng = np.random.default_rng(2)
+    u, e = rng.choice([-1.0, 1.0], samples), rng.standard_normal(samples)
+    fit = emsid.fit(armax(1, 1, 1, constant=False), Record(u, lfilter([1.0, c], [1.0, a], e), 0.01))
+    both = 1 - a * c
+    stated = (
+        both
+        / (c - a) ** 2
+        * np.array([[(1 - a**2) * both, (1 - a**2) * (1 - c**2)], [(1 - a**2) * (1 - c**2), (1 - c**2) * both]])
+    )
+    found = samples * fit.covariance[np.ix_([0, 2], [0, 2])]
+    np.testing.assert_allclose(found, stated, rtol=0.15, atol=0.05)
+
+
+def test_the_covariance_of_an_output_error_model_is_that_of_the_textbook() -> None:
+    """Ljung (1999), sec. 9.4: λ²[E ψψᵀ]⁻¹ for b/(1 + f q⁻¹), with the sums over both impulse responses of ψ."""
+    b, f, size, samples = 1.0, -0.8, 0.5, 4000
+    rng = np.random.default_rng(3)
+    u = rng.choice([-1.0, 1.0], samples)
+    record = Record(u, lfilter([0.0, b], [1.0, f], u) + size * rng.standard_normal(samples), 0.01)
+    by_b, by_f = 1 / (1 - f**2), b**2 * (1 + f**2) / (1 - f**2) ** 3
+    information = np.array([[by_b, b * f / (1 - f**2) ** 2], [b * f / (1 - f**2) ** 2, by_f]])
+    stated = size**2 * np.linalg.inv(information)
+    for structure, options in ((box_jenkins(1, 0, 0, 1, constant=False), {}), (emsid.arx(1, 1), {"free_run": True})):
+        fit = emsid.fit(structure, record, **options)
+        order = [fit.names.index("b1"), next(k for k, name in enumerate(fit.names) if name in ("f1", "a1"))]
+        np.testing.assert_allclose(samples * fit.covariance[np.ix_(order, order)], stated, rtol=0.15)
+
+
 @pytest.mark.parametrize(
     ("structure", "make", "truth"),
     [(armax(2, 2, 2), of_armax, TRUE_ARMAX), (box_jenkins(2, 1, 1, 2), of_box_jenkins, TRUE_BJ)],

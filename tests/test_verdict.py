@@ -234,6 +234,21 @@ def test_a_pole_that_a_zero_cancels_is_implausible_in_a_regression_too():
     assert implausible(as_fit(structure.model(np.array([-1.4, 0.45, 0.1, 0.05]), record()))) == {}
 
 
+def test_linear_models_with_a_noise_model_are_judged_alike():
+    none = np.zeros(0)
+    polynomial = emsid.PolynomialModel(
+        none, np.array([[0.1, -0.05]]), none, none, np.array([[-1.4, 0.45]]), 0.0, 1, DT, "box-jenkins"
+    )
+    good = replace(polynomial, b=np.array([[0.1, 0.05]]))
+    fast, late = replace(good, f=np.array([[-1.0, 0.09]])), replace(good, delay=90)
+    assert implausible(as_fit(polynomial))["zero-cancels-pole"]["pole"] == pytest.approx([0.5, 0.0])
+    assert implausible(as_fit(polynomial.form))["zero-cancels-pole"]["pole"] == pytest.approx([0.5, 0.0])
+    assert implausible(as_fit(fast))["faster-than-sampling"]["pole"] == pytest.approx(0.1)
+    assert implausible(as_fit(fast.form))["faster-than-sampling"]["pole"] == pytest.approx(0.1)
+    assert implausible(as_fit(late))["delay-longer-than-rise"]["samples"] == 90
+    assert implausible(as_fit(good)) == implausible(as_fit(good.form)) == {}
+
+
 @pytest.mark.parametrize("code", sorted(IMPLAUSIBLE))
 def test_any_of_these_findings_makes_a_model_implausible(code):
     (verdict,) = verdicts(linear(), findings=[Finding(code, "filter", {"model": "filter"})])

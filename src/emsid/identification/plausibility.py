@@ -21,6 +21,8 @@ from emsid.first_look.dynamics import response
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.linear.polynomials import PolynomialModel
+from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.search.judge import BEYOND as BEYOND_INPUT
@@ -101,6 +103,14 @@ class Plausibility:
             found += self._too_late(_first_lag(model))
             if model.is_linear:
                 found += [*_cancelled(poles, list(np.roots(above[0]))), *(_too_fast(poles) if model.start else ())]
+        elif isinstance(model, PolynomialModel):
+            poles = list(np.roots(np.convolve(np.append(1.0, model.a), np.append(1.0, model.f[0]))))
+            found += [*_cancelled(poles, list(np.roots(model.b[0]))), *_too_fast(poles), *self._too_late(model.delay)]
+        elif isinstance(model, StateSpaceModel):
+            direct = bool(model.d.any())
+            above = model.coefficients(direct, noise=False)[1][model.order : -1]
+            poles = list(model.poles)
+            found += [*_cancelled(poles, list(np.roots(above))), *_too_fast(poles)]
         return [each.about(model.name) for each in found]
 
     def _entering(self, model: Cascade) -> Iterator[tuple[int, Array]]:

@@ -1032,3 +1032,24 @@ def test_a_saved_model_is_simulated_on_the_inputs_of_a_file(result, run, tmp_pat
     assert "identified at 0.01 s" in run(*words[:3], "--out", out, "--dt", "20ms")[2]
     emsid.save(emsid.load(result / "arx.json"), tmp_path / "bare.json")
     assert "does not say how its record was read" in run("simulate", tmp_path / "bare.json", inputs, "--out", out)[2]
+
+
+def test_orders_prints_the_grid_of_the_library(run, tmp_path):
+    path = table(tmp_path / "log.csv")
+    words = ("orders", path, "-u", "u", "-y", "y", "--dt", "10ms", "--na", "1-2", "--nb", "1,2", "--nk", "1")
+    status, out, err = run(*words, "--json")
+    assert (status, err) == (0, "")
+    found = json.loads(out)
+    record = emsid.read(path, input="u", output="y", dt=0.01)
+    known = emsid.regression.order_grid(record, na=(1, 2), nb=(1, 2), nk=(1,))
+    assert [(row["na"], row["nb"], row["constant"]) for row in found["rows"]] == [
+        (row.na, row.nb, row.constant) for row in known.rows
+    ]
+    assert [row["bic"] for row in found["rows"]] == pytest.approx([row.bic for row in known.rows])
+    assert set(found["best"]) == {"simplest", "free_run", "bic", "aic", "fpe"}
+    assert found["best"]["simplest"]["parameters"] == known.simplest.parameters
+    assert run(*words)[1].startswith("8 structures of ARX")
+    for text in ("2-1", "x", "1-", ""):
+        status, _, err = run(*words, "--na", text)
+        assert status != 0
+        assert "write whole numbers" in err

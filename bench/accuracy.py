@@ -3,7 +3,8 @@
 Simulated plants come from a simulator that is not the program's own (``tests/independent``). Real recordings are read
 from the folder that the environment variable EMSID_RECORDINGS names, as in the tests; those that are missing are left
 out. The part ``regressions`` is that of ``bench/regressions.py``. The part ``geared`` takes several minutes; name parts
-to print only these: ``python bench/accuracy.py emps``.
+to print only these: ``python bench/accuracy.py emps``. The parts ``rules`` and ``starts`` take half an hour and are run
+where they are named only.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from emsid.plants import choose, linear_axis, rigid_motor
 
 HOME = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(HOME / "tests"))
+import rules  # noqa: E402  (after the path of the tests)
+import starts  # noqa: E402
 from independent.cases import CASES  # noqa: E402
 
 RECORDINGS = Path(os.environ.get("EMSID_RECORDINGS", HOME.parent / "shared" / "data"))
@@ -150,20 +153,27 @@ def geared(every: int = 1) -> None:
     )
 
 
-PARTS: dict[str, Callable[[], None]] = {
-    "simulated": lambda: simulated(CASES),
-    "emps": positioning_axis,
-    "bidirectional": bidirectional,
-    "geared": geared,
-    "regressions": lambda: regressions.main([]),
+PARTS: dict[str, Callable[[str], None]] = {
+    "simulated": lambda begins: simulated(name for name in CASES if name.startswith(begins)),
+    "rules": lambda begins: rules.main(begins, console),
+    "starts": lambda begins: starts.main(RECORDINGS, begins, console),
+    "emps": lambda _: positioning_axis(),
+    "bidirectional": lambda _: bidirectional(),
+    "geared": lambda _: geared(),
+    "regressions": lambda _: regressions.main([]),
 }
 
 
+LONG = ("rules", "starts")
+"""Parts that are not run unless they are named."""
+
+
 def main(arguments: Sequence[str]) -> None:
-    """Print the parts that are asked for, by default all."""
-    for name in arguments or PARTS:
+    """Print the parts that are asked for, by default all but the longest; ``part=name`` asks for some cases of one."""
+    for name in arguments or (part for part in PARTS if part not in LONG):
+        part, _, begins = name.partition("=")
         try:
-            PARTS[name]()
+            PARTS[part](begins)
         except emsid.FormatError as problem:  # a recording that is not there
             console.print(f"{name}: {problem}")
 

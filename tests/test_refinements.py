@@ -103,6 +103,11 @@ def test_quadratic_friction_is_found_where_it_is():
     assert "quadratic_viscous" not in choose(RIGID, motor(), refinements=(quadratic_viscous,)).names
 
 
+def test_a_rule_decides_what_is_added():
+    fit = choose(RIGID, motor(quadratic=0.05), refinements=(quadratic_viscous,), rule=lambda simple, rich: -1e9)
+    assert "quadratic_viscous" not in fit.names
+
+
 def test_cogging_is_found_where_it_is():
     fit = choose(AXIS, axis(cogging=(0.02, 0.1, 0.05)), refinements=(cogging,))
     found = dict(zip(fit.names, fit.estimate, strict=True))

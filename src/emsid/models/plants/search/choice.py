@@ -17,7 +17,7 @@ an estimated start predicts the other half better and agrees with these samples 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -57,6 +57,8 @@ from emsid.models.plants.search.trials import Trial, Trials, gain
 from emsid.record import Record
 from emsid.selection.improvement import StretchErrors, better
 
+Rule = Callable[[Trial, Trial], float]
+"""A rule of choice between a simpler and a richer trial; see `choose`."""
 STARTS: Mapping[str, Plant] = {name: kind.start for name, kind in PLANTS.items()}
 """A plant of every kind to begin with where nothing is known."""
 
@@ -83,6 +85,7 @@ def choose(
     hold: Hold | str | None = None,
     per_record: str | Sequence[str] = (),
     refinements: Sequence[Refinement] = REFINEMENTS,
+    rule: Rule = gain,
     control: Control = FREE,
 ) -> GreyBoxFit:
     """The plant with those refinements that the record asks for, fitted to all of it.
@@ -96,6 +99,7 @@ def choose(
         hold: as in `simulation_error`.
         per_record: likewise; the refinements are chosen with the same values in all records.
         refinements: what is tried.
+        rule: by how much the richer of two trials (simple, rich) is preferred; negative for the simpler.
         control: when to stop; the best plant so far is then the answer.
     """
     plant = plant.for_command(record)
@@ -109,7 +113,7 @@ def choose(
             control=control,
         )  # fmt: skip
     search = _Choice(plant, record, free, values, sheet, hold, control)
-    stopped = search.run(weighting, refinements)
+    stopped = search.run(weighting, refinements, rule)
     fit = simulation_error(
         search.found,
         record,
@@ -209,8 +213,9 @@ class _Choice:
         """The best plant so far, in SI units."""
         return self._scaling.back(self.trial.plant, self._original)
 
-    def run(self, weighting: Weighting | None, refinements: Sequence[Refinement]) -> bool:
+    def run(self, weighting: Weighting | None, refinements: Sequence[Refinement], rule: Rule = gain) -> bool:
         """Choose the weighting where it is None, add and remove refinements; whether somebody ended it early."""
+        self._rule = rule
         try:
             self._begin(self._chosen_weighting() if weighting is None else weighting)
             if self.trial.residuals:
@@ -276,9 +281,9 @@ class _Choice:
             richer = [
                 (trial, refine)
                 for trial, refine in zip(tried, refinements, strict=True)
-                if trial is not None and gain(self.trial, trial) > 0
+                if trial is not None and self._rule(self.trial, trial) > 0
             ]
-            richer.sort(key=lambda pair: gain(self.trial, pair[0]), reverse=True)
+            richer.sort(key=lambda pair: self._rule(self.trial, pair[0]), reverse=True)
             best = next((trial for trial, refine in richer if self._is_safe(trial, refine)), None)
             if best is None:
                 break
@@ -319,10 +324,10 @@ class _Choice:
         for done in range(MOST):
             self._doing("removing refinements", done)
             tried = self._tried([[each] for each in simplified(self.trial.plant, self.trial.names)])
-            enough = [trial for trial in tried if trial is not None and gain(trial, self.trial) < 0]
+            enough = [trial for trial in tried if trial is not None and self._rule(trial, self.trial) < 0]
             if not enough:
                 break
-            self._take(min(enough, key=lambda trial: gain(trial, self.trial)))
+            self._take(min(enough, key=lambda trial: self._rule(trial, self.trial)))
 
     def _doing(self, what: str, done: int) -> None:
         self._trials.control.doing(f"{self._original.name}: {what}", done)

@@ -1,0 +1,86 @@
+"""Rules of choice among refinements of a plant: ``python bench/accuracy.py rules``.
+
+Every rule chooses for the simulated motors and axes of ``tests/independent``; the table has the RMSE of the free run on
+a record of another kind over that of the true parameters. Name the cases whose names begin like that to run only
+these: ``python bench/accuracy.py "rules=axis with drift"``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from math import log
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import emsid
+from emsid.models.plants.free_run_error import all_alike
+from emsid.models.plants.search.choice import FORGOTTEN
+from emsid.models.plants.search.trials import Trial, gain
+from emsid.plants import Recent, choose, linear_axis, rigid_motor
+from emsid.selection.improvement import better, schwarz_gain
+from independent.cases import CASES, Case
+
+GROUPS = ("motor", "axis", "axis with drift")
+
+
+def of_all_samples(simple: Trial, rich: Trial) -> float:
+    """Schwarz's criterion as if all samples were independent."""
+    samples = sum(len(residual) for residual in rich.residuals)
+    return schwarz_gain(rich.mean_square, simple.mean_square, samples, len(rich.names) - len(simple.names))
+
+
+def of_paired_blocks(simple: Trial, rich: Trial) -> float:
+    """The logarithm of what is saved where a paired t test over blocks finds it, else that of a part not worth it."""
+    saved = log(simple.mean_square / rich.mean_square)
+    return saved if better(rich.errors, simple.errors) else min(saved, 0.0) - 1e-9
+
+
+def of_the_end(simple: Trial, rich: Trial) -> float:
+    """The logarithm of what is saved on the last 30 % of the samples."""
+    ends = [np.concatenate([r[int(0.7 * len(r)) :] for r in trial.residuals]) for trial in (simple, rich)]
+    return log(float(np.mean(ends[0] ** 2)) / float(np.mean(ends[1] ** 2))) - 1e-3
+
+
+RULES = {
+    "present": {"rule": gain},
+    "present, all errors alike": {"rule": gain, "weighting": "alike"},
+    "present, errors forgotten": {"rule": gain, "weighting": "recent"},
+    "Schwarz over all samples": {"rule": of_all_samples},
+    "paired t over blocks": {"rule": of_paired_blocks},
+    "end of the record": {"rule": of_the_end},
+}
+
+
+def ratio(case: Case, how: Mapping[str, object]) -> float:
+    """RMSE on the unseen record over that of the truth, of the plant that a rule chooses."""
+    unit = "m" if case.shows_position else "rad/s"
+    record = emsid.Record(case.fitted.input, case.fitted.output, case.fitted.dt, output_units=unit)
+    options = dict(how)
+    if "weighting" in options:
+        recent = Recent(len(record) * record.dt / FORGOTTEN, 2 if case.shows_position else 1)
+        options["weighting"] = recent if options["weighting"] == "recent" else all_alike
+    fit = choose(linear_axis() if case.shows_position else rigid_motor(), record, **options)
+    run = fit.model.plant.simulate(case.unseen.input, case.unseen.dt, np.zeros(3), fit.model.signals)
+    return float(np.sqrt(np.mean((case.unseen.output - run) ** 2))) / case.error_of_truth(case.unseen)
+
+
+def main(begins: str, console: Console) -> None:
+    """Print the geometric mean, how many are above 1.1, and the worst, by rule and kind of plant."""
+    board = Table(title="Rules of choice: RMSE on an unseen record over that of the truth", title_justify="left")
+    groups = {group: [name for name in _of(group) if name.startswith(begins)] for group in GROUPS}
+    for head in ("", *(f"{len(names)} × {group}" for group, names in groups.items() if names)):
+        board.add_column(head, justify="right" if head else "left")
+    for rule, how in RULES.items():
+        cells = []
+        for names in filter(None, groups.values()):
+            found = np.array([ratio(CASES[name](), how) for name in names])
+            mean = np.exp(np.mean(np.log(found)))
+            cells.append(f"{mean:.2f}, {np.sum(found > 1.1)} above 1.1, worst {found.max():.2f}")
+        board.add_row(rule, *cells)
+    console.print(board)
+
+
+def _of(group: str) -> Iterable[str]:
+    return (name for name in CASES if name.rpartition(" ")[0] == group)

@@ -7,12 +7,11 @@ these: ``python bench/accuracy.py "rules=axis with drift"``.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from math import log
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 import emsid
 from emsid.models.plants.free_run_error import all_alike
@@ -67,20 +66,14 @@ def ratio(case: Case, how: Mapping[str, object]) -> float:
 
 
 def main(begins: str, console: Console) -> None:
-    """Print the geometric mean, how many are above 1.1, and the worst, by rule and kind of plant."""
-    board = Table(title="Rules of choice: RMSE on an unseen record over that of the truth", title_justify="left")
-    groups = {group: [name for name in _of(group) if name.startswith(begins)] for group in GROUPS}
-    for head in ("", *(f"{len(names)} × {group}" for group, names in groups.items() if names)):
-        board.add_column(head, justify="right" if head else "left")
-    for rule, how in RULES.items():
-        cells = []
-        for names in filter(None, groups.values()):
+    """Print the geometric mean, how many are above 1.1, and the worst, by rule and kind of plant, line after line."""
+    console.print("Rules of choice: RMSE on an unseen record over that of the truth")
+    for group in GROUPS:
+        names = [name for name in CASES if name.rpartition(" ")[0] == group and name.startswith(begins)]
+        for rule, how in RULES.items() if names else ():
             found = np.array([ratio(CASES[name](), how) for name in names])
             mean = np.exp(np.mean(np.log(found)))
-            cells.append(f"{mean:.2f}, {np.sum(found > 1.1)} above 1.1, worst {found.max():.2f}")
-        board.add_row(rule, *cells)
-    console.print(board)
-
-
-def _of(group: str) -> Iterable[str]:
-    return (name for name in CASES if name.rpartition(" ")[0] == group)
+            above = int(np.sum(found > 1.1))
+            console.print(
+                f"{len(names):2} × {group:16}{rule:28}{mean:6.2f}{above:4} above 1.1, worst {found.max():.2f}"
+            )

@@ -5,6 +5,7 @@
 ('resistance', 'rotor_viscous', 'motor_constant')
 """
 
+from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.datasheet import Given, datasheet
 from emsid.models.plants.drive import Acting, Bridge, Drive, Feed, Hold
 from emsid.models.plants.free_run_error import Recent
@@ -21,6 +22,7 @@ from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_cur
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.nouns import linear_axis, motor, rigid_motor
 from emsid.models.plants.search.result import Combination, Estimate, GreyBoxFit, Status
+from emsid.models.plants.search.trials import Trial
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
 from emsid.plant.friction import FrictionLaw, LawParameter, friction_law
@@ -31,6 +33,7 @@ __all__ = [
     "BasePlant",
     "Bridge",
     "Channels",
+    "Cogging",
     "Combination",
     "Curve",
     "Drive",
@@ -60,6 +63,7 @@ __all__ = [
     "Sizes",
     "StaticCharacteristic",
     "Status",
+    "Trial",
     "by_direction",
     "choose",
     "datasheet",

@@ -153,7 +153,7 @@ def test_a_large_model_needs_to_be_better_than_a_small_one_by_more_than_noise():
 
 
 def test_few_data_do_not_excuse_a_much_larger_error():
-    small, large = model(3, noisy(1.9, 2.0), "small"), model(5, noisy(1.0, 2.0, 2), "large")
+    small, large = model(3, noisy(2.3, 2.6), "small"), model(5, noisy(1.0, 2.0, 2), "large")
     assert not better(large.errors, than=small.errors)
     assert recommended([small, large], ()).name == "large"
     assert recommended([small, large], {"large"}).name == "large"
@@ -174,6 +174,15 @@ def test_what_is_recommended_is_tied_with_the_best_or_plausible(kinds, seed):
     same = [each for each in usable if (each.name in implausible) <= (chosen.name in implausible)]
     best = min(same, key=lambda each: each.errors.mean)
     assert chosen is best or (not better(best.errors, than=chosen.errors) and chosen.size <= best.size)
+
+
+def test_an_implausible_model_has_to_be_clearly_better():
+    doubtful = model(5, noisy(1.0, 0.9, 2), "doubtful")
+    for factor, name in ((1.15, "plausible"), (1.3, "doubtful")):
+        spread = 3.0 * np.resize([1.0, -1.0], 16)
+        other = model(5, factor**2 * doubtful.errors.means + spread, "plausible")
+        assert not better(doubtful.errors, than=other.errors)
+        assert recommended([doubtful, other], {"doubtful"}).name == name
 
 
 def misleading():

@@ -42,6 +42,8 @@ OF_REASONS = {
 """The experiment that shows what is behind a reason against a model."""
 CLOSE = 1.1
 """Models whose RMSE differ by a larger factor are not tied, however large the noise is."""
+DOUBTFUL = 1.2
+"""The same for an implausible model and a plausible one: what is implausible should be clearly better."""
 TWO_SIDED = 0.05
 """An input goes both ways if it reaches this share of its largest value on either side."""
 
@@ -59,14 +61,15 @@ def recommended(ranking: Sequence[Ranked], implausible: Collection[str], unusabl
     usable = [each for each in compared(ranking) if each.name not in unusable] or compared(ranking)
     best = min(usable, key=lambda each: each.errors.mean)
     plausible = [each for each in usable if each.name not in implausible]
-    if best.name in implausible and not any(_tied(each, best) for each in plausible):
+    if best.name in implausible and not any(_stands_in(each, best) for each in plausible):
         return simplest(usable, lambda each: each.size, as_good=_close)
     return simplest(plausible, lambda each: each.size, as_good=_close)
 
 
-def _tied(model: Ranked, best: Ranked) -> bool:
-    """Whether a model is as good as the best, within noise."""
-    return _close(model, best) and not better(best.errors, model.errors)
+def _stands_in(plausible: Ranked, best: Ranked) -> bool:
+    """Whether a plausible model is as good as the best one, which is not, within noise."""
+    near = plausible.errors.mean <= DOUBTFUL**2 * best.errors.mean
+    return bool(near) and not better(best.errors, than=plausible.errors)
 
 
 def _close(model: Ranked, best: Ranked) -> bool:

@@ -19,6 +19,8 @@ from emsid.models.blocks.static_maps import (
     CoulombLinear,
     CubicSpline,
     DeadZone,
+    MonotoneSpline,
+    OddSpline,
     PiecewiseLinear,
     Polynomial,
     Saturation,
@@ -46,6 +48,8 @@ MAPS: dict[str, StaticMap] = {
     "smooth coulomb": CoulombLinear(0.4, 1.2, width=0.3),
     "piecewise-linear": PiecewiseLinear(KNOTS, VALUES),
     "spline": CubicSpline(KNOTS, VALUES),
+    "odd-spline": OddSpline(np.array([0.5, 1.0, 2.0]), np.array([0.4, 0.9, 1.2])),
+    "monotone-spline": MonotoneSpline(np.array([-1.0, 0.0, 1.5]), 0.3, np.array([0.2, -0.5, 0.1])),
     "abs": Abs(),
     "user": UserMap(
         lambda x, p: p[0] * np.tanh(p[1] * x),
@@ -72,6 +76,25 @@ def central(function: object, at: Array, step: float = 1e-6) -> Array:
         move[k] = step
         rows.append((function(at + move) - function(at - move)) / (2 * step))
     return np.array(rows)
+
+
+def test_an_odd_map_is_odd_and_a_monotone_one_rises_whatever_its_parameters() -> None:
+    rng, x = np.random.default_rng(8), np.linspace(-4, 4, 401)
+    for _ in range(20):
+        odd = OddSpline(np.cumsum(rng.uniform(0.1, 1, 4)), rng.standard_normal(4))
+        np.testing.assert_allclose(odd.value(-x), -odd.value(x), atol=1e-12)
+        rising = MonotoneSpline(np.cumsum(rng.uniform(0.1, 1, 4)) - 1, 0.0, 3 * rng.standard_normal(4))
+        assert np.all(np.diff(rising.value(x)) > 0)
+        np.testing.assert_allclose(rising.scaled(-2.0, 3.0).value(-2 * x), 3 * rising.value(x), atol=1e-9)
+
+
+def test_maps_of_a_shape_begin_at_the_closest_curve() -> None:
+    x = np.random.default_rng(9).uniform(-2, 3, 2000)
+    for kind in (OddSpline, MonotoneSpline):
+        for sign in (1.0, -1.0):
+            z = sign * np.tanh(x)
+            made = kind.started(x, z, 20)
+            assert np.sqrt(np.mean((made.value(x) - z - np.mean(made.value(x) - z)) ** 2)) < 0.02
 
 
 @pytest.mark.parametrize("name", BLOCKS)

@@ -21,6 +21,8 @@ from emsid.models.blocks.static_maps import (
     CoulombLinear,
     CubicSpline,
     DeadZone,
+    MonotoneSpline,
+    OddSpline,
     PiecewiseLinear,
     Polynomial,
     Saturation,
@@ -53,6 +55,8 @@ MAPS: dict[str, StaticMap] = {
     "coulomb-linear": CoulombLinear(0.4, 1.2, width=0.3),
     "piecewise-linear": PiecewiseLinear(KNOTS, np.tanh(KNOTS)),
     "spline": CubicSpline(KNOTS, np.tanh(KNOTS)),
+    "odd-spline": OddSpline(np.array([0.5, 1.0, 2.0]), np.array([0.4, 0.9, 1.2])),
+    "monotone-spline": MonotoneSpline(np.array([-1.0, 0.0, 1.5]), 0.3, np.array([0.2, -0.5, 0.1])),
     "abs": Abs(),
     "user": UserMap(lambda x, p: p[0] * np.cbrt(x), lambda x, p: x, lambda x, p: x[None, :], np.array([1.3])),
 }

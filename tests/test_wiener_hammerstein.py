@@ -284,12 +284,15 @@ def test_only_a_sensor_with_a_curve_gets_knots() -> None:
 def test_every_sample_of_a_short_record_is_selection_data_once() -> None:
     short, long = (record_of(Cascade((SLOW,)), samples) for samples in (403, 6000))
     _, rounds = held_back([short], CascadeSearch())
-    judged = np.concatenate([unseen.output[:, 0] for _, parts in rounds for unseen in parts])
+    judged = np.concatenate([each.unseen[0].output[each.ahead[0] :, 0] for each in rounds])
     np.testing.assert_array_equal(judged, short.output[:, 0])
-    for rest, (unseen,) in rounds:
+    for rest, (run,), (ahead,) in rounds:
+        unseen = run[ahead:]
+        np.testing.assert_array_equal(run.output, short.output[: len(run)])  # what is ahead settles the run
         assert sum(len(piece) for record in rest for piece in record.segments) == 403 - len(unseen)
         assert not np.isin(unseen.output, np.concatenate([p.output for r in rest for p in r.segments])).any()
-    shown, [(rest, (unseen,))] = held_back([long], CascadeSearch())
+    shown, [(rest, (unseen,), (ahead,))] = held_back([long], CascadeSearch())
+    assert ahead == 0
     assert rest is shown
     assert len(shown[0]) == 4500
     np.testing.assert_array_equal(unseen.output, long[4500:].output)
@@ -661,7 +664,7 @@ def test_a_pole_on_the_unit_circle_does_not_end_the_search(excitation: str, orde
 def test_every_choice_uses_all_heights_of_a_series_of_steps() -> None:
     steps = [Record(np.repeat([0.0, height], [100, 900]), np.ones(1000), 0.01) for height in np.linspace(-6, 6, 26)]
     series = concatenate(steps)
-    _, [(known, unseen)] = held_back([series], CascadeSearch())
+    _, [(known, unseen, _)] = held_back([series], CascadeSearch())
     for records in (shortened([series]), known, unseen):
         heights = np.concatenate([record.input[:, 0] for record in records])
         assert heights.min() < -4

@@ -23,7 +23,7 @@ from emsid.estimation.nonlinear.gauss_newton import Minimum
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import FreeRun, Search, search
-from emsid.models.blocks.search.cross_validation import as_arrays, delayed, shortened
+from emsid.models.blocks.search.cross_validation import Round, as_arrays, delayed, shortened
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import map_sizes, order_shares, oversamplings, sign_recovery_orders, total_orders
 from emsid.models.blocks.search.starts import (
@@ -39,10 +39,10 @@ from emsid.models.blocks.search.starts import (
     started,
 )
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
-from emsid.models.free_run import free_run_error, squared_errors
+from emsid.models.free_run import free_run_error
 from emsid.models.one_channel import Segments
 from emsid.record import Record
-from emsid.record.holding_back import SHORT, Split
+from emsid.record.holding_back import SHORT
 from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters
 
 T = TypeVar("T")
@@ -103,7 +103,7 @@ class Plan:
 def improving(
     topology: Topology,
     shown: Sequence[Record],
-    rounds: Sequence[Split],
+    rounds: Sequence[Round],
     orders: Orders,
     settings: CascadeSearch,
     template: Cascade,
@@ -163,7 +163,7 @@ def from_smaller(
     best: Choice,
     topology: Topology,
     shown: Sequence[Record],
-    rounds: Sequence[Split],
+    rounds: Sequence[Round],
     orders: Orders,
     settings: CascadeSearch,
     template: Cascade,
@@ -287,7 +287,7 @@ def _order(cascade: Cascade) -> int:
 def _refined(
     plans: Sequence[Plan],
     part: Sequence[Record],
-    rounds: Sequence[Split],
+    rounds: Sequence[Round],
     threads: int,
     control: Control,
     rival: Choice | None = None,
@@ -339,7 +339,7 @@ def _refined(
 
 
 def unseen_errors(
-    model: Cascade, rounds: Sequence[Split], control: Control, rival: StretchErrors | None
+    model: Cascade, rounds: Sequence[Round], control: Control, rival: StretchErrors | None
 ) -> StretchErrors:
     """The free-run errors of a model on the unseen data of all splits, fitted again to the rest of each of several.
 
@@ -348,9 +348,9 @@ def unseen_errors(
             other splits are not looked at then.
     """
     parts: list[StretchErrors] = []
-    for known, unseen in rounds:
-        fitted = model if len(rounds) == 1 else _refitted(model, known, control)
-        parts.append(StretchErrors.of(squared_errors(fitted, unseen), STRETCHES // len(rounds)))
+    for each in rounds:
+        fitted = model if len(rounds) == 1 else _refitted(model, each.known, control)
+        parts.append(StretchErrors.of(each.squared_errors(fitted), STRETCHES // len(rounds)))
         if not np.isfinite(parts[-1].mean):
             raise ModelError(f"{model.name}: the free run diverges on the data held back")
         so_far = sum(float(part.means @ part.samples) for part in parts)

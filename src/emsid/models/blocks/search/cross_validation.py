@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.search.topologies import CascadeSearch
+from emsid.models.free_run import squared_errors
 from emsid.record import Record, concatenate
-from emsid.record.holding_back import Split, every, is_series, validation_splits
+from emsid.record.holding_back import FOLDS, Split, every, is_series, validation_splits
 
 Array = NDArray[np.float64]
 # The unseen fraction of each record while choices are made.
@@ -20,11 +23,49 @@ CHOICE_SAMPLES = 8_000
 SERIES = 4
 
 
-def held_back(records: Sequence[Record], settings: CascadeSearch) -> tuple[list[Record], list[Split]]:
+class Round(NamedTuple):
+    """A split into fitted and unseen data.
+
+    Attributes:
+        known: the records to fit.
+        unseen: records to run; a part of a record has everything before it ahead, so that the run has settled there.
+        ahead: how many samples of each of these are not unseen.
+    """
+
+    known: Sequence[Record]
+    unseen: Sequence[Record]
+    ahead: Sequence[int]
+
+    @property
+    def longest(self) -> int:
+        """The number of samples of the longest unseen segment."""
+        parts = [record[ahead:] for record, ahead in zip(self.unseen, self.ahead, strict=True) if ahead < len(record)]
+        return max((len(segment) for part in parts for segment in part.segments), default=0)
+
+    def squared_errors(self, model: Cascade) -> Array:
+        """(N,) the squared free-run error of a model at every unseen sample, NaN where none counts."""
+        runs = zip(self.unseen, self.ahead, strict=True)
+        return np.concatenate([squared_errors(model, [record])[ahead:] for record, ahead in runs])
+
+
+def held_back(records: Sequence[Record], settings: CascadeSearch) -> tuple[list[Record], list[Round]]:
     """The records that choices are made from, and the splits into fitted and unseen data that compare them.
 
     Of several records of a period each, every k-th is unseen, so that the others stay whole.
     """
+    shown, splits = _splits(records, settings)
+    if len(splits) == 1:
+        ((known, unseen),) = splits
+        return shown, [Round(known, unseen, [0] * len(unseen))]
+    edges = [[int(len(record) * k / FOLDS) for k in range(FOLDS + 1)] for record in records]
+    rounds = []
+    for k, (known, _) in enumerate(splits):
+        upto = [record[: edge[k + 1]] for record, edge in zip(records, edges, strict=True)]
+        rounds.append(Round(known, upto, [edge[k] for edge in edges]))
+    return shown, rounds
+
+
+def _splits(records: Sequence[Record], settings: CascadeSearch) -> tuple[list[Record], list[Split]]:
     if settings.period and settings.unseen is None and len(records) >= SERIES:
         known, unseen = every(records, SERIES)
         return known, [(known, [record[:CHOICE_SAMPLES] for record in unseen])]

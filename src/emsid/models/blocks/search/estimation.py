@@ -29,7 +29,7 @@ from emsid.models.blocks.cascade import SAMPLES_PER_STATE, Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import Search, conclude, fit_cascade
 from emsid.models.blocks.search.choice import Choice, from_smaller, improving, searched, with_spread_knots
-from emsid.models.blocks.search.cross_validation import as_arrays, held_back
+from emsid.models.blocks.search.cross_validation import Round, as_arrays, held_back
 from emsid.models.blocks.search.dead_time import at_the_input
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER, filter_parameters, input_delay
@@ -49,7 +49,6 @@ from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.one_channel import check_one_channel
 from emsid.models.terms import check_whole
 from emsid.record import Record
-from emsid.record.holding_back import Split
 
 # The least number of changes of a two-level input that identify a map after a filter.
 CHANGES = 5
@@ -313,10 +312,10 @@ def _check_size(topology: Topology, records: Sequence[Record], orders: Orders, s
         )
 
 
-def _check_unseen(topology: Topology, rounds: Sequence[Split], orders: Orders) -> None:
+def _check_unseen(topology: Topology, rounds: Sequence[Round], orders: Orders) -> None:
     """Refuse orders whose free run takes longer to start than the unseen data last."""
     needed = SAMPLES_PER_STATE * sum(order or 0 for order in orders)
-    longest = min(max((len(u) for u, _ in as_arrays(unseen)), default=0) for _, unseen in rounds)
+    longest = min(each.longest for each in rounds)
     if needed >= longest:
         raise ModelError(
             f"{topology.name}: with these orders a free run takes {needed} samples to start, and the unseen data have "

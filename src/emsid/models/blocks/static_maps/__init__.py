@@ -15,11 +15,22 @@ References:
 from emsid.models.blocks.static_maps.laws import Abs, CoulombLinear, DeadZone, NumberedMap, Saturation
 from emsid.models.blocks.static_maps.polynomial import Polynomial
 from emsid.models.blocks.static_maps.registry import STATIC_MAPS, register
+from emsid.models.blocks.static_maps.shaped import MonotoneSpline, OddSpline
 from emsid.models.blocks.static_maps.static_map import Scaling, StaticMap, closest
 from emsid.models.blocks.static_maps.through_points import CubicSpline, PiecewiseLinear
 from emsid.models.blocks.static_maps.user import UserMap
 
-for _map in (CubicSpline, PiecewiseLinear, Polynomial, DeadZone, Saturation, CoulombLinear, Abs):
+for _map in (
+    CubicSpline,
+    PiecewiseLinear,
+    Polynomial,
+    DeadZone,
+    Saturation,
+    CoulombLinear,
+    Abs,
+    OddSpline,
+    MonotoneSpline,
+):
     register(_map)
 
 __all__ = [
@@ -28,7 +39,9 @@ __all__ = [
     "CoulombLinear",
     "CubicSpline",
     "DeadZone",
+    "MonotoneSpline",
     "NumberedMap",
+    "OddSpline",
     "PiecewiseLinear",
     "Polynomial",
     "Saturation",

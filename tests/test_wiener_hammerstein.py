@@ -281,6 +281,19 @@ def test_only_a_sensor_with_a_curve_gets_knots() -> None:
         assert unexplained(fit, held_levels(truth, 800, 1)) < 0.03
 
 
+@pytest.mark.parametrize("static", ["odd-spline", "monotone-spline"])
+def test_a_map_of_a_shape_is_fitted_like_any_other(static: str) -> None:
+    rng = np.random.default_rng(4)
+    u = np.repeat(rng.uniform(-3, 3, 150), 10)
+    truth = Cascade((CubicSpline(np.linspace(-3, 3, 13), np.tanh(np.linspace(-3, 3, 13))), SLOW))
+    y = truth.output(u, np.zeros(truth.states)) + 1e-3 * rng.standard_normal(1500)
+    fit = emsid.fit(emsid.hammerstein(2, static=static, delay=0, oversampling=1), Record(u, y, 0.01))
+    assert fit.ending is Ending.CONVERGED
+    assert fit.noise_variance < 2e-6
+    x = np.linspace(-2.5, 2.5, 11)
+    assert np.max(np.abs(fit.model.blocks[0].value(x) - np.tanh(x))) < 0.01
+
+
 def test_every_sample_of_a_short_record_is_selection_data_once() -> None:
     short, long = (record_of(Cascade((SLOW,)), samples) for samples in (403, 6000))
     _, rounds = held_back([short], CascadeSearch())

@@ -83,7 +83,7 @@ def without_process_noise(
     Args:
         minimum, problem: of a fit, from `search`; one that did not converge is not corrected.
         records: what it was fitted to.
-        orders: that are given, of the filters before and after the map.
+        orders: that are given, of the filters before and after the map; the others may rise.
         how: of further fits, as in `fit_cascade`.
         averages: the number of periods that the output is the mean of. The map shows the noise of each.
     """
@@ -100,6 +100,8 @@ def without_process_noise(
     times = float(np.sqrt(averages))
     if noise.spread * times < SMALL * signal:
         return Corrected()
+    if min(len(y) for _, y in segments) < 2 * model.memory:  # too short for the start of a larger model
+        orders = (0, 0)
     fit: Fit[Cascade] | None = None
     with suppress(EmsidError):
         larger = _grown(_expecting(model, times * noise.spread), pieces, noise, records, orders, how)

@@ -14,6 +14,7 @@ from emsid.estimation.nonlinear.control import FREE
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import DeadZone, Polynomial, Saturation, UserMap
+from emsid.models.feedback import fitting
 from emsid.models.feedback.coordinates import Visited, coordinates, directions, normal_form, whitened
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.model import FeedbackModel
@@ -277,3 +278,22 @@ def test_a_linear_record_takes_one_trial() -> None:
     record = Record(u, linear.output(u, np.zeros(2)) + 0.1 * rng.normal(size=len(u)), DT)
     trials = list(chosen([record], FeedbackSearch(), FREE))
     assert [(len(each.found.model.maps), each.found.model.states) for each in trials] == [(1, 2)]
+
+
+def test_the_last_steps_of_a_fit_never_lose_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A penalty that begins too heavy in the normal form would flatten the map."""
+    truth = loop("spline")
+    rng = np.random.default_rng(8)
+    record = Record(U, truth.output(U, X) + 0.01 * rng.normal(size=len(U)), DT)
+    before = fit_feedback(truth, record, max_iterations=8)
+    steps = fitting._gauss_newton
+
+    def flattened(problem: fitting.FreeRun, states: list[Array], iterations: int, *rest: object) -> object:
+        minimum = steps(problem, states, iterations, *rest)
+        heavier = [10 * residual for residual in minimum.residuals]
+        return replace(minimum, residuals=heavier, noise_variance=1.0) if iterations and rest[2] else minimum
+
+    monkeypatch.setattr(fitting, "_gauss_newton", flattened)
+    after = fit_feedback(truth, record, max_iterations=8)
+    assert after.noise_variance == pytest.approx(before.noise_variance, rel=0.05)
+    assert np.isfinite(after.covariance).all()

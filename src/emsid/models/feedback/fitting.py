@@ -35,6 +35,8 @@ STEPS, ROUNDS = 25, 6
 MOST_STATES = 60
 # Less than this fraction of the cost saved in a round ends the search.
 SAVED = 1e-3
+# A fit whose last steps raise the error by more than this factor keeps the parameters that it had before them.
+WORSE = 1.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,12 +123,16 @@ class Found:
     @property
     def error(self) -> float:
         """The root mean square of the residual."""
-        return float(np.sqrt(np.mean(np.concatenate(self.minimum.residuals) ** 2)))
+        return _root_mean_square(self.minimum)
 
     @property
     def parameters(self) -> int:
         """The number of free parameters of the model, without initial states."""
         return len(self.minimum.estimate) - sum(map(len, self.states))
+
+
+def _root_mean_square(minimum: Minimum) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(minimum.residuals) ** 2)))
 
 
 def fit_feedback(
@@ -207,7 +213,11 @@ def conclude(
     spread = coordinates(same.model, visited(same.model, segments, states), held)
     problem = FreeRun(same.model, spread, segments, transient)
     minimum = _gauss_newton(problem, states, 2 * STEPS if found.settled else 0, tolerance, control, True)
-    minimum = replace(minimum, ending=found.minimum.ending) if not found.settled else minimum.judged()
+    worse = _root_mean_square(minimum) > WORSE * found.error
+    if worse:  # the weights of the penalties began too heavy in this form
+        minimum = _gauss_newton(problem, states, 0, tolerance, control, True)
+    ended = found.settled and not worse
+    minimum = minimum.judged() if ended else replace(minimum, ending=found.minimum.ending)
     model, free = problem.at(minimum.estimate), problem.spread.shape[1]
     own = minimum.covariance[:free, :free]
     lost = np.isinf(np.diag(own))

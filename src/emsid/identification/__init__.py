@@ -2,7 +2,9 @@
 
 from emsid.identification.characteristics import Characteristic
 from emsid.identification.options import Options
+from emsid.identification.ranking import FrontRow, Ranked
 from emsid.identification.result import Identification
 from emsid.identification.workflow import identify
+from emsid.selection.improvement import StretchErrors
 
-__all__ = ["Characteristic", "Identification", "Options", "identify"]
+__all__ = ["Characteristic", "FrontRow", "Identification", "Options", "Ranked", "StretchErrors", "identify"]

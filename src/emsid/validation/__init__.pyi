@@ -16,3 +16,8 @@ from .metrics import fit_percent as fit_percent
 from .metrics import mean_squared_error as mean_squared_error
 from .reestimation import Reestimation as Reestimation
 from .reestimation import reestimate as reestimate
+from .regions import RecordError as RecordError
+from .regions import RegionError as RegionError
+from .regions import by_record as by_record
+from .regions import by_region as by_region
+from .regions import errors_by_region as errors_by_region

@@ -100,7 +100,11 @@ def region_of(y: Array, breaks: Sequence[int] = ()) -> NDArray[np.intp]:
 
 
 def errors_by_region(assessment: Assessment) -> tuple[RegionError, ...]:
-    """The free-run errors of a model in every region that has samples, output by output."""
+    """The free-run errors of a model in every region that has samples, output by output.
+
+    Args:
+        assessment: the model run over a record.
+    """
     record, counted = assessment.record, assessment.simulation.counted
     found = []
     for channel, (name, unit) in enumerate(zip(record.output_names, record.output_units, strict=True)):
@@ -121,7 +125,11 @@ def errors_by_region(assessment: Assessment) -> tuple[RegionError, ...]:
 
 
 def by_region(comparison: Comparison) -> tuple[RegionError, ...]:
-    """The errors of every model of a comparison in every region, in its order."""
+    """The errors of every model in every region, in the order of the comparison.
+
+    Args:
+        comparison: the models run over a record.
+    """
     return tuple(each for assessment in comparison.assessments for each in errors_by_region(assessment))
 
 

@@ -361,16 +361,14 @@ def unseen_errors(
 
 def _refitted(model: Cascade, records: Sequence[Record], control: Control) -> Cascade:
     """A model that is fitted to all of the data, fitted to a part of them in a few steps."""
-    minimum, problem = search(
+    return searched(
         model,
         records,
-        transient=model.memory,
         max_iterations=REFIT_STEPS,
         tolerance=CHOICE_TOLERANCE,
         least_saving=CHOICE_SAVING,
         control=control.quietly(),
-    )
-    return problem.model(minimum.estimate)
+    ).model
 
 
 def _successes(

@@ -238,9 +238,16 @@ def start() -> None:
     console.print(f"emsid --help: {seconds:.2f} s (expected under 0.3 s)")
 
 
+def identify() -> None:
+    """The seconds of ``emsid identify``, whole and by part; ``python bench/identify.py 280`` prints some of them."""
+    from identify import identify as measured
+
+    measured()
+
+
 PARTS = {
     part.__name__.replace("_", "-"): part
-    for part in (batch, recursive, free_run, terms, plant, wiener_hammerstein, start)
+    for part in (batch, recursive, free_run, terms, plant, wiener_hammerstein, start, identify)
 }
 
 

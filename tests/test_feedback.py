@@ -13,12 +13,17 @@ from emsid import ModelError, Record
 from emsid.estimation.nonlinear.control import FREE
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.search.map_families import family_of
 from emsid.models.blocks.static_maps import DeadZone, Polynomial, Saturation, UserMap
 from emsid.models.feedback import fitting
 from emsid.models.feedback.coordinates import Visited, coordinates, directions, normal_form, whitened
-from emsid.models.feedback.fitting import fit_feedback
+from emsid.models.feedback.fitting import fit_feedback, searched
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search.choice import FeedbackSearch, chosen
+from emsid.models.feedback.search import estimation
+from emsid.models.feedback.search.choice import FeedbackSearch, Trial, chosen
+from emsid.models.free_run import squared_errors
+from emsid.models.one_channel import segments_longer_than
+from emsid.selection.improvement import StretchErrors
 from test_models_contract import DT, LOOP, MAPS, TWO_LOOPS
 
 Array = NDArray[np.float64]
@@ -297,3 +302,19 @@ def test_the_last_steps_of_a_fit_never_lose_what_was_found(monkeypatch: pytest.M
     after = fit_feedback(truth, record, max_iterations=8)
     assert after.noise_variance == pytest.approx(before.noise_variance, rel=0.05)
     assert np.isfinite(after.covariance).all()
+
+
+def test_a_long_record_is_fitted_from_the_minimum_of_a_part(monkeypatch) -> None:
+    model = loop()
+    u = np.random.default_rng(5).normal(size=2000)
+    y = model.output(u, X)
+    record = Record(u, y + 0.01 * np.std(y) * np.random.default_rng(6).normal(size=2000), DT)
+    segments = segments_longer_than(model.memory, model, [record])
+    start = model.with_parameters(1.02 * model.parameters)
+    begun = Trial(searched(start, segments, model.edge, 0), StretchErrors.of(np.ones(16)), family_of("polynomial"), 3)
+    whole = estimation._fitted(begun, [record], FREE)
+    monkeypatch.setattr(estimation, "LONG", 800)
+    quick = estimation._fitted(begun, [record], FREE)
+    errors = [float(np.nanmean(squared_errors(fit.model, [record]))) for fit in (whole, quick)]
+    assert errors[1] == pytest.approx(errors[0], rel=1e-3)
+    assert quick.samples == whole.samples  # all of them, in the end

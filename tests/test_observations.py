@@ -154,8 +154,12 @@ def test_a_model_without_a_result_in_its_share_of_the_time_is_named(plain, monke
         emsid.identify(driven(0), budget=0.0)
 
 
-def test_a_quick_look_has_linear_models_and_regressions_only():
+def test_a_quick_look_has_linear_models_and_regressions_only(plain):
     result = emsid.identify(driven(0)[:600], quick=True)
+    (finding,) = (each for each in result.findings if each.code == "quick-look")
+    assert "wiener-hammerstein" in finding.data["without"]
+    assert not {fit.model.name for fit in result.fits} & set(finding.data["without"])
+    assert "quick-look" not in codes(plain)
     assert {fit.model.name for fit in result.fits} == set(QUICK)
     with pytest.raises(emsid.ModelError, match="leave one out"):
         emsid.identify(driven(0), models="arx", quick=True)

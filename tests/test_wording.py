@@ -236,6 +236,7 @@ EXAMPLES: tuple[Finding, ...] = (
     ),
     Finding("model-failed", "wiener", {"model": "wiener", "reason": "the input is too short", "arguments": ["orders"]}),
     Finding("model-out-of-time", "wiener", {"model": "wiener"}),
+    Finding("quick-look", "log.csv", {"without": ["wiener-hammerstein", "rigid-motor"]}),
     Finding("interrupted", data={"missing": ["wiener", "motor"]}),
     Finding("interrupted", data={"missing": []}),
     # live

@@ -6,7 +6,7 @@ data, a part of the record. Then it is fitted to the whole record.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, MutableMapping
+from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.findings import Finding
 from emsid.identification.linear_models import Armax, BoxJenkins, StateSpace
 from emsid.identification.options import ModelKind, Options
 from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS
@@ -217,6 +218,12 @@ CLOSE = 0.05
 
 FOR_FEEDBACK = 400
 """Fewer samples than these are not fitted by a feedback model by default."""
+
+
+def left_out(record: Record, names: Sequence[str]) -> Finding:
+    """The finding that these models are a quick look, with the usual ones of the record that are not among them."""
+    without = [name for name in usual_for(record) if name not in names]
+    return Finding("quick-look", record.name, {"without": without})
 
 
 def usual_for(record: Record) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 from emsid.arguments import as_names_with_commas, did_you_mean
 from emsid.errors import ModelError
 from emsid.findings import Finding
-from emsid.identification.candidates import CANDIDATES, Blocks, Physical
+from emsid.identification.candidates import CANDIDATES, Blocks, Physical, left_out
 from emsid.identification.options import Options
 from emsid.models.plants.datasheet import Given, applicable, as_datasheet, without_tolerances
 from emsid.models.plants.parameters import find_handle, full_name, parts, without_overlap
@@ -166,10 +166,11 @@ def _owners(plants: Mapping[str, Plant], name: str) -> list[Plant]:
 
 
 def unused_requests(
-    plants: Mapping[str, Plant], models: Sequence[str], options: Options, record: Record
+    plants: Mapping[str, Plant], models: Sequence[str], options: Options, record: Record, *, quick: bool = False
 ) -> list[Finding]:
-    """Options that some of the models do not use."""
-    findings = [
+    """Options that some of the models do not use, and the usual models that a quick look leaves out."""
+    findings = [left_out(record, models)] if quick else []
+    findings += [
         Finding("datasheet-not-used", name, {"model": name})
         for name, plant in plants.items()
         if options.datasheet and not applicable(options.datasheet, plant)

@@ -118,7 +118,7 @@ def identify(
     plants = plants_of(names, options)
     check_physics(plants, names, options)
     findings = [*record.findings, *questions(several, responses), *about_delay]
-    findings += unused_requests(plants, names, given, record)
+    findings += unused_requests(plants, names, given, record, quick=quick)
     findings += [each.about(name) for name, plant in plants.items() for each in assumptions(plant, record)]
 
     train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)

@@ -130,6 +130,12 @@ def few_unseen_samples(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("quick-look")
+def quick_look(f: Finding, argument: Spelling) -> str:
+    """Subject: the data. Data: without (the usual models of these data that were not fitted)."""
+    return f"a quick look, without {listed(f.data['without'])}; leave out {argument('quick')} to fit these too"
+
+
 @words("fitted-to-all-data")
 def fitted_to_all_data(f: Finding, argument: Spelling) -> str:
     """Subject: the data. Data: model (its name), samples (of all data), of (of those that the errors are from)."""

@@ -204,7 +204,12 @@ def searched(
 
 
 def conclude(
-    found: Found, segments: Segments, transient: int, tolerance: float = 0.05, control: Control = FREE
+    found: Found,
+    segments: Segments,
+    transient: int,
+    tolerance: float = 0.05,
+    control: Control = FREE,
+    least_saving: float = 0.0,
 ) -> Fit[FeedbackModel]:
     """The fit at a minimum, in the normal form, with covariances."""
     model, states = found.model, found.states
@@ -212,7 +217,7 @@ def conclude(
     states = [same.state(x) for x in states]
     spread = coordinates(same.model, visited(same.model, segments, states), held)
     problem = FreeRun(same.model, spread, segments, transient)
-    minimum = _gauss_newton(problem, states, 2 * STEPS if found.settled else 0, tolerance, control, True)
+    minimum = _gauss_newton(problem, states, 2 * STEPS if found.settled else 0, tolerance, control, True, least_saving)
     worse = _root_mean_square(minimum) > WORSE * found.error
     if worse:  # the weights of the penalties began too heavy in this form
         minimum = _gauss_newton(problem, states, 0, tolerance, control, True)

@@ -256,7 +256,8 @@ class FreeRunError:
                 raise Infeasible(f"{self.names[move[0]]} cannot be moved from {theta[move[0]]:g}: {why}")
             return above - below, [b - a for a, b in zip(before, after, strict=True)]
 
-        differences = list(short_tasks(self.threads).map(difference, moves))
+        in_turn = short_tasks(self.threads).map if self.threads > 1 else map  # a pool of one would be shared by all
+        differences = list(in_turn(difference, moves))
         jacobians = [np.zeros((len(r), len(theta)), order="F") for r in here]
         for move, (width, columns) in zip(moves, differences, strict=True):
             for k in move:

@@ -18,11 +18,15 @@ from emsid.models.feedback.fitting import conclude, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.choice import FeedbackSearch, Trial, chosen
 from emsid.models.one_channel import check_one_channel, segments_longer_than
+from emsid.models.regression.search.judge import shortened
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
 # A record needs this many samples for every element of the smallest model.
 SAMPLES = 60
+# Longer records are fitted in a few steps from the minimum of a part of this length. Steps that together lower the cost
+# by a smaller share than the last number are the last.
+LONG, LAST_STEPS, LAST_SAVING = 20_000, 10, 1e-5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,8 +122,13 @@ def feedback(
 
 
 def _fitted(best: Trial, records: Sequence[Record], control: Control, iterations: int = 150) -> Fit[Any]:
-    """The model of a trial, fitted to all data."""
-    model = best.found.model
+    """The model of a trial, fitted to all data; to long records in a few steps from the minimum of a part of them."""
+    model, saving = best.found.model, 0.0
+    if sum(map(len, records)) > LONG:
+        few = [shortened(record, max(LONG // len(records), 1)) for record in records]
+        part = segments_longer_than(model.memory, model, few)
+        model = searched(model, part, model.edge, iterations, 0.05, control).model
+        iterations, saving = min(iterations, LAST_STEPS), LAST_SAVING
     segments = segments_longer_than(model.memory, model, records)
-    found = searched(model, segments, model.edge, iterations, 0.05, control)
-    return conclude(found, segments, model.edge, 0.05, control)
+    found = searched(model, segments, model.edge, iterations, 0.05, control, saving)
+    return conclude(found, segments, model.edge, 0.05, control, saving)

@@ -36,7 +36,7 @@ from emsid.models.plants.parameters import Signal, parts, without_overlap
 from emsid.models.plants.plant import DrivenPlant, Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.between_samples import as_hold, holds_in, is_open
-from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.estimation import searched, simulation_error
 from emsid.models.plants.search.kinds import better_on_both_sides, better_on_kinds
 from emsid.models.plants.search.refinements.catalogue import (
     BREAKS,
@@ -164,7 +164,7 @@ class _Choice:
             name: (max(each.lower, each.lower / factors[name]), each.upper / factors[name])
             for name, each in plant.handles.items()
         }
-        plain = simulation_error(
+        task, _, reached = searched(
             self._scaling.to(plant, record.input.shape[1]),
             replace(scaled, input_units=(), output_units=()),
             free=free,
@@ -179,23 +179,24 @@ class _Choice:
             control=control,
         )
         self._may_be_straight = hold is None and is_open(plant, record.segments)
-        start = plain.model.plant.driven
+        start = reached.problem.plant.driven
         assert start is not None
         self.asked, self._fixed = free, tuple(fixed)
         self.weighting: Weighting = all_alike
         self.drifts = 0.0
         self._record = scaled
-        sides = {side: both for name, both in plain.limits.items() for side in parts(plant, name)}
-        limits = {**physical, **sides, **plain.limits}
+        sides = {side: both for name, both in task.limits.items() for side in parts(plant, name)}
+        limits = {**physical, **sides, **task.limits}
         complete = whole if self.thinned and signals == (Signal.POSITION,) else None
+        states = reached.problem.states(reached.problem.start)
         self._start_agrees = not all(
             np.array_equal(state, start.first_state(signals, segment))
-            for state, segment in zip(plain.states, plain.segments, strict=True)
+            for state, segment in zip(states, task.segments, strict=True)
         )
-        self._trials = Trials(plain.segments, signals, limits, self.weighting, control, complete)
+        self._trials = Trials(task.segments, signals, limits, self.weighting, control, complete)
         self._rng = np.random.default_rng(0)
-        self._starts = [start, *_started(start, plain.segments, signals)]
-        self.trial = Trial(start, plain.names, list(plain.states), plain.cost, [])
+        self._starts = [start, *_started(start, task.segments, signals)]
+        self.trial = Trial(start, tuple(reached.names), states, reached.minimum.cost, [])
 
     def _fewer(self, record: Record, signals: Sequence[Signal], hold: Hold | str | None) -> Record:
         """The record that trials see, with a command that is held where it has fewer samples.

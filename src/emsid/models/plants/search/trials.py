@@ -37,7 +37,7 @@ from emsid.selection.improvement import StretchErrors, schwarz_gain
 
 Array = NDArray[np.float64]
 
-KEPT, FIRST_STEPS = 5, 5
+KEPT, FIRST_STEPS = 4, 3
 """How many starts take steps, and how many steps before all but the best stop."""
 HOPELESS = 10.0
 """A start whose cost is so many times that of the best one takes no steps."""

@@ -26,7 +26,7 @@ from emsid.record.holding_back import Split, folded, validation_splits
 from emsid.selection.improvement import STRETCHES, StretchErrors
 
 # Samples that a search looks at; a longer record is searched in pieces from all of it.
-SEARCHED = 60_000
+SEARCHED = 20_000
 # The same where every part is unseen once.
 FOLDED = 32_000
 PIECES = 8

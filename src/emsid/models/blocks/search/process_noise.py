@@ -148,7 +148,7 @@ def _grown(
         )
         if cost - least < np.log(samples):  # V is half the sum of squares, and there are two more parameters
             return best
-        cost, best = least, larger
+        cost, best = fitted(larger)  # further, so that the next order is compared with its minimum
 
 
 def _first_segments(records: Sequence[Record], model: Cascade, how: Search) -> list[Record]:

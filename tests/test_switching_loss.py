@@ -56,5 +56,6 @@ def test_a_loss_is_not_tried_without_samples_on_both_sides():
     plant = rigid_motor().with_drive(supply=FULL)
     assert switching_loss(plant, (), experiment(0.0))
     assert not switching_loss(plant, (), experiment(0.0, full=9.5))
+    assert not switching_loss(rigid_motor(), (), experiment(0.0))
     always = emsid.Record(np.repeat([FULL, -FULL], 50), np.zeros(100), 0.01)
     assert not switching_loss(plant, (), always)

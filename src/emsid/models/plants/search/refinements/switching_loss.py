@@ -19,13 +19,16 @@ SEEN = 0.05
 
 
 def switching_loss(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
-    """Below full duty the bridge switches and loses a part of its on-time; both must be in the record."""
-    if not plant.can_coast or "drive.loss" in free:
-        return []
+    """Below full duty the bridge switches and loses a part of its on-time; both must be in the record.
+
+    Full duty is known where the supply is, as it is of a bridge that coasts. The largest command of any other record
+    would be taken for a limit that need not be there.
+    """
     drive = plant.drive
-    supply = drive.supply if isfinite(drive.supply) else drive.largest(record.input)
+    if not plant.can_coast or "drive.loss" in free or not isfinite(drive.supply):
+        return []
     wanted = np.abs(drive.gain * (drive.commands(record.input) + drive.offset))
-    full = wanted >= FULL * supply
+    full = wanted >= FULL * drive.supply
     if min(np.mean(full), np.mean(~full & (wanted > 0))) < SEEN:
         return []
-    return [(plant.with_drive(supply=supply, loss=part), (*free, "drive.loss")) for part in STARTS]
+    return [(plant.with_drive(loss=part), (*free, "drive.loss")) for part in STARTS]

@@ -36,9 +36,11 @@ from emsid.models.plants.search.refinements.usual import (
 REFINEMENTS: tuple[Refinement, ...] = (
     coasting_bridge, late_command, slow_sensor, averaging_sensor, stribeck, by_direction, viscous_by_direction,
     constant_load, supply_limit, knee, gain_by_direction,
-    stribeck_by_direction, switching_loss, quadratic_viscous, cogging, inductance,
+    stribeck_by_direction, switching_loss, quadratic_viscous, inductance,
 )  # fmt: skip
-EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge, quadratic_viscous)
+ON_REQUEST: tuple[Refinement, ...] = (cogging,)
+"""Refinements that are tried only where somebody asks for them: along a short way, drift looks like cogging."""
+EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge, quadratic_viscous, cogging)
 """Refinements that do great harm on another record where they are wrong: they are judged on kinds left out."""
 BREAKS: dict[Refinement, str] = {supply_limit: "drive.supply", knee: "drive.knee"}
 """Refinements that break the range of voltages in two, each with the parameter that says where; both must be seen."""

@@ -2,7 +2,7 @@ r"""A force that repeats with position, as slots of a motor or turns of a screw 
 
 Its period is found without a simulation. With all signals smoothed, the acceleration of one mass is linear in the
 command, the speed and the direction. What this regression leaves is correlated with exp(2πi·x/P) for many periods P,
-of which the travel has at least two; those that stand out most are the starts, with the motion that a regression with
+of which the travel has many; those that stand out most are the starts, with the motion that a regression with
 the wave finds: a free run that is off by a period does not find it.
 """
 
@@ -28,8 +28,8 @@ FIRST, SECOND = (("cogging.period", "cogging.cosine_1", "cogging.sine_1"), ("cog
 """The parameters of the harmonics; the period comes with the first."""
 SMOOTH = 3.0
 """Time constant of the filter, in samples."""
-TURNS = np.arange(2.0, 120.0, 0.25)
-"""Periods in the whole travel that are looked at."""
+TURNS = np.arange(8.0, 120.0, 0.25)
+"""Periods in the whole travel that are looked at; fewer of them are hardly told from drift."""
 STANDS_OUT = 15.0
 """How many times the median power a period has, at least, to be tried."""
 TRIED = 3

@@ -141,8 +141,8 @@ def fitted_to_all_data(f: Finding, argument: Spelling) -> str:
     """Subject: the data. Data: model (its name), samples (of all data), of (of those that the errors are from)."""
     d = f.data
     return (
-        f"it is fitted again to all {d['samples']:,} samples after the choice, for use; the errors are those of the fit "
-        f"to {d['of']:,}"
+        f"it is fitted again to all {d['samples']:,} samples after the choice, for use; the errors are those of the "
+        f"fit to {d['of']:,}"
     )
 
 

@@ -547,7 +547,7 @@ def assert_whole(folder, drawn):
         ("emsid.identification.regressions.wiener_hammerstein_regression", press, True),
         ("emsid.identification.regressions.wiener_hammerstein_regression", Lost, True),
         ("emsid.identification.workflow.compare", press, True),
-        ("emsid.io.save", press, False),
+        ("emsid.io.save", press, True),  # a model is saved as soon as it is fitted
         ("emsid.report.page.page", press, False),
         ("emsid.report.figures.draw", Lost, False),
     ],

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline as Spline
+from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter, resample
 
 from emsid import DrivenMotor, LinearAxis
@@ -78,6 +79,29 @@ def points(word: str) -> Callable[..., Array]:
     return through
 
 
+def odd_spline(x: Array, *pairs: tuple[float, float]) -> Array:
+    """The natural spline through points, their mirror images and the origin."""
+    mirrored = [(-knot, -value) for knot, value in reversed(pairs)]
+    return points("spline")(x, *mirrored, (0.0, 0.0), *pairs)
+
+
+def monotone_spline(x: Array, first: float, *pairs: tuple[float, float]) -> Array:
+    """The integral of straight lines through (knot, slope), ``first`` at the first knot."""
+    knots, slopes = np.array(pairs).T
+    line = make_interp_spline(knots, slopes, k=1)
+    area, inside = line.antiderivative(), np.clip(x, knots[0], knots[-1])
+    return np.asarray(first + area(inside) - area(knots[0]) + line(inside) * (x - inside))
+
+
+MAPS = {
+    "linear": points("linear"),
+    "spline": points("spline"),
+    "odd_spline": odd_spline,
+    "monotone_spline": monotone_spline,
+    "f": lambda x, p1: p1 * np.cbrt(x),
+}
+
+
 def by_blocks(text: str, u: Array) -> Array:
     """Line by line, every signal over all times."""
     sums = r"([^()]*(?:\([\d/]+\)[^()]*)*)"  # with powers in brackets
@@ -100,8 +124,7 @@ def by_blocks(text: str, u: Array) -> Array:
 
         right = re.sub(r"\(t(?:-(\d+))?\)", lambda late: f"({late[1] or 0})", right).replace(";", ",")
         calls = {source: at(source) for source in signals}
-        maps = {"linear": points("linear"), "spline": points("spline"), "f": lambda x, p1: p1 * np.cbrt(x)}
-        signals[name] = value_of(right, calls | maps) + np.zeros(len(signals["u"]))
+        signals[name] = value_of(right, calls | MAPS) + np.zeros(len(signals["u"]))
     return signals["y"][::rate][BEFORE : BEFORE + len(u)]
 
 
@@ -119,7 +142,6 @@ def by_steps(text: str, u: Array) -> Array:
     fine = np.concatenate([np.zeros(delay), between])
     text = text.replace(" + e(t)", "").replace(";", ",")
     text = re.sub(r"(\b[a-z]\d?)\(t\)", r"\1", text[late.end() :] if late else text)
-    maps = {"linear": points("linear"), "spline": points("spline"), "f": lambda x, p1: p1 * np.cbrt(x)}
     lines = [line.split(" = ") for line in text.split("\n")]
     now: dict[str, Any] = {name.split("(")[0]: 0.0 for name, _ in lines}
     outputs = []
@@ -127,7 +149,7 @@ def by_steps(text: str, u: Array) -> Array:
         now |= {"v": level, "u": level}
         after = {}
         for name, right in lines:
-            value = value_of(right, maps | now)
+            value = value_of(right, MAPS | now)
             (after if "(" in name else now)[name.split("(")[0]] = value
         outputs.append(now["y"])
         now |= after

@@ -138,11 +138,11 @@ class OddSpline(StaticMap):
     def expression(self, x: str) -> str:
         """The points on the positive side."""
         pairs = ", ".join(f"({k:.6g}, {v:.6g})" for k, v in zip(self.knots, self.values, strict=True))
-        return f"odd spline({x}; {pairs})"
+        return f"odd_spline({x}; {pairs})"
 
     def summary(self, x: str) -> str:
         """The number of points."""
-        return f"odd spline({x}; {len(self.knots)} knots up to {self.knots[-1]:.4g} on either side, see the table)"
+        return f"odd_spline({x}; {len(self.knots)} knots up to {self.knots[-1]:.4g} on either side, see the table)"
 
     @classmethod
     def started(cls, x: Array, z: Array, size: int) -> OddSpline:
@@ -314,15 +314,15 @@ class MonotoneSpline(StaticMap):
         )
 
     def expression(self, x: str) -> str:
-        """The knots and the slopes there."""
+        """The value at the first knot, then every knot with the slope there."""
         pairs = ", ".join(f"({k:.6g}, {s:.6g})" for k, s in zip(self.knots, self._slopes, strict=True))
-        return f"monotone spline({x}; {self.first:.6g} at the first knot, slopes {pairs})"
+        return f"monotone_spline({x}; {self.first:.6g}, {pairs})"
 
     def summary(self, x: str) -> str:
         """The number of knots."""
         way = "falling" if self.falling else "rising"
         span = f"from {self.knots[0]:.4g} to {self.knots[-1]:.4g}"
-        return f"{way} monotone spline({x}; {len(self.knots)} knots {span}, see the table)"
+        return f"{way} monotone_spline({x}; {len(self.knots)} knots {span}, see the table)"
 
     @classmethod
     def started(cls, x: Array, z: Array, size: int) -> MonotoneSpline:

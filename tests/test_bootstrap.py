@@ -55,7 +55,7 @@ def test_the_bands_are_those_of_the_drawn_fits(known: emsid.Fit, drawn: emsid.Fi
 
 def test_the_seed_decides(known: emsid.Fit) -> None:
     one, same, other = (
-        emsid.bootstrap(known, record(pole=0.7), 10, rng=np.random.default_rng(seed)).covariance for seed in (1, 1, 2)
+        emsid.bootstrap(known, record(600, pole=0.7), 10, rng=np.random.default_rng(seed)).covariance for seed in (1, 1, 2)
     )
     assert np.all(one == same)
     assert not np.allclose(one, other)
@@ -65,7 +65,7 @@ def test_the_seed_decides(known: emsid.Fit) -> None:
     "structure", [emsid.arx(2, 2), emsid.armax(2, 2, 2), emsid.state_space(2, horizon=6)], ids=lambda s: s.name
 )
 def test_other_linear_models_have_them_too(structure: object) -> None:
-    data = record(600, 1)
+    data = record(500, 1)
     fit = emsid.fit(structure, data)
     again = emsid.bootstrap(fit, data, 10, rng=np.random.default_rng(0), pieces=10)
     ratio = again.standard_error / fit.standard_error
@@ -73,7 +73,7 @@ def test_other_linear_models_have_them_too(structure: object) -> None:
 
 
 def test_a_cascade_has_them_too() -> None:
-    data = record(600, 2)
+    data = record(300, 2)
     y = lfilter([0.0, 0.4], [1.0, -0.6], np.maximum(data.input[:, 0] - 0.3, 0.0))
     noisy = replace(data, output=(y + 0.05 * np.random.default_rng(0).standard_normal(len(y)))[:, None])
     fit = emsid.fit(emsid.Cascade((Rational([0.4], [-0.6], 1),), name="linear", dt=0.01), noisy)

@@ -250,7 +250,7 @@ def test_a_delay_of_the_input_is_found() -> None:
         np.array([[0.8, 0.5, -1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), (Saturation(0.3, -0.2, 0.2),), delay=3
     )
     rng = np.random.default_rng(5)
-    u = rng.normal(size=800)
+    u = rng.normal(size=400)
     record = Record(u, truth.output(u, np.zeros(1)) + 0.01 * rng.normal(size=len(u)), DT)
     found = emsid.feedback(order=1, static="saturation", maps=1, oversampling=1)
     fit = emsid.fit(found, record)
@@ -268,7 +268,7 @@ def test_an_order_above_three_is_found() -> None:
     matrix[4:, 0] = 1.0
     truth = FeedbackModel(matrix, (Polynomial(np.array([0.0, 0.0, 0.0, -0.1])),))
     rng = np.random.default_rng(6)
-    u = 0.3 * rng.normal(size=1000)
+    u = 0.3 * rng.normal(size=500)
     record = Record(u, truth.output(u, np.zeros(4)) + 0.01 * rng.normal(size=len(u)), DT)
     fit = emsid.fit(emsid.feedback(static="polynomial", size=3, maps=1, delay=0, oversampling=1), record)
     assert fit.model.states == 4
@@ -278,7 +278,7 @@ def test_an_order_above_three_is_found() -> None:
 def test_a_linear_record_takes_one_trial() -> None:
     """No map is refined at any order, because no direction explains more than noise."""
     rng = np.random.default_rng(7)
-    u = rng.normal(size=1000)
+    u = rng.normal(size=500)
     linear = FeedbackModel(np.array([[1.5, 1.0, 0.2], [-0.6, 0.0, 0.1], [1.0, 0.0, 0.0]]))
     record = Record(u, linear.output(u, np.zeros(2)) + 0.1 * rng.normal(size=len(u)), DT)
     trials = list(chosen([record], FeedbackSearch(), FREE))

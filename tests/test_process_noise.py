@@ -119,9 +119,9 @@ def test_a_fit_is_corrected_for_noise_before_its_map(noisy: Circuit) -> None:
     assert np.sqrt(after**2 - noisy.noise**2) < 0.9 * np.sqrt(before**2 - noisy.noise**2)
 
 
-def test_an_order_that_is_too_low_is_raised_in_noise_before_the_map(noisy: Circuit) -> None:
+def test_an_order_that_is_too_low_is_raised_in_noise_before_the_map() -> None:
     smaller = Rational(np.array([0.0, 0.15, 0.1]), np.array([-1.2, 0.45]))
-    _, found = corrected(noisy, replace(TRUTH, blocks=(*TRUTH.blocks[:2], smaller)), (3, None))
+    _, found = corrected(circuit(1, 4096), replace(TRUTH, blocks=(*TRUTH.blocks[:2], smaller)), (3, None))
     assert found.fit is not None
     assert len(found.fit.model.blocks[2].parameters) == 7
 

@@ -37,16 +37,16 @@ def axis(noise: float = 1e-4, **changes: Any) -> Record:
     """The position of an axis of 1 kg under slow forces."""
     truth = OneMass(gain=1.0, viscous=(2.0, 2.0), coulomb=(0.3, 0.3), smooth=1e-4, **changes)
     rng = np.random.default_rng(2)
-    u = 3 * lfilter([0.02], [1, -0.98], levels(1200, rng, 100))
-    return Record(u, truth.run(u, 5e-3)[1][:1200] + noise * rng.standard_normal(1200), 5e-3, output_units="m")
+    u = 3 * lfilter([0.02], [1, -0.98], levels(900, rng, 100))
+    return Record(u, truth.run(u, 5e-3)[1][:900] + noise * rng.standard_normal(900), 5e-3, output_units="m")
 
 
 def motor(largest: float = 12.0, **changes: Any) -> Record:
     """The speed of a motor under levels of the voltage, with 1 % noise."""
     truth = OneMass(gain=25.0, damping=10.0, coulomb=(20.0, 20.0), dead_zone=0.5, smooth=1e-2, **changes)
     rng = np.random.default_rng(0)
-    u = largest * levels(900, rng, 30)
-    return Record(u, truth.run(u, 1e-2)[0][:900] + 0.2 * rng.standard_normal(900), 1e-2, output_units="rad/s")
+    u = largest * levels(450, rng, 30)
+    return Record(u, truth.run(u, 1e-2)[0][:450] + 0.2 * rng.standard_normal(450), 1e-2, output_units="rad/s")
 
 
 # --- the simulation ---------------------------------------------------------------------------------------------------
@@ -119,16 +119,16 @@ def test_cogging_is_found_where_it_is():
 @pytest.mark.parametrize(("henry", "found"), [(1e-2, True), (1e-5, False)])
 def test_an_inductance_is_found_where_the_sample_time_shows_it(henry, found):
     rng, dt = np.random.default_rng(0), 5e-3
-    u = 8 * levels(900, rng, 25)
+    u = 8 * levels(450, rng, 25)
     u[:8] = 0.0  # what rests at first has no current
-    y = armature.speed(u, dt, 1.0, henry, 0.05, 2.5e-4, 6e-3, 0.4) + 0.3 * rng.standard_normal(900)
+    y = armature.speed(u, dt, 1.0, henry, 0.05, 2.5e-4, 6e-3, 0.4) + 0.3 * rng.standard_normal(450)
     record = Record(u, y, dt, output_units="rad/s")
     fit = choose(RIGID, record, fixed={"resistance": 1.0}, refinements=(late_command, slow_sensor, inductance))
     assert ("inductance" in fit.names) is found
     assert not {"drive.delay", "sensor.lag"} & set(fit.names)
     if found:
         assert fit.estimate[fit.names.index("inductance")] == pytest.approx(henry, rel=0.05)
-    assert inductance(RIGID, RIGID.default_free, concatenate([record] * 6)) == []  # too long for its simulation
+    assert inductance(RIGID, RIGID.default_free, concatenate([record] * 12)) == []  # too long for its simulation
 
 
 def test_the_axis_of_the_demo_has_no_refinement():

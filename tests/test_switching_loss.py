@@ -16,7 +16,7 @@ FULL, LOSS = 10.0, 0.2
 MOTOR = OneMass(gain=8.0, damping=4.0, coulomb=(6.0, 6.0), coasting=1.0, full=FULL, smooth=5e-3)
 
 
-def experiment(loss, seed=0, full=FULL, samples=1200):
+def experiment(loss, seed=0, full=FULL, samples=480):
     """Levels below full duty and at it, each held for a while; `OneMass` sees the duty that is left."""
     rng = np.random.default_rng(seed)
     levels = rng.uniform(2.0, 9.0, samples // 40) * rng.choice([-1.0, 1.0], samples // 40)

@@ -55,7 +55,8 @@ def test_the_bands_are_those_of_the_drawn_fits(known: emsid.Fit, drawn: emsid.Fi
 
 def test_the_seed_decides(known: emsid.Fit) -> None:
     one, same, other = (
-        emsid.bootstrap(known, record(600, pole=0.7), 10, rng=np.random.default_rng(seed)).covariance for seed in (1, 1, 2)
+        emsid.bootstrap(known, record(600, pole=0.7), 10, rng=np.random.default_rng(seed)).covariance
+        for seed in (1, 1, 2)
     )
     assert np.all(one == same)
     assert not np.allclose(one, other)

@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 BEHIND = Rational(SECOND[0], SECOND[1][1:])
 TRUTH = Cascade((Rational(FIRST[0], FIRST[1][1:]), Saturation(1.0, -1.0, 1.0), BEHIND), dt=DT)
+KNOTS = np.linspace(-2.2, 2.2, 20)
+SPLINE = replace(TRUTH, blocks=(TRUTH.blocks[0], CubicSpline(KNOTS, np.clip(KNOTS, -1, 1)), BEHIND))
 
 
 @pytest.fixture(scope="module")
@@ -96,8 +98,10 @@ def test_the_expectation_of_a_map_is_that_of_its_values(map_: DeadZone | CubicSp
     np.testing.assert_allclose(ExpectedMap(map_, 0.2).slope(x), moved, atol=1e-4)
 
 
-def corrected(made: Circuit, start: Cascade, orders: Orders = (3, 3)) -> tuple[Cascade, Corrected]:
-    minimum, problem = search(start, made.fitted)
+def corrected(
+    made: Circuit, start: Cascade, orders: Orders = (3, 3), transient: int | None = None
+) -> tuple[Cascade, Corrected]:
+    minimum, problem = search(start, made.fitted, transient=transient)
     return problem.model(minimum.estimate), without_process_noise(minimum, problem, made.fitted, orders, {})
 
 
@@ -108,15 +112,20 @@ def finding(found: Corrected) -> Finding:
 
 
 def test_a_fit_is_corrected_for_noise_before_its_map(noisy: Circuit) -> None:
-    knots = np.linspace(-2.2, 2.2, 20)
-    start = replace(TRUTH, blocks=(TRUTH.blocks[0], CubicSpline(knots, np.clip(knots, -1, 1)), BEHIND))
-    plain, found = corrected(noisy, start)
+    plain, found = corrected(noisy, SPLINE)
     assert found.fit is not None
     assert finding(found).data["corrected"] is True
     assert finding(found).data["share"] == pytest.approx(0.15, abs=0.03)
     judges = list(noisy.unseen.values())
     before, after = (np.sqrt(free_run_error(each, judges)) for each in (plain, found.fit.model))
     assert np.sqrt(after**2 - noisy.noise**2) < 0.9 * np.sqrt(before**2 - noisy.noise**2)
+
+
+def test_a_fit_with_states_from_its_transient_is_corrected_on_the_same_samples(noisy: Circuit) -> None:
+    """The search fixes the states where estimated ones would describe a drift."""
+    _, found = corrected(noisy, SPLINE, transient=200)
+    assert found.fit is not None
+    assert finding(found).data["corrected"] is True
 
 
 def test_an_order_that_is_too_low_is_raised_in_noise_before_the_map() -> None:

@@ -72,10 +72,15 @@ def periods_averaged(f: Finding, argument: Spelling) -> str:
 @words("process-noise", Severity.INFO)
 def process_noise(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: block, spread (input of the map), share of the signal, standard_errors, corrected."""
-    effect = "the model is corrected for it" if f.data["corrected"] else "it smooths the estimated map"
+    share = f"{f.data['spread']:.3g}, {100 * f.data['share']:.2g} % of the signal there"
+    if f.data["corrected"]:
+        return (
+            f"{_block(f)}: the error varies with the slope of the map, as noise before the map makes it; its standard "
+            f"deviation is {share}, and the model is corrected for it"
+        )
     return (
-        f"{_block(f)}: the error varies with the slope of the map, as noise before the map makes it; its standard "
-        f"deviation is {f.data['spread']:.3g}, {100 * f.data['share']:.2g} % of the signal there, and {effect}"
+        f"{_block(f)}: the error varies with the slope of the map: noise before the map (then with a standard "
+        f"deviation of {share}; it smooths the estimated map), or a system that is not such a cascade"
     )
 
 

@@ -203,6 +203,7 @@ class Weighting:
 
     def whitened(self, rows: Array) -> Array:
         """(k, m) signals (k, m) over the first m samples of the segment, as white as the error becomes."""
+        assert rows.shape[1] <= len(self.spreads)
         out = np.empty(rows.shape)
         kalman_rows(
             self.b, self.a, self.slope, self.oversampling, self.w, self.pole, self.gains, self.spreads, rows, out

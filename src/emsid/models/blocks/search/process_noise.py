@@ -91,6 +91,8 @@ def without_process_noise(
     at, segments = map_index(model), problem.segments
     if at is None or minimum.ending is not Ending.CONVERGED or minimum.samples < LEAST_SAMPLES:
         return Corrected()
+    if problem.transient > model.edge:  # states from the transient, perhaps because estimated ones described a drift
+        how = how | Search(transient=problem.transient)
     pieces = error_pieces(model, segments, problem.states(minimum.estimate), problem.transient)
     score = dependence(pieces, after_map(model), model.oversampling)
     if score < ndtri(1 - CHANCE):

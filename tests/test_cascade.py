@@ -22,6 +22,7 @@ from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.fitting import FreeRun, fit_cascade, freedom, search, static_band
 from emsid.models.blocks.gain import fixed_gains, normalised, unit_gain, unit_slope
 from emsid.models.blocks.search.choice import unseen_errors
+from emsid.models.blocks.search.cross_validation import Round
 from emsid.models.blocks.search.diagnostics import advice
 from emsid.models.blocks.static_maps import (
     Abs,
@@ -448,12 +449,12 @@ def test_several_starts_at_once_are_those_one_by_one(name: str) -> None:
 def test_a_model_that_is_hopeless_on_the_first_split_is_not_fitted_to_the_others() -> None:
     true = Cascade((Rational(np.array([0.0, 0.5]), np.array([-0.5])),))
     record = record_of(true, 400)
-    splits = [([record[200:]], [record[:200]]), ([record[:200]], [record[200:]])]
+    splits = [Round([record[200:]], [record[:200]], [0]), Round([record[:200]], [record[200:]], [0])]
     start = true.with_parameters(0.9 * true.parameters)
     assert unseen_errors(start, splits, Control(), None).mean < 1e-9  # fitted again to each
     rival = StretchErrors.of(np.full(400, 1e-30))
     with pytest.raises(ModelError, match="much larger"):
-        unseen_errors(start, [splits[0], ([], [])], Control(), rival)
+        unseen_errors(start, [splits[0], Round([], [], [])], Control(), rival)
 
 
 @pytest.mark.parametrize("poles", [[0.5], [0.999], [1.0], [0.3, -0.8], [0.6 + 0.5j, 0.6 - 0.5j], [0.1, 1.2], [1j, -1j]])

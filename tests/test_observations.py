@@ -130,26 +130,42 @@ def test_a_model_that_fails_does_not_stop_the_others(plain):
     assert "model-failed" not in codes(plain)
 
 
+class Clock:
+    """A clock that stands still unless a test moves it."""
+
+    now = 0.0
+
+    def monotonic(self):
+        return self.now
+
+
 class Endless:
-    """A candidate whose search never ends by itself."""
+    """A candidate whose search never ends by itself; every step of it takes a tenth of a second of the clock."""
 
     summary, uses = "endless", ()
 
+    def __init__(self, clock):
+        self.clock = clock
+
     def __call__(self, record, options, control):
         while True:
+            self.clock.now += 0.1
             control.check()
 
 
 def test_a_model_without_a_result_in_its_share_of_the_time_is_named(plain, monkeypatch):
-    monkeypatch.setitem(CANDIDATES, "endless", Endless())
+    clock = Clock()
+    monkeypatch.setattr("emsid.estimation.nonlinear.control.time", clock)
+    monkeypatch.setitem(CANDIDATES, "endless", Endless(clock))
     options = Options(na=1, nb=1, nk=1)
-    result = emsid.identify(driven(0), models="endless, arx", options=options, budget=0.3)
+    result = emsid.identify(driven(0), models="endless, arx", options=options, budget=10.0)
+    assert 5.0 < clock.now < 5.2  # half of the time
     assert [fit.model.name for fit in result.fits] == ["arx"]
     assert Finding("model-out-of-time", "endless", {"model": "endless"}) in result.findings
     assert not result.interrupted
     assert "model-out-of-time" not in codes(plain)
     with pytest.raises(Stopped):
-        emsid.identify(driven(0), models="endless", budget=0.05)
+        emsid.identify(driven(0), models="endless", budget=1.0)
     with pytest.raises(emsid.ModelError, match="positive time"):
         emsid.identify(driven(0), budget=0.0)
 

@@ -41,3 +41,9 @@ def test_a_cascade_without_a_dead_time_has_none():
     fit = at_the_input(fit_cascade(start(1, 2), data), [data], {})
     assert fit.model.delay == 0
     assert "dead-time-at-input" not in [each.code for each in fit.findings]
+
+
+def test_a_fit_at_its_minimum_is_not_given_up_for_one_that_is_not():
+    data = record(1)
+    fit = fit_cascade(start(2, 2), data)
+    assert at_the_input(fit, [data], {"max_iterations": 1, "tolerance": 1e-9}) is fit

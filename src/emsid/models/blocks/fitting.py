@@ -231,6 +231,7 @@ class Search(TypedDict, total=False):
     tolerance: float
     least_saving: float
     restarts: bool
+    covariances: bool
     weightings: Sequence[Weighting]
     control: Control
 
@@ -262,6 +263,7 @@ def search(
     tolerance: float = 0.05,
     least_saving: float = 0.0,
     restarts: bool = False,
+    covariances: bool = True,
     weightings: Sequence[Weighting] = (),
     control: Control = FREE,
 ) -> tuple[Minimum, FreeRun]:
@@ -277,6 +279,7 @@ def search(
         max_iterations, tolerance, least_saving, control: as in `gauss_newton`.
         restarts: whether a search that does not converge is begun again, see `begun_again`; `fit_cascade` does that
             unless ``max_iterations`` is given.
+        covariances: as in `gauss_newton`; a comparison of models needs none.
         weightings: of every segment after its transient, see `process_noise`.
 
     Raises:
@@ -300,6 +303,7 @@ def search(
     names += [f"state {j + 1} of segment {k + 1}" for k in range(len(problem.segments)) for j in range(cascade.states)]
 
     options: dict[str, Any] = {"max_iterations": max_iterations, "least_saving": least_saving}
+    options["covariances"] = covariances
     same: dict[str, Any] = {"lower": low, "upper": high, "loss": loss, "tolerance": tolerance, "names": names}
     same |= {"control": control, "penalties": problem.penalties}
 

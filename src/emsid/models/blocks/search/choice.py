@@ -303,6 +303,7 @@ def _refined(
         "max_iterations": CHOICE_STEPS,
         "tolerance": CHOICE_TOLERANCE,
         "least_saving": CHOICE_SAVING,
+        "covariances": False,
         "control": control.quietly(),
     }
 
@@ -367,6 +368,7 @@ def _refitted(model: Cascade, records: Sequence[Record], control: Control) -> Ca
         max_iterations=REFIT_STEPS,
         tolerance=CHOICE_TOLERANCE,
         least_saving=CHOICE_SAVING,
+        covariances=False,
         control=control.quietly(),
     ).model
 

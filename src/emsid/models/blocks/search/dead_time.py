@@ -26,6 +26,8 @@ ZERO = 3.0
 """A leading coefficient of fewer standard errors than this may be zero."""
 MOST = 4
 """How many samples of dead time are moved to the input at most."""
+STEPS = 40
+"""A fit without a coefficient that is zero begins near its minimum; one that needs more steps is not taken."""
 
 
 def at_the_input(fit: Fit[Cascade], records: Sequence[Record], how: Search) -> Fit[Cascade]:
@@ -63,16 +65,19 @@ def _late(fit: Fit[Cascade]) -> list[int]:
 
 
 def _moved(fit: Fit[Cascade], k: int, records: Sequence[Record], how: Search) -> Fit[Cascade] | None:
-    """The fit without the leading coefficient of one filter, delayed by a sample; None where that is worse."""
+    """The converged fit without the leading coefficient of one filter, a sample later; None where that is worse."""
     blocks = list(fit.model.blocks)
     block = blocks[k]
     assert isinstance(block, Rational)
     blocks[k] = Rational(block.numerator[1:], block.denominator, block.delay)
+    limits = Search(max_iterations=min(how.get("max_iterations", STEPS), STEPS))
     try:
-        again = fit_cascade(replace(fit.model, blocks=tuple(blocks), delay=fit.model.delay + 1), records, **how)
+        again = fit_cascade(
+            replace(fit.model, blocks=tuple(blocks), delay=fit.model.delay + 1), records, **(how | limits)
+        )
     except EmsidError:
         return None
-    if again.ending is Ending.INTERRUPTED or not fit.noise_variance > 0:
+    if again.ending is not Ending.CONVERGED or not fit.noise_variance > 0:
         return None
     worse = fit.samples * log(again.noise_variance / fit.noise_variance)
     return again if worse <= log(fit.samples) else None

@@ -195,7 +195,9 @@ def sign_recovery_candidates(
         level = found.constant / (1 + found.denominator.sum())
         start = Cascade((_stable(Rational(found.numerator, found.denominator)),), output_offset=level)
         record = Record(u, found.signal, 1.0)
-        minimum, problem = search(start, record, max_iterations=30, tolerance=0.2, control=control.quietly())
+        minimum, problem = search(
+            start, record, max_iterations=30, tolerance=0.2, covariances=False, control=control.quietly()
+        )
         control.check()
         for model in (start, problem.model(minimum.estimate)):
             (block,) = model.blocks

@@ -362,7 +362,7 @@ def unseen_errors(
 
 def _refitted(model: Cascade, records: Sequence[Record], control: Control) -> Cascade:
     """A model that is fitted to all of the data, fitted to a part of them in a few steps."""
-    return searched(
+    minimum, problem = search(
         model,
         records,
         max_iterations=REFIT_STEPS,
@@ -370,7 +370,8 @@ def _refitted(model: Cascade, records: Sequence[Record], control: Control) -> Ca
         least_saving=CHOICE_SAVING,
         covariances=False,
         control=control.quietly(),
-    ).model
+    )
+    return problem.model(minimum.estimate)
 
 
 def _successes(

@@ -181,6 +181,15 @@ def test_a_position_answers_by_its_change() -> None:
     assert response(U, np.cumsum(motor(U)), (), integrates=True).delay == 1
 
 
+def test_a_position_that_wanders_is_no_question() -> None:
+    """The start and every disturbance stay in it, so it looks unrelated to the input and drifts."""
+    speed = motor(U, noise=0.5) + 0.3
+    position = Record(U, np.cumsum(speed) * 0.01, 0.01, output_names=("position",), output_units=("m",))
+    assert {"no-response", "output-drifts"} & {each.code for each in asked([position])} == set()
+    other = replace(position, output_names=("y",), output_units=("V",))
+    assert "no-response" in {each.code for each in asked([other])}
+
+
 def test_influence_has_a_direction() -> None:
     y = motor(U)
     assert influence(U, y) > 0.9

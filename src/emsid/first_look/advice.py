@@ -24,6 +24,7 @@ from emsid.findings import Finding
 from emsid.first_look.baseline import Baseline, baseline
 from emsid.first_look.columns import FEWEST_LEVELS, quantisation
 from emsid.first_look.dynamics import Response, correlation, feedback, response
+from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.first_look.nonlinearity import nonlinearity
 from emsid.record import Record
 
@@ -336,8 +337,8 @@ def repeated(y: Array) -> int:
 
 
 def drift(data: _Data) -> Iterable[Finding]:
-    """A slow change of the output that the input does not explain."""
-    if data.linear is None or data.linear.fit < 0.3:
+    """A slow change of the output that the input does not explain; a position keeps every disturbance, and drifts."""
+    if data.linear is None or data.linear.fit < 0.3 or is_position(data.record):
         return
     changing = baseline(data.record.detrend(1), data.response.delay)  # so that no slow pole follows the drift
     if changing is None:
@@ -360,6 +361,12 @@ def drift(data: _Data) -> Iterable[Finding]:
 def straightness(data: _Data) -> Iterable[Finding]:
     """How nonlinear the relation is."""
     yield from nonlinearity(data.record, data.response, data.linear)
+
+
+def is_position(record: Record) -> bool:
+    """Whether the first output is a position, by its name and unit."""
+    unit = next(iter(record.output_units), "")
+    return meaning(record.output_names[0], unit).quantity is ColumnQuantity.POSITION
 
 
 CHECKS: tuple[Callable[[_Data], Iterable[Finding]], ...] = (
@@ -393,7 +400,7 @@ QUESTIONABLE = frozenset(
 def responses_of(records: Sequence[Record]) -> list[Response | None]:
     """How the first output of every record answers the first input; None where that cannot be said."""
     return [
-        response(record.input[:, 0], record.output[:, 0], record.breaks)
+        response(record.input[:, 0], record.output[:, 0], record.breaks, is_position(record))
         if record.output.shape[1] and len(record) >= FEWEST_SAMPLES and np.ptp(record.output[:, 0])
         else None
         for record in records

@@ -273,6 +273,13 @@ def test_a_model_is_on_the_front_where_more_parameters_pay():
     assert np.isnan(rows[0].low)
 
 
+def test_a_much_smaller_error_is_on_the_front_however_uneven_it_is():
+    """Where one stretch makes most of the error, the noise of the mean is as large as the mean."""
+    uneven, small = model(3, [0.01] * 15 + [9.0], "uneven"), model(6, noisy(0.01, 0.001, 2), "small")
+    assert not better(small.errors, than=uneven.errors)
+    assert [row.model for row in front_rows([small, uneven], "small") if row.on_front] == ["uneven", "small"]
+
+
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(st.integers(1, 60), st.floats(0.5, 2.0)), min_size=1, max_size=8), st.integers(0, 100))
 def test_nothing_simpler_is_as_good_as_a_model_on_the_front(kinds, seed):

@@ -44,6 +44,8 @@ HOPELESS = 4.0
 """A model whose error on the held-back part is larger than the smallest by this factor is not followed further."""
 MANY = 5_000
 """A held-back part of this many samples decides alone."""
+CLOSE = 1.1
+"""Models whose RMSE differ by a larger factor are not tied, however large the noise is."""
 LEAST = 3
 """A fold has at least this many samples for each that starts a model."""
 
@@ -137,7 +139,7 @@ class FrontRow:
         error: RMSE of the free run over all folds, as a share of the deviation of the output.
         low, high: of the error, one standard error away; NaN where a run diverges.
         folds: the number of parts of the data that were left out in turn.
-        on_front: whether it is better by more than noise than every simpler model on the front.
+        on_front: whether it is better than every simpler one on the front, by more than noise or by more than `CLOSE`.
         recommended: whether it is the recommended model.
     """
 
@@ -159,11 +161,16 @@ def front_rows(ranking: Sequence[Ranked], recommended: str) -> tuple[FrontRow, .
         recommended: the name of the recommended one.
     """
     among = compared(ranking)
-    kept = {id(each) for each in front(among, lambda each: each.size)}
+    kept = {id(each) for each in front(among, lambda each: each.size, as_good=close)}
     return tuple(
         FrontRow(each.name, each.size, *each.rmse, len(each.folds), id(each) in kept, each.name == recommended)
         for each in sorted(among, key=lambda each: (each.size, each.errors.mean))
     )
+
+
+def close(model: Ranked, best: Ranked) -> bool:
+    """Whether errors differ so little that noise may decide: where data are few, noise alone would excuse anything."""
+    return bool(model.errors.mean <= CLOSE**2 * best.errors.mean)
 
 
 def compared(ranking: Sequence[Ranked]) -> list[Ranked]:

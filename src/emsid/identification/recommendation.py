@@ -16,7 +16,7 @@ from emsid.findings import Finding, finite
 from emsid.first_look.advice import advice
 from emsid.first_look.dynamics import response
 from emsid.identification.plausibility import IMPLAUSIBLE
-from emsid.identification.ranking import Ranked, compared
+from emsid.identification.ranking import Ranked, close, compared
 from emsid.record import Record
 from emsid.selection.improvement import better, simplest
 from emsid.validation.comparison import Comparison
@@ -40,10 +40,8 @@ OF_REASONS = {
     "error-in-one-stretch": "repeat-input",
 }
 """The experiment that shows what is behind a reason against a model."""
-CLOSE = 1.1
-"""Models whose RMSE differ by a larger factor are not tied, however large the noise is."""
 DOUBTFUL = 1.2
-"""The same for an implausible model and a plausible one: what is implausible should be clearly better."""
+"""`CLOSE` for an implausible model and a plausible one: what is implausible should be clearly better."""
 TWO_SIDED = 0.05
 """An input goes both ways if it reaches this share of its largest value on either side."""
 
@@ -62,19 +60,14 @@ def recommended(ranking: Sequence[Ranked], implausible: Collection[str], unusabl
     best = min(usable, key=lambda each: each.errors.mean)
     plausible = [each for each in usable if each.name not in implausible]
     if best.name in implausible and not any(_stands_in(each, best) for each in plausible):
-        return simplest(usable, lambda each: each.size, as_good=_close)
-    return simplest(plausible, lambda each: each.size, as_good=_close)
+        return simplest(usable, lambda each: each.size, as_good=close)
+    return simplest(plausible, lambda each: each.size, as_good=close)
 
 
 def _stands_in(plausible: Ranked, best: Ranked) -> bool:
     """Whether a plausible model is as good as the best one, which is not, within noise."""
     near = plausible.errors.mean <= DOUBTFUL**2 * best.errors.mean
     return bool(near) and not better(best.errors, than=plausible.errors)
-
-
-def _close(model: Ranked, best: Ranked) -> bool:
-    """Whether errors differ so little that noise may decide: where data are few, noise alone would excuse anything."""
-    return bool(model.errors.mean <= CLOSE**2 * best.errors.mean)
 
 
 def recommendation(

@@ -142,7 +142,9 @@ def simplest(
     return min(good, key=lambda each: (size(each), each.errors.mean))
 
 
-def front(models: Sequence[T], size: Callable[[T], int]) -> list[T]:
+def front(
+    models: Sequence[T], size: Callable[[T], int], *, as_good: Callable[[T, T], bool] = lambda model, best: True
+) -> list[T]:
     """The models that more parameters pay for, from simple to complex.
 
     Each is better than the one before by more than noise. The others have a simpler or equally simple model that is as
@@ -151,9 +153,12 @@ def front(models: Sequence[T], size: Callable[[T], int]) -> list[T]:
     Args:
         models: compared on the same samples.
         size: how complex one is: its number of parameters.
+        as_good: a further condition on a simpler model that is as good as another.
     """
     found: list[T] = []
     for each in sorted(models, key=lambda each: (size(each), each.errors.mean)):
-        if np.isfinite(each.errors.mean) and (not found or better(each.errors, than=found[-1].errors)):
+        if not np.isfinite(each.errors.mean):
+            continue
+        if not found or not as_good(found[-1], each) or better(each.errors, than=found[-1].errors):
             found.append(each)
     return found

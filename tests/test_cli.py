@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import emsid
+from conftest import try_few_refinements
 from emsid.cli import main
 from emsid.cli.interruption import Interruption
 from emsid.estimation.fit import Ending
@@ -40,7 +41,7 @@ def heard():
 
 @pytest.fixture(autouse=True)
 def undrawn(monkeypatch):
-    """Figures are empty files. The fixture `result`, the README and the tests of the report draw them."""
+    """Figures are empty files. The README and the tests of the report draw them."""
     monkeypatch.setattr("emsid.report.figures.draw", lambda _, formats: dict.fromkeys(formats, b""))
 
 
@@ -84,7 +85,11 @@ def result(tmp_path_factory, command):
     """A folder in which a record has been identified with the default models for a record of this length."""
     folder = tmp_path_factory.mktemp("identified")
     log = table(folder / "log.csv", samples=300)
-    assert command("identify", log, *IDENTIFY, "--out", folder / "result") == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("emsid.report.figures.draw", lambda _, formats: dict.fromkeys(formats, b""))
+        try_few_refinements(patch)
+        blocks = ("--orders", "1", "--static", "dead-zone")
+        assert command("identify", log, *IDENTIFY, *blocks, "--out", folder / "result") == 0
     return folder / "result"
 
 

@@ -9,15 +9,18 @@ import sys
 import numpy as np
 import pytest
 
+from conftest import try_few_refinements
 from emsid.cli.commands.demo import COMMANDS, commands_page
 from emsid.study.demonstration import AXIS, EXAMPLES
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory, command):
+@pytest.fixture(scope="module", params=["few refinements", pytest.param("all refinements", marks=pytest.mark.long)])
+def folder(request, tmp_path_factory, command):
     """The folder after every command on the page, in its order, with empty figures."""
     place = tmp_path_factory.mktemp("demo") / "new"
     with pytest.MonkeyPatch.context() as patch:
+        if request.param == "few refinements":
+            try_few_refinements(patch)
         patch.setattr("emsid.report.figures.draw", lambda _, formats: dict.fromkeys(formats, b""))
         assert command("demo", place) == 0
         patch.chdir(place)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import emsid
+from conftest import try_few_refinements
 from emsid.errors import DataError, ModelError
 from emsid.estimation.nonlinear.control import Control
 from emsid.findings import Finding
@@ -38,12 +39,12 @@ def with_code(result, code):
 
 
 def test_ranks_by_free_run_on_unseen_data():
-    result = identify(system(2000, 1), system(1000, 2), models=QUICK, options=Options(orders=(1,), static="dead-zone"))
+    result = identify(system(1000, 1), system(500, 2), models=QUICK, options=Options(orders=(1,), static="dead-zone"))
     errors = [row.simulation_mse for row in result.on_unseen.rows]
     assert errors == sorted(errors)
     assert result.chosen.model.name in ("friction-narx", "friction-narx-free-run")
     assert result.on_unseen.best.row.fit_percent > 97
-    assert {row.samples for row in result.on_unseen.rows} == {1000 - max(f.model.memory for f in result.on_unseen.fits)}
+    assert {row.samples for row in result.on_unseen.rows} == {500 - max(f.model.memory for f in result.on_unseen.fits)}
 
 
 def test_without_validation_the_end_of_the_record_is_kept_unseen():
@@ -54,7 +55,7 @@ def test_without_validation_the_end_of_the_record_is_kept_unseen():
 
 
 def test_validation_data_have_no_influence_on_the_models():
-    record, blocks = system(600, 4), Options(orders=(1,), static="dead-zone")  # the rest is chosen
+    record, blocks = system(400, 4), Options(orders=(1,), static="dead-zone")  # the rest is chosen
     fits = [identify(record, system(300, seed), models=QUICK, options=blocks).fits for seed in (5, 6)]
     assert len(fits[0]) == 4
     for fit in fits[0]:
@@ -126,18 +127,21 @@ def test_refusals():
 def test_every_regression_gives_a_model_that_saves_and_loads(name, tmp_path):
     from emsid.io import load, save
 
-    record = system(600, 15)
+    record = system(400, 15)
     model = identify(record, models=[name]).chosen.model
     save(model, tmp_path / "model.json")
     again = load(tmp_path / "model.json")
     np.testing.assert_array_equal(again.simulate(record).output, model.simulate(record).output)
 
 
-def test_a_motor_is_recognised_from_its_record_alone(tmp_path):
+@pytest.mark.parametrize("all_refinements", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_a_motor_is_recognised_from_its_record_alone(all_refinements, tmp_path, monkeypatch):
     from emsid.excitation import SIGNALS
     from emsid.io import load, save
     from emsid.plant import Bench, Motor
 
+    if not all_refinements:
+        try_few_refinements(monkeypatch)
     rng = np.random.default_rng(0)
     record = Bench.typical().run(Motor(), SIGNALS["multisine"](800, 0.005, 6.0, rng), 0.005, rng)
     result = identify(record, models=["arx", "rigid-motor"])
@@ -157,12 +161,13 @@ def test_of_many_records_some_are_kept_unseen_and_not_the_last():
         for t in range(1, len(u)):
             y[t] = 0.8 * y[t - 1] + 0.5 * u[t - 1]
         steps.append(emsid.Record(u, y, 0.01, name=f"step {k}"))
-    result = identify(steps, models=["arx"], unseen=0.25)
+    few_terms = Options(na=1, nb=1, nk=1)
+    result = identify(steps, models=["arx"], unseen=0.25, options=few_terms)
     assert result.unseen.name == "one in 4 of 8 records"
     assert np.array_equal(result.unseen.input, emsid.concatenate([steps[3], steps[7]]).input)
     assert len(result.record.segments) == 6
     assert not result.seen
-    few = identify(steps[:7], models=["arx"], unseen=0.25)
+    few = identify(steps[:7], models=["arx"], unseen=0.25, options=few_terms)
     assert np.array_equal(few.unseen.input, emsid.concatenate(steps[:7]).split(0.75)[1].input)
 
 
@@ -172,7 +177,7 @@ def test_several_outputs_have_errors_in_their_units():
     from emsid.plant import Motor
 
     rng = np.random.default_rng(5)
-    u = np.repeat(rng.uniform(-8, 8, 60), 10)
+    u = np.repeat(rng.uniform(-8, 8, 40), 10)
     plant = DrivenMotor(Motor(inductance=0.0).rigid())
     y = plant.simulate(u[:, None], 0.005, np.zeros(2), (Signal.SPEED, Signal.CURRENT))
     y += np.std(y, axis=0) * 0.01 * rng.standard_normal(y.shape)
@@ -361,7 +366,7 @@ def test_a_best_model_that_is_no_better_than_the_mean_is_found():
 
 def test_knots_are_set_aside_for_a_map_that_has_none():
     options = Options(static="dead-zone", knots=5, orders=(1,))
-    result = identify(system(600, 19), models=["hammerstein", "friction-narx"], options=options)
+    result = identify(system(300, 19), models=["hammerstein", "friction-narx"], options=options)
     data = {"model": "hammerstein", "family": "dead-zone"}
     assert with_code(result, "knots-not-used") == [Finding("knots-not-used", "hammerstein", data)]
 

@@ -166,6 +166,17 @@ def test_derivatives_are_exact_where_a_search_ends_and_cheap_where_it_passes(mon
     assert np.all(np.linalg.norm(near - exact, axis=0) < 1e-2 * lengths)
 
 
+def test_derivatives_with_respect_to_what_is_nearly_zero_are_not_rounding():
+    """A mean speed is a difference of positions, which have more rounding than the speed has."""
+    motor = replace(ONE_MASS, rotor_viscous=1e-8)
+    problem = problem_of(DrivenMotor(motor, sensor=Sensor(average=1.0)), ("rotor_viscous", *USUAL))
+    found = problem.exactly(problem.start)[0][1][:, 0]
+    above, below = problem.start.copy(), problem.start.copy()
+    above[0], below[0] = 2e-8, 0.0
+    expected = (problem.residuals(above)[0] - problem.residuals(below)[0]) / 2e-8
+    assert np.linalg.norm(found - expected) < 1e-5 * np.linalg.norm(expected)
+
+
 def test_a_parameter_that_cannot_be_moved_says_why(monkeypatch):
     simulate = DrivenMotor.simulate
 

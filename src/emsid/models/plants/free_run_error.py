@@ -87,6 +87,8 @@ PRECISION = 1e-11
 """The relative precision of a free run: the tolerance of the simulation."""
 NEAR = 1e-4
 """The relative step of a search below which its derivatives are central differences."""
+LOST, WIDER = 100.0, 1e3
+"""A difference of free runs below so many times their precision is lost in rounding; its step is widened by so much."""
 
 
 class _Linearised(NamedTuple):
@@ -235,6 +237,7 @@ class FreeRunError:
     def _differentiated(self, theta: Array, central: bool) -> _Linearised:
         here = self.residuals(theta)
         step = 1e-5 * np.maximum(np.abs(theta), 1e-2 * self.sizes)
+        rounding = LOST * self.precision
         moves = self._moved_together(theta + step <= self.upper)
 
         def moved(move: list[int], by: Array) -> tuple[Array, list[Array], str]:
@@ -245,15 +248,23 @@ class FreeRunError:
             except Infeasible as problem:
                 return theta, here, str(problem)
 
-        def difference(move: list[int]) -> tuple[Array, list[Array]]:
-            above, after, why = moved(move, step)
+        def sides(move: list[int], by: Array) -> tuple[Array, list[Array], Array, list[Array], str]:
+            above, after, why = moved(move, by)
             below, before = theta, here
             if central or not (above > below).any():
-                below, before, why = moved(move, -step)
+                below, before, why = moved(move, -by)
+            return above, after, below, before, why
+
+        def difference(move: list[int]) -> tuple[Array, list[Array]]:
+            above, after, below, before, why = sides(move, step)
             if not (above > below).any():
                 if np.all((theta[move] <= self.lower[move]) | (theta[move] >= self.upper[move])):
                     return np.ones(len(theta)), [np.zeros(len(b)) for b in here]
                 raise Infeasible(f"{self.names[move[0]]} cannot be moved from {theta[move[0]]:g}: {why}")
+            if 0 < max(np.max(np.abs(b - a), initial=0.0) for a, b in zip(before, after, strict=True)) < rounding:
+                wider = sides(move, WIDER * step)
+                if (wider[0] > wider[2]).any():
+                    above, after, below, before, _ = wider
             return above - below, [b - a for a, b in zip(before, after, strict=True)]
 
         in_turn = short_tasks(self.threads).map if self.threads > 1 else map  # a pool of one would be shared by all

@@ -21,7 +21,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.fitting import FreeRun, fit_cascade, freedom, search, static_band
 from emsid.models.blocks.gain import fixed_gains, normalised, unit_gain, unit_slope
-from emsid.models.blocks.search.choice import unseen_errors
+from emsid.models.blocks.search.choice import FINISHED, Plan, promising, unseen_errors
 from emsid.models.blocks.search.cross_validation import Round
 from emsid.models.blocks.search.diagnostics import advice
 from emsid.models.blocks.static_maps import (
@@ -444,6 +444,18 @@ def test_several_starts_at_once_are_those_one_by_one(name: str) -> None:
     cascade, u = CASCADES[name], excitation(50)
     states = np.random.default_rng(3).standard_normal((3, cascade.states))
     np.testing.assert_array_equal(cascade.outputs(u, states), [cascade.output(u, each) for each in states])
+
+
+def test_of_many_starts_those_that_are_far_after_a_few_steps_are_given_up() -> None:
+    true = Cascade((Rational(np.array([0.0, 0.5]), np.array([-0.5])),))
+    record = record_of(true, 100)
+    stuck = Cascade((Rational(np.array([1.0]), np.zeros(0)),))  # without the pole no search comes near
+    starts = [stuck, *[true.with_parameters((0.9 + 0.01 * k) * true.parameters) for k in range(FINISHED)]]
+    left = promising([Plan(each) for each in starts], [record], {}, 1, Control())
+    assert len(left) == FINISHED
+    assert all(len(plan.model.parameters) == len(true.parameters) for plan in left)
+    (alone,) = promising([Plan(stuck)], [record[:1]], {}, 1, Control())  # too short for any search
+    assert alone.model is stuck
 
 
 def test_a_model_that_is_hopeless_on_the_first_split_is_not_fitted_to_the_others() -> None:

@@ -49,6 +49,8 @@ T = TypeVar("T")
 
 # Candidates refined per oversampling, without and with random starts.
 REFINED, REFINED_RANDOM = 4, 24
+# In a short record more starts than this take `FIRST_STEPS` steps each, and only the best so many are refined further.
+FINISHED, FIRST_STEPS = 12, 5
 # The number of these that continue with a map of the required family; fits to a short record take little time.
 REFINED_MAPS, REFINED_MAPS_SHORT = 2, 6
 # Limits of a refinement for a choice: steps, distance to the minimum in standard errors, and relative reduction of the
@@ -315,6 +317,8 @@ def _refined(
         return replace(choice, unseen=unseen_errors(choice.model, rounds, control, best))
 
     problems: list[Exception] = []
+    if len(rounds) > 1 and len(plans) > FINISHED:
+        plans = promising(plans, part, budget, threads, control)
     refined = _successes(refine, plans, threads, control, problems)
     ranked: list[Choice] = []
     best = None if rival is None or len(rounds) == 1 else rival.unseen
@@ -337,6 +341,24 @@ def _refined(
             f"{name}: no start value leads to a model of the record{why}; check channels, units, delay and length"
         )
     return ranked
+
+
+def promising(
+    plans: Sequence[Plan], part: Sequence[Record], how: Search, threads: int, control: Control
+) -> Sequence[Plan]:
+    """The `FINISHED` plans that are best after `FIRST_STEPS` steps of a search, continued from there; best first.
+
+    Where every search fails, the plans are returned as they are, so that their refinement says why.
+    """
+    few = Search(max_iterations=FIRST_STEPS)
+
+    def approach(plan: Plan) -> Choice:
+        minimum, problem = search(plan.model, part, **(how | few))
+        error = float(np.sqrt(2 * minimum.cost / minimum.samples))
+        return Choice(problem.model(minimum.estimate), UNKNOWN, error, plan.size, plan.family)
+
+    found = sorted(_successes(approach, plans, threads, control, []), key=lambda each: each.known)
+    return [Plan(each.model, each.family, each.size) for each in found[:FINISHED]] or plans
 
 
 def unseen_errors(

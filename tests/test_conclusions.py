@@ -152,6 +152,9 @@ def test_the_first_screen_says_which_model_and_how_good_and_shows_its_free_run(r
     assert [row[0] for row in tests.tables[0].rows] == [each.model for each in result.model_verdicts]
     assert tests.remarks == tuple(sentence(each) for each in result.model_verdicts)
     assert all(notice.severity in ("warning", "problem") for notice in page.notices)
+    about_others = {sentence(each) for each in result.findings if each.model not in ("", best.model)}
+    assert about_others
+    assert not about_others & {notice.text for notice in page.notices}
 
 
 def test_results_hold_what_the_first_screen_shows(result):

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 # Responses of this many models are drawn with bands; a free run with its band, if samples times parameters are fewer.
 BANDED, MOST = 3, 1_000_000
-# At most this many characteristics and notices are on the first screen.
+# At most this many characteristics, and notices about the data and the recommended model, are on the first screen.
 CHARACTERISTICS, NOTICES = 6, 6
 
 
@@ -41,8 +41,9 @@ def report(result: Identification, argument: Spelling = as_python) -> Report:
     """
     best = result.on_unseen.best
     limits = [each for each in (*result.verdicts, *result.findings) if severity(each) is not Severity.INFO]
-    limits.sort(key=lambda each: (severity(each) is not Severity.PROBLEM, each.model not in ("", best.row.model)))
-    first, rest = limits[:NOTICES], limits[NOTICES:]
+    limits.sort(key=lambda each: severity(each) is not Severity.PROBLEM)
+    own = [each for each in limits if each.model in ("", best.row.model)]
+    first, rest = own[:NOTICES], [*own[NOTICES:], *(each for each in limits if each not in own)]
     notes = [each for each in result.findings if severity(each) is Severity.INFO]
     others = tuple(sentence(each, argument) for each in (*rest, *notes))
     return Report(

@@ -198,7 +198,7 @@ def test_the_command_line_prints_and_writes_every_load(tmp_path, command, capsys
     monkeypatch.setattr("emsid.report.figures.draw", lambda _, formats: dict.fromkeys(formats, b""))
     files = []
     for name in ("bare", "wheel"):
-        record = experiment(name, LOADS[name])
+        record = experiment(name, LOADS[name], samples=300)
         table = np.column_stack([record.time, record.input, record.output])
         files.append(str(tmp_path / f"{name}.csv"))
         np.savetxt(files[-1], table, delimiter=",", header="t,u,w", comments="")

@@ -211,10 +211,10 @@ def oscillator(samples: int, growing: bool = False) -> tuple[Record, float]:
 
 def test_a_spring_that_hardens_is_found_to_the_noise() -> None:
     """The search knows nothing of it; a new record of growing amplitude judges it."""
-    record, noise = oscillator(1200)
+    record, noise = oscillator(800)
     fit = emsid.fit(emsid.feedback(order=2, oversampling=2, held=True), record)
     assert emsid.compare([fit], record).best.row.simulation_rmse < 1.1 * noise
-    other, noise = oscillator(1100, growing=True)
+    other, noise = oscillator(900, growing=True)
     assert emsid.compare([fit], other).best.row.simulation_rmse < 1.4 * noise
 
 

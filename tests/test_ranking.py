@@ -82,7 +82,7 @@ def structures():
 
 @pytest.fixture(scope="module")
 def fits():
-    return [emsid.fit(what, drive(0, 600), **options) for what, options in structures()]
+    return [emsid.fit(what, drive(0, 400), **options) for what, options in structures()]
 
 
 def test_every_kind_of_model_can_be_fitted_again(fits):
@@ -90,7 +90,7 @@ def test_every_kind_of_model_can_be_fitted_again(fits):
 
 
 def test_a_model_fitted_again_to_its_own_data_is_the_same(fits):
-    record = drive(0, 600)
+    record = drive(0, 400)
     for fit in fits:
         again = refitted(fit, record)
         errors = [free_run_error(model, [record]) for model in (fit.model, again)]
@@ -99,7 +99,7 @@ def test_a_model_fitted_again_to_its_own_data_is_the_same(fits):
 
 
 def test_a_model_fitted_again_to_another_drive_follows_it(fits):
-    other = drive(1, 600, pole=0.85, gain=1.5)
+    other = drive(1, 400, pole=0.85, gain=1.5)
     for fit in fits:
         before, after = (free_run_error(model, [other]) for model in (fit.model, refitted(fit, other)))
         assert after < 0.3 * before, fit.model.name

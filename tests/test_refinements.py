@@ -37,8 +37,8 @@ def axis(noise: float = 1e-4, **changes: Any) -> Record:
     """The position of an axis of 1 kg under slow forces."""
     truth = OneMass(gain=1.0, viscous=(2.0, 2.0), coulomb=(0.3, 0.3), smooth=1e-4, **changes)
     rng = np.random.default_rng(2)
-    u = 3 * lfilter([0.02], [1, -0.98], levels(900, rng, 100))
-    return Record(u, truth.run(u, 5e-3)[1][:900] + noise * rng.standard_normal(900), 5e-3, output_units="m")
+    u = 3 * lfilter([0.02], [1, -0.98], levels(800, rng, 100))
+    return Record(u, truth.run(u, 5e-3)[1][:800] + noise * rng.standard_normal(800), 5e-3, output_units="m")
 
 
 def motor(largest: float = 12.0, **changes: Any) -> Record:

@@ -64,8 +64,17 @@ def test_limits_of_the_drive_are_found_where_none_are_given(drive, names):
     assert fit.estimate == pytest.approx(truth, rel=0.01)
 
 
-@pytest.mark.parametrize("noise", [0.002, 0.1])
-@pytest.mark.parametrize(("knee", "beyond"), [(5.0, 0.5), (9.0, 0.0), (5.0, 1.5), (9.0, 2.0), (4.0, 3.0)])
+KNEES = [(5.0, 0.5), (9.0, 0.0), (5.0, 1.5), (9.0, 2.0), (4.0, 3.0)]
+
+
+@pytest.mark.parametrize(
+    ("knee", "beyond", "noise"),
+    [
+        *((*knee, 0.1) for knee in KNEES),
+        (*KNEES[0], 0.002),
+        *(pytest.param(*knee, 0.002, marks=pytest.mark.long) for knee in KNEES[1:]),
+    ],
+)
 def test_a_knee_is_found_whichever_way_the_command_bends_there(knee, beyond, noise):
     record = driven(Drive(knee=knee, beyond=beyond), noise)
     fit = simulation_error(DrivenMotor(ONE_MASS), record, free=(*USUAL, "drive.knee", "drive.beyond"))
@@ -433,7 +442,7 @@ def test_an_axis_of_unknown_force_is_identified_in_units_of_its_command():
     }
 
 
-@pytest.mark.parametrize("noise", [0.002, 0.05])
+@pytest.mark.parametrize("noise", [pytest.param(0.002, marks=pytest.mark.long), 0.05])
 def test_a_shaft_without_effect_on_the_record_is_a_finding(noise):
     record = driven(noise=noise)[:800]
     fit = simulation_error(STARTS["motor"], record, max_iterations=20)

@@ -56,15 +56,10 @@ def command() -> Callable[..., int]:
 
 def try_few_refinements(patch: pytest.MonkeyPatch) -> None:
     """Candidates that are plants try three refinements: to try all takes seconds, and has tests of its own."""
-    from dataclasses import replace
-
-    from emsid.identification.candidates import CANDIDATES, Physical
     from emsid.models.plants.search.refinements.usual import constant_load, late_command, slow_sensor
 
-    for name in ("rigid-motor", "linear-axis"):
-        kind = CANDIDATES[name]
-        assert isinstance(kind, Physical)
-        patch.setitem(CANDIDATES, name, replace(kind, refinements=(late_command, slow_sensor, constant_load)))
+    few = (late_command, slow_sensor, constant_load)
+    patch.setattr("emsid.identification.candidates.REFINEMENTS", few)
 
 
 def pytest_collection_finish() -> None:

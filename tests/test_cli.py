@@ -82,7 +82,10 @@ def log(tmp_path):
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory, command):
-    """A folder in which a record has been identified with the default models for a record of this length."""
+    """A folder in which a record has been identified with the default models, their orders and map given.
+
+    Figures are empty files here; `test_report` draws them.
+    """
     folder = tmp_path_factory.mktemp("identified")
     log = table(folder / "log.csv", samples=300)
     with pytest.MonkeyPatch.context() as patch:

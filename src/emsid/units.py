@@ -80,6 +80,15 @@ def with_unit(number: str, unit: str) -> str:
     return f"{number} {plain_unit(unit)}".rstrip()
 
 
+def in_unit(name: str, unit: str) -> str:
+    """The name of a quantity with its unit in brackets, for a heading.
+
+    >>> in_unit("torque", "N*m"), in_unit("share", "1")
+    ('torque [N·m]', 'share')
+    """
+    return f"{name} [{plain_unit(unit)}]".removesuffix(" []")
+
+
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 

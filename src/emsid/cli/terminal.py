@@ -16,18 +16,16 @@ from math import isfinite
 from typing import TYPE_CHECKING, Literal
 
 from emsid.cli.interruption import INTERRUPTION
-from emsid.units import plain_unit, readable_unit
+from emsid.units import in_unit, plain_unit
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from emsid.estimation.nonlinear.control import Control
     from emsid.identification.characteristics import Characteristic
-    from emsid.identification.ranking import FrontRow
     from emsid.models.plants.search.result import Estimate, GreyBoxFit
     from emsid.report import document
     from emsid.validation.comparison import Row
-    from emsid.validation.regions import RegionError
 
 
 SPELT_OUT = "emsid-spelt-out"
@@ -125,7 +123,7 @@ def error_table(rows: Sequence[Row], title: str, unit: str = "") -> Table:
     from emsid.validation.comparison import OutputErrors
 
     several = any(row.outputs for row in rows)
-    rmse = "free-run RMSE" if several or not unit else f"free-run RMSE [{readable_unit(unit)}]"
+    rmse = in_unit("free-run RMSE", "" if several else unit)
     headings: dict[str, Align] = dict.fromkeys(("model", "method", "data", *("output",) * several), "left")
     headings |= dict.fromkeys((rmse, "free-run MSE", "free-run fit %", "one-step MSE"), "right")
     lines = []
@@ -134,7 +132,7 @@ def error_table(rows: Sequence[Row], title: str, unit: str = "") -> Table:
         for errors in row.outputs or (row,):
             names = []
             if isinstance(errors, OutputErrors):
-                names = [f"{errors.output} [{plain_unit(errors.unit)}]".removesuffix(" []")]
+                names = [in_unit(errors.output, errors.unit)]
             fit = f"{errors.fit_percent:.2f}" if isfinite(errors.fit_percent) else "–"
             lines.append(
                 (
@@ -149,36 +147,6 @@ def error_table(rows: Sequence[Row], title: str, unit: str = "") -> Table:
                 )
             )
     return plain_table(title, headings, lines)
-
-
-def front_table(rows: Sequence[FrontRow]) -> Table:
-    """Accuracy against number of parameters, from simple to complex."""
-    from emsid.report.views.front import error_range, percent_of, place
-
-    lines = [
-        (each.model, str(each.parameters), percent_of(each.error), error_range(each), place(each)) for each in rows
-    ]
-    headings: dict[str, Align] = {"model": "left", "parameters": "right", "error %": "right"}
-    headings |= {"± one standard error": "right", "": "left"}
-    folds = rows[0].folds
-    where = f"over {folds} parts of the data, each left out of a fit once" if folds > 1 else "on unseen data"
-    return plain_table(f"error over number of parameters, {where}, in % of the output's deviation", headings, lines)
-
-
-def region_table(errors: Sequence[RegionError], where: str) -> Table:
-    """The RMSE of every model in every operating region."""
-    from emsid.validation.regions import REGIONS
-
-    regions = [region for region in REGIONS if any(each.region == region for each in errors)]
-    several = len({each.output for each in errors}) > 1
-    found = {(each.model, each.output, each.region): f"{each.rmse:.4g}" for each in errors}
-    lines = [
-        (model, *((output,) * several), *(found.get((model, output, region), "–") for region in regions))
-        for model, output in dict.fromkeys((each.model, each.output) for each in errors)
-    ]
-    headings: dict[str, Align] = dict.fromkeys(("model", *("output",) * several), "left")
-    unit = "" if several or not errors[0].unit else f" [{readable_unit(errors[0].unit)}]"
-    return plain_table(f"free-run RMSE{unit} by region, {where}", headings | dict.fromkeys(regions, "right"), lines)
 
 
 def characteristics_table(characteristics: Iterable[Characteristic]) -> Table:
@@ -215,19 +183,6 @@ def physical_table(fit: GreyBoxFit) -> Table:
     headings |= dict.fromkeys(("value", "±"), "right")
     headings |= dict.fromkeys(("unit", "status"), "left")
     return plain_table(f"{fit.model.name}, with 95 % intervals", headings, lines)
-
-
-def own_parameters_table(fit: GreyBoxFit) -> Table:
-    """A table of the parameters that differ by record: a line for every record."""
-    first = next(iter(fit.by_record.values()))
-    headings: dict[str, Align] = {"record": "left"}
-    for name, row in first.items():
-        headings |= {f"{name}, {plain_unit(row.unit)}" if row.unit else name: "right", f"± {name}": "right"}
-    lines = [
-        (record, *(cell for row in rows.values() for cell in (f"{row.value:.5g}", _width(row) or row.how)))
-        for record, rows in fit.by_record.items()
-    ]
-    return plain_table(f"{fit.model.name}, by record, with 95 % intervals", headings, lines)
 
 
 def _width(row: Estimate) -> str:

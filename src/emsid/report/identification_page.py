@@ -15,7 +15,7 @@ from emsid.identification.result import Identification
 from emsid.record import Record
 from emsid.report import views
 from emsid.report.document import Fact, Notice, Report, Section, Table
-from emsid.report.numbers import estimate, number, percent
+from emsid.report.numbers import estimate, first_up, number, percent
 from emsid.report.views import terms
 from emsid.report.views.front import front_figure, front_table, record_table, region_tables
 from emsid.units import plain_unit, with_unit
@@ -139,7 +139,7 @@ def facts(result: Identification) -> list[Fact]:
 def _fact(each: Characteristic, best: str) -> Fact:
     """A characteristic with its interval, and its model if that is not the best one."""
     by = "" if each.model == best else f", by {each.model}"
-    meaning = f"{each.name[:1].upper()}{each.name[1:]}{by}"
+    meaning = f"{first_up(each.name)}{by}"
     if each.half_width is None:
         return Fact(with_unit(number(each.value), each.unit), meaning, "interval unknown")
     if not each.significant:

@@ -49,6 +49,11 @@ def capital(text: str) -> str:
     return text.capitalize() if text.islower() and text.isalpha() and len(text) > 2 else text
 
 
+def first_up(text: str) -> str:
+    """A text that begins with a capital letter."""
+    return text[:1].upper() + text[1:]
+
+
 def prefixed(size: float, unit: str) -> tuple[float, str]:
     """A factor and a prefixed unit in which a quantity of this size is between 1 and 1000."""
     for power, prefix in ((0, ""), (-3, "m"), (-6, "µ")):

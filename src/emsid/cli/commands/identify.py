@@ -26,13 +26,11 @@ from emsid.cli.terminal import (
     EXPLAINED,
     characteristics_table,
     error_table,
-    front_table,
-    own_parameters_table,
     physical_table,
-    region_table,
     say,
     say_json,
     show,
+    text_table,
     working,
 )
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
@@ -283,6 +281,8 @@ def _physical_first(asked: Sequence[str]) -> "list[Physical]":
 def _print(result: "Identification") -> None:
     """The first screen: errors of every model, characteristics of the drive, the chosen model, and the findings."""
     from emsid.models.plants.search.result import GreyBoxFit
+    from emsid.report.views.front import front_table, region_tables
+    from emsid.report.views.grey_box import own_parameters
     from emsid.wording import sentence
 
     title = f"on {result.ranked_on} ({result.unseen.name})"
@@ -290,15 +290,16 @@ def _print(result: "Identification") -> None:
     say(EXPLAINED)
     say(*(sentence(finding, option) for finding in result.recommendation))
     if len(result.front) > 1:
-        show(front_table(result.front))
-    show(region_table(result.by_region, title))
+        show(text_table(front_table(result.front)))
+    for table in region_tables(result.by_region, f"on {result.ranked_on}"):
+        show(text_table(table))
     if result.characteristics:
         show(characteristics_table(result.characteristics))
     for fit in result.fits:
         if isinstance(fit, GreyBoxFit):
             show(physical_table(fit))
             if fit.by_record:
-                show(own_parameters_table(fit))
+                show(text_table(own_parameters(fit)))
     say(f"chosen: {result.chosen.model.name}")
     if not isinstance(result.chosen, GreyBoxFit):
         say(result.chosen.model.equation())

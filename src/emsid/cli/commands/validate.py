@@ -10,7 +10,7 @@ from emsid.cli.app import app
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import Json, Transient, names, option
 from emsid.cli.reading import reads_records
-from emsid.cli.terminal import EXPLAINED, error_table, physical_table, region_table, say, say_json, show
+from emsid.cli.terminal import EXPLAINED, error_table, physical_table, say, say_json, show, text_table
 from emsid.cli.writing import as_json, check_folder, draw, say_where, write
 from emsid.errors import DataError
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from emsid.findings import Finding
     from emsid.validation.comparison import Assessment
     from emsid.validation.reestimation import Reestimation
+    from emsid.validation.regions import RegionError
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that emsid wrote.")]
 Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records that the model was not fitted to.")]
@@ -65,7 +66,7 @@ def validate(
     from emsid.io import load, origin, read_options
     from emsid.validation.comparison import assess_model
     from emsid.validation.reestimation import reestimate
-    from emsid.validation.regions import worst_region
+    from emsid.validation.regions import errors_by_region, worst_region
 
     loaded, source = load(model), origin(model)
     reader = reader.after(read_options(model))
@@ -84,13 +85,14 @@ def validate(
         assess_model(loaded, record, transient) if some is None else some.assessment
         for record, some in zip(records, again, strict=True)
     ]
+    by_region = list(map(errors_by_region, assessed))
     documents = []
-    for each, some in zip(assessed, again, strict=True):
+    for each, regions, some in zip(assessed, by_region, again, strict=True):
         differences = [*each.record.findings, *([] if source is None else source.differences(each.record))]
         differences += [finding] if (finding := worst_region(each)) else []
-        documents.append(_document(each, differences, some, horizon, transient))
+        documents.append(_document(each, regions, differences, some, horizon, transient))
         if not json:
-            _print(each, differences, some)
+            _print(each, regions, differences, some)
             if horizon > 1:
                 say(f"{horizon} samples ahead: MSE {documents[-1]['horizon_mse']:.5g}")
     result = {"schema": 1, "model": loaded.name, "records": documents}
@@ -101,7 +103,7 @@ def validate(
     if out is not None:
         write(out, {"validation.json": result})
         INTERRUPTION.words = "validation was interrupted; the errors are above and written"
-        drawn = draw(out, lambda: _report(model, assessed))
+        drawn = draw(out, lambda: _report(model, assessed, by_region))
         if not json:
             say_where(out, drawn, "validation.json")
         INTERRUPTION.end(not drawn)
@@ -109,6 +111,7 @@ def validate(
 
 def _document(
     assessed: "Assessment",
+    regions: "Sequence[RegionError]",
     findings: "Sequence[Finding]",
     again: "Reestimation | None",
     horizon: int,
@@ -116,11 +119,10 @@ def _document(
 ) -> dict[str, Any]:
     """What a file holds of one record."""
     from emsid.models.free_run import mean_squared_error
-    from emsid.validation.regions import errors_by_region
 
     record = assessed.record
     document = {"record": record.name, **assessed.row.to_data(), "findings": [each.to_data() for each in findings]}
-    document |= {"regions": [asdict(each) for each in errors_by_region(assessed)]}
+    document |= {"regions": [asdict(each) for each in regions]}
     if again is not None:
         document |= {"reestimated": again.to_data()}
     if horizon > 1:
@@ -130,40 +132,45 @@ def _document(
     return document
 
 
-def _print(assessed: "Assessment", findings: "Sequence[Finding]", again: "Reestimation | None") -> None:
+def _print(
+    assessed: "Assessment",
+    regions: "Sequence[RegionError]",
+    findings: "Sequence[Finding]",
+    again: "Reestimation | None",
+) -> None:
     """The errors on one record, the parameters that were estimated again, and the findings."""
-    from emsid.validation.regions import errors_by_region
+    from emsid.report.views.front import region_tables
     from emsid.wording import sentence
 
     show(error_table([assessed.row], assessed.record.name, assessed.record.output_units[0]))
-    show(region_table(errors_by_region(assessed), assessed.record.name))
+    for table in region_tables(regions, f"on {assessed.record.name}"):
+        show(text_table(table))
     if again is not None:
         show(physical_table(again.fit))  # type: ignore[arg-type]
         say(sentence(again.finding, option))
     say(*(sentence(finding, option) for finding in findings))
 
 
-def _report(model: Path, assessed: "list[Assessment]") -> Any:
+def _report(model: Path, assessed: "list[Assessment]", by_region: "list[tuple[RegionError, ...]]") -> Any:
     """A page with the free run over every record."""
     from emsid.report import views
     from emsid.report.document import Fact, Report, Section
     from emsid.report.numbers import percent
     from emsid.report.views.front import region_tables
-    from emsid.validation.regions import errors_by_region
 
     sections = [
         Section(
             each.record.name,
             tables=(
                 views.results_table([each.row], unit=each.record.output_units[0]),
-                *region_tables(errors_by_region(each), f"on {each.record.name}"),
+                *region_tables(regions, f"on {each.record.name}"),
             ),
             figures=(
                 views.measured_and_simulated(each, name=f"free-run-{k}"),
                 views.residuals([each], name=f"residuals-{k}"),
             ),
         )
-        for k, each in enumerate(assessed, 1)
+        for k, (each, regions) in enumerate(zip(assessed, by_region, strict=True), 1)
     ]
     worst = min(assessed, key=lambda each: each.row.fit_percent)
     return Report(

@@ -17,7 +17,7 @@ from emsid.report.document import Axis, Figure, Line, Notice, Plot, Report, Sect
 from emsid.report.numbers import number
 from emsid.report.views.conventions import channel_axis
 from emsid.report.views.timeline import TIME, timeline, with_gaps
-from emsid.units import readable_unit
+from emsid.units import in_unit, readable_unit
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
 from emsid.wording.sureness import how_sure
 
@@ -89,7 +89,7 @@ def curves(look: FirstLook, width: int, height: int = 4) -> list[str]:
         room = max(map(len, ends))
         drawn = braille(values, max(width - room - 2, 10), height)
         labels = [ends[0], *[""] * (height - 2), ends[1]]
-        result += [f"{name} [{readable_unit(unit)}]" if unit else name]
+        result += [in_unit(name, unit)]
         result += [f"{label:>{room}} {row}" for label, row in zip(labels, drawn, strict=True)]
     return result
 

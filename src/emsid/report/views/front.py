@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from emsid.identification.ranking import FrontRow
 from emsid.report.document import Axis, Figure, Ink, Line, Plot, Points, Stroke, Table
-from emsid.report.numbers import number
-from emsid.units import readable_unit
+from emsid.report.numbers import first_up, number
+from emsid.units import plain_unit
 from emsid.validation.regions import REGIONS, RecordError, RegionError
 
 Array = NDArray[np.float64]
@@ -123,10 +123,10 @@ def _region_table(errors: Sequence[RegionError], where: str) -> Table:
     regions = [region for region in REGIONS if any(each.region == region for each in errors)]
     found = {(each.model, each.region): each for each in errors}
     models = list(dict.fromkeys(each.model for each in errors))
-    unit = readable_unit(errors[0].unit)
+    unit = plain_unit(errors[0].unit)
     counts = {each.region: each.samples for each in errors}
     return Table(
-        ("Model", *(f"{region[:1].upper()}{region[1:]}" for region in regions)),
+        ("Model", *(first_up(region) for region in regions)),
         (
             *((model, *(number(found[model, region].rmse) for region in regions)) for model in models),
             ("samples", *(f"{counts[region]:,}" for region in regions)),

@@ -30,10 +30,10 @@ from emsid.report.document import (
     Stroke,
     Table,
 )
-from emsid.report.numbers import capital, number, prefixed, sentence, share_of, slug, within
+from emsid.report.numbers import capital, first_up, number, prefixed, sentence, share_of, slug, within
 from emsid.report.views.conventions import channel_axis
 from emsid.report.views.timeline import TIME, timeline, with_gaps
-from emsid.units import readable_unit, with_unit
+from emsid.units import in_unit, readable_unit, with_unit
 from emsid.wording.plants import interval
 
 if TYPE_CHECKING:
@@ -100,14 +100,14 @@ def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]
         sentence("; ".join(meanings)),
         text_columns=5,
     )
-    tables = (parameters, *([_own_parameters(fit, factor, level)] if fit.by_record else []))
+    tables = (parameters, *([own_parameters(fit, level=level)] if fit.by_record else []))
     if not fit.combinations:
         return tables
     combinations = Table(
         ("Quantity", "Formula", "Unit", "Estimate", "±\u00a0[%]"),
         tuple(
             (
-                capital(each.quantity.name) if " " not in each.quantity.name else _first_up(each.quantity.name),
+                capital(each.quantity.name) if " " not in each.quantity.name else first_up(each.quantity.name),
                 each.quantity.formula,
                 readable_unit(each.quantity.unit),
                 *_with_interval(each.quantity.value, factor * each.standard_error),
@@ -121,12 +121,16 @@ def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]
     return (*tables, combinations)
 
 
-def _own_parameters(fit: GreyBoxFit, factor: float, level: float) -> Table:
-    """The parameters that differ by record, a row for every record."""
+def own_parameters(fit: GreyBoxFit, *, level: float = 0.95) -> Table:
+    """The parameters that differ by record, a row for every record.
+
+    Args:
+        fit: of a physical model with such parameters.
+        level: of the intervals.
+    """
+    factor = float(ndtri(0.5 + level / 2))
     first = next(iter(fit.by_record.values()))
-    heads = [
-        cell for name, row in first.items() for cell in (_with_unit_in_brackets(name, row.unit), "±\u00a0[%]", "Status")
-    ]
+    heads = [cell for name, row in first.items() for cell in (in_unit(name, row.unit), "±\u00a0[%]", "Status")]
     return Table(
         ("Record", *heads),
         tuple(
@@ -136,10 +140,6 @@ def _own_parameters(fit: GreyBoxFit, factor: float, level: float) -> Table:
         f"Parameters of {fit.model.name} that differ by record, with {100 * level:g} % intervals.",
         text_columns=1,
     )
-
-
-def _with_unit_in_brackets(name: str, unit: str) -> str:
-    return f"{name} [{readable_unit(unit)}]" if unit else name
 
 
 def friction(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure | None:
@@ -293,7 +293,7 @@ def likelihood(fit: GreyBoxFit, profile: Profile, *, name: str = "") -> Figure:
         (
             Plot(
                 tuple(marks),
-                Axis(_first_up(parameter.description), parameter.unit, range=reach),
+                Axis(first_up(parameter.description), parameter.unit, range=reach),
                 Axis("Deviance", "1", range=(-0.03 * top, top)),
                 height=1.6,
             ),
@@ -333,7 +333,7 @@ def _parameter_row(row: Estimate, factor: float, sheet: bool) -> tuple[str, ...]
     given = "" if row.datasheet is None else _plain(row.datasheet)
     too_wide = identified and factor * (row.standard_error or 0.0) > abs(row.value)
     status = f"{row.how}, {_INTERVAL_TOO_WIDE}" if too_wide else row.how
-    words = (row.name, _first_up(row.description), row.symbol, readable_unit(row.unit), status)
+    words = (row.name, first_up(row.description), row.symbol, readable_unit(row.unit), status)
     return (*words, *_value(row, factor), *((given,) if sheet else ()))
 
 
@@ -354,10 +354,6 @@ def _with_interval(value: float, half: float) -> tuple[str, str]:
 
 def _plain(value: float) -> str:
     return "∞" if value == np.inf else number(value)
-
-
-def _first_up(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _characteristic(curve: Curve, factor: float, label: str, backdrop: str, level: float) -> list[Mark]:

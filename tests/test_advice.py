@@ -15,7 +15,7 @@ from emsid.findings import Finding
 from emsid.first_look.advice import advice, breakaway, dead_zone, questions, repeated, responses_of
 from emsid.first_look.baseline import baseline
 from emsid.first_look.dynamics import Response, influence, response
-from emsid.first_look.nonlinearity import nonlinearity, period_of
+from emsid.first_look.nonlinearity import nonlinearity
 from emsid.identification.delay import LONGEST_SEARCHED, with_delay
 from emsid.identification.options import Options
 from emsid.record import Record
@@ -232,9 +232,6 @@ class TestDistortion:
 
     def test_only_where_the_input_is_periodic(self) -> None:
         assert "distortion-levels" not in ordinary()
-        assert period_of(U) is None
-        assert period_of(np.tile(U[:300], 3)) == 300
-        assert period_of(np.ones(100)) is None
 
 
 def test_linear_systems_are_seldom_called_nonlinear() -> None:

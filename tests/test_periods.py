@@ -13,7 +13,7 @@ from emsid.estimation.nonlinear.frequency_response import frequency_response
 from emsid.excitation.periods import averaged, period_of
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
-from emsid.models.blocks.search.periods import steady_state
+from emsid.models.blocks.search.periods import SHORTEST, steady_state
 from emsid.models.blocks.static_maps import Saturation
 from independent.process_noise import FIRST, SECOND, circuit, multisine
 
@@ -48,11 +48,14 @@ def test_an_input_that_does_not_repeat_has_no_period() -> None:
     changed[2000] += 1e-3
     assert period_of(changed) is None
     assert period_of(np.zeros(5000)) is None
-    assert period_of(np.tile(once[:100], 12)) is None  # the mean would be a very short record
+    assert period_of(np.tile(once[:100], 12), SHORTEST) is None  # the mean would be a very short record
+    assert period_of(np.tile(once[:3], 4)) is None
 
 
 def test_several_short_periods_count_as_one() -> None:
-    assert period_of(np.tile(np.random.default_rng(0).standard_normal(300), 10)) == 1200
+    repeated = np.tile(np.random.default_rng(0).standard_normal(300), 10)
+    assert period_of(repeated, SHORTEST) == 1200
+    assert period_of(repeated) == 300
 
 
 def test_periods_are_averaged_without_a_first_one_that_is_not_settled() -> None:

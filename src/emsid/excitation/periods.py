@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-LEAST_PERIOD = 1_000
-"""Samples of the shortest period that is looked for; an average over a shorter one is a very short record."""
-SAME = 1e-9
-"""An input repeats if no sample differs from that a period before by more than this part of the largest."""
+LEAST_PERIOD = 8
+"""Samples of the shortest period that is looked for."""
+SAME = 1e-6
+"""An input repeats if no sample differs from that a period before by more than this part of its range."""
 UNSETTLED = 2.0
 """The first period is not in steady state if the second differs from it by more than this factor of what later ones do,
 in mean square."""
@@ -42,24 +42,29 @@ class Period:
 def period_of(u: Array, least: int = LEAST_PERIOD) -> int | None:
     """The shortest period, in samples, of an input (N,) with at least two; None if it does not repeat.
 
+    Where the input repeats, its mean square difference from itself a period before is zero; the transform of Fourier
+    gives it for all periods at once.
+
+    >>> period_of(np.tile([0.0, 1.0, 3.0, 2.0, 5.0, 1.0, 0.5, 0.2, 9.0], 3))
+    9
+
     Args:
         u: the input.
         least: the shortest period that counts.
     """
-    samples = len(u)
-    if samples < 2 * least:
+    samples, reach = len(u), float(np.ptp(u)) if len(u) else 0.0
+    if samples < 2 * least or not reach:
         return None
-    bound = SAME * float(np.max(np.abs(u)))
     level = u - u.mean()
-    size = 2 ** int(np.ceil(np.log2(2 * samples)))
+    size = 1 << (2 * samples - 1).bit_length()
     spectrum = np.fft.rfft(level, size)
-    products = np.fft.irfft(np.abs(spectrum) ** 2, size)[: samples // 2 + 1]
-    power = np.concatenate([[0.0], np.cumsum(level**2)])
     lags = np.arange(samples // 2 + 1)
+    products = np.fft.irfft(np.abs(spectrum) ** 2, size)[: len(lags)]
+    power = np.concatenate([[0.0], np.cumsum(level**2)])
     missed = power[samples - lags] + power[samples] - power[lags] - 2 * products
-    for lag in np.flatnonzero(missed <= 1e-6 * power[samples]):
-        if lag >= least and np.max(np.abs(u[lag:] - u[:-lag])) <= bound:
-            return int(lag) if np.ptp(u) > 0 else None
+    for lag in np.flatnonzero(missed[least:] <= 1e-6 * power[samples]) + least:
+        if np.max(np.abs(u[lag:] - u[:-lag])) <= SAME * reach:
+            return int(lag)
     return None
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.linear.filtering import coherence
+from emsid.excitation.periods import period_of
 from emsid.findings import Finding
 from emsid.first_look.baseline import Baseline
 from emsid.first_look.dynamics import Response
@@ -59,31 +60,6 @@ def nonlinearity(record: Record, response: Response, linear: Baseline | None) ->
         "confidence": round(float(np.clip(0.5 + of_residual if nonlinear else 0.9 - 2 * of_residual, 0.4, 0.95)), 2),
     }
     yield Finding("nonlinear-likely" if nonlinear else "nearly-linear", record.output_names[0], data)
-
-
-def period_of(u: Array) -> int | None:
-    """The period in samples of a signal (N,) that repeats exactly at least twice; None where it does not.
-
-    >>> period_of(np.tile([0.0, 1.0, 3.0, 2.0, 5.0, 1.0, 0.5, 0.2, 9.0], 3))
-    9
-    """
-    n = len(u)
-    x = u - u.mean()
-    power = float(x @ x)
-    if not power or n < 16:
-        return None
-    size = 1 << (2 * n - 1).bit_length()
-    spectrum = np.fft.rfft(x, size)
-    products = np.fft.irfft(spectrum * np.conj(spectrum), size)[: n // FEWEST_PERIODS + 1]
-    ends = np.concatenate([[0.0], np.cumsum(x**2)])
-    lags = np.arange(len(products))
-    energy = np.sqrt((ends[n - lags]) * (ends[n] - ends[lags]))
-    similar = products / np.where(energy > 0, energy, np.inf)
-    found = np.flatnonzero(similar[8:] > 0.9999) + 8
-    for period in found.tolist():
-        if np.max(np.abs(u[period:] - u[:-period])) <= 1e-6 * np.ptp(u) and np.ptp(u[:period]) == np.ptp(u):
-            return int(period)
-    return None
 
 
 def distortion(u: Array, y: Array, period: int) -> dict[str, float | int] | None:

@@ -19,7 +19,7 @@ from emsid.estimation.linear.recursive import RecursiveLeastSquares, RecursiveSt
 from emsid.models.model import Model
 from emsid.models.regression.figures import of_regression
 from emsid.models.regression.narx import Narx
-from emsid.record import Record, concatenate
+from emsid.record import Record, continuing
 
 Array = NDArray[np.float64]
 
@@ -220,7 +220,7 @@ class Tracker:
         if model is None:
             return tracking
         if state is None or isinstance(state, Record):
-            seen = record if state is None else replace(concatenate([state, record]), breaks=(), times=(), sources=())
+            seen = continuing(state, record)
             need = max(model.memory, 1)
             if len(seen) <= need:
                 return replace(tracking, model=seen)

@@ -1,7 +1,17 @@
 """`Record`, the one data type of the program, and the time axis that it is read with."""
 
 from emsid.record.holding_back import hold_back
-from emsid.record.record import Record, check_same_channels, concatenate, segments
+from emsid.record.record import Record, check_same_channels, concatenate, continuing, segments
 from emsid.record.time_axis import TimeAxis, resample, time_axis
 
-__all__ = ["Record", "TimeAxis", "check_same_channels", "concatenate", "hold_back", "resample", "segments", "time_axis"]
+__all__ = [
+    "Record",
+    "TimeAxis",
+    "check_same_channels",
+    "concatenate",
+    "continuing",
+    "hold_back",
+    "resample",
+    "segments",
+    "time_axis",
+]

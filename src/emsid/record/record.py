@@ -443,6 +443,19 @@ def concatenate(records: Iterable[Record], name: str | None = None) -> Record:
     )
 
 
+def continuing(before: Record | None, piece: Record) -> Record:
+    """A segment that goes on without a gap after the samples before it, as one segment.
+
+    Args:
+        before: the samples before it; None for none.
+        piece: of one segment.
+
+    Raises:
+        DataError: where sample times, channel names or units differ.
+    """
+    return piece if before is None else replace(concatenate([before, piece]), breaks=(), times=(), sources=())
+
+
 def _sources(pieces: Sequence[Record]) -> tuple[str, ...]:
     """The name of the experiment of every segment; empty where all have the same name."""
     found = tuple(name for piece in pieces for name in piece.experiments)

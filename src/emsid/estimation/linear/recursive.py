@@ -39,7 +39,7 @@ from emsid.estimation.linear.adaptation import Code, Forgetting, Gradient, Rule,
 from emsid.estimation.linear.information import TILE, add_multiple, copy_square, reflect, workspace
 from emsid.estimation.linear.least_squares import LinearStructure, M_co, check_excitation
 from emsid.findings import Finding
-from emsid.record import Record, check_same_channels, concatenate
+from emsid.record import Record, check_same_channels, continuing
 
 Array = NDArray[np.float64]
 
@@ -304,13 +304,7 @@ class RecursiveLeastSquares(Generic[M_co]):
         for k, piece in enumerate(record.segments):
             if k:
                 state = state.cut()
-            if state.tail is not None:
-                check_same_channels(state.tail, piece)
-            joined = (
-                piece
-                if state.tail is None
-                else replace(concatenate([state.tail, piece]), breaks=(), times=(), sources=())
-            )
+            joined = continuing(state.tail, piece)
             estimate, factor, diagonal, window = (
                 np.array(values) for values in (state.estimate, state.factor, state.diagonal, state.window)
             )

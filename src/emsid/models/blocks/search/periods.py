@@ -18,6 +18,8 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.record import Record
 
+SHORTEST = 1_000
+"""Samples of the shortest period that is averaged; the average over a shorter one is a very short record."""
 SETTLED = 1e-4
 """A free run is in steady state when what was before has decayed to this part."""
 
@@ -69,7 +71,7 @@ def steady_state(records: Sequence[Record], period: int | None) -> Steady | None
     """
     segments = [segment for record in records for segment in record.segments]
     if period is None:
-        found = {period_of(segment.input[:, 0]) for segment in segments}
+        found = {period_of(segment.input[:, 0], SHORTEST) for segment in segments}
         period = found.pop() if len(found) == 1 else None
     if not period:
         return None

@@ -17,6 +17,17 @@ def numbers_of(values: Array) -> Array:
     return numbers
 
 
+def inverse_with_straight_ends(function: StaticMap, knots: Array, z: ArrayLike) -> Array:
+    """x with f(x) = z, for a monotone f that is straight below the first and above the last of its knots (K,)."""
+    target = np.asarray(z, dtype=float)
+    ends = knots[[0, -1]]
+    known = numbers_of(target)
+    extremes = np.array([known.min(), known.max()]) if known.size else np.empty(0)
+    beyond = ends + (extremes[:, None] - function.value(ends)) / function.slope(ends)
+    reach = np.append(ends, beyond)
+    return monotone_inverse(function, reach.min(), reach.max(), target)
+
+
 def monotone_inverse(function: StaticMap, low: float, high: float, z: ArrayLike) -> Array:
     """x in [low, high] with f(x) = z, by bisection to the last bit, for a monotone f."""
     target = np.asarray(z, dtype=float)

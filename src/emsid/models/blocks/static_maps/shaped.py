@@ -28,9 +28,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.findings import Finding
-from emsid.models.blocks.static_maps.inverse import monotone_inverse, numbers_of
+from emsid.models.blocks.static_maps.inverse import inverse_with_straight_ends
 from emsid.models.blocks.static_maps.static_map import Pieces, StaticMap, closest
-from emsid.models.blocks.static_maps.through_points import CubicSpline, spread_knots
+from emsid.models.blocks.static_maps.through_points import CubicSpline, ThroughPoints, spread_knots
 from emsid.models.terms import vector
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ LEAST_SLOPE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class OddSpline(StaticMap):
+class OddSpline(ThroughPoints):
     """The natural cubic spline through the origin, the points (knotₖ, valueₖ) and their mirror images.
 
     >>> OddSpline([1.0, 2.0], [1.0, 1.5]).value(np.array([-2.0, 0.0, 1.0]))
@@ -54,20 +54,18 @@ class OddSpline(StaticMap):
         ModelError: for knots that do not ascend from zero, or another number of values.
     """
 
-    knots: Array
-    values: Array
-
     kind: ClassVar[str] = "odd-spline"
+    owns_level: ClassVar[bool] = False
     absorbs_shift: ClassVar[bool] = False
+    tried: ClassVar[bool] = False
     sizes: ClassVar[tuple[int, ...]] = (10, 20)
     smooth: ClassVar[bool] = True
+    word: ClassVar[str] = "odd_spline"
+    fewest: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
-        for field in ("knots", "values"):
-            object.__setattr__(self, field, vector(getattr(self, field), f"{self.kind} {field}"))
-        if len(self.knots) != len(self.values) or not len(self.knots):
-            raise ModelError(f"{self.kind}: {len(self.knots)} knots and {len(self.values)} values; give as many")
-        if np.any(np.diff(self.knots, prepend=0.0) <= 0):
+        super().__post_init__()
+        if self.knots[0] <= 0:
             raise ModelError(f"{self.kind}: the knots must ascend from above zero")
 
     @cached_property
@@ -75,16 +73,6 @@ class OddSpline(StaticMap):
         """The same map as a spline on both sides."""
         both = [np.concatenate([-each[::-1], [0.0], each]) for each in (self.knots, self.values)]
         return CubicSpline(*both)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """f1, f2, …, values at the knots."""
-        return tuple(f"f{k + 1}" for k in range(len(self.knots)))
-
-    @property
-    def parameters(self) -> Array:
-        """(K,) values."""
-        return self.values
 
     @property
     def anchors(self) -> tuple[int, ...]:
@@ -95,11 +83,6 @@ class OddSpline(StaticMap):
     def steepness(self) -> float:
         """The mean slope up to the last knot."""
         return float(self.values[-1] / self.knots[-1])
-
-    @property
-    def size(self) -> int:
-        """The number of positive knots."""
-        return len(self.knots)
 
     def with_parameters(self, theta: Array) -> Self:
         """The map with other values; what depends on the knots alone is kept."""
@@ -135,15 +118,6 @@ class OddSpline(StaticMap):
         """Knots times \\|input\\|, values times output; a mirrored input changes the sign of the values."""
         return replace(self, knots=self.knots * abs(input), values=self.values * output * np.sign(input))
 
-    def expression(self, x: str) -> str:
-        """The points on the positive side."""
-        pairs = ", ".join(f"({k:.6g}, {v:.6g})" for k, v in zip(self.knots, self.values, strict=True))
-        return f"odd_spline({x}; {pairs})"
-
-    def summary(self, x: str) -> str:
-        """The number of points."""
-        return f"odd_spline({x}; {len(self.knots)} knots up to {self.knots[-1]:.4g} on either side, see the table)"
-
     @classmethod
     def started(cls, x: Array, z: Array, size: int) -> OddSpline:
         """A map with ``size`` knots on either side, placed by `spread_knots`."""
@@ -161,15 +135,6 @@ class OddSpline(StaticMap):
     def marks(self) -> tuple[Array, str]:
         """The knots on both sides."""
         return self.whole.knots, "knots"
-
-    def to_data(self) -> dict[str, Any]:
-        """Knots and values."""
-        return {"kind": self.kind, "knots": self.knots.tolist(), "values": self.values.tolist()}
-
-    @classmethod
-    def from_data(cls, data: dict[str, Any]) -> Self:
-        """The map described by `to_data`."""
-        return cls(data["knots"], data["values"])
 
     def _odd(self, rows: Array) -> Array:
         """Rows (2K + 1, N) by value on both sides as rows (K, N) by value on the positive one."""
@@ -294,12 +259,7 @@ class MonotoneSpline(StaticMap):
 
     def inverse(self, z: ArrayLike) -> Array:
         """x with f(x) = z, which always exists."""
-        target = np.asarray(z, dtype=float)
-        ends, slopes = self.knots[[0, -1]], self._slopes[[0, -1]]
-        known = numbers_of(target)
-        extremes = (known.min(), known.max()) if known.size else ()
-        reach = np.concatenate([ends, *(ends + (t - self.value(ends)) / slopes for t in extremes)])
-        return monotone_inverse(self, reach.min(), reach.max(), target)
+        return inverse_with_straight_ends(self, self.knots, z)
 
     def scaled(self, input: float, output: float) -> Self:
         """Knots times input, slopes times output/input, the first value times output."""

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.findings import Finding
-from emsid.models.blocks.static_maps.inverse import monotone_inverse, numbers_of
+from emsid.models.blocks.static_maps.inverse import inverse_with_straight_ends
 from emsid.models.blocks.static_maps.static_map import Pieces, StaticMap, closest
 from emsid.models.terms import vector
 
@@ -31,13 +31,13 @@ LISTED_KNOTS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class _ThroughPoints(StaticMap):
+class ThroughPoints(StaticMap):
     """A map through points (knotₖ, valueₖ), linear in the values, which are its parameters.
 
     So the parameters and their intervals can be read from a plot.
 
     Args:
-        knots: (K,) ascending, in the input's unit, at least two.
+        knots: (K,) ascending, in the input's unit, at least `fewest`.
         values: (K,) f at the knots.
 
     Raises:
@@ -50,15 +50,15 @@ class _ThroughPoints(StaticMap):
     owns_level: ClassVar[bool] = True
     tried: ClassVar[bool] = True
     word: ClassVar[str]
+    fewest: ClassVar[int] = 2
     of_knots: ClassVar[tuple[str, ...]] = ()  # cached values that depend on the knots alone
 
     def __post_init__(self) -> None:
         for field in ("knots", "values"):
             object.__setattr__(self, field, vector(getattr(self, field), f"{self.kind} {field}"))
-        if len(self.knots) != len(self.values) or len(self.knots) < 2:
-            raise ModelError(
-                f"{self.kind}: {len(self.knots)} knots and {len(self.values)} values; give as many, at least two"
-            )
+        if len(self.knots) != len(self.values) or len(self.knots) < self.fewest:
+            counts = f"{len(self.knots)} knots and {len(self.values)} values"
+            raise ModelError(f"{self.kind}: {counts}; give as many, at least {self.fewest}")
         if np.any(np.diff(self.knots) <= 0):
             raise ModelError(f"{self.kind}: the knots must ascend")
 
@@ -145,7 +145,7 @@ class _ThroughPoints(StaticMap):
         return cls(data["knots"], data["values"])
 
 
-class PiecewiseLinear(_ThroughPoints):
+class PiecewiseLinear(ThroughPoints):
     """Straight lines between points, extended beyond the outer ones.
 
     Args:
@@ -194,7 +194,7 @@ class PiecewiseLinear(_ThroughPoints):
         return piece, (x - self.knots[piece]) / np.diff(self.knots)[piece]
 
 
-class CubicSpline(_ThroughPoints):
+class CubicSpline(ThroughPoints):
     """The natural cubic spline through (knotₖ, valueₖ), which continues as a straight line at either end.
 
     f is cubic between knots, with two continuous derivatives; the second derivative is zero at both ends, where the
@@ -252,15 +252,10 @@ class CubicSpline(_ThroughPoints):
 
     def inverse(self, z: ArrayLike) -> Array:
         """x with f(x) = z, if the spline is monotone."""
-        target = np.asarray(z, dtype=float)
-        ends = np.array([self.knots[0], self.knots[-1]])
-        slopes = self.slope(ends)
+        slopes = self.slope(self.knots[[0, -1]])
         if not np.all(slopes * slopes[0] > 0):
             raise ModelError("a spline has an inverse only where it is monotone")
-        known = numbers_of(target)
-        extremes = (known.min(), known.max()) if known.size else ()
-        reach = np.concatenate([ends, *(ends + (t - self.value(ends)) / slopes for t in extremes)])
-        return monotone_inverse(self, min(ends[0], reach.min()), max(ends[1], reach.max()), target)
+        return inverse_with_straight_ends(self, self.knots, z)
 
     def _evaluate(self, x: Array) -> tuple[Array, Array]:
         at = np.asarray(x, dtype=float)

@@ -88,7 +88,7 @@ def _best_delay(record: Record, delay: int) -> int:
     """The delay of the best free run among ``delay``, half of it and so on down to one."""
     if delay <= CERTAIN:
         return delay
-    few = _middle(record, SAMPLES_FOR_DELAY)
+    few = excerpt(record, SAMPLES_FOR_DELAY)
     halves = [max(1, delay >> k) for k in range(delay.bit_length())]
     fits = {
         each: simulated.fit
@@ -100,15 +100,10 @@ def _best_delay(record: Record, delay: int) -> int:
     return max((each for each in fits if fits[each] >= best - EQUAL), default=1)
 
 
-def _middle(record: Record, most: int) -> Record:
-    """At most this many samples from the middle of a record."""
-    start = max((len(record) - most) // 2, 0)
-    return record[start : start + most]
-
-
 def excerpt(record: Record, most: int) -> Record:
     """At most this many samples from the middle of a record, with its first input and its first output only."""
-    few = _middle(record, most)
+    start = max((len(record) - most) // 2, 0)
+    few = record[start : start + most]
     few = replace(few, input=few.input[:, :1], input_names=few.input_names[:1], input_units=few.input_units[:1])
     return replace(few, output=few.output[:, :1], output_names=few.output_names[:1], output_units=few.output_units[:1])
 

@@ -79,7 +79,7 @@ Static = Annotated[
 ]
 Period = Annotated[
     int | None,
-    typer.Option(metavar="N", help="Period of the input in samples, in steady state; 0: not periodic.", min=0),
+    typer.Option(metavar="N", help="Samples in a period of the input in steady state; 0: it has none.", min=0),
 ]
 Ridge = Annotated[
     float, typer.Option(metavar="WEIGHT", help="Ridge regression: weight of the squared parameters.", min=0)
@@ -106,7 +106,9 @@ Free = Annotated[
 ]
 PerRecord = Annotated[
     str | None,
-    typer.Option(metavar="NAME,...", help="Physical parameters that each record has its own value of, as a load."),
+    typer.Option(
+        metavar="NAME,...", help="Physical parameters with another value in each record, such as rotor_inertia."
+    ),
 ]
 Recent = Annotated[
     float | None,

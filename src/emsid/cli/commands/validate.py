@@ -27,9 +27,7 @@ Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records th
 Horizon = Annotated[int, typer.Option(metavar="K", help="Also predict this many samples ahead.", min=1)]
 Free = Annotated[
     str | None,
-    typer.Option(
-        metavar="NAME,...", help="Estimate these physical parameters again, as a load, from the first part of a record."
-    ),
+    typer.Option(metavar="NAME,...", help="Estimate these physical parameters again from the first part of a record."),
 ]
 Part = Annotated[
     float, typer.Option(metavar="FRACTION", help="With --free: the part of a record to estimate from; the rest judges.")

@@ -122,6 +122,25 @@ def test_a_regression_is_fitted_again_as_the_options_say(fits):
     assert free_run_error(again, [drive(0)]) != free_run_error(fits[0].model, [drive(0)])
 
 
+def test_a_parameter_that_the_user_fixes_stays_fixed(fits):
+    start = fits[2].model
+    fit = emsid.fit(start, drive(0, 400), fixed=["f.f1", "f.f2"])
+    again = refitted(fit, drive(1, 400, pole=0.85, gain=1.5))
+    known = dict(zip(start.names, start.parameters, strict=True))
+    found = dict(zip(again.names, again.parameters, strict=True))
+    assert {name for name in known if found[name] == known[name]} == {"f.f1", "f.f2", "u0", "y0"}
+    assert "G.a1" in fit.names
+
+
+def test_numbers_out_of_range_are_a_problem_of_the_model(fits, monkeypatch):
+    def fails(*_):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setitem(REFITTED, emsid.Cascade, fails)
+    with pytest.raises(emsid.ModelError, match="out of range"):
+        refitted(fits[2], drive(0, 400))
+
+
 def test_a_cancelled_refit_is_stopped(fits):
     with pytest.raises(Stopped):
         refitted(fits[0], drive(0), control=Control(cancelled=lambda: True))

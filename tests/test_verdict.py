@@ -296,6 +296,17 @@ def test_an_implausible_model_is_not_recommended_over_a_plausible_one_within_noi
     assert (name, why.data["verdict"]) == ("a", "model-supported")
 
 
+def test_only_models_that_were_followed_over_the_folds_are_counted():
+    unseen = record(1, name="other")
+    fits = [linear(name="a"), linear(gain=0.9, name="b"), linear(gain=0.1, name="c")]
+    choice = compare(fits, unseen)
+    ranking = ranked(choice, None, Options())
+    followed = [*(replace(each, folds=each.folds * 4) for each in ranking[:2]), ranking[2]]
+    (verdict, *_) = verdicts(*fits, unseen=unseen)
+    for among, count in ((ranking, 3), (followed, 2)):
+        assert recommendation(choice, among, verdict, (), seen=False).data["models"] == count
+
+
 def next_of(known, reason=None, unseen=None, seen=False):
     unseen = unseen or record(1, name="other")
     (verdict,) = verdicts(linear())

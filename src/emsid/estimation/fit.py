@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Generic, TypeVar
@@ -9,11 +10,13 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import ModelError
 from emsid.findings import Finding, plain
 from emsid.presentation import Presented
 
 Array = NDArray[np.float64]
 M = TypeVar("M", covariant=True)
+T = TypeVar("T")
 
 
 class Ending(Enum):
@@ -122,3 +125,18 @@ class Fit(Presented, Generic[M]):
             }
         )
         return data
+
+
+def fit_or_problem(search: Callable[[], T]) -> T:
+    """The result of a search.
+
+    Raises:
+        ModelError: also where the linear algebra fails because numbers are out of range.
+    """
+    try:
+        return search()
+    except (ValueError, ArithmeticError) as problem:
+        raise ModelError(
+            f"the numbers are out of range ({problem}); scale the channels, check the sample time",
+            arguments=("scale", "dt"),
+        ) from problem

@@ -6,7 +6,7 @@ data, a part of the record. Then it is fitted to the whole record.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, MutableMapping, Sequence
+from collections.abc import Iterator, MutableMapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -256,18 +256,3 @@ def _may_be_of(plant: Plant, record: Record) -> bool:
     except EmsidError:
         return False
     return True
-
-
-def fit_or_problem(search: Callable[[], Fit[Any]]) -> Fit[Any]:
-    """The result of a search.
-
-    Raises:
-        ModelError: also where the linear algebra fails because numbers are out of range.
-    """
-    try:
-        return search()
-    except (ValueError, ArithmeticError) as problem:
-        raise ModelError(
-            f"the numbers are out of range ({problem}); scale the channels, check the sample time",
-            arguments=("scale", "dt"),
-        ) from problem

@@ -85,7 +85,7 @@ def recommendation(
     row, among = choice.best.row, {each.name: each for each in compared(ranking)}
     data: dict[str, Any] = {
         "fit_percent": finite(row.fit_percent),
-        "models": len(choice.rows),
+        "models": len(among),
         "folds": max(len(each.folds) for each in ranking),
         "seen": seen,
         "verdict": verdict.code,

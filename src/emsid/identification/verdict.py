@@ -75,22 +75,21 @@ def excluded_models(findings: Iterable[Finding]) -> frozenset[str]:
 
 def _verdict(unseen: Assessment, fitted: Assessment, implausible: list[Reason], shares: Sequence[float]) -> Finding:
     row = unseen.row
-    unusable = _unusable(unseen)
-    tests = [] if unusable else residual_table(unseen)
-    limits = [] if unusable else [*_poor(row), *_from_tests(tests, unseen, shares), *_disagreements(unseen, fitted)]
+    useless = unusable(row)
+    tests = [] if useless else residual_table(unseen)
+    limits = [] if useless else [*_poor(row), *_from_tests(tests, unseen, shares), *_disagreements(unseen, fitted)]
     if unseen.fit.ending in UNFINISHED:
         limits.append({"code": "search-not-finished", "ending": unseen.fit.ending.value})
-    data = {"model": row.model, "reasons": [*unusable, *implausible, *limits], "tests": tests}
-    if unusable:
+    data = {"model": row.model, "reasons": [*useless, *implausible, *limits], "tests": tests}
+    if useless:
         return Finding("model-unusable", row.model, data)
     if implausible:
         return Finding("model-implausible", row.model, data)
     return Finding("model-limited" if limits else "model-supported", row.model, data)
 
 
-def _unusable(unseen: Assessment) -> list[Reason]:
-    """Why a model cannot be used at all."""
-    row = unseen.row
+def unusable(row: Row) -> list[Reason]:
+    """Why a model cannot be used at all, from its free run on unseen data."""
     if row.diverged_at is not None:
         return [{"code": "diverges", "sample": int(row.diverged_at)}]
     if row.fit_percent <= 0:

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from emsid.errors import DataError, EmsidError, ModelError
-from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.fit import Ending, Fit, fit_or_problem
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.findings import Finding
 from emsid.first_look.advice import questions, responses_of
-from emsid.identification.candidates import CANDIDATES, QUICK, fit_or_problem, usual_for
+from emsid.identification.candidates import CANDIDATES, QUICK, usual_for
 from emsid.identification.delay import with_delay
 from emsid.identification.observations import (
     about_the_fits,
@@ -43,7 +43,7 @@ from emsid.identification.requests import (
     unused_requests,
 )
 from emsid.identification.result import Identification
-from emsid.identification.verdict import excluded_models, implausible_models, model_verdicts
+from emsid.identification.verdict import excluded_models, implausible_models, model_verdicts, unusable
 from emsid.models.bootstrap import bootstrap as drawn_again
 from emsid.models.plants.grey_box import assumptions
 from emsid.models.plants.parameters import parts
@@ -203,8 +203,7 @@ def _held_back(
 
 def _order(choice: Comparison, ranking: Sequence[Ranked], findings: Sequence[Finding]) -> list[Fit[Any]]:
     """The models, the recommended one first and the others by their errors."""
-    rows = choice.rows
-    useless = {row.model for row in rows if row.diverged_at is not None or row.fit_percent <= 0}
+    useless = {row.model for row in choice.rows if unusable(row)}
     first = recommended(ranking, implausible_models(findings), useless | excluded_models(findings))
     return [first.fit, *(each.fit for each in ranking if each is not first)]
 

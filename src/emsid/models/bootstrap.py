@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -22,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import EmsidError, ModelError
-from emsid.estimation.fit import Fit
+from emsid.estimation.fit import Fit, fit_or_problem
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
 from emsid.models.blocks.cascade import Cascade
-from emsid.models.blocks.fitting import fit_cascade
+from emsid.models.blocks.fitting import fit_cascade, fixed_in
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
 from emsid.models.linear.state_space import StateSpaceModel, coefficient_names
@@ -96,7 +97,7 @@ def bootstrap(
         control.doing(f"fitting to drawn pieces ({len(cut)} of {len(cut[0]):,} samples)", draw, int(count))
         drawn = concatenate([cut[k] for k in rng.integers(len(cut), size=len(cut))], "drawn pieces")
         try:
-            again = refit(drawn)
+            again = fit_or_problem(partial(refit, drawn))
         except EmsidError:
             continue
         if again.names == fit.names and np.isfinite(again.estimate).all():
@@ -171,8 +172,7 @@ def _refit_of(fit: Fit[Any], records: Sequence[Record]) -> Callable[[Record], Fi
         of_states = StateSpaceStructure(model.order, direct, name=model.name)
         return lambda record: fit_state_space(of_states, record, free_run=not noise, max_iterations=STEPS)
     if isinstance(model, Cascade):
-        fixed = [name for name in model.names if name not in fit.names]
-        return lambda record: fit_cascade(model, record, fixed=fixed, max_iterations=STEPS)
+        return lambda record: fit_cascade(model, record, fixed=fixed_in(fit), max_iterations=STEPS)
     raise ModelError(f"{model.name}: a fit of this kind ({fit.method}) cannot be repeated on drawn pieces")
 
 

@@ -10,12 +10,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from emsid.errors import ModelError
-from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.fit import Ending, Fit, fit_or_problem
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
@@ -64,7 +65,7 @@ def refitted(
     control.check()
     for kind in type(fit.model).__mro__:
         if kind in REFITTED:
-            found: Model = REFITTED[kind](fit, several, linear, control)
+            found: Model = fit_or_problem(partial(REFITTED[kind], fit, several, linear, control))
             if control.ending is Ending.INTERRUPTED:
                 raise Stopped(Ending.INTERRUPTED)
             return found
@@ -81,7 +82,12 @@ def _regression(fit: Fit[Narx], records: Sequence[Record], linear: Linear, contr
 
 def _cascade(fit: Fit[Cascade], records: Sequence[Record], _: Linear, control: Control) -> Model:
     minimum, problem = cascades.search(
-        fit.model, records, max_iterations=STEPS, least_saving=SAVING, control=control.quietly()
+        fit.model,
+        records,
+        fixed=cascades.fixed_in(fit),
+        max_iterations=STEPS,
+        least_saving=SAVING,
+        control=control.quietly(),
     )
     return problem.model(minimum.estimate)
 

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.estimation.fit import Fit
+from emsid.estimation.fit import Fit, fit_or_problem
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.excitation import SIGNALS, crest_factor, persistent_excitation_order, sines
-from emsid.identification.candidates import fit_or_problem
 from emsid.record import Record
 from emsid.study.models import START, of_the_paper, searches, structures
 from emsid.study.setup import IDENTIFICATION, UNSEEN, Settings, measure

@@ -20,11 +20,10 @@ from typing import Any
 import numpy as np
 
 from emsid.errors import DataError, EmsidError
-from emsid.estimation.fit import Ending, Fit
+from emsid.estimation.fit import Ending, Fit, fit_or_problem
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.linear.recursive import recursive_least_squares
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
-from emsid.identification.candidates import fit_or_problem
 from emsid.plant import Bench, Motor
 from emsid.record import Record, check_same_channels
 from emsid.study.inputs import Excitation, Richer, excitation_of, richer_input

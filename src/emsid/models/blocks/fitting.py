@@ -117,6 +117,11 @@ def freedom(cascade: Cascade, fixed: Sequence[str] = ()) -> Freedom:
     return Freedom(cascade.parameters, free, tuple(tied))
 
 
+def fixed_in(fit: Fit[Cascade]) -> tuple[str, ...]:
+    """The names of the parameters that a fit has not estimated: those given as ``fixed``, and redundant ones."""
+    return tuple(name for name in fit.model.names if name not in fit.names)
+
+
 @dataclass(frozen=True, eq=False)
 class FreeRun:
     """The free-run residuals of a cascade over several segments, as a `Problem` for `gauss_newton`.

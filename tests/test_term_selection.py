@@ -74,7 +74,7 @@ def test_the_selection_is_that_of_a_fit_of_every_possible_model(noise: float) ->
 def test_passes_over_the_data_choose_what_the_factor_of_the_dictionary_does(monkeypatch: pytest.MonkeyPatch) -> None:
     record, dictionary = measured(900), polynomial_narx(2, 2, 3)
     monkeypatch.setattr(term_selection, "CHUNK", 100)
-    monkeypatch.setattr(term_selection, "RANKED", 0)
+    monkeypatch.setattr(term_selection, "SMALL", 0)
     found = emsid.select_terms(dictionary, [record[:500], record[500:]], 8)
     joined = emsid.select_terms(dictionary, concatenate([record[:500], record[500:]]), 8)
     by_factor = forward_selection(gather(dictionary, [record[:500], record[500:]])[0], 8)
@@ -110,11 +110,37 @@ def test_nine_thousand_terms_take_a_hundredth_of_their_matrix() -> None:
     assert peak < 8 * len(record) * len(dictionary) / 100
 
 
-def test_a_selection_can_be_watched_and_stopped() -> None:
+def test_products_of_columns_select_what_passes_do_where_they_keep_their_digits(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    record, dictionary = measured(2500), polynomial_narx(2, 2, 3)
+    calls: list[int] = []
+    monkeypatch.setattr(term_selection, "WIDTH", 999)
+    monkeypatch.setattr(term_selection, "correlate", lambda *_: calls.append(1))
+    by_products = emsid.select_terms(dictionary, [record[:1400], record[1400:]], 12)
+    assert not calls
+    monkeypatch.undo()
+    monkeypatch.setattr(term_selection, "SMALL", 0)
+    by_passes = emsid.select_terms(dictionary, [record[:1400], record[1400:]], 12)
+    assert by_products.structure == by_passes.structure
+    np.testing.assert_allclose(by_products.error_reduction, by_passes.error_reduction, rtol=1e-7)
+
+
+def test_products_that_lose_digits_do_not_select() -> None:
+    slow = np.cumsum(np.random.default_rng(0).standard_normal((400, 1)), axis=0)
+    data = term_selection._Signals(polynomial_narx(2, 2, 3), [Record(slow, 1 + 1e-3 * slow, 0.1)], 4)
+    assert data.information() is None
+    assert term_selection._Signals(polynomial_narx(2, 2, 3), [measured(400)], 4).information() is not None
+
+
+@pytest.mark.parametrize("small", [0, 64])
+def test_a_selection_can_be_watched_and_stopped(small: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(term_selection, "SMALL", small)
     record, dictionary = measured(300), polynomial_narx(2, 2, 2)
     seen: list[Activity] = []
     emsid.select_terms(dictionary, record, 4, control=Control(report=seen.append))
-    assert [(each.done, each.total) for each in seen] == [(1, 4), (2, 4), (3, 4)]
+    steps = [0] if small else [1, 2, 3]  # the factor of a small dictionary takes no time
+    assert [(each.done, each.total) for each in seen] == [(step, 4) for step in steps]
     cancelled = threading.Event()
     cancelled.set()
     with pytest.raises(Stopped) as stopped:

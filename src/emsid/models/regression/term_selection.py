@@ -11,6 +11,10 @@ seems best is computed itself before the term is chosen: orthogonal to all direc
 and by a second one where the first cancels digits. If its exact ratio falls behind that of another term, that one is
 tried.
 
+A dictionary of at most `SMALL` terms is selected from its factor R, if the products ΦᵀΦ give it: R = chol(ΦᵀΦ) has a
+relative error of about ε/λ, where ε is that of a number and λ the smallest eigenvalue of the products of columns of
+unit length. Where λ is below `EIGENVALUE`, the passes over the data select.
+
 Memory: the chosen columns and a copy of the signals, (most + 4)·N numbers, and 40 numbers for every term of the
 dictionary, instead of the n·N of its matrix or the n² of its factor.
 
@@ -18,7 +22,8 @@ References:
     Billings, *Nonlinear System Identification* (2013), ch. 3. Chen, Billings, Luo, *Orthogonal least squares methods
     and their application to non-linear system identification*, International Journal of Control 50 (1989). Daniel,
     Gragg, Kaufman, Stewart, *Reorthogonalization and stable algorithms for updating the Gram–Schmidt QR factorization*,
-    Mathematics of Computation 30 (1976).
+    Mathematics of Computation 30 (1976). Higham, *Accuracy and Stability of Numerical Algorithms* (2002), ch. 20, on
+    normal equations.
 """
 
 from __future__ import annotations
@@ -26,13 +31,14 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError, ModelError
-from emsid.estimation.linear.forward_selection import DEPENDENT
+from emsid.estimation.linear.forward_selection import DEPENDENT, forward_selection
 from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import check_excitation, gather
 from emsid.estimation.nonlinear.control import FREE, Control
@@ -48,10 +54,14 @@ Array = NDArray[np.float64]
 
 # A part that has less than this fraction of its column's square is made orthogonal once more.
 CANCELLED = 1e-2
-# The largest dictionary whose rank is looked at.
-RANKED = 64
+# The largest dictionary whose products are computed, and whose rank is looked at.
+SMALL = 64
+# The smallest eigenvalue of these products with which the factor has nine digits.
+EIGENVALUE = 1e-6
 # Samples for each of its terms that the rank is looked at in first.
 RANK_SAMPLES = 10
+# Samples whose products are computed at a time; those of a small dictionary stay in the second-level cache.
+WIDTH = 1 << 10
 # Samples that one thread processes at a time.
 CHUNK = 1 << 15
 
@@ -94,16 +104,25 @@ def select_terms(
         raise ModelError(f"{dictionary.name}: {most} terms to select; give at least one")
     most = min(most, len(dictionary))
     data = _Signals(dictionary, [records] if isinstance(records, Record) else list(records), most)
-    selection = _Selection(data, most)
     with one_blas_thread():
+        known = data.information()
+        if known is not None:
+            control.doing(f"selecting terms of {len(dictionary):,}", 0, most)
+            found = forward_selection(known, most)
+            return _selected(dictionary, found.order, found.error_reduction)
+        selection = _Selection(data, most)
         while selection.add_best() and len(selection.order) < most:
             control.doing(f"selecting terms of {len(dictionary):,}", len(selection.order), most)
             selection.update()
-    order = selection.order
+    return _selected(dictionary, selection.order, np.array(selection.gains), data.findings())
+
+
+def _selected(
+    dictionary: Structure, order: Sequence[int], gains: Array, findings: tuple[Finding, ...] = ()
+) -> SelectedTerms:
     chosen = tuple(dictionary.regressors[k] for k in order)
     names = tuple(dictionary.parameter_names[k] for k in order)
-    structure = Structure(chosen, dictionary.name, names, dictionary.inputs)
-    return SelectedTerms(structure, np.array(selection.gains), data.findings())
+    return SelectedTerms(Structure(chosen, dictionary.name, names, dictionary.inputs), gains, findings)
 
 
 def about_dictionary(dictionary: Structure, information: Information) -> tuple[Finding, ...]:
@@ -129,7 +148,6 @@ class _Signals:
         self.memory = dictionary.memory
         self.parts = [chunk for record in records for chunk in dictionary.chunks(record, CHUNK)]
         self.windows = [dictionary.window(*part) for part in self.parts]
-        self.tree: Tree = tree(dictionary.regressors)
         ends = np.cumsum([0] + [stop - start for _, start, stop in self.parts])
         self.slices = [slice(*pair) for pair in pairwise(ends.tolist())]
         self.output = np.concatenate([y[self.memory :] for y, _ in self.windows] or [np.empty(0)])
@@ -137,6 +155,35 @@ class _Signals:
             raise DataError(
                 f"{dictionary.name}: {len(self.output)} usable samples for {most} terms; record longer, or select fewer"
             )
+
+    @cached_property
+    def tree(self) -> Tree:
+        """The products that the terms share."""
+        return tree(self.dictionary.regressors)
+
+    def information(self) -> Information | None:
+        """By the products of all columns; None where the dictionary is large, or too many digits cancel."""
+        n = len(self.dictionary)
+        if n > SMALL:
+            return None
+        products, block = np.zeros((n + 1, n + 1)), np.empty((n + 1, WIDTH))
+        with np.errstate(over="ignore", invalid="ignore"):
+            for (y, u), part in zip(self.windows, self.slices, strict=True):
+                for first in range(0, part.stop - part.start, WIDTH):
+                    seen = block[:, : min(WIDTH, part.stop - part.start - first)]
+                    fill(seen, self.dictionary.tables, y, u, self.memory + first, seen.shape[1])
+                    products += seen @ seen.T
+        length = np.sqrt(np.diag(products)[:n])
+        if not (np.isfinite(products).all() and length.all()):
+            return None
+        unit = products[:n, :n] / np.outer(length, length)
+        if np.linalg.eigvalsh(unit)[0] < EIGENVALUE:
+            return None
+        lower = np.linalg.cholesky(unit)
+        along = np.linalg.solve(lower, products[:n, n] / length)
+        rest = np.sqrt(max(products[n, n] - along @ along, 0.0))
+        factor = np.block([[lower.T * length, along[:, None]], [np.zeros((1, n)), rest]])
+        return Information(factor, float(len(self.output)))
 
     def correlations(self, signal: Array, square: bool = False) -> Array:
         """(n,) φⱼᵀx of every term with a signal x (N,), or Σ x·φⱼ²; the parts in threads."""
@@ -146,7 +193,7 @@ class _Signals:
             correlate(result, self.tree, *window, self.memory, signal[part], square)
             return result
 
-        several = len(self.windows) > 1 and len(self.dictionary) > RANKED
+        several = len(self.windows) > 1 and len(self.dictionary) > SMALL
         in_turn = short_tasks(os.cpu_count() or 1).map if several else map
         total: Array = np.sum(list(in_turn(of_part, self.windows, self.slices)), axis=0)
         return total
@@ -165,7 +212,7 @@ class _Signals:
     def findings(self) -> tuple[Finding, ...]:
         """What `about_dictionary` finds, if the dictionary is small; a few samples are enough to show its full rank."""
         size = len(self.dictionary)
-        if size > RANKED or size > len(self.output):
+        if size > SMALL or size > len(self.output):
             return ()
         segment, start, stop = self.parts[0]
         few = Information.empty(size)

@@ -1,14 +1,16 @@
-"""Accuracy of the default models on simulated nonlinear systems: ``python bench/regressions.py [PART…]``.
+"""The default identification on simulated nonlinear systems: ``python bench/regressions.py [SYSTEM…] [SEED…]``.
 
-The systems come from a simulator that is not the program's own (``tests/independent/nonlinear_systems.py``); each model
-is fitted to one record and judged on others of another kind. The noise is what no model can do better than.
+The systems come from a simulator that is not the program's own (``tests/independent``). Every seed has other
+parameters, inputs and noise; seed 0 has the usual parameters. `emsid.identify` runs without options on one record, and
+all of its models are judged on others of another kind. Errors are multiples of the noise, which no model can do better
+than.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,44 +18,76 @@ from rich.console import Console
 from rich.table import Table
 
 import emsid
-from emsid.identification.candidates import CANDIDATES, USUAL
-from emsid.identification.options import Options
+from emsid.estimation.nonlinear.control import Activity, Control
 
 HOME = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(HOME / "tests"))
 from independent.nonlinear_systems import SYSTEMS, System  # noqa: E402
+from independent.process_noise import circuit  # noqa: E402
+
+SPREAD = 0.2
+"""Standard deviation of the factors by which the parameters of the seeds above 0 differ from the usual ones."""
 
 console = Console(width=150)
 
 
-def run_error(fit: emsid.Fit, record: emsid.Record) -> float:
+def run_error(model: emsid.Model, record: emsid.Record) -> float:
     """RMSE of the free run, in the unit of the output."""
-    run = fit.model.simulate(record)
+    run = model.simulate(record)
     return float(np.sqrt(np.mean((record.output - run.output)[run.counted] ** 2)))
 
 
-def models_of(name: str, system: System, models: Sequence[str] = USUAL) -> None:
-    """The default models of `emsid identify`, each fitted to the whole record of a system."""
-    board = Table(title=f"{name}: RMSE of the free run; noise {system.noise:.4g}", title_justify="left")
-    for head in ("", "fitted", *system.unseen, "parameters", "s CPU", "ended"):
+class Clock:
+    """CPU seconds by model, from the reports of an identification."""
+
+    def __init__(self) -> None:
+        self.spent: dict[str, float] = {}
+        self.model, self.begun = "", time.process_time()
+
+    def __call__(self, activity: Activity) -> None:
+        model = activity.doing.partition(" ")[0].rstrip(":,")
+        if model != self.model:
+            now = time.process_time()
+            self.spent[self.model] = self.spent.get(self.model, 0.0) + now - self.begun
+            self.model, self.begun = model, now
+
+
+def identified(name: str, records: Sequence[emsid.Record], judges: Mapping[str, emsid.Record], noise: float) -> None:
+    """The default models, each in multiples of the noise on every record to judge on."""
+    clock, start = Clock(), time.process_time()
+    result = emsid.identify(list(records), control=Control(report=clock))
+    seconds = time.process_time() - start
+    clock(Activity(""))
+    board = Table(title=f"{name}: {seconds:.0f} s CPU; RMSE over the noise {noise:.4g}", title_justify="left")
+    for head in ("", *judges, "parameters", "s CPU", "ended"):
         board.add_column(head, justify="right" if head else "left")
-    for model in models:
-        start = time.process_time()
-        try:
-            fit = CANDIDATES[model](system.fitted, Options())
-        except emsid.ModelError as problem:
-            board.add_row(model, str(problem))
-            continue
-        seconds = time.process_time() - start
-        errors = [run_error(fit, record) for record in (system.fitted, *system.unseen.values())]
-        board.add_row(model, *(f"{e:.4g}" for e in errors), str(len(fit.estimate)), f"{seconds:.1f}", fit.ending.value)
+    rows = [(f"{result.chosen.model.name} (recommended)", result.recommended, result.chosen)]
+    rows += [(fit.model.name, fit.model, fit) for fit in result.fits]
+    for model, run, fit in rows:
+        errors = [run_error(run, record) / noise for record in judges.values()]
+        spent = clock.spent.get(model, float("nan"))
+        board.add_row(model, *(f"{e:.2f}" for e in errors), str(len(fit.estimate)), f"{spent:.1f}", fit.ending.value)
     console.print(board)
 
 
+def system(name: str, seed: int) -> System:
+    """A simulated system of other parameters for every seed above 0."""
+    return SYSTEMS[name](seed=seed, spread=SPREAD if seed else 0.0)
+
+
 def main(arguments: Sequence[str]) -> None:
-    """Print the parts that are asked for, by default all."""
-    for name in arguments or SYSTEMS:
-        models_of(name, SYSTEMS[name]())
+    """Print the systems and seeds that are asked for, by default all with seed 0."""
+    seeds = [int(each) for each in arguments if each.isdigit()] or [0]
+    names = [each for each in arguments if not each.isdigit()] or [*SYSTEMS, "process noise"]
+    for name in names:
+        for seed in seeds:
+            title = f"{name} {seed}"
+            if name == "process noise":
+                made = circuit(seed=seed)
+                identified(title, made.fitted, made.unseen, made.noise)
+            else:
+                one = system(name, seed)
+                identified(title, [one.fitted], one.unseen, one.noise)
 
 
 if __name__ == "__main__":

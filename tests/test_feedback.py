@@ -19,8 +19,9 @@ from emsid.models.feedback import fitting
 from emsid.models.feedback.coordinates import Visited, coordinates, directions, normal_form, whitened
 from emsid.models.feedback.fitting import fit_feedback, searched
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search import estimation
-from emsid.models.feedback.search.choice import FeedbackSearch, Trial, chosen
+from emsid.models.feedback.search import choice, estimation
+from emsid.models.feedback.search.choice import Bench, FeedbackSearch, Trial, chosen
+from emsid.models.feedback.start import starting
 from emsid.models.free_run import squared_errors
 from emsid.models.one_channel import segments_longer_than
 from emsid.selection.improvement import StretchErrors
@@ -124,7 +125,7 @@ def test_redundant_directions_leave_the_output_as_it_is(name: str) -> None:
     assert sizes[-1] > 1e-5 * sizes[0]
 
 
-@pytest.mark.parametrize("name", ["polynomial", "dead-zone", "spline", "coulomb-linear", "abs"])
+@pytest.mark.parametrize("name", ["polynomial", "dead-zone", "spline", "monotone-spline", "coulomb-linear", "abs"])
 def test_other_forms_of_a_model_have_the_same_output(name: str) -> None:
     model = loop(name)
     expected = model.output(U, X)
@@ -275,14 +276,56 @@ def test_an_order_above_three_is_found() -> None:
     assert np.sqrt(fit.noise_variance) < 0.011
 
 
-def test_a_linear_record_takes_one_trial() -> None:
-    """No map is refined at any order, because no direction explains more than noise."""
+def test_a_linear_record_takes_one_trial(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No direction of a map explains more than noise, so none is refined; no linear model is fitted again."""
+    fitted: list[tuple[object, ...]] = []
+    begin = choice.linear_start
+    monkeypatch.setattr(choice, "linear_start", lambda *asked: (fitted.append(asked[1:5]), begin(*asked))[1])
     rng = np.random.default_rng(7)
     u = rng.normal(size=500)
     linear = FeedbackModel(np.array([[1.5, 1.0, 0.2], [-0.6, 0.0, 0.1], [1.0, 0.0, 0.0]]))
     record = Record(u, linear.output(u, np.zeros(2)) + 0.1 * rng.normal(size=len(u)), DT)
     trials = list(chosen([record], FeedbackSearch(), FREE))
     assert [(len(each.found.model.maps), each.found.model.states) for each in trials] == [(1, 2)]
+    assert len(set(fitted)) == len(fitted) > 6
+
+
+def test_a_third_map_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A motor whose voltage saturates, with a friction that bends, and a sensor that picks up part of the voltage."""
+    rng = np.random.default_rng(9)
+    u = np.repeat(rng.uniform(-1, 1, 50), 5)
+    matrix = np.array([
+        [0.9, 0.0, 0.3, -0.2, 0.0],
+        [0.0, 1.0, 0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0, 0.0, 1.0],
+    ])  # fmt: skip
+    maps = (Saturation(1.0, -0.6, 0.6), Polynomial(np.array([0.0, 0.0, 0.3, 0.1])), DeadZone(-0.4, 0.2, 0.5, 0.5))
+    truth = FeedbackModel(matrix, maps)
+    record = Record(u, truth.output(u, np.zeros(1)) + 0.01 * rng.normal(size=len(u)), DT)
+    without = FeedbackModel(np.delete(np.delete(matrix, 3, axis=0), 4, axis=1), maps[:2])
+    bench = Bench.of([record], FeedbackSearch(), FREE)
+    begun = bench.judged(searched(without, bench.segments(without), 0, 30), family_of("polynomial"), 3)
+    assert begun.found.error > 0.015
+    monkeypatch.setattr(choice, "THIRD", (("dead-zone", 0),))
+    (trial,) = choice._third_map(bench, begun, FeedbackSearch())
+    assert len(trial.found.model.maps) == 3
+    assert trial.found.error < 0.0105
+    assert not list(choice._third_map(bench, begun, FeedbackSearch(maps=2)))
+
+
+def test_a_state_of_unknown_sign_is_found() -> None:
+    """The first samples of an absolute value fit a wrong sign almost as well, and the state decays slowly."""
+    matrix = np.array([[1.0, 0.1, 0.1, 0.0], [-0.05, 0.96, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    model, errors = FeedbackModel(matrix, (MAPS["abs"],)), []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        u, x = np.repeat(rng.normal(size=30), 10), rng.normal(size=2)
+        y = model.output(u, x)
+        noisy = y[: model.memory] + 0.02 * rng.normal(size=model.memory)
+        errors.append(float(np.abs(model.output(u, starting(model, u, noisy)) - y).max()))
+    assert max(errors) < 0.3
 
 
 def test_the_last_steps_of_a_fit_never_lose_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -172,6 +172,21 @@ def test_infeasible_steps_are_shortened() -> None:
         gauss_newton(Curves(residual, lambda t: [np.array([[1 / t[0]]])]), [-1.0])
 
 
+def test_a_step_to_parameters_without_a_derivative_is_shortened() -> None:
+    """The cost is lower there, so the last parameters that have a derivative are the result."""
+
+    class Steep:
+        def residuals(self, theta: Array) -> list[Array]:
+            return [np.full(3, theta[0] - 1.0)]
+
+        def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
+            return [(np.full(3, theta[0] - 1.0), np.full((3, 1), 1.0 if theta[0] < 0.9 else 1e200))]
+
+    found = gauss_newton(Steep(), [0.0])
+    assert 0.5 < found.estimate[0] < 0.9
+    assert found.ending is Ending.STALLED
+
+
 def test_endings_other_than_convergence() -> None:
     problem = decay()
     short = gauss_newton(problem, [1, 9, 0.7], max_iterations=1)

@@ -7,7 +7,7 @@ The integrator is a plain Runge–Kutta scheme of its own on a finer grid; none 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,17 +69,26 @@ def band_limited(rng: np.random.Generator, samples: int, finer: int, highest: fl
     return np.asarray(signal / np.std(signal))
 
 
-def duffing(samples: int = 16_384, seed: int = 0, noise: float = 0.004) -> System:
+def others(values: tuple[float, ...], seed: int, spread: float) -> tuple[float, ...]:
+    """Parameters that differ from these by factors with a standard deviation of about ``spread``."""
+    rng = np.random.default_rng([seed, 1])
+    return tuple(float(each) for each in np.array(values) * np.exp(spread * rng.standard_normal(len(values))))
+
+
+def duffing(
+    samples: int = 16_384, seed: int = 0, noise: float = 0.004, spread: float = 0.0, asymmetry: float = 0.0
+) -> System:
     """An oscillator with a hardening spring, excited by a multisine, and by noise of growing amplitude.
 
-    y″ + 2ζω y′ + ω²(y + κ y³) = ω² u at 610 Hz with a resonance at 70 Hz. The noise of the measurement is a fraction
-    ``noise`` of the output's standard deviation.
+    y″ + 2ζω y′ + ω²(y + α y² + κ y³) = ω² u at 610 Hz with a resonance at 70 Hz. The noise of the measurement is a
+    fraction ``noise`` of the output's standard deviation, α is ``asymmetry``.
     """
     rng, dt, finer = np.random.default_rng(seed), 1 / 610.0, 8
-    omega, zeta, kappa = 2 * np.pi * 70.0, 0.05, 6.0
+    omega, zeta, kappa = others((2 * np.pi * 70.0, 0.05, 6.0), seed, spread)
 
     def rate(x: Array, u: float) -> Array:
-        return np.array([x[1], omega**2 * (u - x[0] - kappa * x[0] ** 3) - 2 * zeta * omega * x[1]])
+        force = u - x[0] - asymmetry * x[0] ** 2 - kappa * x[0] ** 3
+        return np.array([x[1], omega**2 * force - 2 * zeta * omega * x[1]])
 
     def record(u: Array, name: str) -> tuple[Record, Array]:
         y = integrated(rate, np.zeros(2), u, dt, finer)[:, 0]
@@ -94,19 +103,20 @@ def duffing(samples: int = 16_384, seed: int = 0, noise: float = 0.004) -> Syste
     return System(_noisy(fitted, sigma, rng), {r.name: _noisy(r, sigma, rng) for r in (other, judge)}, sigma)
 
 
-def tanks(samples: int = 1024, seed: int = 0, noise: float = 0.1) -> System:
+def tanks(samples: int = 1024, seed: int = 0, noise: float = 0.1, spread: float = 0.0) -> System:
     """Two tanks above one another, both of which overflow; the level of the lower one in V is measured.
 
     The levels follow x₁′ = −k√x₁ + p·u and x₂′ = k√x₁ − k√x₂ and end at 10; some of what the upper tank loses falls
     into the lower one.
     """
     rng, dt, finer = np.random.default_rng(seed), 4.0, 8
+    between, out, pump, caught = others((0.06, 0.055, 0.05, 0.3), seed, spread)
 
     def rate(x: Array, u: float) -> Array:
         upper, lower = np.sqrt(max(x[0], 0.0)), np.sqrt(max(x[1], 0.0))
-        first = -0.06 * upper + 0.05 * u
+        first = -between * upper + pump * u
         lost = max(first, 0.0) if x[0] >= 10 else 0.0
-        second = 0.06 * upper - 0.055 * lower + 0.3 * lost
+        second = between * upper - out * lower + caught * lost
         if x[1] >= 10:
             second = min(second, 0.0)
         return np.array([first - lost, second])
@@ -120,13 +130,14 @@ def tanks(samples: int = 1024, seed: int = 0, noise: float = 0.1) -> System:
     return System(fitted, {other.name: other}, noise)
 
 
-def generator(samples: int = 500, seed: int = 0, noise: float = 20.0) -> System:
+def generator(samples: int = 500, seed: int = 0, noise: float = 20.0, spread: float = 0.0) -> System:
     """A motor with a generator as load: dead zone and saturating magnetisation, a large offset, steps as input."""
     rng, dt, finer = np.random.default_rng(seed), 0.05, 4
+    offset, limit, slow, fast = others((0.3, 3.0, 0.35, 0.05), seed, spread)
 
     def rate(x: Array, u: float) -> Array:
-        drive = np.tanh((u - 0.3) / 3.0) * 6000.0
-        return np.array([(drive - x[0]) / 0.35, (x[0] - x[1]) / 0.05])
+        drive = np.tanh((u - offset) / limit) * 6000.0
+        return np.array([(drive - x[0]) / slow, (x[0] - x[1]) / fast])
 
     def record(name: str) -> Record:
         levels = rng.uniform(0.5, 4.5, size=samples // 8 + 1)
@@ -138,12 +149,13 @@ def generator(samples: int = 500, seed: int = 0, noise: float = 20.0) -> System:
     return System(fitted, {other.name: other}, noise)
 
 
-def coupled_drives(samples: int = 500, seed: int = 0, noise: float = 0.02) -> System:
+def coupled_drives(samples: int = 500, seed: int = 0, noise: float = 0.02, spread: float = 0.0) -> System:
     """Two motors that drive a pulley on a springy belt; the sensor shows the absolute speed only."""
     rng, dt, finer = np.random.default_rng(seed), 0.02, 4
+    stiffness, damping, gain, slow = others((60.0, 2.5, 3.0, 0.3), seed, spread)
 
     def rate(x: Array, u: float) -> Array:
-        return np.array([x[1], 60.0 * (3.0 * x[2] - x[0]) - 2.5 * x[1], (u - x[2]) / 0.3])
+        return np.array([x[1], stiffness * (gain * x[2] - x[0]) - damping * x[1], (u - x[2]) / slow])
 
     def record(name: str) -> Record:
         u = np.repeat(rng.choice([-1.5, -1.0, -0.5, 0.5, 1.0, 1.5], size=samples // 5 + 1), 5 * finer)
@@ -160,8 +172,20 @@ def _noisy(record: Record, sigma: float, rng: np.random.Generator) -> Record:
     return Record(record.input, record.output[:, 0] + noise, record.dt, name=record.name)
 
 
-SYSTEMS: dict[str, Callable[[], System]] = {
+class Simulated(Protocol):
+    """Makes a system of other parameters for every seed; without ``spread`` of the usual ones."""
+
+    def __call__(self, *, seed: int = 0, spread: float = 0.0) -> System: ...
+
+
+def asymmetric(seed: int = 0, spread: float = 0.0) -> System:
+    """The oscillator with a spring that is harder on one side."""
+    return duffing(seed=seed, spread=spread, asymmetry=1.5)
+
+
+SYSTEMS: dict[str, Simulated] = {
     "oscillator": duffing,
+    "asymmetric oscillator": asymmetric,
     "two tanks": tanks,
     "generator": generator,
     "coupled drives": coupled_drives,

@@ -76,6 +76,8 @@ PATIENCE = 4
 # Limits of the damping. At the largest, a step is a tiny one along the gradient; if even that does not lower the cost,
 # the cost is not smooth at this point.
 LEAST_DAMPING, MOST_DAMPING = 1e-20, 1e16
+# The damping grows by this factor after a step to parameters without a derivative.
+MORE_DAMPING = 100.0
 
 
 class Infeasible(ModelError):
@@ -304,12 +306,16 @@ class _Search:
         Raises:
             Stopped: if the search has to end before a step is found.
         """
-        theta, damping = self._undamped(iterate), iterate.damping
-        if theta is None:
-            theta, damping = self._descend(iterate)
-        if theta is None:
-            return None
-        point = self._linearise(theta, iterate.point.weights)
+        theta, damping, point = self._undamped(iterate), iterate.damping, None
+        while point is None:
+            if theta is None:
+                theta, damping = self._descend(iterate)
+            if theta is None:
+                return None
+            try:
+                point = self._linearise(theta, iterate.point.weights)
+            except Infeasible:  # the cost is lower there, but has no derivative: a smaller step
+                iterate, theta = replace(iterate, damping=MORE_DAMPING * iterate.damping), None
         new = self._at(point, iterate.scale, damping, iterate.offset, (*iterate.costs, point.cost))
         self.control.report(Activity("", new.steps, cost=new.point.cost, offset=new.offset))
         return new
@@ -494,6 +500,8 @@ def _linearise(
             information.add_columns(columns) if len(own) == len(varied) else information.add_part(own, columns)
         )
         cost += float(np.sum(loss.cost(residual)))
+    if not np.isfinite(information.factor).all():
+        raise Infeasible("the derivative is too large; scale the channels or choose a smaller order")
     return cost, blocks, information
 
 

@@ -353,11 +353,10 @@ def _without_line(model: FeedbackModel, i: int, z: Array) -> tuple[FeedbackModel
     level = float(map_.value(middle)[0]) - slope * float(middle[0])
     at = np.unique(z[:: max(1, len(z) // COMPARED)])
     line = slope * at + level
-    part = _within(map_, at, line)
-    if np.abs(part @ map_.parameter_gradient(at) - line).max() > CONTAINED * max(np.abs(line).max(), 1e-300):
-        return model, np.zeros(n)
     maps = list(model.maps)
-    maps[i] = map_.with_parameters(map_.parameters - part)
+    maps[i] = map_.with_parameters(map_.parameters - _within(map_, at, line))
+    if np.abs(map_.value(at) - maps[i].value(at) - line).max() > CONTAINED * max(np.abs(line).max(), 1e-300):
+        return model, np.zeros(n)  # also where a family contains lines to first order only
     out, into = model.matrix[:, n + 1 + i], model.matrix[n + i, : n + 1]
     matrix = model.matrix.copy()
     matrix[:, : n + 1] += slope * np.outer(out, into)

@@ -182,10 +182,15 @@ def searched(
     tolerance: float = 0.05,
     control: Control = FREE,
     least_saving: float = 0.0,
+    states: Sequence[Array] | None = None,
 ) -> Found:
-    """The minimum near a start, in rounds of new coordinates; no covariances."""
+    """The minimum near a start, in rounds of new coordinates; no covariances.
+
+    The initial states begin as given, or as the first samples show them.
+    """
     model, cost, left = start, np.inf, max_iterations
-    states = [starting(model, u, y[: model.memory]) for u, y in segments]
+    if states is None:
+        states = [starting(model, u, y[: model.memory]) for u, y in segments]
     found = None
     while found is None or (left > 0 and not found.settled):
         same = whitened(model, visited(model, segments, states))

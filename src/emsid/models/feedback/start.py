@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import ModelError
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.models.feedback.kernels import LoopSignals
 
@@ -21,6 +23,8 @@ FIRST_LOOK: dict[str, Any] = {"max_iterations": 4, "tolerance": 0.5, "covariance
 START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05, "covariances": False}
 # At most this many states of a run from rest are tried as starts of the search.
 TRIAL_STATES = 64
+# The estimation begins at this many states that are not alike.
+STARTS = 3
 # States are collected over this many samples; the least relative spread of them in any direction.
 REACHABLE_SAMPLES, LEAST_SPREAD = 10_000, 1e-12
 
@@ -70,9 +74,9 @@ def starting(model: Startable, u: Array, y: Array) -> Array:
     """(n,) the state at the first sample of a segment.
 
     A few samples hardly determine the state of a slow pole, and its error would last long. So the state is estimated
-    twice: first hardly without a prior, for the variance of the residual, and then with a prior weighted by that
-    variance: mean and covariance of the states that this input produces. The search starts at rest or at one of these
-    states, whichever fits best.
+    twice: first hardly with a prior, for the variance of the residual, and then with a prior weighted by that
+    variance: mean and covariance of the states that this input produces. The search starts at those of these states,
+    and of the state at rest, that fit best.
 
     Args:
         model: with parameters.
@@ -84,14 +88,19 @@ def starting(model: Startable, u: Array, y: Array) -> Array:
         return rest
     u = np.ascontiguousarray(u)
     begin, cloud = u[: len(y)], _reachable(model, u[:REACHABLE_SAMPLES], rest)
-    trials = [rest, *cloud[:: -(-len(cloud) // TRIAL_STATES)]] if len(cloud) else [rest]
-    missed = [_missed(model, begin, y, x) for x in trials]
-    first = trials[int(np.argmin(missed))]
-    if not np.isfinite(min(missed)):
+    trials = np.vstack([rest, cloud[:: -(-len(cloud) // TRIAL_STATES) or 1]])
+    missed = np.array([_missed(model, begin, y, x) for x in trials])
+    if not np.isfinite(missed).any():
         return rest
-    rows = model.gradient(begin, model.trajectory(begin, first))[model.edge :, len(model.parameters) :]
-    weak = np.diag(REST * np.linalg.norm(rows, axis=0))
-    free = gauss_newton(_Start(model, begin, y, rest, weak), first, **FIRST_LOOK)
+    found = []
+    for first in _apart(trials[np.isfinite(missed)], missed[np.isfinite(missed)]):
+        rows = model.gradient(begin, model.trajectory(begin, first))[model.edge :, len(model.parameters) :]
+        weak = np.diag(REST * np.linalg.norm(rows, axis=0))
+        with suppress(ModelError):
+            found.append(gauss_newton(_Start(model, begin, y, rest, weak), first, **FIRST_LOOK))
+    if not found:
+        return rest
+    free = min(found, key=lambda each: float(each.residuals[0] @ each.residuals[0]))
     freedom = len(y) - model.edge - model.states
     variance = np.sum(free.residuals[0] ** 2) / freedom if freedom > 0 else 0.0
     if not (variance > 0 and len(cloud) > 1):
@@ -105,6 +114,22 @@ def starting(model: Startable, u: Array, y: Array) -> Array:
         return free.estimate
     firmness = np.sqrt(variance / np.maximum(size, LEAST_SPREAD * size[-1]))[:, None] * axes.T
     return gauss_newton(_Start(model, begin, y, centre, firmness), free.estimate, **START_BUDGET).estimate
+
+
+def _apart(states: Array, missed: Array) -> list[Array]:
+    """The best states that differ by the standard deviation of all of them, at most `STARTS`.
+
+    A model that loses the sign of a signal has several states that fit the first samples almost equally well.
+    """
+    size = np.std(states, axis=0)
+    size[size == 0] = 1.0
+    chosen: list[Array] = []
+    for k in np.argsort(missed):
+        if all(np.abs((states[k] - each) / size).max() > 1 for each in chosen):
+            chosen.append(states[k])
+        if len(chosen) == STARTS:
+            break
+    return chosen
 
 
 def _missed(model: Startable, u: Array, y: Array, x: Array) -> float:

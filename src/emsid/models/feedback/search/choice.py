@@ -6,7 +6,7 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
    most: a polynomial, or else a spline or a dead zone;
 2. with the best order, twice the rate, for an input that goes on between its samples;
 3. other families of maps;
-4. a second map.
+4. a second map, and then a third one.
 
 If no direction of a map explains more than noise, only linear models are fitted; if a linear model is as good as the
 best one with a map, the search ends after the first step with a map at this linear model. A model whose free run
@@ -22,6 +22,7 @@ from math import inf
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
@@ -37,6 +38,8 @@ from emsid.record import Record
 from emsid.record.holding_back import validation_splits
 from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters, schwarz_gain
 
+Array = NDArray[np.float64]
+
 # Orders that are tried, if none is given.
 ORDERS = (1, 2, 3)
 # Samples that choices are made from, and of the unseen data.
@@ -44,13 +47,16 @@ SEARCHED, JUDGED = 6_000, 8_000
 # The highest order, and the longest delay in samples, that are tried if none is given; the order of the linear models
 # that show a delay.
 MOST_ORDERS, LONGEST, OF_DELAY = 6, 5, 2
-# A second map takes at least this many samples for every knot, or degree.
+# A second or third map takes at least this many samples for every knot, or degree.
 PER_KNOT = 20
 # Steps of a refinement for a choice.
 STEPS = 40
-# The maps that every order is tried with, until one is better than none, and families and sizes that are tried then.
+# The maps that every order is tried with, until one is better than none, and families and sizes that are tried then;
+# those of a third map.
 FIRST = (("polynomial", 3), ("spline", 0), ("dead-zone", 0))
-OTHERS = (("polynomial", 5), ("spline", 0), ("dead-zone", 0), ("saturation", 0))
+OTHERS = (("polynomial", 5), ("spline", 0), ("monotone-spline", 0), ("dead-zone", 0), ("saturation", 0))
+THIRD = (("polynomial", 3), ("dead-zone", 0), ("saturation", 0))
+ORDINALS = {2: "second", 3: "third"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +65,7 @@ class FeedbackSearch:
 
     Attributes:
         order: of the linear part.
-        maps: the number of static maps, one or two.
+        maps: the number of static maps, one to three.
         static: the family of the maps.
         size: their number of knots, or degree; 0 for the usual one of the family.
         delay: from the input to its first effect, in samples.
@@ -111,6 +117,7 @@ class Bench:
         transient: samples at the start of every unseen segment without error, the same for all models.
         control: when to stop.
         rng: for directions.
+        linear: the linear models that were fitted, by order, steps and delay.
     """
 
     shown: Sequence[Record]
@@ -118,6 +125,7 @@ class Bench:
     transient: int
     control: Control = FREE
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    linear: dict[tuple[int, Steps, int], Found] = field(default_factory=dict)
 
     @classmethod
     def of(cls, records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Bench:
@@ -128,7 +136,7 @@ class Bench:
             unseen = [shortened(record, JUDGED // len(records)) for record in splits[0][1]]
             shown = [shortened(record, max(SEARCHED // len(records), 1)) for record in shown]
         largest = FeedbackModel(
-            np.zeros(((settings.order or max(ORDERS)) + 1,) * 2),
+            np.zeros(((settings.order or MOST_ORDERS) + 1,) * 2),
             delay=LONGEST if settings.delay is None else settings.delay,
             oversampling=settings.oversampling or 2,
         )
@@ -178,7 +186,7 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
             yield best
         return
     yield best
-    for step in (_faster, _other_families, _second_map):
+    for step in (_faster, _other_families, _second_map, _third_map):
         for trial in step(bench, best, settings):
             if _preferred(trial, best, bench.compared):
                 best = trial
@@ -267,7 +275,8 @@ def _preferred(trial: Trial, best: Trial, compared: bool) -> bool:
 
     Of two models the richer one is chosen if it is better on unseen data by more than noise. It is also chosen by
     Schwarz's criterion on the fitted data, for the number of independent errors, if it is better on unseen data too.
-    In a short record no part shows all that the whole does, so that criterion alone decides.
+    In a short record no part shows all that the whole does, so that criterion alone decides, on the free run from the
+    state that the first samples show.
 
     Args:
         trial: the new one.
@@ -280,7 +289,8 @@ def _preferred(trial: Trial, best: Trial, compared: bool) -> bool:
     simple, rich = (best, trial) if richer else (trial, best)
     residual = rich.found.minimum.residuals
     extra = rich.parameters - simple.parameters
-    gain = schwarz_gain(rich.found.error**2, simple.found.error**2, effective_samples(residual), extra)
+    error, than = (each.found.error**2 if compared else each.errors.mean for each in (rich, simple))
+    gain = schwarz_gain(error, than, effective_samples(residual), extra)
     if compared:
         wins = better(rich.errors, simple.errors) or (gain > 0 and rich.errors.mean < simple.errors.mean)
     else:
@@ -289,8 +299,13 @@ def _preferred(trial: Trial, best: Trial, compared: bool) -> bool:
 
 
 def _linear(bench: Bench, order: int, steps: Steps, delay: int) -> Found:
-    start = linear_start(bench.shown, order, steps.number, delay, steps.held, bench.control)
-    return searched(start, bench.segments(start), start.edge, 20, 0.1, bench.control)
+    """The linear model of this order, fitted once."""
+    found = bench.linear.get((order, steps, delay))
+    if found is None:
+        start = linear_start(bench.shown, order, steps.number, delay, steps.held, bench.control)
+        found = searched(start, bench.segments(start), start.edge, 20, 0.1, bench.control)
+        bench.linear[order, steps, delay] = found
+    return found
 
 
 def _with_map(bench: Bench, found: Found, family: Family, size: int, ways: Sequence[Direction] | None = None) -> Trial:
@@ -305,11 +320,11 @@ def _with_map(bench: Bench, found: Found, family: Family, size: int, ways: Seque
     start = with_one_map_more(found, segments, model.edge, family, size, ways, control=bench.control)
     if start is None:
         raise ModelError(f"{model.name}: with a map in its feedback the model diverges; choose another order")
-    return _refined(bench, start.model, family, size)
+    return _refined(bench, start.model, start.states, family, size)
 
 
-def _refined(bench: Bench, model: FeedbackModel, family: Family, size: int) -> Trial:
-    refined = searched(model, bench.segments(model), model.edge, STEPS, 0.1, bench.control)
+def _refined(bench: Bench, model: FeedbackModel, states: Sequence[Array], family: Family, size: int) -> Trial:
+    refined = searched(model, bench.segments(model), model.edge, STEPS, 0.1, bench.control, states=states)
     return bench.judged(refined, family, size)
 
 
@@ -342,7 +357,8 @@ def _other_families(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iter
         family = family_of(name)
         bench.control.doing(f"map: {name}")
         try:
-            yield _refined(bench, with_family(best, bench.shown, family, _size(family, size)), family, size)
+            start = with_family(best, bench.shown, family, _size(family, size))
+            yield _refined(bench, start, best.found.states, family, size)
         except EmsidError:
             continue
 
@@ -354,11 +370,26 @@ def _second_map(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator
     names = [(best.family, best.size)]
     if settings.static is None and best.family.name != "spline":
         names.append((family_of("spline"), 0))
-    samples = sum(map(len, bench.shown))
-    if settings.maps is None:
-        names = [(family, size) for family, size in names if samples >= PER_KNOT * _size(family, size)]
+    yield from _one_map_more(bench, best, settings, names)
+
+
+def _third_map(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+    """With a third map, beside two."""
+    if settings.maps not in (None, 3) or len(best.found.model.maps) < 2:
+        return
+    names = [(family_of(name), size) for name, size in THIRD]
+    yield from _one_map_more(bench, best, settings, names if settings.static is None else [(best.family, best.size)])
+
+
+def _one_map_more(
+    bench: Bench, best: Trial, settings: FeedbackSearch, names: Sequence[tuple[Family, int]]
+) -> Iterator[Trial]:
+    """With a map more of each of these families, if there are enough samples for it."""
+    samples, number = sum(map(len, bench.shown)), len(best.found.model.maps) + 1
     for family, size in names:
-        bench.control.doing(f"second map: {family.name}")
+        if settings.maps is None and samples < PER_KNOT * _size(family, size):
+            continue
+        bench.control.doing(f"{ORDINALS[number]} map: {family.name}")
         try:
             yield _with_map(bench, best.found, family, size)
         except EmsidError:

@@ -100,7 +100,7 @@ def feedback(
         order: of the linear part; None chooses it on unseen data.
         static: the family of its maps: a name such as ``dead-zone``, a map or its class; None chooses it.
         size: number of knots, or degree; 0 for the usual one of the family.
-        maps: the number of maps, 1 or 2; None chooses it.
+        maps: the number of maps, 1 to 3; None chooses it.
         delay: from the input to its first effect, in samples; None chooses it.
         oversampling: steps of the model per sample of the record; None tries 1 and 2.
         held: whether the input is held between its samples; otherwise it is band-limited. None tries both.
@@ -123,12 +123,13 @@ def feedback(
 
 def _fitted(best: Trial, records: Sequence[Record], control: Control, iterations: int = 150) -> Fit[Any]:
     """The model of a trial, fitted to all data; to long records in a few steps from the minimum of a part of them."""
-    model, saving = best.found.model, 0.0
+    model, saving, states = best.found.model, 0.0, best.found.states
     if sum(map(len, records)) > LONG:
         few = [shortened(record, max(LONG // len(records), 1)) for record in records]
         part = segments_longer_than(model.memory, model, few)
         model = searched(model, part, model.edge, iterations, 0.05, control).model
         iterations, saving = min(iterations, LAST_STEPS), LAST_SAVING
     segments = segments_longer_than(model.memory, model, records)
-    found = searched(model, segments, model.edge, iterations, 0.05, control, saving)
+    begun = states if len(states) == len(segments) and model is best.found.model else None
+    found = searched(model, segments, model.edge, iterations, 0.05, control, saving, begun)
     return conclude(found, segments, model.edge, 0.05, control, saving)

@@ -160,7 +160,7 @@ def with_one_map_more(
         if start is None:
             continue
         try:
-            new = searched(start, segments, transient, steps, 0.1, control, 1e-3)
+            new = searched(start, segments, transient, steps, 0.1, control, 1e-3, found.states)
         except EmsidError:
             continue
         if best is None or new.error < best.error:

@@ -13,6 +13,7 @@ from scipy.optimize import least_squares
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
+from emsid.estimation.nonlinear.few_unknowns import few_unknowns
 from emsid.estimation.nonlinear.gauss_newton import PATIENCE, Infeasible, Minimum, gauss_newton
 from emsid.estimation.nonlinear.losses import SQUARES, Cauchy, Huber, Loss
 from emsid.estimation.uncertainty.robust_covariance import automatic_window, long_run_variance, weighted_variance
@@ -337,3 +338,36 @@ def test_window_is_short_for_white_scores_and_long_for_coloured_ones() -> None:
     assert automatic_window([np.zeros((10, 2))]) == 1
     truth = 1 / (1 - pole) ** 2 * len(white)
     assert np.diag(long_run_variance([coloured])) == pytest.approx(truth, rel=0.25)
+
+
+@pytest.mark.parametrize("experiments", [1, 3])
+def test_a_search_with_few_unknowns_finds_the_same_minimum(experiments: int) -> None:
+    problem = decay(experiments=experiments)
+    expected = gauss_newton(problem, [5.0, 0.2, -3.0], tolerance=1e-9)
+    found, residuals = few_unknowns(problem, np.array([5.0, 0.2, -3.0]), max_iterations=100, tolerance=1e-9)
+    assert found == pytest.approx(expected.estimate, rel=1e-7)
+    assert np.concatenate(residuals) == pytest.approx(np.concatenate(expected.residuals), abs=1e-7)
+
+
+def test_a_search_with_few_unknowns_solves_a_linear_problem_in_one_step() -> None:
+    rng = np.random.default_rng(3)
+    matrix, target = rng.standard_normal((30, 4)) * [1, 1e3, 1e-3, 1], rng.standard_normal(30)
+    problem = Curves(lambda theta: [matrix @ theta - target], lambda theta: [matrix])
+    found, _ = few_unknowns(problem, np.zeros(4), max_iterations=1, tolerance=0.0)
+    assert found == pytest.approx(np.linalg.lstsq(matrix, target, rcond=None)[0], rel=1e-9)
+
+
+def test_a_search_with_few_unknowns_shortens_infeasible_steps_and_refuses_a_start_without_residual() -> None:
+    def residual(theta: Array) -> list[Array]:
+        if theta[0] <= 0:
+            raise Infeasible("a logarithm of nothing")
+        return [np.array([np.log(theta[0]), 0.1])]
+
+    problem = Curves(residual, lambda theta: [np.array([[1 / theta[0]], [0.0]])])
+    found, _ = few_unknowns(problem, np.array([20.0]), max_iterations=50, tolerance=1e-8)
+    assert found == pytest.approx([1.0], abs=1e-6)
+    with pytest.raises(ModelError, match="logarithm"):
+        few_unknowns(problem, np.array([-1.0]), max_iterations=5, tolerance=1e-8)
+    with pytest.raises(ModelError, match="not finite"):
+        few_unknowns(Curves(lambda theta: [theta * np.nan], lambda theta: [np.eye(1)]), np.ones(1),
+                     max_iterations=5, tolerance=0.1)  # fmt: skip

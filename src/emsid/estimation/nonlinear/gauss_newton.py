@@ -259,7 +259,7 @@ class _Iterate:
     @property
     def cost_is_rounding(self) -> bool:
         """Whether the predicted reduction of the cost is below its rounding."""
-        return _promised(self.point.information, self.remaining) <= ROUNDING * self.point.cost
+        return promised(self.point.information, self.remaining) <= ROUNDING * self.point.cost
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,7 +346,7 @@ class _Search:
     def _at(self, point: _Point, scale: Array, damping: float, before: float, costs: tuple[float, ...]) -> _Iterate:
         scale = np.maximum(scale, point.lengths)
         remaining = _bounded_step(point.information, *self.box.limits(point.theta))
-        offset = _relative_offset(point.information, remaining, self.noise)
+        offset = relative_offset(point.information, remaining, self.noise)
         return _Iterate(point, scale, damping, remaining, offset, before, costs)
 
     def _linearise(self, theta: Array, weights: Array) -> _Point:
@@ -363,7 +363,7 @@ class _Search:
         if not iterate.cost_is_rounding:
             return None
         theta = self.box.moved(iterate.point.theta, iterate.remaining)
-        return theta if np.isfinite(_trial_cost(self.problem, theta, self.loss)) else None
+        return theta if np.isfinite(trial_cost(self.problem, theta, self.loss)) else None
 
     def _descend(self, iterate: _Iterate) -> tuple[Array | None, float]:
         """A θ with a lower cost and the next damping; None if no step lowers the cost."""
@@ -371,13 +371,13 @@ class _Search:
         while damping < MOST_DAMPING:
             damped = point.information.with_prior(damping * iterate.scale**2)
             step = _bounded_step(damped, *self.box.limits(point.theta))
-            promised = _promised(point.information, step)
-            if promised <= ROUNDING * point.cost:
+            saving = promised(point.information, step)
+            if saving <= ROUNDING * point.cost:
                 break
             self.control.check()
             theta = self.box.moved(point.theta, step)
-            trial = _trial_cost(self.problem, theta, self.loss) + point.penalty.cost(theta)
-            ratio = (point.penalised_cost - trial) / promised
+            trial = trial_cost(self.problem, theta, self.loss) + point.penalty.cost(theta)
+            ratio = (point.penalised_cost - trial) / saving
             if ratio > 0:
                 return theta, max(damping * max(0.1, 1 - (2 * min(ratio, 1.0) - 1) ** 3), LEAST_DAMPING)
             damping *= growth
@@ -510,7 +510,7 @@ def _cost(problem: Problem, theta: Array, loss: Loss) -> float:
         return float(sum(np.sum(loss.cost(residual)) for residual in problem.residuals(theta)))
 
 
-def _trial_cost(problem: Problem, theta: Array, loss: Loss) -> float:
+def trial_cost(problem: Problem, theta: Array, loss: Loss) -> float:
     """V(θ), infinite where there is no residual."""
     try:
         cost = _cost(problem, theta, loss)
@@ -554,7 +554,7 @@ def _bounded_step(information: Information, lower: Array, upper: Array) -> Array
     return bounded
 
 
-def _promised(information: Information, step: Array) -> float:
+def promised(information: Information, step: Array) -> float:
     """½‖z‖² − ½‖z − Rp‖²: the reduction of the linearised cost by the step."""
     n = information.parameters
     triangle, projected = information.factor[:n, :n], information.factor[:n, n]
@@ -562,7 +562,7 @@ def _promised(information: Information, step: Array) -> float:
     return float(moved @ (projected - 0.5 * moved))
 
 
-def _relative_offset(information: Information, step: Array, noise: float) -> float:
+def relative_offset(information: Information, step: Array, noise: float) -> float:
     """Length of a step in standard errors, (‖Rp‖/√n)/(‖r‖/√(N − n)); infinite if only r is zero."""
     n = information.parameters
     moved = float(np.linalg.norm(information.factor[:n, :n] @ step))

@@ -44,7 +44,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.linear.filtering import filter_rows
-from emsid.estimation.nonlinear.gauss_newton import Infeasible, gauss_newton
+from emsid.estimation.nonlinear.few_unknowns import few_unknowns
+from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.models.blocks.block import Block, block_from_data
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import StaticMap
@@ -68,8 +69,8 @@ REST = 1e-2
 ROUNDING = 1e-12
 # Effort to find an initial state: within half a standard error for the first estimate, which gives the variance of the
 # residual, and then within a twentieth.
-FIRST_LOOK: dict[str, Any] = {"max_iterations": 4, "tolerance": 0.5, "covariances": False}
-START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05, "covariances": False}
+FIRST_LOOK: dict[str, Any] = {"max_iterations": 4, "tolerance": 0.5}
+START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05}
 # At most this many reachable states are tried as starts of the search for the initial state.
 TRIAL_STATES = 64
 # Reachable states are collected over this many samples; the least relative spread of them in any direction.
@@ -268,6 +269,16 @@ class Cascade(OneChannelMethods):
         rows[count - 1] = 1.0
         return rows[:, :: self.oversampling]
 
+    def state_gradient(self, signals: Sequence[Array]) -> Array:
+        """(s, N) the derivative of the output with respect to the initial states alone; see `gradient`."""
+        rows, first = np.empty((self.states, len(signals[0]))), 0
+        for block, x in zip(self.blocks, signals[:-1], strict=True):
+            if first:
+                block.push(x, rows[:first])
+            rows[first : first + block.states] = block.state_gradient(len(x))
+            first += block.states
+        return rows[:, :: self.oversampling]
+
     def resting(self, level: float) -> Array:
         """(s,) the steady states for a constant input ``level``."""
         x = level - self.input_offset
@@ -295,19 +306,19 @@ class Cascade(OneChannelMethods):
         start = u[: len(y)]
         cloud = self._reachable_states(u[:REACHABLE_SAMPLES])
         trials = [rest, *cloud[:, :: -(-cloud.shape[1] // TRIAL_STATES)].T]
-        missed = self.outputs(start, np.array(trials)) - y
-        begin = trials[int(np.argmin(np.sum(missed[:, self.edge :] ** 2, axis=1)))]
-        rows = self.gradient(self.signals(start, begin))[len(self.parameters) :, self.edge :]
+        errors = (self.outputs(start, np.array(trials)) - y)[:, self.edge :]
+        begin = trials[int(np.argmin(np.einsum("ij,ij->i", errors, errors)))]
+        rows = self.state_gradient(self.signals(start, begin))[:, self.edge :]
         weak = np.diag(REST * np.linalg.norm(rows, axis=1))
-        free = gauss_newton(_Start(self, start, y, rest, weak), begin, **FIRST_LOOK)
+        free, (error, _) = few_unknowns(_Start(self, start, y, rest, weak), begin, **FIRST_LOOK)
         freedom = len(y) - self.edge - self.states
-        variance = np.sum(free.residuals[0] ** 2) / freedom if freedom > 0 else 0.0
+        variance = float(error @ error) / freedom if freedom > 0 else 0.0
         centre, spread = cloud.mean(axis=1), np.atleast_2d(np.cov(cloud))
         if not (variance > 0 and np.trace(spread) > 0):
-            return free.estimate
+            return free
         size, axes = np.linalg.eigh(spread)
         firmness = np.sqrt(variance / np.maximum(size, LEAST_SPREAD * size[-1]))[:, None] * axes.T
-        return gauss_newton(_Start(self, start, y, centre, firmness), free.estimate, **START_BUDGET).estimate
+        return few_unknowns(_Start(self, start, y, centre, firmness), free, **START_BUDGET)[0]
 
     def _reachable_states(self, u: Array) -> Array:
         """(s, 2N) the states that an input (N,) produces from zero and from rest."""
@@ -470,7 +481,7 @@ class _Start:
 
     def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
         signals = self.cascade.signals(self.u, theta)
-        rows = self.cascade.gradient(signals)[len(self.cascade.parameters) :]
+        rows = self.cascade.state_gradient(signals)
         error = self.cascade.sampled(signals) - self.y
         edge = self.cascade.edge
         return [(error[edge:], rows[:, edge:].T), (self.firmness @ (theta - self.centre), self.firmness)]

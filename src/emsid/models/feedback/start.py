@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.few_unknowns import few_unknowns
 from emsid.models.feedback.kernels import LoopSignals
 
 Array = NDArray[np.float64]
@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 REST = 1e-2
 # Effort: within half a standard error for the first estimate, which gives the variance of the residual, and then within
 # a twentieth.
-FIRST_LOOK: dict[str, Any] = {"max_iterations": 4, "tolerance": 0.5, "covariances": False}
-START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05, "covariances": False}
+FIRST_LOOK: dict[str, Any] = {"max_iterations": 4, "tolerance": 0.5}
+START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05}
 # At most this many states of a run from rest are tried as starts of the search.
 TRIAL_STATES = 64
 # The estimation begins at this many states that are not alike.
@@ -97,23 +97,23 @@ def starting(model: Startable, u: Array, y: Array) -> Array:
         rows = model.gradient(begin, model.trajectory(begin, first))[model.edge :, len(model.parameters) :]
         weak = np.diag(REST * np.linalg.norm(rows, axis=0))
         with suppress(ModelError):
-            found.append(gauss_newton(_Start(model, begin, y, rest, weak), first, **FIRST_LOOK))
+            found.append(few_unknowns(_Start(model, begin, y, rest, weak), first, **FIRST_LOOK))
     if not found:
         return rest
-    free = min(found, key=lambda each: float(each.residuals[0] @ each.residuals[0]))
+    free, (error, _) = min(found, key=lambda each: float(each[1][0] @ each[1][0]))
     freedom = len(y) - model.edge - model.states
-    variance = np.sum(free.residuals[0] ** 2) / freedom if freedom > 0 else 0.0
+    variance = float(error @ error) / freedom if freedom > 0 else 0.0
     if not (variance > 0 and len(cloud) > 1):
-        return free.estimate
+        return free
     with np.errstate(over="ignore", invalid="ignore"):
         centre, spread = cloud.mean(axis=0), np.atleast_2d(np.cov(cloud.T))
     if not np.isfinite(spread).all():
-        return free.estimate
+        return free
     size, axes = np.linalg.eigh(spread)
     if not size[-1] > 0:
-        return free.estimate
+        return free
     firmness = np.sqrt(variance / np.maximum(size, LEAST_SPREAD * size[-1]))[:, None] * axes.T
-    return gauss_newton(_Start(model, begin, y, centre, firmness), free.estimate, **START_BUDGET).estimate
+    return few_unknowns(_Start(model, begin, y, centre, firmness), free, **START_BUDGET)[0]
 
 
 def _apart(states: Array, missed: Array) -> list[Array]:

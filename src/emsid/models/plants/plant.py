@@ -456,9 +456,9 @@ class BasePlant(ABC):
         Raises:
             ModelError: for an unknown name or a value outside its physical bounds.
         """
-        numbers = {
-            path: sign * float(value) for name, value in values.items() for path, sign in self._handle(name).paths
-        }
+        known = self.handles
+        found_by_name = ((known.get(name) or self._handle(name), float(value)) for name, value in values.items())
+        numbers = {path: sign * value for handle, value in found_by_name for path, sign in handle.paths}
         found: Self = with_numbers(self, numbers)
         return found
 

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible, gauss_newton
+from emsid.estimation.nonlinear.few_unknowns import few_unknowns
+from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible
 from emsid.models.regression.sensitivities import Parts, run_with_derivative
 
 Array = NDArray[np.float64]
@@ -65,7 +66,7 @@ def estimated_outputs(problem: StartError) -> Array:
     """
     begin, memory = problem.memory - problem.depth, problem.memory
     try:
-        found = gauss_newton(problem, problem.y[begin:memory], max_iterations=STEPS, tolerance=0.01, covariances=False)
+        found, _ = few_unknowns(problem, problem.y[begin:memory], max_iterations=STEPS, tolerance=0.01)
     except ModelError:
         return problem.y
-    return problem.run(found.estimate, np.empty((0, 0)))
+    return problem.run(found, np.empty((0, 0)))

@@ -7,7 +7,7 @@ from math import pi
 import pytest
 
 from emsid.errors import DataError
-from emsid.units import conversion, per_unit, readable_unit
+from emsid.units import SI, conversion, per_unit, readable_unit
 
 
 @pytest.mark.parametrize(
@@ -123,3 +123,8 @@ def test_the_unit_of_a_ratio_has_one_fraction_bar(above: str, below: str, ratio:
 
 def test_a_gain_is_printed_as_a_textbook_prints_it() -> None:
     assert readable_unit(per_unit("rad/s", "V")) == "rad/(s·V)"
+
+
+@pytest.mark.parametrize("unit", SI)
+def test_an_si_unit_is_known_without_the_registry(unit: str) -> None:
+    assert conversion(unit) == conversion(f"1*{unit}") == (1.0, 0.0, unit)

@@ -14,6 +14,7 @@ from emsid.errors import DataError
 if TYPE_CHECKING:
     from emsid.identification import Identification
     from emsid.report import Report
+    from emsid.report.page import DrawnElsewhere
     from emsid.study import Study
 
 LEFT_OUT = "the report is left out"
@@ -73,7 +74,14 @@ def kept(result: "Result", what: str) -> Iterator["Result"]:
     INTERRUPTION.words = f"{what} was interrupted; the results so far are printed above and written"
 
 
-def draw(folder: Path, report: Callable[[], "Report"], pdf: bool = False, *, interrupted: bool = False) -> bool:
+def draw(
+    folder: Path,
+    report: Callable[[], "Report"],
+    pdf: bool = False,
+    *,
+    interrupted: bool = False,
+    elsewhere: "DrawnElsewhere | None" = None,
+) -> bool:
     """Draw the report with its figures, with PDF on request, and write it; false if Ctrl-C was pressed meanwhile.
 
     Args:
@@ -81,6 +89,7 @@ def draw(folder: Path, report: Callable[[], "Report"], pdf: bool = False, *, int
         report: what to draw.
         pdf: whether figures are written as PDF too.
         interrupted: whether Ctrl-C has stopped the search; then it is said that there is more to wait for.
+        elsewhere: where some of the figures are drawn at the same time.
     """
     try:
         INTERRUPTION.raise_again()
@@ -90,7 +99,7 @@ def draw(folder: Path, report: Callable[[], "Report"], pdf: bool = False, *, int
             content = report()
             if interrupted:
                 tell(f"drawing the report with {len(list(content.figures))} figures (Ctrl-C: leave it out)")
-            files = report_files(content, control, ("svg", "pdf") if pdf else ("svg",))
+            files = report_files(content, control, ("svg", "pdf") if pdf else ("svg",), elsewhere)
     except BaseException as problem:
         if not (INTERRUPTION.pressed or isinstance(problem, KeyboardInterrupt)) or isinstance(problem, SystemExit):
             raise

@@ -4,7 +4,16 @@ from emsid.identification.characteristics import Characteristic
 from emsid.identification.options import Options
 from emsid.identification.ranking import FrontRow, Ranked
 from emsid.identification.result import Identification
-from emsid.identification.workflow import identify
+from emsid.identification.workflow import Elsewhere, identify
 from emsid.selection.improvement import StretchErrors
 
-__all__ = ["Characteristic", "FrontRow", "Identification", "Options", "Ranked", "StretchErrors", "identify"]
+__all__ = [
+    "Characteristic",
+    "Elsewhere",
+    "FrontRow",
+    "Identification",
+    "Options",
+    "Ranked",
+    "StretchErrors",
+    "identify",
+]

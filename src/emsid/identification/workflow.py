@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -55,6 +55,24 @@ from emsid.validation.agreement import disagreement
 from emsid.validation.comparison import Comparison, compare
 from emsid.validation.regions import by_record
 
+
+class Elsewhere(Protocol):
+    """A place where some of the models are fitted at the same time."""
+
+    def begin(self, names: Sequence[str], record: Record, options: Options) -> tuple[str, ...]:
+        """Start to fit some of the models there, and return their names."""
+        ...
+
+    def fitted(self, name: str, control: Control) -> Fit[Any] | None:
+        """The fit of one of these models, once it is there; None if it is not known there.
+
+        Raises:
+            EmsidError: where the model cannot be fitted.
+            Stopped: by ``control``.
+        """
+        ...
+
+
 NAMED = 4
 """Name at most this many records in a title; of more give the number."""
 FEWEST = 20
@@ -74,6 +92,7 @@ def identify(
     seed: int = 1,
     control: Control = FREE,
     finished: Callable[[Fit[Any]], None] | None = None,
+    elsewhere: Elsewhere | None = None,
     **reading: Any,
 ) -> Identification:
     """Fit several kinds of model and rank them by their free run on unseen data.
@@ -94,6 +113,7 @@ def identify(
             `emsid.bootstrap`; zero takes the robust covariance.
         control: when to stop, and where to report progress.
         finished: called with every fit as soon as it is found, for instance to save it.
+        elsewhere: where some of the models are fitted at the same time, without a budget.
         reading: where paths are given, how to read them: ``input``, ``output``, ``time`` and the other arguments of
             `emsid.read`.
 
@@ -124,7 +144,8 @@ def identify(
     train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)
     _check_sample_times(train, test, [name for name in names if name not in plants])
 
-    found = _with_bootstrap(_fit_all(names, train, options, control, finished), train, bootstrap, seed, control)
+    found = _fit_all(names, train, options, control, finished, None if budget else elsewhere)
+    found = _with_bootstrap(found, train, bootstrap, seed, control)
     findings += [missing_models(names, found.fits, found.failed)] if found.stopped else []
     findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
     taken = _profiles(found.fits, () if found.stopped else options.profile, control)
@@ -223,40 +244,53 @@ def _fit_all(
     options: Options,
     control: Control,
     finished: Callable[[Fit[Any]], None] | None = None,
+    elsewhere: Elsewhere | None = None,
 ) -> _Fits:
-    """Every model fitted to the record, one after the other.
+    """Every model fitted to the record: one after the other here, and some of them elsewhere meanwhile.
 
     Raises:
         EmsidError: of the first model, where none can be fitted.
         Stopped: where it is stopped before any is found.
     """
-    fits: list[Fit[Any]] = []
+    fits: dict[str, Fit[Any]] = {}
     problems: dict[str, EmsidError] = {}
     late: list[str] = []
     end: BaseException | None = None
-    for number, name in enumerate(names, 1):
+    others = elsewhere.begin(names, record, options) if elsewhere else ()
+    for number, name in enumerate(sorted(names, key=others.__contains__), 1):
+        if end is not None and name not in others:  # what has begun elsewhere may have a result
+            continue
         try:
-            share = control.sharing(len(names) - number + 1)
-            own = _of_one_model(share, f"{name} ({number} of {len(names)})")
-            own.doing("fitting")
-            fits.append(fit_or_problem(partial(CANDIDATES[name], record, options, own)))
+            own = _of_one_model(control.sharing(len(names) - number + 1), f"{name} ({number} of {len(names)})")
+            own.report(Activity("fitting"))
+            fit = elsewhere.fitted(name, own) if elsewhere and name in others else None
+            fits[name] = fit or _fitted_here(name, record, options, own)
             if finished is not None:
-                finished(fits[-1])
+                finished(fits[name])
         except Stopped as stop:
             if stop.ending is not Ending.INTERRUPTED:
                 late.append(name)
                 continue
             end = stop
-            break
         except EmsidError as problem:
             problems[name] = problem
-        if fits and fits[-1].ending is Ending.INTERRUPTED:
+        if name in fits and fits[name].ending is Ending.INTERRUPTED:
             end = Stopped(Ending.INTERRUPTED)
-            break
     if not fits:
-        raise end or next(iter(problems.values()), Stopped(Ending.OUT_OF_BUDGET))
-    failed = [*(failure(name, each) for name, each in problems.items()), *map(out_of_time, late)]
-    return _Fits(tuple(fits), tuple(failed), end is not None)
+        raise end or next((problems[name] for name in names if name in problems), Stopped(Ending.OUT_OF_BUDGET))
+    failed = [*(failure(name, problems[name]) for name in names if name in problems), *map(out_of_time, late)]
+    return _Fits(tuple(fits[name] for name in names if name in fits), tuple(failed), end is not None)
+
+
+def _fitted_here(name: str, record: Record, options: Options, control: Control) -> Fit[Any]:
+    """The fit of a model in this process.
+
+    Raises:
+        EmsidError: where it cannot be fitted.
+        Stopped: by ``control``.
+    """
+    control.check()
+    return fit_or_problem(partial(CANDIDATES[name], record, options, control))
 
 
 def _with_bootstrap(found: _Fits, record: Record, count: int, seed: int, control: Control) -> _Fits:

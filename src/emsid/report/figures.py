@@ -91,6 +91,11 @@ _SETTINGS: dict[Any, Any] = {
 }
 
 
+def prepare() -> None:
+    """Import what `draw` needs, which takes a third of a second."""
+    import matplotlib.backends.backend_svg  # noqa: F401
+
+
 def draw(figure: Figure | Diagram, formats: Collection[str] = ("svg",)) -> dict[str, bytes]:
     """Draw a figure or a diagram once and write it in these vector formats. The same figure gives the same bytes.
 

@@ -22,6 +22,7 @@ from emsid.cli.options import (
     quantity,
 )
 from emsid.cli.reading import reads_records
+from emsid.cli.second_process import SecondProcess, second_process
 from emsid.cli.terminal import (
     EXPLAINED,
     characteristics_table,
@@ -194,30 +195,28 @@ def identify(
       emsid identify arm.mat -u vir -y "d(qm)" --time t --scale vir=35.15065 --models friction-narx --knots 8
       emsid identify arm.csv -u force -y x --time t --models linear-axis --free mass,offset --datasheet arm.toml
     """
+    asked = names(models, "--models")
+    second = second_process(asked, [*files, *validate], alone=INTERRUPTION.own_process and not (quick or budget))
     from emsid.identification import Options, candidates, workflow
 
-    asked = names(models, "--models")
     plants = [each.plant for each in _physical_first(asked or candidates.USUAL)]
     options = Options(
         na=na, nb=nb, nk=nk, degree=degree, taps=taps, knots=knots, forgetting=forgetting,
         orders=counts(orders, "--orders"),
         static=_family(static),
-        period=period,
-        ridge=ridge,
+        period=period, ridge=ridge, recent=recent, hold=hold,
         fixed=physical_values([*fix, *(["sensor.average=1"] if average else [])], "--fix", plants),
         datasheet=_sheet(datasheet),
         codes=_codes(brake, coast),
         free=physical_names(free, "--free", plants),
         per_record=physical_names(per_record, "--per-record", plants),
-        recent=recent,
-        hold=hold,
         profile=physical_names(profile, "--profile", plants),
     )  # fmt: skip
     check_folder(out)
     records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
     search = partial(workflow.identify, records, tests or _fraction(unseen), models=asked or None, options=options)
     search = partial(search, transient=transient, quick=quick, budget=budget, bootstrap=bootstrap, seed=seed)
-    _run(search, reader, out, json, pdf)
+    _run(search, reader, out, json, pdf, second)
 
 
 def _fraction(unseen: float) -> float:
@@ -226,14 +225,25 @@ def _fraction(unseen: float) -> float:
     raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
 
 
-def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: bool, pdf: bool) -> None:
+def _run(
+    search: "Callable[..., Identification]",
+    reader: Any,
+    out: Path,
+    json: bool,
+    pdf: bool,
+    second: SecondProcess | None,
+) -> None:
     """Identify, write and print the result, draw the report."""
     from emsid.identification import candidates
     from emsid.io import save
     from emsid.report.identification_page import report
 
     with working() as control:
-        result = search(control=control, finished=lambda fit: write(out, {}, [fit], None, reader.remembered))
+        result = search(
+            control=control,
+            finished=lambda fit: write(out, {}, [fit], None, reader.remembered),
+            elsewhere=second,
+        )
     with kept(result, "identification") as result:
         write(out, {"result.json": result.to_data()}, result.fits, result.record, reader.remembered)
         if result.on_all_data is not None:
@@ -242,7 +252,7 @@ def _run(search: "Callable[..., Identification]", reader: Any, out: Path, json: 
             say_json(as_json(result.to_data()))
         else:
             _print(result)
-    drawn = draw(out, lambda: report(result, option), pdf, interrupted=result.interrupted)
+    drawn = draw(out, lambda: report(result, option), pdf, interrupted=result.interrupted, elsewhere=second)
     if not json:
         written = [f"{fit.model.name}.json" for fit in result.fits]
         written += [] if result.on_all_data is None else [RECOMMENDED]

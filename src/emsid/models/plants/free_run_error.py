@@ -212,7 +212,7 @@ class FreeRunError:
             self.control = FREE
 
     def _simulated(self, theta: Array, near: Plant | None = None, moved: Sequence[int] = ()) -> list[Array]:
-        """The residuals at θ; of the plant ``near`` it with other values of the parameters ``moved``, which is faster."""
+        """The residuals at θ; faster from the plant ``near`` it that differs in the parameters ``moved``."""
         self.control.check()
         try:
             values = {self.free[k]: float(theta[k]) for k in moved if k < len(self.free)}

@@ -1,0 +1,190 @@
+"""A second process that fits some of the models of `emsid identify` and draws some of the figures at the same time.
+
+Searches on short records spend their time in Python, where threads wait for each other. The process is started before
+the files are read, so that its imports take no time of their own. It computes what this process would; what it does not
+answer is computed here. It ends with this process.
+"""
+
+import os
+import signal
+from collections.abc import Callable, Collection, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from queue import SimpleQueue
+from threading import Event, Thread
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
+    from emsid.estimation import Fit
+    from emsid.estimation.nonlinear.control import Control
+    from emsid.identification import Options
+    from emsid.record import Record
+    from emsid.report.document import Diagram, Figure
+
+OWN = ("polynomial-narx", "wiener-hammerstein", "wiener", "feedback")
+"""The models that it fits; they take about as long as all others together."""
+LONGEST, LARGEST = 20_000, 4_000_000
+"""Samples of a record, and bytes of files, beyond which searches use all cores by themselves."""
+LAST = 3.0
+"""Seconds that an interrupted search may take to end with its best result."""
+
+
+class SecondProcess:
+    """The process, seen from the one that started it."""
+
+    def __init__(self) -> None:
+        from multiprocessing import get_context, resource_tracker
+
+        resource_tracker.ensure_running()  # `start` does it otherwise, and lets signals through again
+        context = get_context("spawn")
+        self._connection, other = context.Pipe()
+        self._process = context.Process(target=serve, args=(other,), daemon=True)
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # it never hears Ctrl-C
+        try:
+            self._process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        other.close()
+        self._answers: dict[str, Any] = {}
+        self._stopped_at: float | None = None
+
+    def begin(self, names: Sequence[str], record: "Record", options: "Options") -> tuple[str, ...]:
+        """Start to fit some of the models there, and return their names."""
+        chosen = tuple(name for name in names if name in OWN)
+        if len(record) > LONGEST or len(chosen) in (0, len(names)):
+            self.close()
+            return ()
+        return chosen if self._sent((fits, chosen, record, options)) else ()
+
+    def fitted(self, name: str, control: "Control") -> "Fit[Any] | None":
+        """The fit of a model, once it is there; None if there is none.
+
+        Raises:
+            EmsidError: where the model cannot be fitted.
+            Stopped: by ``control``, where it is stopped before there is a result.
+        """
+
+        def wait() -> None:
+            if control.ending is None:
+                return
+            if self._stopped_at is None:
+                self._stopped_at = monotonic()
+                self._connection.send(None)
+            elif monotonic() > self._stopped_at + LAST:
+                control.check()
+
+        answer: Fit[Any] | Exception | None = self._answer(name, wait)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def begin_drawing(self, figures: "Sequence[Figure | Diagram]", formats: Collection[str]) -> tuple[str, ...]:
+        """Start to draw two of three figures there, while this process draws the third, and return their names."""
+        chosen = [figure for k, figure in enumerate(figures) if k % 3]
+        return tuple(figure.name for figure in chosen) if self._sent((drawings, chosen, tuple(formats))) else ()
+
+    def drawn(self, name: str, control: "Control") -> dict[str, bytes] | None:
+        """The content of the files of a figure by format, once they are there; None if they are not drawn there.
+
+        Raises:
+            Stopped: by ``control``.
+        """
+        files: dict[str, bytes] | None = self._answer(name, control.check)
+        return files
+
+    def close(self) -> None:
+        """End the process."""
+        self._connection.close()
+        self._process.terminate()
+
+    def _sent(self, task: tuple[Any, ...]) -> bool:
+        try:
+            self._connection.send(task)
+        except (OSError, ValueError, TypeError, AttributeError):  # it has ended, or something cannot be sent
+            return False
+        return True
+
+    def _answer(self, name: str, wait: Callable[[], None]) -> Any:
+        """What the process found for a name; ``wait`` is called again and again meanwhile."""
+        with suppress(EOFError, OSError):
+            while name not in self._answers:
+                wait()
+                if self._connection.poll(0.02):
+                    known, answer = self._connection.recv()
+                    self._answers[known] = answer
+        return self._answers.get(name)
+
+
+def second_process(models: Sequence[str], files: Iterable[Path], *, alone: bool) -> SecondProcess | None:
+    """A second process where it saves time: for several models, one of them of `OWN`, on short records, with two cores.
+
+    Args:
+        models: their names; none for the usual ones.
+        files: of the records.
+        alone: whether this process runs nothing else; otherwise the second one might repeat that.
+    """
+    worth = not models or (len(models) > 1 and any(name in OWN for name in models))
+    if not (alone and worth and hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1):
+        return None
+    with suppress(OSError):
+        return SecondProcess() if sum(path.stat().st_size for path in files) <= LARGEST else None
+    return None
+
+
+def serve(connection: "Connection") -> None:
+    """The work of the second process, until the connection ends."""
+    cancelled, tasks = Event(), SimpleQueue[Any]()
+    Thread(target=_listen, args=(connection, tasks, cancelled), daemon=True).start()
+    import emsid.identification  # noqa: F401  (while the first process reads the files)
+
+    while True:
+        task, *about = tasks.get()
+        for answer in task(*about, cancelled.is_set):
+            connection.send(answer)
+
+
+def fits(names: Sequence[str], record: "Record", options: "Options", cancelled: Callable[[], bool]) -> Iterable[Any]:
+    """The name of every model with its fit, the problem, or None."""
+    from emsid.errors import EmsidError
+    from emsid.estimation.nonlinear.control import Control, Stopped
+    from emsid.identification.candidates import CANDIDATES, fit_or_problem
+    from emsid.report.figures import prepare
+
+    record = replace(record)  # whose arrays cannot be written to
+    for name in names:
+        try:
+            yield name, fit_or_problem(partial(CANDIDATES[name], record, options, Control(cancelled=cancelled)))
+        except EmsidError as problem:
+            yield name, problem
+        except (Stopped, Exception):  # the first process meets it too
+            yield name, None
+    prepare()
+
+
+def drawings(figures: "Sequence[Figure | Diagram]", formats: Collection[str], _: object) -> Iterable[Any]:
+    """The name of every figure with its files, or None."""
+    from emsid.report.figures import draw
+
+    for figure in figures:
+        try:
+            yield figure.name, draw(figure, formats)
+        except Exception:
+            yield figure.name, None
+
+
+def _listen(connection: "Connection", tasks: "SimpleQueue[Any]", cancelled: Event) -> None:
+    """Pass tasks on, and end this process with the other one."""
+    try:
+        while True:
+            message = connection.recv()
+            if message is None:
+                cancelled.set()
+            else:
+                tasks.put(message)
+    except (EOFError, OSError):
+        os._exit(0)

@@ -1,0 +1,143 @@
+"""A second process fits models and draws figures meanwhile: the results are the same, in the same order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+import emsid
+from emsid.cli import second_process as module
+from emsid.cli.second_process import LARGEST, SecondProcess, second_process
+from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.identification import Options
+from emsid.identification.candidates import CANDIDATES
+from emsid.report.document import Axis, Figure, Line, Plot, Report, Section
+from emsid.report.figures import draw
+from emsid.report.page import report_files
+
+OPTIONS = Options(na=1, nb=1, nk=1, degree=2)
+MODELS = "polynomial-narx, arx, friction-narx"
+
+
+def lagging(samples: int = 200) -> emsid.Record:
+    rng = np.random.default_rng(5)
+    u, y = np.repeat(rng.uniform(-2, 2, samples // 10), 10), np.zeros(samples)
+    for t in range(1, samples):
+        y[t] = 0.9 * y[t - 1] + 0.3 * u[t - 1]
+    return emsid.Record(u, y + 0.01 * rng.standard_normal(samples), 0.01)
+
+
+class Elsewhere:
+    """Answers that are there at once."""
+
+    def __init__(self, *names, answer=None):
+        self.names, self.answer = names, answer
+
+    def begin(self, names, record, options):
+        self.record, self.options = record, options
+        return tuple(name for name in names if name in self.names)
+
+    def fitted(self, name, control):
+        return self.answer(name, self, control) if self.answer else None
+
+
+def figure(name: str) -> Figure:
+    line = Line(np.arange(3.0), np.arange(3.0))
+    return Figure(name, name, (Plot((line,), Axis("time"), Axis("speed")),))
+
+
+def there(name, elsewhere, control):
+    fit = CANDIDATES[name](elsewhere.record, elsewhere.options, FREE)
+    return replace(fit, findings=(*fit.findings, emsid.findings.Finding("fitted-there", name)))
+
+
+def test_models_fitted_elsewhere_are_reported_like_the_others() -> None:
+    record, finished = lagging(), []
+    here = emsid.identify(record, models=MODELS, options=OPTIONS)
+    both = emsid.identify(
+        record, models=MODELS, options=OPTIONS, elsewhere=Elsewhere("polynomial-narx", answer=there),
+        finished=lambda fit: finished.append(fit.model.name),
+    )  # fmt: skip
+    assert [fit.model.name for fit in both.fits] == [fit.model.name for fit in here.fits]
+    assert finished == ["arx", "friction-narx", "polynomial-narx"]
+    assert all((a.estimate == b.estimate).all() for a, b in zip(here.fits, both.fits, strict=True))
+    marked = [fit.model.name for fit in both.fits if any(each.code == "fitted-there" for each in fit.findings)]
+    assert marked == ["polynomial-narx"]
+
+
+def test_a_model_that_is_not_known_elsewhere_is_fitted_here() -> None:
+    found = emsid.identify(lagging(), models=MODELS, options=OPTIONS, elsewhere=Elsewhere("polynomial-narx"))
+    assert {fit.model.name for fit in found.fits} == {"polynomial-narx", "arx", "friction-narx"}
+
+
+def test_a_model_that_fails_elsewhere_is_named() -> None:
+    def fails(name, *_):
+        raise emsid.ModelError("no such luck")
+
+    found = emsid.identify(lagging(), models=MODELS, options=OPTIONS, elsewhere=Elsewhere("arx", answer=fails))
+    assert [each.subject for each in found.findings if each.code == "model-failed"] == ["arx"]
+    assert "arx" not in {fit.model.name for fit in found.fits}
+
+
+def test_an_interrupted_identification_keeps_what_was_found_elsewhere() -> None:
+    pressed = []
+
+    def cut_short(name, elsewhere, control):
+        assert control.ending is Ending.INTERRUPTED
+        return there(name, elsewhere, control)
+
+    found = emsid.identify(
+        lagging(), models=MODELS, options=OPTIONS, elsewhere=Elsewhere("polynomial-narx", answer=cut_short),
+        control=Control(cancelled=lambda: bool(pressed)), finished=pressed.append,
+    )  # fmt: skip
+    assert found.interrupted
+    assert {fit.model.name for fit in found.fits} == {"arx", "polynomial-narx"}
+
+
+def test_the_second_process_finds_and_draws_the_same() -> None:
+    record, second = lagging(), SecondProcess()
+    try:
+        assert second.begin(("arx", "polynomial-narx"), record, OPTIONS) == ("polynomial-narx",)
+        here = CANDIDATES["polynomial-narx"](record, OPTIONS, FREE)
+        fit = second.fitted("polynomial-narx", FREE)
+        assert fit is not None
+        assert (fit.estimate == here.estimate).all()
+        assert repr(fit) == repr(here)
+        report = Report(
+            "One",
+            (),
+            (
+                Section(
+                    "",
+                    figures=(figure("a"), figure("b")),
+                ),
+            ),
+        )
+        drawn = report_files(report, elsewhere=second)
+        assert second.drawn("b", FREE) == draw(figure("b"))
+        assert drawn == report_files(report)
+    finally:
+        second.close()
+    second._process.join(5)
+    assert second._process.exitcode is not None
+    assert second.begin(("arx", "polynomial-narx"), record, OPTIONS) == ()
+    assert second.fitted("polynomial-narx", FREE) is fit
+
+
+def test_a_second_process_is_started_only_where_it_saves_time(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(module, "SecondProcess", lambda: "started")
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1}, raising=False)
+    small, large = tmp_path / "small.csv", tmp_path / "large.csv"
+    small.write_text("u,y\n")
+    large.write_bytes(bytes(LARGEST + 1))
+    assert second_process((), [small], alone=True) == "started"
+    assert second_process(("arx", "wiener"), [small], alone=True) == "started"
+    assert second_process((), [small], alone=False) is None
+    assert second_process(("arx", "friction-narx"), [small], alone=True) is None
+    assert second_process(("wiener",), [small], alone=True) is None
+    assert second_process((), [small, large], alone=True) is None
+    assert second_process((), [tmp_path / "missing.csv"], alone=True) is None
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0}, raising=False)
+    assert second_process((), [small], alone=True) is None

@@ -151,8 +151,9 @@ def serve(connection: "Connection") -> None:
 def fits(names: Sequence[str], record: "Record", options: "Options", cancelled: Callable[[], bool]) -> Iterable[Any]:
     """The name of every model with its fit, the problem, or None."""
     from emsid.errors import EmsidError
+    from emsid.estimation.fit import fit_or_problem
     from emsid.estimation.nonlinear.control import Control, Stopped
-    from emsid.identification.candidates import CANDIDATES, fit_or_problem
+    from emsid.identification.candidates import CANDIDATES
     from emsid.report.figures import prepare
 
     record = replace(record)  # whose arrays cannot be written to

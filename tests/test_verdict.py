@@ -257,6 +257,52 @@ def test_any_of_these_findings_makes_a_model_implausible(code):
     assert other.code == "model-supported"
 
 
+def driven(u, below, of=lambda u: u):
+    """A drive of unit gain with these poles behind a map, with little noise."""
+    y = lfilter([0.0, sum(below)], below, of(u))
+    return emsid.Record(u, y + 0.002 * np.random.default_rng(0).standard_normal(len(u)), DT)
+
+
+def rarely(high, count):
+    """Inputs within 1, but for a few samples."""
+    u = held(0, 600)
+    u[300 : 300 + count] = high
+    return u
+
+
+SLOW, TWO = [1.0, -POLE], [1.0, -1.0, 0.09]
+SPLINE = {"models": "hammerstein", "orders": (1,), "static": "spline", "knots": 5, "nk": 1}
+POLYNOMIAL = SPLINE | {"static": "polynomial", "knots": 7}
+ARX, OUTPUT_ERROR = ({"models": name, "na": 1, "nb": 1, "nk": 1} for name in ("arx", "output-error"))
+SAME = held(0, 600)
+
+
+@pytest.mark.parametrize(
+    ("codes", "data", "options", "ordinary", "other"),
+    [
+        ({"delay-longer-than-rise"}, driven(SAME, SLOW), ARX | {"nk": 90}, driven(SAME, SLOW), ARX),
+        ({"faster-than-sampling"}, driven(SAME, TWO), OUTPUT_ERROR | {"na": 2}, driven(SAME, SLOW), OUTPUT_ERROR),
+        ({"zero-cancels-pole"}, record(0), OUTPUT_ERROR | {"na": 2, "nb": 2}, record(0), OUTPUT_ERROR),
+        ({"knots-without-data"}, driven(rarely(1.571, 2), SLOW), SPLINE, driven(SAME, SLOW), SPLINE),
+        (
+            {"diverges-beyond-range", "map-turns-without-data", "map-leaves-range"},
+            driven(rarely(3.0, 6), SLOW, lambda u: np.tanh(3 * u)),
+            POLYNOMIAL,
+            driven(SAME, SLOW),
+            POLYNOMIAL | {"knots": 3},
+        ),
+    ],
+    ids=lambda each: ", ".join(sorted(each)) if isinstance(each, set) else "",
+)
+def test_an_identification_calls_its_implausible_model_so(codes, data, options, ordinary, other):
+    for known, given, expected in ((data, options, codes), (ordinary, other, set())):
+        result = emsid.identify(
+            known, models=given["models"], options=Options(**{k: v for k, v in given.items() if k != "models"})
+        )
+        assert {each.code for each in result.findings if each.code in codes} == expected
+        assert (result.model_verdicts[0].code in ("model-implausible", "model-unusable")) == bool(expected)
+
+
 def test_a_model_that_diverges_on_a_larger_input_is_not_recommended():
     known, unseen = record(0), record(1, name="other")
     cubic = emsid.Structure.parse("y(t-1)", "u(t-1)", "y(t-1)^3", name="cubic")

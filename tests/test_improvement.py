@@ -15,7 +15,7 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.free_run import free_run_error, mean_squared_error
 from emsid.record import hold_back
 from emsid.record.holding_back import FOLDS, LEAST_PART, choice_and_headline, hold_back_records, validation_splits
-from emsid.selection.improvement import CHANCE, NEGLIGIBLE, StretchErrors, better
+from emsid.selection.improvement import CHANCE, NEGLIGIBLE, StretchErrors, better, better_by_ratio
 from source_tree import nodes_of
 
 SOURCES = Path(emsid.__file__).parent
@@ -29,11 +29,12 @@ def coloured(rng: np.random.Generator, samples: int, pole: float) -> np.ndarray:
 @pytest.mark.parametrize("pole", [0.0, 0.9, 0.99])
 def test_models_of_equal_merit_are_called_better_as_rarely_as_stated(pole: float) -> None:
     """Two models whose errors share the noise of the output and differ by their own deviations of equal size."""
-    rng, trials, passed = np.random.default_rng(1), 2000, 0
+    rng, trials, passed = np.random.default_rng(1), 2000, np.zeros(2)
     for _ in range(trials):
-        noise, one, other = (coloured(rng, 3200, pole) for _ in range(3))
-        passed += better(StretchErrors.of((noise + one) ** 2), StretchErrors.of((noise + other) ** 2))
-    assert passed / trials <= CHANCE + 2.5 * np.sqrt(CHANCE * (1 - CHANCE) / trials)
+        noise, *own = (coloured(rng, 3200, pole) for _ in range(3))
+        one, other = (StretchErrors.of((noise + each) ** 2) for each in own)
+        passed += better(one, other), better_by_ratio(one, other)
+    assert np.all(passed / trials <= CHANCE + 2.5 * np.sqrt(CHANCE * (1 - CHANCE) / trials))
 
 
 def test_a_small_gain_that_lasts_is_found_and_a_large_one_of_a_moment_is_not() -> None:

@@ -5,7 +5,8 @@ stretch of the data is left out once. The structure of a model is kept, and its 
 from the known estimate and in a few steps (`emsid.models.refitting`). Its free run over the stretch that was left out
 is compared with those of the others by the one rule, `better`. The paired stretches come from all folds, so their
 spread, the noise of the ranking, contains what differs from fold to fold. Where a fold reaches amplitudes that the rest
-does not, models extrapolate; their errors there are large, and weigh more in the mean square.
+does not, models extrapolate; their errors there are large, and weigh more in the mean square. Models are tied if
+neither the differences of their mean squares, stretch by stretch, nor the ratios are larger than chance explains.
 
 The part that was held back from the fits is the first fold, and needs no other fit. It selects the models that are
 followed over the other folds: those with at most `HOPELESS` times its smallest error. Where it has `MANY` samples or
@@ -33,7 +34,7 @@ from emsid.models.refitting import refitted
 from emsid.models.regression.search.judge import BEYOND, diverges, enlarged
 from emsid.record import Record, concatenate
 from emsid.record.holding_back import left_out_once
-from emsid.selection.improvement import STRETCHES, StretchErrors, front
+from emsid.selection.improvement import STRETCHES, StretchErrors, better_by_ratio, front
 from emsid.validation.comparison import Assessment, Comparison
 
 Array = NDArray[np.float64]
@@ -44,8 +45,6 @@ HOPELESS = 4.0
 """A model whose error on the held-back part is larger than the smallest by this factor is not followed further."""
 MANY = 5_000
 """A held-back part of this many samples decides alone."""
-CLOSE = 1.1
-"""Models whose RMSE differ by a larger factor are not tied, however large the noise is."""
 LEAST = 3
 """A fold has at least this many samples for each that starts a model."""
 
@@ -139,7 +138,7 @@ class FrontRow:
         error: RMSE of the free run over all folds, as a share of the deviation of the output.
         low, high: of the error, one standard error away; NaN where a run diverges.
         folds: the number of parts of the data that were left out in turn.
-        on_front: whether it is better than every simpler one on the front, by more than noise or by more than `CLOSE`.
+        on_front: whether it is better than every simpler one on the front by more than noise.
         recommended: whether it is the recommended model.
     """
 
@@ -169,8 +168,8 @@ def front_rows(ranking: Sequence[Ranked], recommended: str) -> tuple[FrontRow, .
 
 
 def close(model: Ranked, best: Ranked) -> bool:
-    """Whether errors differ so little that noise may decide: where data are few, noise alone would excuse anything."""
-    return bool(model.errors.mean <= CLOSE**2 * best.errors.mean)
+    """Whether the ratio of two errors is within noise too: uneven errors would excuse any difference of their means."""
+    return not better_by_ratio(best.errors, than=model.errors)
 
 
 def compared(ranking: Sequence[Ranked]) -> list[Ranked]:

@@ -40,8 +40,6 @@ OF_REASONS = {
     "error-in-one-stretch": "repeat-input",
 }
 """The experiment that shows what is behind a reason against a model."""
-DOUBTFUL = 1.2
-"""`CLOSE` for an implausible model and a plausible one: what is implausible should be clearly better."""
 TWO_SIDED = 0.05
 """An input goes both ways if it reaches this share of its largest value on either side."""
 
@@ -66,8 +64,7 @@ def recommended(ranking: Sequence[Ranked], implausible: Collection[str], unusabl
 
 def _stands_in(plausible: Ranked, best: Ranked) -> bool:
     """Whether a plausible model is as good as the best one, which is not, within noise."""
-    near = plausible.errors.mean <= DOUBTFUL**2 * best.errors.mean
-    return bool(near) and not better(best.errors, than=plausible.errors)
+    return close(plausible, best) and not better(best.errors, than=plausible.errors)
 
 
 def recommendation(

@@ -112,7 +112,7 @@ class FrontData(msgspec.Struct, forbid_unknown_fields=True):
     """A model in the comparison of accuracy and number of parameters, on ``folds`` parts of the data.
 
     ``error`` is the RMSE of the free run as a share of the output's deviation, ``low`` and ``high`` one standard error
-    away. A model ``on_front`` is better than every simpler one on the front by more than noise, or by more than 10 %.
+    away. A model ``on_front`` is better by more than noise than every simpler one on the front.
     """
 
     model: str

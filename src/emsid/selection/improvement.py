@@ -80,11 +80,30 @@ def better(model: StretchErrors, than: StretchErrors) -> bool:
         model: the errors of the more complex model.
         than: those of the simpler one on the same samples.
     """
+    return _more_than_noise(model, than, lambda means: means)
+
+
+def better_by_ratio(model: StretchErrors, than: StretchErrors) -> bool:
+    """Whether a model is better than another by a factor, by more than noise.
+
+    The same test for the logarithms of the mean squares. Where the errors of some stretches are far larger than those
+    of the others, the noise of their mean is as large as the mean, and `better` sees nothing; every stretch weighs the
+    same here. A single bad stretch, as of a fold that a few steps do not suit, decides nothing.
+
+    Args:
+        model: the errors of the model.
+        than: those of the other one on the same samples.
+    """
+    return _more_than_noise(model, than, lambda means: np.log(np.maximum(means, np.finfo(float).tiny)))
+
+
+def _more_than_noise(model: StretchErrors, than: StretchErrors, scale: Callable[[Array], Array]) -> bool:
+    """Whether a model saves something that matters, and more on this scale than chance explains."""
     if not np.isfinite(than.mean):
         return bool(np.isfinite(model.mean))
     if not matters(model.mean, than.mean):
         return False
-    saved = (than.means - model.means)[(than.samples > 0) & (model.samples > 0)]
+    saved = (scale(than.means) - scale(model.means))[(than.samples > 0) & (model.samples > 0)]
     return len(saved) < 2 or float(np.mean(saved)) > stdtrit(len(saved) - 1, 1 - CHANCE) * _deviation_of_mean(saved)
 
 

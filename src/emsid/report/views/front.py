@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.identification.ranking import CLOSE, FrontRow
+from emsid.identification.ranking import FrontRow
 from emsid.report.document import Axis, Figure, Ink, Line, Plot, Points, Stroke, Table
 from emsid.report.numbers import first_up, number
 from emsid.units import plain_unit
@@ -33,8 +33,7 @@ def front_table(rows: Sequence[FrontRow]) -> Table:
         ("Model", "Parameters", "Error %", "± one standard error", ""),
         lines,
         f"Accuracy against number of parameters: RMSE of the free run {where}, in % of the output's deviation.",
-        "A model on the front is better than every simpler one on it by more than noise, or by more than "
-        f"{100 * (CLOSE - 1):.0f} %.",
+        "A model on the front is better by more than noise than every simpler one on it.",
         ends_in_text=True,
         emphasised=frozenset(k for k, each in enumerate(rows) if each.recommended),
     )

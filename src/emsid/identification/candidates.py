@@ -10,9 +10,6 @@ from collections.abc import Iterator, MutableMapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
@@ -22,6 +19,7 @@ from emsid.identification.options import ModelKind, Options
 from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS
 from emsid.models.blocks.search.estimation import CascadeStructure
 from emsid.models.blocks.search.map_families import SPLINE
+from emsid.models.blocks.search.sign_recovery import keeps_its_sign
 from emsid.models.blocks.search.topologies import (
     HAMMERSTEIN,
     HAMMERSTEIN_WIENER,
@@ -212,9 +210,6 @@ USUAL = (*REGRESSIONS, "wiener-hammerstein", "feedback")
 # The models of a quick look: linear ones, and the two regressions that take no search.
 QUICK = ("arx", "output-error", "wiener-hammerstein-regression", "friction-narx")
 
-# An output is close to zero within this fraction of its largest value.
-CLOSE = 0.05
-
 
 FOR_FEEDBACK = 400
 """Fewer samples than these are not fitted by a feedback model by default."""
@@ -237,15 +232,9 @@ def usual_for(record: Record) -> tuple[str, ...]:
     """
     one_each = record.input.shape[1] == record.output.shape[1] == 1
     starts = {name: kind.start for name, kind in PLANTS.items() if one_each and kind.refined}
-    folded = ("wiener",) if one_each and _may_be_absolute(record.output[:, 0]) else ()
+    folded = ("wiener",) if one_each and keeps_its_sign(record.output[:, 0]) else ()
     usual = tuple(name for name in USUAL if name != "feedback" or len(record) >= FOR_FEEDBACK)
     return (*usual, *folded, *[name for name, start in starts.items() if _may_be_of(start, record)][:1])
-
-
-def _may_be_absolute(output: NDArray[np.float64]) -> bool:
-    """Whether a signal may be an absolute value with noise: it ends close to zero on one side."""
-    low, high = abs(float(output.min())), abs(float(output.max()))
-    return min(low, high) < CLOSE * max(low, high)
 
 
 def _may_be_of(plant: Plant, record: Record) -> bool:

@@ -34,6 +34,8 @@ REACH = 2
 DRAWS, MOST_TURNS = 30, 50
 # Two sign sequences are different if they disagree on more than this fraction of the samples.
 DIFFERENT = 0.1
+# An output is close to zero within this fraction of its largest value.
+CLOSE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,12 @@ class SignedSignal:
     denominator: Array
     constant: float
     cost: float
+
+
+def keeps_its_sign(output: Array) -> bool:
+    """Whether a signal may be an absolute value with noise: it ends close to zero on one side."""
+    low, high = abs(float(output.min())), abs(float(output.max()))
+    return min(low, high) < CLOSE * max(low, high)
 
 
 def recovered_signals(

@@ -4,6 +4,7 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
 
 1. for every order, and a delay if linear models gain by it, a linear model and one map in the direction that explains
    most: a polynomial, or else a spline or a dead zone;
+   For an output that shows magnitudes only, also a model behind a sensor that loses the sign (`magnitudes`);
 2. with the best order, twice the rate, for an input that goes on between its samples;
 3. other families of maps;
 4. a second map, and then a third one.
@@ -16,6 +17,7 @@ diverges on an input a little larger than that of the record is not chosen.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
@@ -30,6 +32,7 @@ from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.feedback.fitting import Found, searched, visited
 from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.search.magnitudes import BEHIND, KNOTS, MAGNITUDE, may_be_magnitudes, of_magnitudes
 from emsid.models.feedback.search.starts import Direction, directions_for, linear_start, with_one_map_more
 from emsid.models.free_run import squared_errors
 from emsid.models.one_channel import Segments, segments_longer_than
@@ -176,6 +179,9 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
     """
     bench = Bench.of(records, settings, control)
     straight, best = _first_map(bench, settings)
+    for trial in _of_magnitudes(bench, settings):
+        if best is None or _preferred(trial, best, bench.compared):
+            best = trial
     if best is None or not _preferred(best, straight, bench.compared):  # a linear model is as good
         family, size = _families(settings)[0]
         try:
@@ -186,7 +192,8 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
             yield best
         return
     yield best
-    for step in (_faster, _other_families, _second_map, _third_map):
+    steps = (_second_map,) if best.family is MAGNITUDE else (_faster, _other_families, _second_map, _third_map)
+    for step in steps:
         for trial in step(bench, best, settings):
             if _preferred(trial, best, bench.compared):
                 best = trial
@@ -226,6 +233,17 @@ def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, Trial | N
     if straight is None:
         raise problem
     return straight, best
+
+
+def _of_magnitudes(bench: Bench, settings: FeedbackSearch) -> Iterator[Trial]:
+    """Models of one step per sample whose output loses the sign, where that of the records may have."""
+    if settings.static or settings.delay or (settings.oversampling or 1) > 1 or not may_be_magnitudes(bench.shown):
+        return
+    for order in ORDERS if settings.order is None else (settings.order - BEHIND,):
+        bench.control.doing(f"magnitudes of order {order}")
+        with suppress(EmsidError):
+            found = of_magnitudes(bench.shown, order, bench.control)
+            yield bench.judged(found, MAGNITUDE, KNOTS)
 
 
 def _delays(bench: Bench, settings: FeedbackSearch, steps: Steps) -> tuple[int, ...]:
@@ -368,7 +386,9 @@ def _second_map(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator
     if settings.maps == 1:
         return
     names = [(best.family, best.size)]
-    if settings.static is None and best.family.name != "spline":
+    if best.family is MAGNITUDE:  # what acts in the loop is no sensor, and one that is limited cannot make it diverge
+        names = [(family_of("saturation"), 0)]
+    elif settings.static is None and best.family.name != "spline":
         names.append((family_of("spline"), 0))
     yield from _one_map_more(bench, best, settings, names)
 

@@ -68,16 +68,23 @@ def linear_start(
     structure = arx(order, order + 1, delay, 1, True)
     fit = fit_free_run(structure, record, max_iterations=20, tolerance=0.1, control=control, covariances=False)
     a, b, level = fit.estimate[:order], fit.estimate[order:-1], float(fit.estimate[-1])
-    matrix = np.zeros((order + 1, order + 1))
-    matrix[:order, :order] = np.eye(order, k=1)
-    matrix[:order, 0] = -a
-    matrix[:order, order] = b[1:] - a * b[0]
-    matrix[order, 0], matrix[order, order] = 1.0, b[0]
+    matrix = in_observer_form(b, np.concatenate([[1.0], a]))
     if oversampling > 1:
         matrix = _faster(matrix, oversampling)
     steady = 1 + float(a.sum())
     offset = level / steady if abs(steady) > 1e-9 else 0.0
     return FeedbackModel(matrix, (), np.zeros(0), offset, delay, oversampling, held, dt=record.dt)
+
+
+def in_observer_form(b: Array, a: Array) -> Array:
+    """(n + 1, n + 1) a filter, b (n + 1,) over a (n + 1,) with a[0] = 1: rows x(t+1) and y by the columns x and u."""
+    n = len(a) - 1
+    matrix = np.zeros((n + 1, n + 1))
+    matrix[:n, :n] = np.eye(n, k=1)
+    matrix[:n, 0] = -a[1:]
+    matrix[:n, n] = b[1:] - a[1:] * b[0]
+    matrix[n, :1], matrix[n, n] = 1.0, b[0]
+    return matrix
 
 
 def _faster(matrix: Array, rate: int) -> Array:

@@ -97,7 +97,7 @@ def test_an_interrupted_identification_keeps_what_was_found_elsewhere() -> None:
 
 
 def test_the_second_process_finds_and_draws_the_same() -> None:
-    record, second = lagging(), SecondProcess()
+    record, second = lagging(), SecondProcess(fits=True)
     try:
         assert second.begin(("arx", "polynomial-narx"), record, OPTIONS) == ("polynomial-narx",)
         here = CANDIDATES["polynomial-narx"](record, OPTIONS, FREE)
@@ -105,19 +105,12 @@ def test_the_second_process_finds_and_draws_the_same() -> None:
         assert fit is not None
         assert (fit.estimate == here.estimate).all()
         assert repr(fit) == repr(here)
-        report = Report(
-            "One",
-            (),
-            (
-                Section(
-                    "",
-                    figures=(figure("a"), figure("b")),
-                ),
-            ),
-        )
-        drawn = report_files(report, elsewhere=second)
-        assert second.drawn("b", FREE) == draw(figure("b"))
-        assert drawn == report_files(report)
+        report = Report("One", (), (Section("", figures=(figure("a"),)),))
+        both = report_files(report, elsewhere=second)
+        assert second.drawn("a", FREE) == draw(figure("a"))
+        assert both == report_files(report)
+        many = [figure(name) for name in "bcdefghijklmno"]
+        assert "".join(second.begin_drawing(many, ("svg",))) == "cdfgijlmo"
     finally:
         second.close()
     second._process.join(5)
@@ -127,17 +120,18 @@ def test_the_second_process_finds_and_draws_the_same() -> None:
 
 
 def test_a_second_process_is_started_only_where_it_saves_time(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(module, "SecondProcess", lambda: "started")
+    monkeypatch.setattr(module, "SecondProcess", lambda fits: "fits and draws" if fits else "draws")
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1}, raising=False)
     small, large = tmp_path / "small.csv", tmp_path / "large.csv"
     small.write_text("u,y\n")
     large.write_bytes(bytes(LARGEST + 1))
-    assert second_process((), [small], alone=True) == "started"
-    assert second_process(("arx", "wiener"), [small], alone=True) == "started"
+    assert second_process((), [small], alone=True) == "fits and draws"
+    assert second_process(("arx", "wiener"), [small], alone=True) == "fits and draws"
+    assert second_process((), [small], alone=True, searches=False) == "draws"
+    assert second_process(("arx", "friction-narx"), [small], alone=True) == "draws"
+    assert second_process(("wiener",), [small], alone=True) == "draws"
+    assert second_process((), [small, large], alone=True) == "draws"
     assert second_process((), [small], alone=False) is None
-    assert second_process(("arx", "friction-narx"), [small], alone=True) is None
-    assert second_process(("wiener",), [small], alone=True) is None
-    assert second_process((), [small, large], alone=True) is None
     assert second_process((), [tmp_path / "missing.csv"], alone=True) is None
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0}, raising=False)
     assert second_process((), [small], alone=True) is None

@@ -29,37 +29,43 @@ if TYPE_CHECKING:
 OWN = ("polynomial-narx", "wiener-hammerstein", "wiener", "feedback")
 """The models that it fits; they take about as long as all others together."""
 LONGEST, LARGEST = 20_000, 4_000_000
-"""Samples of a record, and bytes of files, beyond which searches use all cores by themselves."""
+"""Samples of a record, and bytes of files, beyond which searches use all cores by themselves; it only draws then."""
+MANY = 14
+"""Of fewer figures none is drawn here: the import of the library would take as long as is saved."""
 LAST = 3.0
 """Seconds that an interrupted search may take to end with its best result."""
 
 
 class SecondProcess:
-    """The process, seen from the one that started it."""
+    """The process, seen from the one that started it.
 
-    def __init__(self) -> None:
+    Args:
+        fits: whether it will fit models; otherwise it only draws.
+    """
+
+    def __init__(self, fits: bool) -> None:
         from multiprocessing import get_context, resource_tracker
 
         resource_tracker.ensure_running()  # `start` does it otherwise, and lets signals through again
         context = get_context("spawn")
         self._connection, other = context.Pipe()
-        self._process = context.Process(target=serve, args=(other,), daemon=True)
+        self._process = context.Process(target=serve, args=(other, fits), daemon=True)
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # it never hears Ctrl-C
         try:
             self._process.start()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         other.close()
+        self._fits = fits
         self._answers: dict[str, Any] = {}
         self._stopped_at: float | None = None
 
     def begin(self, names: Sequence[str], record: "Record", options: "Options") -> tuple[str, ...]:
         """Start to fit some of the models there, and return their names."""
         chosen = tuple(name for name in names if name in OWN)
-        if len(record) > LONGEST or len(chosen) in (0, len(names)):
-            self.close()
+        if not self._fits or len(record) > LONGEST or len(chosen) in (0, len(names)):
             return ()
-        return chosen if self._sent((fits, chosen, record, options)) else ()
+        return chosen if self._sent((fitted, chosen, record, options)) else ()
 
     def fitted(self, name: str, control: "Control") -> "Fit[Any] | None":
         """The fit of a model, once it is there; None if there is none.
@@ -76,6 +82,7 @@ class SecondProcess:
                 self._stopped_at = monotonic()
                 self._connection.send(None)
             elif monotonic() > self._stopped_at + LAST:
+                self.close()
                 control.check()
 
         answer: Fit[Any] | Exception | None = self._answer(name, wait)
@@ -84,9 +91,9 @@ class SecondProcess:
         return answer
 
     def begin_drawing(self, figures: "Sequence[Figure | Diagram]", formats: Collection[str]) -> tuple[str, ...]:
-        """Start to draw two of three figures there, while this process draws the third, and return their names."""
-        chosen = [figure for k, figure in enumerate(figures) if k % 3]
-        return tuple(figure.name for figure in chosen) if self._sent((drawings, chosen, tuple(formats))) else ()
+        """Start to draw the figures there, of many two of three, and return their names."""
+        chosen = [figure for k, figure in enumerate(figures) if k % 3 or len(figures) < MANY]
+        return tuple(figure.name for figure in chosen) if self._sent((drawn, chosen, tuple(formats))) else ()
 
     def drawn(self, name: str, control: "Control") -> dict[str, bytes] | None:
         """The content of the files of a figure by format, once they are there; None if they are not drawn there.
@@ -120,35 +127,43 @@ class SecondProcess:
         return self._answers.get(name)
 
 
-def second_process(models: Sequence[str], files: Iterable[Path], *, alone: bool) -> SecondProcess | None:
-    """A second process where it saves time: for several models, one of them of `OWN`, on short records, with two cores.
+def second_process(
+    models: Sequence[str], files: Iterable[Path], *, alone: bool, searches: bool = True
+) -> SecondProcess | None:
+    """A second process where there are two cores. It fits models of `OWN` that are among several, on short records.
 
     Args:
         models: their names; none for the usual ones.
         files: of the records.
         alone: whether this process runs nothing else; otherwise the second one might repeat that.
+        searches: whether models take long.
     """
-    worth = not models or (len(models) > 1 and any(name in OWN for name in models))
-    if not (alone and worth and hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1):
+    if not (alone and hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1):
         return None
     with suppress(OSError):
-        return SecondProcess() if sum(path.stat().st_size for path in files) <= LARGEST else None
+        short = sum(path.stat().st_size for path in files) <= LARGEST
+        mixed = not models or (len(models) > 1 and any(name in OWN for name in models))
+        return SecondProcess(searches and short and mixed)
     return None
 
 
-def serve(connection: "Connection") -> None:
+def serve(connection: "Connection", fits: bool) -> None:
     """The work of the second process, until the connection ends."""
     cancelled, tasks = Event(), SimpleQueue[Any]()
     Thread(target=_listen, args=(connection, tasks, cancelled), daemon=True).start()
-    import emsid.identification  # noqa: F401  (while the first process reads the files)
+    if fits:  # while the first process reads the files
+        import emsid.identification  # noqa: F401
+    else:
+        from emsid.report.figures import prepare
 
+        prepare()
     while True:
         task, *about = tasks.get()
         for answer in task(*about, cancelled.is_set):
             connection.send(answer)
 
 
-def fits(names: Sequence[str], record: "Record", options: "Options", cancelled: Callable[[], bool]) -> Iterable[Any]:
+def fitted(names: Sequence[str], record: "Record", options: "Options", cancelled: Callable[[], bool]) -> Iterable[Any]:
     """The name of every model with its fit, the problem, or None."""
     from emsid.errors import EmsidError
     from emsid.estimation.fit import fit_or_problem
@@ -167,7 +182,7 @@ def fits(names: Sequence[str], record: "Record", options: "Options", cancelled: 
     prepare()
 
 
-def drawings(figures: "Sequence[Figure | Diagram]", formats: Collection[str], _: object) -> Iterable[Any]:
+def drawn(figures: "Sequence[Figure | Diagram]", formats: Collection[str], _: object) -> Iterable[Any]:
     """The name of every figure with its files, or None."""
     from emsid.report.figures import draw
 

@@ -590,7 +590,8 @@ def test_a_grey_box_interrupted_twice_keeps_its_search(run, motor_log, tmp_path,
     assert json.loads((tmp_path / "out" / "result.json").read_text())["chosen"] == "rigid-motor"
 
 
-# A fresh process that is sent Ctrl-C where a module is imported, and again when it ends.
+# A fresh process that is sent Ctrl-C where a module is imported, and again when it ends. It has one core, so that it
+# draws the figures itself.
 SIGNALLED = """
 import atexit, os, signal, sys
 
@@ -601,6 +602,8 @@ class Finder:
             os.kill(os.getpid(), signal.SIGINT)
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(os, "sched_setaffinity"):
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 wanted, *sys.argv = sys.argv[1:]
 sys.meta_path.insert(0, Finder())
 atexit.register(lambda: (os.kill(os.getpid(), signal.SIGINT), str(signal)))

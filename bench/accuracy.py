@@ -2,9 +2,10 @@
 
 Simulated plants come from a simulator that is not the program's own (``tests/independent``). Real recordings are read
 from the folder that the environment variable EMSID_RECORDINGS names, as in the tests; those that are missing are left
-out. The part ``regressions`` is that of ``bench/regressions.py``. The parts ``pairs`` and ``steps`` take several
-minutes; name parts to print only these: ``python bench/accuracy.py emps``. The parts ``rules`` and ``starts`` take half
-an hour and are run where they are named only.
+out. ``python bench/accuracy.py "simulated=axis with drift 100-109"`` takes plants of other seeds. The part
+``regressions`` is that of ``bench/regressions.py``. The parts ``pairs`` and ``steps`` take several minutes; name parts
+to print only these: ``python bench/accuracy.py emps``. The parts ``rules`` and ``starts`` take half an hour and are run
+where they are named only.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ HOME = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(HOME / "tests"))
 import rules  # noqa: E402  (after the path of the tests)
 import starts  # noqa: E402
-from independent.cases import CASES  # noqa: E402
+from independent.cases import Case, named  # noqa: E402
 
 RECORDINGS = Path(os.environ.get("EMSID_RECORDINGS", HOME.parent / "shared" / "data"))
 console = Console(width=150)
@@ -52,14 +53,14 @@ def fit_percent(fit: emsid.Fit, record: emsid.Record) -> float:
     return 100 * (1 - run_error(fit, record) / float(np.std(y)))
 
 
-def simulated(names: Iterable[str]) -> None:
+def simulated(cases: Mapping[str, Callable[[], Case]]) -> None:
     """RMSE on an unseen record over that of the true parameters."""
     board = table(
         "Simulated plants: RMSE of the free run over that of the truth", "", "fitted", "unseen", "s", "refinements"
     )
     ratios = []
-    for name in names:
-        case = CASES[name]()
+    for name, make in cases.items():
+        case = make()
         unit = "m" if case.shows_position else "rad/s"
         known = emsid.Record(case.fitted.input, case.fitted.output, case.fitted.dt, output_units=unit)
         start = time.perf_counter()
@@ -185,7 +186,7 @@ def steps(folds: int = FOLDS) -> None:
 
 
 PARTS: dict[str, Callable[[str], None]] = {
-    "simulated": lambda begins: simulated(name for name in CASES if name.startswith(begins)),
+    "simulated": lambda which: simulated(named(which)),
     "rules": lambda begins: rules.main(begins, console),
     "starts": lambda begins: starts.main(RECORDINGS, begins, console),
     "emps": lambda _: positioning_axis(),

@@ -15,12 +15,13 @@ from rich.console import Console
 
 import emsid
 from emsid.models.plants.free_run_error import all_alike
-from emsid.models.plants.search.choice import FORGOTTEN
 from emsid.models.plants.search.trials import Trial, gain
 from emsid.plants import Recent, choose, linear_axis, rigid_motor
 from emsid.selection.improvement import better, schwarz_gain
-from independent.cases import CASES, Case
+from independent.cases import Case, named
 
+FORGOTTEN = 60
+"""Errors are forgotten after this part of the record, by the rules that say so."""
 GROUPS = ("motor", "axis", "axis with drift")
 
 
@@ -69,11 +70,11 @@ def main(begins: str, console: Console) -> None:
     """Print the geometric mean, how many are above 1.1, and the worst, by rule and kind of plant, line after line."""
     console.print("Rules of choice: RMSE on an unseen record over that of the truth")
     for group in GROUPS:
-        names = [name for name in CASES if name.rpartition(" ")[0] == group and name.startswith(begins)]
-        for rule, how in RULES.items() if names else ():
-            found = np.array([ratio(CASES[name](), how) for name in names])
+        cases = [make for name, make in named(begins).items() if name.rpartition(" ")[0] == group]
+        for rule, how in RULES.items() if cases else ():
+            found = np.array([ratio(make(), how) for make in cases])
             mean = np.exp(np.mean(np.log(found)))
             above = int(np.sum(found > 1.1))
             console.print(
-                f"{len(names):2} × {group:16}{rule:28}{mean:6.2f}{above:4} above 1.1, worst {found.max():.2f}"
+                f"{len(cases):2} × {group:16}{rule:28}{mean:6.2f}{above:4} above 1.1, worst {found.max():.2f}"
             )

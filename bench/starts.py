@@ -21,7 +21,7 @@ import emsid
 from emsid.errors import EmsidError
 from emsid.models.plants.registry import PLANTS
 from emsid.plants import DrivenPlant, simulation_error
-from independent.cases import CASES, Case
+from independent.cases import Case, named
 
 STARTS, ALIKE = 20, 0.01
 BRIDGES = ("testBench_testAll_10ms", "testBench_test_8Bul_10ms", "testBench_test_0BulFree_10ms")
@@ -126,16 +126,16 @@ def cost_of_truth(problem: Problem) -> float:
 def main(folder: Path, begins: str, console: Console) -> None:
     """Print a row for every plant whose name begins like this, and how many searches ended at the same cost."""
     problems: dict[str, Callable[[], Problem]] = {
-        name: (lambda make=make: of_case(make())) for name, make in CASES.items() if "drift" not in name
+        name: (lambda make=make: of_case(make())) for name, make in named(begins).items() if "drift" not in name
     }
-    problems |= recordings(folder)
+    problems |= {name: make for name, make in recordings(folder).items() if name.startswith(begins)}
     board = Table(title=f"Searches from {STARTS} starts, within {ALIKE:.0%} of the lowest cost", title_justify="left")
     for head in ("", "same", "worst / lowest", "without datasheet / truth", "worst / truth", "CPU s"):
         board.add_column(head, justify="right" if head else "left")
     same, short, total = 0, 0, 0
-    for name in (name for name in problems if name.startswith(begins)):
+    for name, make in problems.items():
         try:
-            problem = problems[name]()
+            problem = make()
         except emsid.FormatError:  # a recording that is not there
             continue
         before = time.process_time()

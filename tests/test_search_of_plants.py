@@ -18,6 +18,7 @@ from emsid import Record
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.plants.beginning import agrees, beginning
 from emsid.models.plants.drive import Hold
+from emsid.models.plants.free_run_error import Recent
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
@@ -32,6 +33,8 @@ from emsid.models.plants.search.refinements.usual import coasting_bridge
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.thinning import thinned
+from emsid.models.plants.search.trials import Trials
+from emsid.models.plants.search.weightings import chosen as weighting_of
 from emsid.plant import Friction, Motor, simulate
 from independent.cases import CASES, levels, sines
 from independent.one_mass import OneMass
@@ -156,6 +159,22 @@ def test_a_chosen_plant_is_as_good_as_the_truth_on_another_kind_of_input(name):
 def test_errors_are_forgotten_where_the_free_run_drifts(name, drifts):
     fit = chosen(name)
     assert ("free-run-drifts" in [finding.code for finding in fit.findings]) is drifts
+
+
+@pytest.mark.parametrize(
+    ("drift", "cogging", "noise", "forgets"),
+    [(0.0, 0.0, 3e-4, False), (0.05, 0.0, 3e-4, True), (0.0, 0.2, 3e-6, False)],
+)
+def test_errors_are_forgotten_where_that_leaves_noise(drift, cogging, noise, forgets):
+    truth = OneMass(viscous=(2.0, 2.0), coulomb=(0.3, 0.3), cogging=(0.01, cogging, 0.0), smooth=1e-4)
+    rng, samples = np.random.default_rng(7), 1200
+    u = 3 * lfilter([0.02], [1, -0.98], levels(samples, rng, 100))
+    walk = np.cumsum(rng.standard_normal(samples))
+    run = truth.run(u, 5e-3, drift * walk / np.std(walk))[1][:samples]
+    record = Record(u, run + noise * rng.standard_normal(samples), 5e-3, output_units="m")
+    trials = Trials((record,), (Signal.POSITION,), {})
+    start = AXIS.with_values({"mass": 1.1, "viscous_friction": 2.2, "friction.coulomb": 0.3})
+    assert isinstance(weighting_of(trials, [start], start.default_free), Recent) is forgets
 
 
 def test_a_plant_without_a_refinement_does_not_get_it():

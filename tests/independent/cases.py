@@ -8,6 +8,7 @@ zone, a delay, a bridge that coasts, a constant load, friction that differs by d
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -153,9 +154,21 @@ def sines(samples: int, rng: np.random.Generator, hold: float) -> Array:
     return u / np.max(np.abs(u))
 
 
+KINDS: dict[str, Callable[[int], Case]] = {
+    "motor": motor,
+    "axis": partial(axis, drifts=False),
+    "axis with drift": partial(axis, drifts=True),
+}
 CASES: dict[str, Callable[[], Case]] = {
-    **{f"motor {k}": lambda k=k: motor(k) for k in range(10)},  # type: ignore[misc]
-    **{f"axis {k}": lambda k=k: axis(k, drifts=False) for k in range(10)},  # type: ignore[misc]
-    **{f"axis with drift {k}": lambda k=k: axis(k, drifts=True) for k in range(10)},  # type: ignore[misc]
+    f"{kind} {k}": partial(make, k) for kind, make in KINDS.items() for k in range(10)
 }
 """Thirty cases by name."""
+
+
+def named(which: str) -> dict[str, Callable[[], Case]]:
+    """The cases whose names begin like this, or others of one kind by their seeds: ``axis with drift 100-109``."""
+    kind, _, seeds = which.rpartition(" ")
+    first, several, last = seeds.partition("-")
+    if kind in KINDS and several:
+        return {f"{kind} {k}": partial(KINDS[kind], k) for k in range(int(first), int(last) + 1)}
+    return {name: make for name, make in CASES.items() if name.startswith(which)}

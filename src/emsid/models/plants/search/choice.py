@@ -8,10 +8,13 @@ removed in the same way; a delay and a lag, which look alike, are exchanged wher
 All of this is done in units of the record's own size (`scaling`), so the outcome does not depend on the units of its
 channels. Only the last fit, with its intervals, is done in SI units.
 
-**Drift.** The free run of a position keeps for ever what a slow disturbance did to it. So each half of the record is
-fitted and judged on the other, once with all errors alike and once with errors that are forgotten (`Recent`). The
-second is used where it is clearly better. What the first samples of a position do not show exactly is no drift: where
-an estimated start predicts the other half better and agrees with these samples (`beginning`), it is estimated.
+**Drift.** The free run of a position keeps for ever what a slow disturbance did to it. Before and after that, the
+weighting is chosen (`weightings`); if it changes, refinements are added and removed under the new one. What the first
+samples of a position do not show exactly is no drift: where an estimated start agrees with these samples (`beginning`),
+it is estimated.
+
+**Intervals.** Of what the last fit says that its interval includes the value without effect (`support`), what costs
+least is removed and the rest fitted again, until nothing is left to remove.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
@@ -47,16 +51,19 @@ from emsid.models.plants.search.refinements.catalogue import (
     simplified,
 )  # fmt: skip
 from emsid.models.plants.search.refinements.contract import Refined, Refinement
-from emsid.models.plants.search.refinements.usual import by_direction
+from emsid.models.plants.search.refinements.usual import by_direction, stribeck
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.starts import after_drive, motions, plausible_motions
+from emsid.models.plants.search.support import unsupported
 from emsid.models.plants.search.task import known_values
 from emsid.models.plants.search.thinning import thinned
 from emsid.models.plants.search.trials import Trial, Trials, gain
+from emsid.models.plants.search.weightings import chosen, forgetting
 from emsid.record import Record
-from emsid.selection.improvement import StretchErrors, better
+from emsid.selection.improvement import better
 
+Array = NDArray[np.float64]
 Rule = Callable[[Trial, Trial], float]
 """A rule of choice between a simpler and a richer trial; see `choose`."""
 STARTS: Mapping[str, Plant] = {name: kind.start for name, kind in PLANTS.items()}
@@ -68,10 +75,8 @@ OTHERS = 2
 """From how many of the first starts a refinement is tried too, besides the best plant so far."""
 RESTARTS = 2
 """How often the winner of a round is fitted again from around its minimum."""
-FORGOTTEN = 20
-"""Errors that are forgotten are so after this part of the longest segment."""
-HALF_AT_LEAST = 400
-"""Samples of a half that can say whether errors should be forgotten."""
+PASSES = 3
+"""How often refinements are added and removed at most, as another structure may ask for another weighting."""
 
 
 @one_blas_thread()
@@ -114,18 +119,24 @@ def choose(
         )  # fmt: skip
     search = _Choice(plant, record, free, values, sheet, hold, control)
     stopped = search.run(weighting, refinements, rule)
-    fit = simulation_error(
-        search.found,
-        record,
-        free=search.asked,
-        fixed=values,
-        datasheet=sheet,
-        weighting=search.weighting,
-        hold=hold if search.thinned or search.found.hold is not Hold.ZERO else search.found.hold,
-        per_record=per_record,
-        find_start=False,
-        **({"max_iterations": 0} if stopped else {"control": control}),
-    )
+
+    def concluded() -> GreyBoxFit:
+        return simulation_error(
+            search.found,
+            record,
+            free=search.asked,
+            fixed=values,
+            datasheet=sheet,
+            weighting=search.weighting,
+            hold=hold if search.thinned or search.found.hold is not Hold.ZERO else search.found.hold,
+            per_record=per_record,
+            find_start=False,
+            **({"max_iterations": 0} if stopped else {"control": control}),
+        )
+
+    fit = concluded()
+    while not stopped and fit.ending is Ending.CONVERGED and search.take_out(unsupported(fit, search.asked, free)):
+        fit = concluded()
     findings = [Finding("choice-interrupted", plant.name)] if stopped else []
     if search.drifts:
         findings.append(Finding("free-run-drifts", record.name, {"time": search.drifts}))
@@ -218,55 +229,54 @@ class _Choice:
         """Choose the weighting where it is None, add and remove refinements; whether somebody ended it early."""
         self._rule = rule
         try:
-            self._begin(self._chosen_weighting() if weighting is None else weighting)
-            if self.trial.residuals:
+            self._begin(all_alike if weighting is None else weighting)
+            if not self.trial.residuals:
+                return False
+            if weighting is None:
+                self._weigh(*self._rich())
+            for _ in range(PASSES):
                 self._add([each for each in refinements if each not in INSTEAD])
                 self._exchange(refinements)
                 self._remove()
+                if weighting is not None or not self._weigh([self.trial.plant], self.trial.names):
+                    break
         except Stopped:
             return True
         return False
 
     def _begin(self, weighting: Weighting) -> None:
         self.weighting = weighting
-        self._trials = replace(self._trials, weighting=weighting)
+        self._trials = replace(self._trials, weighting=weighting, free_starts=self._start_agrees)
         self._starts = self._trials.by_cost(self._starts, self.trial.names)
-        found = self._trials.fitted(self._starts, self.trial.names)
+        self._fit_again(self._starts)
+
+    def _fit_again(self, starts: Sequence[DrivenPlant], states: Sequence[Array] | None = None) -> None:
+        found = self._trials.fitted(starts, self.trial.names, states)
         if found is not None:
             self.trial = self._trials.around(found, self._rng, RESTARTS)
 
-    def _chosen_weighting(self) -> Weighting:
-        """All errors alike, or forgotten after a while, whichever predicts the other half of the record better.
-
-        Before that, the start of a position that agrees with the first samples is left to the fits, if that does.
-        """
-        longest = max(len(segment) for segment in self._trials.segments)
-        if self._trials.signals != (Signal.POSITION,) or longest < 2 * HALF_AT_LEAST:
-            return all_alike
-        errors = self._other_half(self._trials)
-        if self._start_agrees:
-            free = replace(self._trials, free_starts=True)
-            if better(left_free := self._other_half(free), errors):
-                self._trials, errors = free, left_free
-        recent = Recent(longest * self._record.dt / FORGOTTEN, 2)
-        if better(self._other_half(replace(self._trials, weighting=recent)), errors):
-            self.drifts = recent.time
-            return recent
-        return all_alike
-
-    def _other_half(self, trials: Trials) -> StretchErrors:
-        """The errors on each half of the record of a fit to the other half.
-
-        The directions may differ, as drift makes them, unless something is fixed.
-        """
+    def _rich(self) -> tuple[list[DrivenPlant], tuple[str, ...]]:
+        """Starts of a plant with what friction has most often, unless something of it is fixed, and what is free."""
         plant, names = self.trial.plant, self.trial.names
-        if not any(name in self._fixed for name in plant.default_free):
-            plant, names = next(iter(by_direction(plant, names, self._record)), (plant, names))
-        halves, errors = self._record.split(0.5), []
-        for known, unseen in (halves, halves[::-1]):
-            half = replace(trials, segments=known.segments)
-            errors.append(half.unseen_error(half.fitted([plant], names), unseen.segments))
-        return StretchErrors.joined(errors)
+        if any(name in self._fixed for name in plant.default_free):
+            return [plant], names
+        starts = [(plant, names)]
+        for refine in (by_direction, stribeck):
+            starts = [new for each in starts for new in refine(*each, self._record)] or starts
+        return [each for each, _ in starts], starts[0][1]
+
+    def _weigh(self, starts: Sequence[DrivenPlant], names: Sequence[str]) -> bool:
+        """Take the weighting for a structure, see `weightings`; whether it is another one than before."""
+        if not forgetting(self._trials):
+            return False
+        weighting = chosen(self._trials, starts, names, self.trial.states)
+        if weighting == self.weighting:
+            return False
+        self.weighting = weighting
+        self.drifts = weighting.time if isinstance(weighting, Recent) else 0.0
+        self._trials = replace(self._trials, weighting=weighting)
+        self._fit_again([self.trial.plant], self.trial.states)
+        return True
 
     def _add(self, refinements: Sequence[Refinement]) -> None:
         for done in range(MOST):
@@ -329,6 +339,22 @@ class _Choice:
             if not enough:
                 break
             self._take(min(enough, key=lambda trial: self._rule(trial, self.trial)))
+
+    def take_out(self, changes: Sequence[frozenset[str]]) -> bool:
+        """Remove the refinement that costs least of those that change these free names; whether there is one.
+
+        None is removed without which the error is larger by more than noise.
+        """
+        names = frozenset(self.trial.names)
+        groups = [[each] for each in simplified(self.trial.plant, self.trial.names) if names ^ set(each[1]) in changes]
+        try:
+            tried = [trial for trial in self._tried(groups) if trial is not None]
+        except Stopped:
+            return False
+        enough = [trial for trial in tried if not better(self.trial.errors, trial.errors)]
+        if enough:
+            self._take(min(enough, key=lambda trial: trial.cost))
+        return bool(enough)
 
     def _doing(self, what: str, done: int) -> None:
         self._trials.control.doing(f"{self._original.name}: {what}", done)

@@ -169,14 +169,6 @@ class Trials:
             return [np.full(segment.output.size, inf) for segment in self.segments]
         return problem.residuals(problem.start)
 
-    def unseen_error(self, trial: Trial | None, segments: Sequence[Record]) -> StretchErrors:
-        """Error of the free run over other records, from what their first samples show; infinite where it fails."""
-        other = replace(self, segments=tuple(segments), weighting=all_alike)
-        problem = None if trial is None else other._problem(trial.plant, (), None)
-        if problem is None:
-            return StretchErrors.of(np.full(sum(segment.output.size for segment in segments), inf))
-        return StretchErrors.of(np.concatenate(problem.residuals(problem.start)) ** 2)
-
     def _problem(self, plant: DrivenPlant, names: Sequence[str], states: Sequence[Array] | None) -> FreeRunError | None:
         bounds = self._bounds(plant, names)
         try:

@@ -72,7 +72,8 @@ def simplified(plant: DrivenPlant, free: tuple[str, ...]) -> list[Refined]:
     """The plant without each of its refinements in turn."""
     excess, rate = f"{plant.friction_name}.stribeck", f"{plant.friction_name}.stribeck_rate"
     found: list[Refined] = []
-    for neutral in (*WITHOUT, {plant.load_name: 0.0}, {excess: 0.0, rate: 0.0}):
+    both = {f"{excess}.forward": 0.0, f"{excess}.backward": 0.0}
+    for neutral in (*WITHOUT, {plant.load_name: 0.0}, {excess: 0.0, rate: 0.0}, {**both, rate: 0.0}):
         if set(neutral) <= set(free):
             try:
                 plain = plant.with_values(neutral)

@@ -1,0 +1,68 @@
+"""Which refinements of a fit are not supported by their own intervals.
+
+Schwarz's criterion compares costs. Where the residual is slow, or where parameters make up for one another, it may
+take a refinement whose interval includes the value at which it has no effect. Such a refinement is to be removed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from math import isfinite
+
+import numpy as np
+
+from emsid.models.plants.search.refinements.catalogue import simplified
+from emsid.models.plants.search.refinements.cogging import FIRST
+from emsid.models.plants.search.refinements.contract import Refined
+from emsid.models.plants.search.result import STANDARD_ERRORS, Estimate, GreyBoxFit, Status
+
+
+def unsupported(fit: GreyBoxFit, asked: tuple[str, ...], wanted: Collection[str]) -> list[frozenset[str]]:
+    """By which free names the plant differs from that without each refinement whose intervals include no effect.
+
+    Args:
+        fit: converged, with its intervals.
+        asked: what was free in it.
+        wanted: the parameters that somebody asked for; they are no refinements.
+    """
+    plant = fit.model.plant.driven
+    if plant is None:
+        return []
+    return [
+        frozenset(asked) ^ frozenset(refined[1])
+        for refined in simplified(plant, asked)
+        if _is_idle(fit, asked, refined, wanted)
+    ]
+
+
+def _is_idle(fit: GreyBoxFit, asked: tuple[str, ...], refined: Refined, wanted: Collection[str]) -> bool:
+    plain, names = refined
+    rows = {row.name: row for row in fit.table}
+    removed = [name for name in asked if name not in names]
+    if not removed or any(name in wanted for name in removed):
+        return False
+    merged = [name for name in names if name not in asked]
+    if merged:  # the two directions are one
+        sides = [name for name in asked if name.startswith(f"{merged[0]}.") and name not in names]
+        return set(sides) <= set(fit.names) and _alike(fit, sides)
+    shown = [name for name in removed if isfinite(plain.value(name)) and name != FIRST[0]]
+    rates = [name for name in shown if name.endswith("_rate")]
+    sizes = [name for name in shown if name not in rates]
+    without_rate = any(rows[name].interval is not None and _includes(rows[name], 0.0) for name in rates)
+    return without_rate or (bool(sizes) and all(_includes(rows[name], plain.value(name)) for name in sizes))
+
+
+def _includes(row: Estimate, value: float) -> bool:
+    """Whether an interval has a value in it, or there is none as the data do not determine the parameter."""
+    if row.interval is None:
+        return row.status is Status.KEPT or row.value == value
+    return row.interval[0] <= value <= row.interval[1]
+
+
+def _alike(fit: GreyBoxFit, sides: list[str]) -> bool:
+    """Whether the interval of the difference of two estimates includes zero."""
+    first, second = (fit.names.index(name) for name in sides)
+    covariance = fit.covariance
+    variance = covariance[first, first] + covariance[second, second] - 2 * covariance[first, second]
+    difference = abs(float(fit.estimate[first] - fit.estimate[second]))
+    return difference <= STANDARD_ERRORS * float(np.sqrt(max(variance, 0.0)))

@@ -274,8 +274,9 @@ def test_a_fit_without_some_terms_goes_on_from_the_one_with_them(monkeypatch: py
 def test_an_output_that_may_be_an_absolute_value_gets_a_wiener_model() -> None:
     record = second_order(0.02, 300)
     folded = replace(record, output=np.abs(record.output) - 0.01)
-    assert "wiener" in usual_for(folded)
-    assert "wiener" not in usual_for(record)
+    assert {"wiener", "feedback"} <= set(usual_for(folded))
+    assert not {"wiener", "feedback"} & set(usual_for(record))
+    assert "feedback" not in usual_for(folded[:199])
     assert "wiener" not in usual_for(replace(record, output=record.output + 40.0))
 
 

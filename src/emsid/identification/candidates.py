@@ -30,6 +30,7 @@ from emsid.models.blocks.search.topologies import (
 )
 from emsid.models.feedback.search.choice import FeedbackSearch
 from emsid.models.feedback.search.estimation import FeedbackStructure
+from emsid.models.feedback.search.magnitudes import may_be_magnitudes
 from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
@@ -213,6 +214,8 @@ QUICK = ("arx", "output-error", "wiener-hammerstein-regression", "friction-narx"
 
 FOR_FEEDBACK = 400
 """Fewer samples than these are not fitted by a feedback model by default."""
+OF_MAGNITUDES = 200
+"""The same for an output that shows magnitudes only, which other models describe less well."""
 
 
 def left_out(record: Record, names: Sequence[str]) -> Finding:
@@ -228,12 +231,14 @@ def usual_for(record: Record) -> tuple[str, ...]:
     that shows absolute values does.
 
     Units decide that, as far as there are any: a voltage and a speed are those of a motor, a force and a position those
-    of an axis. A feedback model has too many parameters for fewer samples than `FOR_FEEDBACK`.
+    of an axis. A feedback model has too many parameters for fewer samples than `FOR_FEEDBACK`, or
+    `OF_MAGNITUDES` where the input has both signs and the output one.
     """
     one_each = record.input.shape[1] == record.output.shape[1] == 1
     starts = {name: kind.start for name, kind in PLANTS.items() if one_each and kind.refined}
     folded = ("wiener",) if one_each and keeps_its_sign(record.output[:, 0]) else ()
-    usual = tuple(name for name in USUAL if name != "feedback" or len(record) >= FOR_FEEDBACK)
+    least = OF_MAGNITUDES if folded and may_be_magnitudes([record]) else FOR_FEEDBACK
+    usual = tuple(name for name in USUAL if name != "feedback" or len(record) >= least)
     return (*usual, *folded, *[name for name, start in starts.items() if _may_be_of(start, record)][:1])
 
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import emsid
 from emsid.errors import ModelError
 from emsid.models.plants.drive import Drive
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.search.kinds import better_on_both_sides
 from emsid.models.plants.search.refinements.switching_loss import switching_loss
+from emsid.models.plants.search.trials import Trial, Trials
 from emsid.plants import choose, rigid_motor
 from independent.one_mass import OneMass
 
@@ -59,3 +64,15 @@ def test_a_loss_is_not_tried_without_samples_on_both_sides():
     assert not switching_loss(rigid_motor(), (), experiment(0.0))
     always = emsid.Record(np.repeat([FULL, -FULL], 50), np.zeros(100), 0.01)
     assert not switching_loss(plant, (), always)
+
+
+def test_the_limit_of_a_supply_is_looked_for_behind_the_knee():
+    command = np.repeat([2.0, 7.5], 50)
+    record = emsid.Record(command, np.ones(100), 0.01)
+    plant = rigid_motor().with_drive(knee=5.0, beyond=2.0, supply=8.0)  # 7.5 V becomes 10 V
+    names, state = ("motor_constant", "drive.supply"), [np.zeros(3)]
+    rich, simple = (Trial(plant, names, state, 50.0 * e**2, [np.full(100, e)]) for e in (0.1, 1.0))
+    trials = Trials((record,), (Signal.SPEED,), {})
+    assert better_on_both_sides(trials, rich, simple, "drive.supply")
+    within = replace(rich, plant=plant.with_drive(supply=11.0))
+    assert not better_on_both_sides(trials, within, simple, "drive.supply")

@@ -71,10 +71,12 @@ def better_on_both_sides(trials: Trials, rich: Trial, simple: Trial, name: str) 
     Args:
         trials: what the two share.
         rich, simple: the trials with and without the break.
-        name: the parameter of the richer one that is the voltage of the break.
+        name: the parameter of the richer one that is the voltage of the break; a supply limits what a knee leaves.
     """
     drive, level = rich.plant.drive, rich.plant.value(name)
     wanted = [drive.gain * (drive.commands(segment.input) + drive.offset) for segment in trials.segments]
+    if name == "drive.supply":
+        wanted = [drive.after_knee(each) for each in wanted]
     beyond = np.concatenate([np.tile(np.abs(each) > BESIDE * level, len(trials.signals)) for each in wanted])
     if not SEEN <= np.mean(beyond) <= 1 - SEEN:
         return False

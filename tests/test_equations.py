@@ -21,6 +21,7 @@ from emsid.models.feedback.model import FeedbackModel
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.model import Model
+from emsid.models.plants.driven import NEED_SUPPLY
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.narx import Narx
 from emsid.plant import Friction, Motor
@@ -208,7 +209,7 @@ def by_parameters(text: str, model: GreyBox, u: Array) -> Array:
     """A plant without anything, and the parameters that are printed."""
     name, _, rest = text.partition(": ")
     found = {key: float(number) for key, number in re.findall(r"([\w.]+) = ([\d.e+-]+)", rest)}
-    late = {key: found.pop(key) for key in ("drive.freewheel",) if key in found}  # needs the supply
+    late = {key: found.pop(key) for key in NEED_SUPPLY if key in found}
     plant = PLANTS[name].with_values(found).with_values(late)
     return GreyBox(plant, model.signals).simulate(u, dt=DT).output
 

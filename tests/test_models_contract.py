@@ -146,7 +146,7 @@ def plants() -> Iterator[tuple[str, GreyBox]]:
         ("rigid motor", DrivenMotor(rigid), speed),
         ("rigid motor, late, slow sensor", DrivenMotor(sticky, Drive(delay=1.4 * DT), slow), both),
         ("rigid motor, late by whole samples", DrivenMotor(rigid, Drive(delay=3 * DT)), speed),
-        ("rigid motor, coasting", DrivenMotor(rigid, Drive(supply=12.0, freewheel=0.5)), current),
+        ("rigid motor, coasting", DrivenMotor(rigid, Drive(supply=12.0, freewheel=0.5, rise=0.1)), current),
         ("elastic motor", DrivenMotor(Motor(), Drive(delay=0.4 * DT), Sensor(lag=DT)), current),
         ("linear axis", LinearAxis(drive=Drive(delay=0.3 * DT), sensor=Sensor(lag=DT)), both),
         ("own plant", OWN, speed),
@@ -293,6 +293,16 @@ def test_segments_run_as_they_do_alone(model: Model) -> None:
     whole = model.simulate(concatenate(pieces))
     np.testing.assert_array_equal(whole.output, np.concatenate([run.output for run in runs]))
     np.testing.assert_array_equal(whole.counted, np.concatenate([run.counted for run in runs]))
+
+
+@pytest.mark.parametrize("model", [pytest.param(model, id=name) for name, model in plants()])
+def test_plants_run_several_inputs_at_once_as_one_after_the_other(model: GreyBox) -> None:
+    rng = np.random.default_rng(3)
+    inputs = [rng.uniform(-12.0, 12.0, (samples, 1)) for samples in (40, 7, 25)]
+    states = [rng.uniform(-1.0, 1.0, model.plant.states) for _ in inputs]
+    together = model.plant.simulate_each(inputs, DT, states, model.signals)
+    for at_once, u, state in zip(together, inputs, states, strict=True):
+        assert np.array_equal(at_once, model.plant.simulate(u, DT, state, model.signals))
 
 
 @every_model

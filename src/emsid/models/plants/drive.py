@@ -12,6 +12,15 @@ force decreases with the duty. A bridge that switches loses a part ℓ of its on
 
     ρ = (1 − ℓ)·|v|/supply  below the supply,      ρ = 1  at the supply.
 
+The current of a bridge that coasts falls to zero after every pulse and rises again in the next one, as 1 − e^{−t/τ}
+with τ = L_a/R_a. With the rise time κ = τ/T, in periods T of the PWM, a pulse of duty ρ has the charge of one without
+inductance of duty
+
+    ρ − κ·(1 − e^{−ρ/κ}),
+
+which takes the place of ρ below the supply, in v and in c. It is small for short pulses, as after a dead zone, and
+κ less for long ones. What flows on after a pulse is left out.
+
 Codes among the commands stand for a bridge that brakes (c = 1, v = 0) or coasts (c = 0).
 
 **Between the samples** a command is held, as that of a digital output is, or it goes straight from one sample to the
@@ -23,6 +32,7 @@ where steps come from a digital output and sines were sampled.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from math import inf, isfinite
@@ -42,6 +52,8 @@ Array = NDArray[np.float64]
 LONGEST_DELAY = 1_000_000
 PIECES = 4
 """Pieces of a sample in which a straight command is simulated."""
+LONGEST_RISE = 1.0
+"""The longest rise of a current in periods of the PWM; a slower one does not fall to zero between the pulses."""
 FULL = 1.0 - 1e-6
 """A command of this part of the supply is full duty."""
 FEWEST = 30
@@ -108,6 +120,7 @@ class Drive:
             column if there is one.
         hold: how the command goes on between its samples.
         loss: ℓ, the part of its on-time that the bridge loses below full duty, where it switches.
+        rise: κ, the time constant of the armature current over the period of the PWM, for a bridge that coasts.
 
     Raises:
         ModelError: for a value that is not physical, a bridge that coasts without a supply voltage, or codes in a
@@ -124,6 +137,7 @@ class Drive:
     codes: tuple[tuple[float, Bridge], ...] = ()
     hold: Hold = Hold.ZERO
     loss: float = 0.0
+    rise: float = 0.0
 
     def __post_init__(self) -> None:
         if self.codes and self.hold is not Hold.ZERO:
@@ -141,9 +155,11 @@ class Drive:
             )
         if not 0 <= self.loss < 1:
             raise ModelError(f"drive with a loss of {self.loss} of its on-time; give 0 (none) to less than 1")
+        if not 0 <= self.rise <= LONGEST_RISE:
+            raise ModelError(f"drive with a rise of {self.rise} periods; give 0 (none) to {LONGEST_RISE:g}")
         if not 0 <= self.freewheel <= 1:
             raise ModelError(f"drive with freewheel {self.freewheel}; give 0 (always conducts) to 1 (open when off)")
-        if self.freewheel > 0 and not isfinite(self.supply):
+        if (self.freewheel > 0 or self.rise > 0) and not isfinite(self.supply):
             raise ModelError("a bridge that coasts in its off-time needs its supply voltage: give drive.supply")
 
     def commands(self, inputs: Array) -> Array:
@@ -188,13 +204,19 @@ class Drive:
         voltage, conducts = self.after_knee(self.gain * (self.commands(inputs) + self.offset)), np.ones(len(inputs))
         if isfinite(self.supply):
             switching = np.abs(voltage) < FULL * self.supply
-            voltage = np.where(switching, (1.0 - self.loss) * voltage, np.clip(voltage, -self.supply, self.supply))
+            voltage = np.where(switching, self._switched(voltage), np.clip(voltage, -self.supply, self.supply))
             conducts = 1.0 - self.freewheel * (1.0 - np.abs(voltage) / self.supply)
         for code, bridge in self.codes:
             here = inputs[:, -1] == code
             voltage = np.where(here, 0.0, voltage)
             conducts = np.where(here, 1.0 if bridge is Bridge.BRAKE else 0.0, conducts)
         return voltage, conducts
+
+    def _switched(self, voltage: Array) -> Array:
+        """Voltages below full duty after the loss and the rise of the current."""
+        left = (1.0 - self.loss) * voltage
+        missing = self.rise * self.supply
+        return left + np.sign(left) * missing * np.expm1(-np.abs(left) / missing) if missing else left
 
     def standing(self, command: Array, dt: float, most: int | None = None) -> Array:
         """(w + 1, 2) delayed voltages and conducting fractions for a constant command (nu,).
@@ -242,6 +264,26 @@ class Drive:
         left = np.column_stack([voltage[samples:], conducts[samples:]])
         kept = voltage[: samples + 1], conducts[: samples + 1]
         return Acting(*kept, dt, late, slice(None, -1), None, left)
+
+    def acting_each(self, inputs: Sequence[Array], dt: float) -> tuple[Acting, list[slice]] | None:
+        """What the drive does over several runs, one after the other, and the pieces of each; None if they differ.
+
+        Args:
+            inputs: (N, nu) of every run; the first command of each is assumed before it.
+            dt: sample time in s.
+        """
+        whole = int(self.delay / dt)
+        if self.hold is not Hold.ZERO or whole >= min(len(each) for each in inputs):
+            return None
+        voltage, conducts = self.applied(np.concatenate(inputs))
+        rows, pieces, first, begin = [], [], 0, 0
+        for each in inputs:
+            rows.append(first + np.maximum(np.arange(-whole - 1, len(each) - whole), 0))
+            pieces.append(slice(begin, begin + len(each) + 1))
+            first, begin = first + len(each), pieces[-1].stop
+        which = np.concatenate(rows)
+        late = self.delay / dt - whole
+        return Acting(voltage[which], conducts[which], dt, late, slice(None), None, np.empty((0, 2))), pieces
 
     def _straight(self, inputs: Array, commands: Array, dt: float) -> Acting:
         """The same for a command that goes straight from sample to sample, simulated up to the last one."""
@@ -324,6 +366,7 @@ def outer_handles(unit: str, word: str, measure: Measure, motion: str, shown: Me
             0.0,
             0.9,
         ),
+        **one("drive.rise", "κ", "1", "rise time of the current in periods of the PWM", factor, 0.0, LONGEST_RISE),
         **one("drive.freewheel", "λ", "1", "freewheeling in the off-time of the bridge, 0 to 1", factor, 0.0, 1.0),
         **one("sensor.lag", "t_s", "s", "time constant of the sensor", time),
         **one("sensor.offset", "y₀", motion, "sensor reading at rest", shown, -inf),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from emsid.models.plants.beginning import beginning
 from emsid.models.plants.drive import Bridge, Drive, Hold
-from emsid.models.plants.one_mass import Motion
+from emsid.models.plants.one_mass import Motion, OneMass, moved
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import BEGINNING, BasePlant, DrivenPlant, Limits, Plant, parameters_of
 from emsid.models.plants.sensor import Sensor
@@ -26,6 +26,11 @@ Array = NDArray[np.float64]
 
 KNEES, SLOPES = (0.45, 0.75, 1.0), (0.5, 0.8, 1.25, 2.0)
 """Starts of a search for a knee: fractions of its usual start, and gain factors beyond it."""
+
+RISE = 0.05
+"""Start of a search for the rise time of a current, in periods of the PWM."""
+NEED_SUPPLY = ("drive.freewheel", "drive.rise")
+"""Parameters of a drive that must have a supply."""
 
 
 class Driven(BasePlant):
@@ -97,6 +102,44 @@ class Driven(BasePlant):
         plant = self.for_inputs(inputs)
         return plant.run(plant.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
 
+    def simulate_each(
+        self, inputs: Sequence[Array], dt: float, states: Sequence[Array], signals: Sequence[Signal]
+    ) -> list[Array]:
+        """See `BasePlant.simulate_each`; drive and forces of one mass are computed for all runs at once."""
+        on = None if len(inputs) < 2 or Signal.CURRENT in signals else self.drive.acting_each(inputs, dt)
+        sliding = None if on is None else self.sliding(on[0].voltage, on[0].conducts)
+        if on is None or sliding is None:
+            return super().simulate_each(inputs, dt, states, signals)
+        outputs = []
+        for piece, state in zip(on[1], states, strict=True):
+            begin = self.sensed_first(state, dt, signals)
+            whole = (*sliding[:3], sliding.force[piece], sliding.damping[piece])
+            speeds, positions = moved(*whole, dt, on[0].late, self.steps, float(state[0]), float(state[1]))
+            outputs.append(self.read(speeds[:-1], positions[:-1], dt, signals, begin)[0])
+        return outputs
+
+    @abstractmethod
+    def sliding(self, voltage: Array, conducts: Array) -> OneMass | None:
+        """The forces on one mass for an output of the drive (M,); None where it is not one mass."""
+
+    def sensed_first(self, state: Array, dt: float, signals: Sequence[Signal]) -> Array:
+        """(ny, 2) the sensor before the first sample, for an initial state: speed, position, and the speed reading."""
+        shown = float(state[2] if len(state) > 2 else state[0])
+        motion = np.array([float(state[0]), float(state[1])])
+        return np.array([self.sensor.begins(signal is Signal.POSITION, motion, dt, shown) for signal in signals])
+
+    def read(
+        self, speeds: Array, positions: Array, dt: float, signals: Sequence[Signal], kept: Array
+    ) -> tuple[Array, Array]:
+        """(N, ny) what the sensor shows of a motion, and its state (ny, 2) after it; ``kept`` is that before."""
+        columns = [
+            self.sensor.position(positions, dt, before)
+            if signal is Signal.POSITION
+            else self.sensor.speed(speeds, positions, dt, before)
+            for signal, before in zip(signals, kept, strict=True)
+        ]
+        return np.column_stack([values for values, _ in columns]), np.array([after for _, after in columns])
+
     def reversed_drive(self) -> Self:
         """The same plant with the sign of its drive reversed."""
         return self.with_drive(gain=-self.drive.gain)
@@ -137,8 +180,10 @@ class Driven(BasePlant):
         dt = segments[0].dt
         largest = max(self.drive.largest(segment.input) for segment in segments)
         starts = {name: 0.8 * largest for name in asked if not isfinite(self.value(name))}
-        if "drive.freewheel" in asked and not isfinite(self.drive.supply):
+        if set(NEED_SUPPLY) & set(asked) and not isfinite(self.drive.supply):
             starts.setdefault("drive.supply", largest)  # the largest command is full duty
+        if "drive.rise" in asked and self.drive.rise == 0.0:
+            starts["drive.rise"] = RISE
         if "drive.knee" in starts and "drive.beyond" in asked and self.drive.beyond == 1.0:
             starts["drive.beyond"] = 0.8  # with a factor of one the knee has no effect
         if "sensor.lag" in asked and self.sensor.lag == 0:
@@ -186,7 +231,7 @@ class Driven(BasePlant):
         drive = replace(plain.drive, codes=codes, hold=Hold(data.get("hold", Hold.ZERO.value)))
         plain = plain._with(drive=drive, sensor=sensor, steps=data["steps"])
         parameters = dict(data["parameters"])
-        late = {name: parameters.pop(name) for name in ("drive.freewheel",) if name in parameters}  # needs the supply
+        late = {name: parameters.pop(name) for name in NEED_SUPPLY if name in parameters}
         return plain.with_values(parameters).with_values(late)
 
     def _with(self, **changes: Any) -> Self:

@@ -118,6 +118,9 @@ class FreeRunError:
         self.weighting, self.threads = weighting, threads
         self._counted = counted  # (N,) of every segment, 0 for samples whose errors do not count; None: all do
         self._record_of = [plant.record_of(segment) for segment in self.segments]
+        self._alike: dict[tuple[int, float], list[int]] = {}  # the segments with the same record and sample time
+        for k, (record, segment) in enumerate(zip(self._record_of, self.segments, strict=True)):
+            self._alike.setdefault((record, segment.dt), []).append(k)
         self.control = FREE  # looked at before every free run; those of a plant with a stiff shaft take seconds
         self._initial = [state.copy() for state in states]
         self._places = [
@@ -219,10 +222,14 @@ class FreeRunError:
             plant = self.plant_at(theta) if near is None else near.with_values(values) if values else near
             plants = {k: plant.of_record(k) for k in set(self._record_of)}
             with np.errstate(all="ignore"):
-                residuals = [
-                    self._weighed(plants[k].simulate(segment.input, segment.dt, state, self.signals), segment)
-                    for segment, state, k in zip(self.segments, self.states(theta), self._record_of, strict=True)
-                ]
+                states = self.states(theta)
+                residuals: list[Array] = [np.empty(0)] * len(states)
+                for (record, dt), which in self._alike.items():
+                    inputs, begin = [self.segments[k].input for k in which], [states[k] for k in which]
+                    for k, run in zip(
+                        which, plants[record].simulate_each(inputs, dt, begin, self.signals), strict=True
+                    ):
+                        residuals[k] = self._weighed(run, self.segments[k])
             if self._counted is not None:
                 channels = len(self.signals)
                 residuals = [r * np.tile(some, channels) for r, some in zip(residuals, self._counted, strict=True)]

@@ -20,8 +20,8 @@ from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.cogging import Cogging, check_quadratic, cogging_handles, extra_terms, without_idle
 from emsid.models.plants.drive import Drive, Feed, outer_handles
-from emsid.models.plants.driven import Driven
-from emsid.models.plants.one_mass import Motion, Sliding, moved
+from emsid.models.plants.driven import NEED_SUPPLY, Driven
+from emsid.models.plants.one_mass import Motion, OneMass, Sliding, moved
 from emsid.models.plants.parameters import TINY, Handle, Signal, by_direction, dead_zone_handles, law_handles, scalar
 from emsid.models.plants.plant import Channels, Quantity, StaticCharacteristic
 from emsid.models.plants.sensor import Sensor
@@ -46,7 +46,7 @@ def _handles(law: type[FrictionLaw]) -> Mapping[str, Handle]:
         **dead_zone_handles(("dead_zone",), "dead_zone", "force", "N", Measure.FORCE),
         **scalar(("quadratic_viscous",), quadratic, Measure.QUADRATIC),
         **cogging_handles("N", "m"),
-        **{name: handle for name, handle in outer.items() if name not in ("drive.freewheel", "sensor.ratio")},
+        **{name: handle for name, handle in outer.items() if name not in (*NEED_SUPPLY, "sensor.ratio")},
     }
 
 
@@ -149,40 +149,24 @@ class LinearAxis(Driven):
         missing = [signal.value for signal in signals if signal not in (Signal.SPEED, Signal.POSITION)]
         if missing:
             raise ModelError(f"linear-axis has no {missing[0]} to compare with; it has position and speed")
-        motion = np.array([float(state[0]), float(state[1])])
-        shown = float(state[2] if len(state) > 2 else state[0])
-        begin = [self.sensor.begins(signal is Signal.POSITION, motion, dt, shown) for signal in signals]
-        return PlantState(dt, motion, self.drive.standing(command, dt, samples), np.array(begin))
+        commands = self.drive.standing(command, dt, samples)
+        return PlantState(dt, np.array(state[:2], dtype=float), commands, self.sensed_first(state, dt, signals))
 
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
         """The outputs (N, ny) for a command (N, 1), and the state after them."""
-        dt, sensor = state.dt, self.sensor
-        on = self.drive.acting(inputs, state.commands, dt)
-        force = on.voltage
-        if self.dead_zone is not None:
-            force = self.dead_zone(force)
-        speeds, positions = moved(
-            self.mass,
-            type(self.friction).level,
-            Sliding.of(self.friction, self.viscous_friction, self.quadratic_viscous, self.cogging.waves),  # type: ignore[arg-type]
-            force - self.offset,
-            np.zeros(len(force)),
-            on.dt,
-            on.late,
-            self.steps,
-            float(state.motion[0]),
-            float(state.motion[1]),
-        )
+        on = self.drive.acting(inputs, state.commands, state.dt)
+        begin = float(state.motion[0]), float(state.motion[1])
+        speeds, positions = moved(*self.sliding(on.voltage, on.conducts), on.dt, on.late, self.steps, *begin)
         motion = np.array([speeds[-1], positions[-1]])
-        speeds, positions = speeds[on.samples], positions[on.samples]
-        columns = [
-            sensor.position(positions, dt, kept)
-            if signal is Signal.POSITION
-            else sensor.speed(speeds, positions, dt, kept)
-            for signal, kept in zip(signals, state.sensed, strict=True)
-        ]
-        sensed = np.array([kept for _, kept in columns])
-        return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, on.left, sensed)
+        output, sensed = self.read(speeds[on.samples], positions[on.samples], state.dt, signals, state.sensed)
+        return output, PlantState(state.dt, motion, on.left, sensed)
+
+    def sliding(self, voltage: Array, conducts: Array) -> OneMass:
+        """The force after the dead zone and the offset; viscous friction depends on the direction."""
+        force = voltage if self.dead_zone is None else self.dead_zone(voltage)
+        law = Sliding.of(self.friction, self.viscous_friction, self.quadratic_viscous, self.cogging.waves)  # type: ignore[arg-type]
+        level = type(self.friction).level
+        return OneMass(self.mass, level, law, force - self.offset, np.zeros(len(force)))
 
     def linearised(self, signals: Sequence[Signal]) -> StateSpace:
         """A mass with viscous friction, the mean of both directions."""

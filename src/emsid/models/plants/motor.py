@@ -23,7 +23,7 @@ from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.cogging import Cogging, check_quadratic, cogging_handles, extra_terms, without_idle
 from emsid.models.plants.drive import Acting, Drive, Feed, outer_handles
 from emsid.models.plants.driven import Driven
-from emsid.models.plants.one_mass import Motion, Sliding, moved
+from emsid.models.plants.one_mass import Motion, OneMass, Sliding, moved
 from emsid.models.plants.parameters import TINY, Handle, Signal, dead_zone_handles, law_handles, scalar
 from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sizes, StaticCharacteristic, plausible
 from emsid.models.plants.sensor import Sensor
@@ -276,9 +276,7 @@ class DrivenMotor(Driven):
             across = volts[0] if motor.voltage_dead_zone is None else float(motor.voltage_dead_zone(volts)[0])
             current = (across - motor.motor_constant * speed) / motor.resistance
             motion = np.array([current, speed, speed, 0.0, angle])
-        shown = float(state[2] if len(state) > 2 else state[0])
-        begin = [self.sensor.begins(s is Signal.POSITION, np.array([speed, angle]), dt, shown) for s in signals]
-        return PlantState(dt, motion, commands, np.array(begin))
+        return PlantState(dt, motion, commands, self.sensed_first(state, dt, signals))
 
     def run(self, state: PlantState, inputs: Array, signals: Sequence[Signal]) -> tuple[Array, PlantState]:
         """The outputs (N, ny) for a command (N, 1), or with codes for the bridge (N, 2), and the state after them."""
@@ -299,28 +297,28 @@ class DrivenMotor(Driven):
 
     def _one_mass(self, on: Acting, motion: Array) -> tuple[tuple[Array, ...], Array]:
         """Current, rotor and load speed, rotor and load position (N,) at the samples, and the motion after the run."""
-        motor, law = self.motor, together(self.motor.rotor_friction, self.motor.load_friction)
+        begin = float(motion[0]), float(motion[1])
         torque, braking = self._torque(on.voltage, on.conducts)
-        speeds, positions = moved(
-            motor.rotor_inertia + motor.load_inertia,
-            type(law).level,
-            Sliding.of(law, quadratic=self.quadratic_viscous, waves=self.cogging.waves),
-            torque - self.load_torque,
-            braking + (motor.rotor_viscous + motor.load_viscous),
-            on.dt,
-            on.late,
-            self.steps,
-            float(motion[0]),
-            float(motion[1]),
-        )
+        speeds, positions = moved(*self._sliding(torque, braking), on.dt, on.late, self.steps, *begin)
         motion = np.array([speeds[-1], positions[-1]])
         speeds, positions = speeds[on.samples], positions[on.samples]
         if on.now is None:
             torque, braking = (on.late * each[:-1] + (1 - on.late) * each[1:] for each in (torque, braking))
         else:
             torque, braking = self._torque(*on.now)
-        current = (torque - braking * speeds) / motor.motor_constant
+        current = (torque - braking * speeds) / self.motor.motor_constant
         return (current, speeds, speeds, positions, positions), motion
+
+    def sliding(self, voltage: Array, conducts: Array) -> OneMass | None:
+        """Of the fast loop of one mass, where that can simulate it."""
+        return self._sliding(*self._torque(voltage, conducts)) if self._is_one_mass else None
+
+    def _sliding(self, torque: Array, braking: Array) -> OneMass:
+        motor, law = self.motor, together(self.motor.rotor_friction, self.motor.load_friction)
+        friction = Sliding.of(law, quadratic=self.quadratic_viscous, waves=self.cogging.waves)
+        viscous = motor.rotor_viscous + motor.load_viscous
+        mass = motor.rotor_inertia + motor.load_inertia
+        return OneMass(mass, type(law).level, friction, torque - self.load_torque, braking + viscous)
 
     def _two_masses(self, on: Acting, motion: Array) -> tuple[tuple[Array, ...], Array]:
         """The same for a motor that one mass does not describe."""

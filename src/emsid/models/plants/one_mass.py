@@ -94,6 +94,16 @@ class Sliding(NamedTuple):
         return cls(law.numbers, np.array(law.breakaway), varies, np.array(viscous), float(quadratic), waves)
 
 
+class OneMass(NamedTuple):
+    """The first arguments of `moved`: mass, friction law, its parameters, force and damping (M,)."""
+
+    mass: float
+    law: Level
+    friction: Sliding
+    force: Array
+    damping: Array
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def move(
     mass: float,

@@ -189,6 +189,12 @@ class Plant(Protocol):
         """The output (N, ny) driven by inputs (N, nu) held over ``dt`` seconds, from an initial state."""
         ...
 
+    def simulate_each(
+        self, inputs: Sequence[Array], dt: float, states: Sequence[Array], signals: Sequence[Signal]
+    ) -> list[Array]:
+        """`simulate` for several inputs, each with its initial state."""
+        ...
+
     def for_command(self, record: Record) -> Self:
         """The plant as the command of a record drives it."""
         ...
@@ -371,6 +377,12 @@ class BasePlant(ABC):
     def simulate(self, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
         """The output (N, ny) driven by inputs (N, nu) held over ``dt`` seconds, from an initial state."""
         return self.run(self.start(state, inputs[0], dt, signals, len(inputs)), inputs, signals)[0]
+
+    def simulate_each(
+        self, inputs: Sequence[Array], dt: float, states: Sequence[Array], signals: Sequence[Signal]
+    ) -> list[Array]:
+        """`simulate` for several inputs, each with its initial state; a plant may do it at once."""
+        return [self.simulate(u, dt, state, signals) for u, state in zip(inputs, states, strict=True)]
 
     def for_inputs(self, inputs: Array) -> Self:
         """The same plant."""

@@ -15,6 +15,7 @@ from emsid.models.plants.parameters import parts
 from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.search.refinements.cogging import FIRST, SECOND, cogging
 from emsid.models.plants.search.refinements.contract import Refined, Refinement
+from emsid.models.plants.search.refinements.current_rise import RISE, current_rise
 from emsid.models.plants.search.refinements.gain_by_direction import SLOPE, gain_by_direction
 from emsid.models.plants.search.refinements.inductance import INDUCTANCE, inductance
 from emsid.models.plants.search.refinements.knee import knee
@@ -36,11 +37,11 @@ from emsid.models.plants.search.refinements.usual import (
 REFINEMENTS: tuple[Refinement, ...] = (
     coasting_bridge, late_command, slow_sensor, averaging_sensor, stribeck, by_direction, viscous_by_direction,
     constant_load, supply_limit, knee, gain_by_direction,
-    stribeck_by_direction, switching_loss, quadratic_viscous, inductance,
+    stribeck_by_direction, switching_loss, current_rise, quadratic_viscous, inductance,
 )  # fmt: skip
 ON_REQUEST: tuple[Refinement, ...] = (cogging,)
 """Refinements that are tried only where somebody asks for them: along a short way, drift looks like cogging."""
-EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge, quadratic_viscous, cogging)
+EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge, current_rise, quadratic_viscous, cogging)
 """Refinements that do great harm on another record where they are wrong: they are judged on kinds left out."""
 BREAKS: dict[Refinement, str] = {supply_limit: "drive.supply", knee: "drive.knee"}
 """Refinements that break the range of voltages in two, each with the parameter that says where; both must be seen."""
@@ -55,6 +56,7 @@ INSTEAD: tuple[Refinement, ...] = (inductance,)
 WITHOUT: tuple[Mapping[str, float], ...] = (
     {"drive.delay": 0.0},
     {"drive.loss": 0.0},
+    {RISE: 0.0},
     {"sensor.lag": 0.0},
     {"drive.freewheel": 0.0},
     {"drive.supply": inf},

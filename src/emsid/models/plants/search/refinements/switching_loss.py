@@ -12,8 +12,8 @@ from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.search.refinements.contract import Refined
 from emsid.record import Record
 
-STARTS = (0.05, 0.2)
-"""Losses to begin with."""
+STARTS = (0.01, 0.05, 0.2)
+"""Losses to begin with; from the smallest the trial reaches at least what was reached without."""
 SEEN = 0.05
 """At least this part of the samples is at full duty, and as many move below it."""
 

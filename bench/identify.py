@@ -1,4 +1,4 @@
-"""The seconds of ``emsid identify``: of whole processes, and by part. ``python bench/run.py identify [SAMPLES …]``.
+"""The seconds of ``emsid identify``: of whole processes, and by part. ``python bench/identify.py [SAMPLES …]``.
 
 The records are of the built-in motor, with dead zone and friction, sampled every 5 ms while it follows random steps.
 CPU seconds count all threads; they change less than wall seconds where other programs run.

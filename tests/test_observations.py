@@ -6,6 +6,7 @@ import pytest
 import emsid
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.findings import Finding
+from emsid.identification import workflow
 from emsid.identification.candidates import CANDIDATES, QUICK
 from emsid.identification.options import Options
 from emsid.identification.requests import plants_of, unused_requests
@@ -168,6 +169,17 @@ def test_a_model_without_a_result_in_its_share_of_the_time_is_named(plain, monke
         emsid.identify(driven(0), models="endless", budget=1.0)
     with pytest.raises(emsid.ModelError, match="positive time"):
         emsid.identify(driven(0), budget=0.0)
+
+
+def test_several_models_are_fitted_to_an_excerpt_of_a_long_record(monkeypatch):
+    monkeypatch.setattr(workflow, "COMPARED", 1_000)
+    one, several = (emsid.identify(driven(0, 2000), models=names) for names in ("arx", "arx,output-error"))
+    assert "fitted-to-excerpt" not in codes(one)
+    assert {fit.samples for fit in one.fits} != {fit.samples for fit in several.fits}
+    (finding,) = (each for each in several.findings if each.code == "fitted-to-excerpt")
+    assert finding.data == {"samples": 1_000, "of": len(one.record)}
+    assert len(several.record) == 1_000
+    assert len(several.unseen) == len(one.unseen)
 
 
 def test_a_quick_look_has_linear_models_and_regressions_only(plain):

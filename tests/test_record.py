@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from emsid.errors import DataError
 from emsid.record import Record, check_same_channels, concatenate, hold_back, resample, segments, time_axis
+from emsid.record.excerpt import excerpt
 
 
 def ramp(samples: int = 10, dt: float = 0.1, **fields: object) -> Record:
@@ -48,6 +49,29 @@ def test_parts_of_a_record_are_no_copies() -> None:
         assert np.shares_memory(part.input, record.input)
         assert np.shares_memory(part.output, record.output)
     assert Record(record.input, record.output, 0.1).input is record.input
+
+
+def test_an_excerpt_has_pieces_from_all_of_a_record_and_its_extremes() -> None:
+    k = np.arange(10_000.0)
+    u, y = np.sin(k), np.cos(k)
+    u[4321], y[7654] = 5.0, -3.0  # between the pieces at equal distances
+    record = Record(u, y, 0.1)
+    few = excerpt(record, 800)
+    assert len(few) == 800
+    assert len(few.segments) == 8
+    assert (few.input.max(), few.output.min()) == (5.0, -3.0)
+    starts = np.array(few.times) / 0.1
+    assert np.all(np.diff(starts) >= 100)
+    assert starts[0] == 0
+    assert starts[-1] == 9_900
+    for first, piece in zip(np.rint(starts).astype(int), few.segments, strict=True):
+        np.testing.assert_array_equal(piece.output, record.output[first : first + 100])
+    assert excerpt(record, 10_000) is record
+
+
+def test_an_excerpt_of_many_experiments_has_a_piece_of_each() -> None:
+    series = concatenate([Record(np.full(2_000, float(n)), np.zeros(2_000), 0.1) for n in range(20)])
+    assert set(excerpt(series, 10_000).input[:, 0]) == set(map(float, range(20)))
 
 
 def test_an_input_without_output_is_a_record() -> None:

@@ -25,6 +25,7 @@ from emsid.identification.observations import (
     built_in_values,
     failure,
     fitted_to_all_data,
+    fitted_to_an_excerpt,
     missing_models,
     observations,
     out_of_time,
@@ -50,6 +51,7 @@ from emsid.models.plants.parameters import parts
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record, concatenate
+from emsid.record.excerpt import excerpt
 from emsid.record.holding_back import choice_and_headline, hold_back_records
 from emsid.validation.agreement import disagreement
 from emsid.validation.comparison import Comparison, compare
@@ -77,6 +79,9 @@ NAMED = 4
 """Name at most this many records in a title; of more give the number."""
 FEWEST = 20
 """With fewer samples nothing is left to test a model on after it is fitted."""
+COMPARED = 70_000
+"""Several models are fitted to an excerpt of this many samples. From n of them the mean square error of a model with p
+parameters and white noise is larger by the share p/n, so more samples would not change which model is best."""
 
 
 def identify(
@@ -96,6 +101,8 @@ def identify(
     **reading: Any,
 ) -> Identification:
     """Fit several kinds of model and rank them by their free run on unseen data.
+
+    Several models are fitted to an excerpt of a record that is longer than `COMPARED`; a single one to all of it.
 
     Args:
         records: what to identify from: a record, the path of a file, or several of either.
@@ -143,7 +150,7 @@ def identify(
 
     train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)
     _check_sample_times(train, test, [name for name in names if name not in plants])
-
+    train, about_excerpt = _to_compare(train, names)
     found = _fit_all(names, train, options, control, finished, None if budget else elsewhere)
     found = _with_bootstrap(found, train, bootstrap, seed, control)
     findings += [missing_models(names, found.fits, found.failed)] if found.stopped else []
@@ -162,6 +169,7 @@ def identify(
         *about_fits,
         *found.failed,
         *findings,
+        *about_excerpt,
         *([] if final is None else [fitted_to_all_data(final.name, train, record)]),
         *([] if stopped else _difference_of_records(on_unseen, (*several, *others))),
         *taken.failed,
@@ -193,6 +201,13 @@ def _limited(control: Control, budget: float | None) -> Control:
     if not budget > 0:
         raise ModelError(f"a budget of {budget:g} s; give a positive time", arguments=("budget",))
     return control.within(budget)
+
+
+def _to_compare(train: Record, names: Sequence[str]) -> tuple[Record, list[Finding]]:
+    """The data to fit these models to, and what is to be said about them."""
+    if len(names) == 1 or len(train) <= COMPARED:
+        return train, []
+    return excerpt(train, COMPARED), [fitted_to_an_excerpt(COMPARED, train)]
 
 
 def _long_enough(record: Record) -> Record:

@@ -146,6 +146,16 @@ def fitted_to_all_data(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("fitted-to-excerpt")
+def fitted_to_excerpt(f: Finding, argument: Spelling) -> str:
+    """Subject: the data. Data: samples (at most, of the excerpt), of (of all data to fit)."""
+    d = f.data
+    return (
+        f"to compare them in less time, the models are fitted to pieces of {f.subject} with {d['samples']:,} of "
+        f"{d['of']:,} samples; name a single model ({argument('models')}) to fit it to all of them"
+    )
+
+
 @words("free-run-error")
 def free_run_error(f: Finding, argument: Spelling) -> str:
     """Data: seen, outputs (name, unit, rmse, fit_percent; None for a constant output); chosen_among (how many models)

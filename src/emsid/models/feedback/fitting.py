@@ -202,7 +202,8 @@ def searched(
         model = problem.at(minimum.estimate)
         states = [problem.state(minimum.estimate, k) for k in range(len(segments))]
         converged = minimum.ending in (Ending.CONVERGED, Ending.RANK_DEFICIENT)
-        slow = minimum.cost > (1 - SAVED) * cost or minimum.iterations < STEPS
+        short = minimum.iterations < STEPS and not least_saving  # other coordinates may save more again
+        slow = minimum.cost > (1 - SAVED) * cost or short
         found = Found(model, states, minimum, converged or slow or control.ending is not None)
         cost = minimum.cost
     return found
@@ -214,7 +215,7 @@ def conclude(
     transient: int,
     tolerance: float = 0.05,
     control: Control = FREE,
-    least_saving: float = 0.0,
+    max_iterations: int = 2 * STEPS,
 ) -> Fit[FeedbackModel]:
     """The fit at a minimum, in the normal form, with covariances."""
     model, states = found.model, found.states
@@ -222,7 +223,7 @@ def conclude(
     states = [same.state(x) for x in states]
     spread = coordinates(same.model, visited(same.model, segments, states), held)
     problem = FreeRun(same.model, spread, segments, transient)
-    minimum = _gauss_newton(problem, states, 2 * STEPS if found.settled else 0, tolerance, control, True, least_saving)
+    minimum = _gauss_newton(problem, states, max_iterations if found.settled else 0, tolerance, control, True)
     worse = _root_mean_square(minimum) > WORSE * found.error
     if worse:  # the weights of the penalties began too heavy in this form
         minimum = _gauss_newton(problem, states, 0, tolerance, control, True)

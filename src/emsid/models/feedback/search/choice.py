@@ -36,8 +36,9 @@ from emsid.models.feedback.search.magnitudes import BEHIND, KNOTS, MAGNITUDE, ma
 from emsid.models.feedback.search.starts import Direction, directions_for, linear_start, with_one_map_more
 from emsid.models.free_run import squared_errors
 from emsid.models.one_channel import Segments, segments_longer_than
-from emsid.models.regression.search.judge import BEYOND, diverges, enlarged, shortened
+from emsid.models.regression.search.judge import BEYOND, diverges, enlarged
 from emsid.record import Record
+from emsid.record.excerpt import excerpt
 from emsid.record.holding_back import validation_splits
 from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters, schwarz_gain
 
@@ -136,8 +137,8 @@ class Bench:
         shown, splits = validation_splits(records, settings.held_back)
         unseen: Sequence[Record] = shown
         if len(splits) == 1:
-            unseen = [shortened(record, JUDGED // len(records)) for record in splits[0][1]]
-            shown = [shortened(record, max(SEARCHED // len(records), 1)) for record in shown]
+            unseen = [excerpt(record, JUDGED // len(records)) for record in splits[0][1]]
+            shown = [excerpt(record, max(SEARCHED // len(records), 1)) for record in shown]
         largest = FeedbackModel(
             np.zeros(((settings.order or MOST_ORDERS) + 1,) * 2),
             delay=LONGEST if settings.delay is None else settings.delay,

@@ -18,15 +18,15 @@ from emsid.models.feedback.fitting import conclude, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.choice import FeedbackSearch, Trial, chosen
 from emsid.models.one_channel import check_one_channel, segments_longer_than
-from emsid.models.regression.search.judge import shortened
 from emsid.models.terms import check_whole
 from emsid.record import Record
+from emsid.record.excerpt import excerpt
 
 # A record needs this many samples for every element of the smallest model.
 SAMPLES = 60
-# Longer records are fitted in a few steps from the minimum of a part of this length. Steps that together lower the cost
-# by a smaller share than the last number are the last.
-LONG, LAST_STEPS, LAST_SAVING = 20_000, 10, 1e-5
+# Longer records are fitted in a few steps from the minimum of an excerpt of this length, the last in the normal form.
+# Steps that together lower the cost by a smaller share than the last number are the last.
+LONG, LAST_STEPS, LAST_SAVING = 20_000, (5, 15), 1e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,13 +123,15 @@ def feedback(
 
 def _fitted(best: Trial, records: Sequence[Record], control: Control, iterations: int = 150) -> Fit[Any]:
     """The model of a trial, fitted to all data; to long records in a few steps from the minimum of a part of them."""
-    model, saving, states = best.found.model, 0.0, best.found.states
-    if sum(map(len, records)) > LONG:
-        few = [shortened(record, max(LONG // len(records), 1)) for record in records]
-        part = segments_longer_than(model.memory, model, few)
-        model = searched(model, part, model.edge, iterations, 0.05, control).model
-        iterations, saving = min(iterations, LAST_STEPS), LAST_SAVING
+    model, states = best.found.model, best.found.states
     segments = segments_longer_than(model.memory, model, records)
-    begun = states if len(states) == len(segments) and model is best.found.model else None
-    found = searched(model, segments, model.edge, iterations, 0.05, control, saving, begun)
-    return conclude(found, segments, model.edge, 0.05, control, saving)
+    if sum(map(len, records)) <= LONG:
+        begun = states if len(states) == len(segments) else None
+        found = searched(model, segments, model.edge, iterations, 0.05, control, states=begun)
+        return conclude(found, segments, model.edge, 0.05, control)
+    few = [excerpt(record, max(LONG // len(records), 1)) for record in records]
+    part = segments_longer_than(model.memory, model, few)
+    found = searched(model, part, model.edge, iterations, 0.05, control, LAST_SAVING)
+    here = searched(found.model, segments, model.edge, min(iterations, LAST_STEPS[0]), 0.05, control, LAST_SAVING)
+    here = replace(here, settled=found.settled)
+    return conclude(here, segments, model.edge, 0.05, control, LAST_STEPS[1])

@@ -28,8 +28,11 @@ from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.nonlinear.gauss_newton import Minimum
 from emsid.findings import Finding
 from emsid.models.plants.free_run_error import FreeRunError
+from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.task import Task
+from emsid.record import concatenate
+from emsid.record.excerpt import excerpt
 from emsid.selection.improvement import NEGLIGIBLE, matters
 
 Array = NDArray[np.float64]
@@ -38,6 +41,10 @@ SHORT_TIMES = ("drive.delay", "sensor.lag", "inductance")
 """Parameters that look alike; each has no effect at zero."""
 STEPS = 20
 """Steps of the fit of an alternative."""
+MANY = 12_000
+"""Alternatives are fitted to an excerpt of this many samples: they differ by more than the noise of more samples."""
+PIECES = 3
+"""Of this excerpt."""
 SMALL = 0.1
 """The delay in samples whose effect on the free run is compared with the residual."""
 
@@ -77,6 +84,7 @@ def alternatives(task: Task, problem: FreeRunError, names: Sequence[str], minimu
         time = _missing_delay(task, problem, names, minimum) if mine is None else _duration(problem, mine)
         if time == 0.0:
             return none
+        task, problem, minimum = _on_fewer(task, problem, names, minimum)
         found = {
             other: moved
             for other in SHORT_TIMES
@@ -89,6 +97,18 @@ def alternatives(task: Task, problem: FreeRunError, names: Sequence[str], minimu
     shifts = np.array(list(found.values()))
     data = {"instead": list(found), "of": mine}
     return Addition(shifts.T @ shifts / len(found), (Finding("alternatives-fit-as-well", driven.name, data),))
+
+
+def _on_fewer(
+    task: Task, problem: FreeRunError, names: Sequence[str], minimum: Minimum
+) -> tuple[Task, FreeRunError, Minimum]:
+    """The same on an excerpt of long records; those of a position show their start in few samples, so they stay."""
+    if sum(map(len, task.segments)) <= MANY or task.signals == (Signal.POSITION,):
+        return task, problem, minimum
+    few = replace(task, segments=excerpt(concatenate(task.segments), MANY, PIECES).segments)
+    begun = few.problem(problem.plant, names)
+    minimum = continuation.search_once(begun, few, STEPS)
+    return few, begun.begun_at(minimum.estimate), minimum
 
 
 def _duration(problem: FreeRunError, name: str) -> float:

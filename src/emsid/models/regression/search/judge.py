@@ -21,15 +21,15 @@ from emsid.models.free_run import free_run, squared_errors
 from emsid.models.model import Model
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.narx import Narx, Structure
-from emsid.record import Record, concatenate
+from emsid.record import Record
+from emsid.record.excerpt import excerpt
 from emsid.record.holding_back import Split, folded, validation_splits
 from emsid.selection.improvement import STRETCHES, StretchErrors
 
-# Samples that a search looks at; a longer record is searched in pieces from all of it.
+# Samples that a search looks at, an excerpt of a longer record.
 SEARCHED = 20_000
 # The same where every part is unseen once.
 FOLDED = 32_000
-PIECES = 8
 # The input of the record, made larger by this factor about its middle, must not make a free run diverge.
 BEYOND = 1.2
 # A free run that leaves the middle of the measured output by this many times its half range has diverged.
@@ -68,7 +68,7 @@ class Judge:
             control: when to stop.
             folds: whether a long record is cross-validated too, in shorter pieces.
         """
-        searched = [shortened(record, FOLDED if folds else SEARCHED)]
+        searched = [excerpt(record, FOLDED if folds else SEARCHED)]
         fitted, splits = folded(searched) if folds else validation_splits(searched, held_back)
         return cls(fitted, splits, transient, control)
 
@@ -128,14 +128,6 @@ def fit_to_compare(structure: Structure, records: Record | Sequence[Record], sta
         control=control.quietly(),
         covariances=False,
     )
-
-
-def shortened(record: Record, most: int) -> Record:
-    """A record with at most this many samples: if it is longer, pieces at equal distances."""
-    if len(record) <= most:
-        return record
-    length, starts = most // PIECES, np.linspace(0, len(record) - most // PIECES, PIECES).astype(int)
-    return concatenate([record[first : first + length] for first in starts], name=record.name)
 
 
 def enlarged(record: Record, factor: float) -> Record:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -124,7 +125,8 @@ def test_a_second_process_is_started_only_where_it_saves_time(tmp_path, monkeypa
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1}, raising=False)
     small, large = tmp_path / "small.csv", tmp_path / "large.csv"
     small.write_text("u,y\n")
-    large.write_bytes(bytes(LARGEST + 1))
+    large.touch()
+    os.truncate(large, LARGEST + 1)
     assert second_process((), [small], alone=True) == "fits and draws"
     assert second_process(("arx", "wiener"), [small], alone=True) == "fits and draws"
     assert second_process((), [small], alone=True, searches=False) == "draws"

@@ -1,6 +1,6 @@
 """A second process that fits some of the models of `emsid identify` and draws some of the figures at the same time.
 
-Searches on short records spend their time in Python, where threads wait for each other. The process is started before
+Most searches spend their time in Python, where threads wait for each other. The process is started before
 the files are read, so that its imports take no time of their own. It computes what this process would; what it does not
 answer is computed here. It ends with this process.
 """
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 OWN = ("polynomial-narx", "wiener-hammerstein", "wiener", "feedback")
 """The models that it fits; they take about as long as all others together."""
-LONGEST, LARGEST = 20_000, 4_000_000
-"""Samples of a record, and bytes of files, beyond which searches use all cores by themselves; it only draws then."""
+LONGEST, LARGEST = 100_000, 100_000_000
+"""Samples to fit, and bytes of files, beyond which it only draws: one process has enough to hold."""
 MANY = 14
 """Of fewer figures none is drawn here: the import of the library would take as long as is saved."""
 LAST = 3.0
@@ -130,7 +130,7 @@ class SecondProcess:
 def second_process(
     models: Sequence[str], files: Iterable[Path], *, alone: bool, searches: bool = True
 ) -> SecondProcess | None:
-    """A second process where there are two cores. It fits models of `OWN` that are among several, on short records.
+    """A second process where there are two cores. It fits models of `OWN` that are among several.
 
     Args:
         models: their names; none for the usual ones.

@@ -49,13 +49,9 @@ from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.one_channel import check_one_channel
 from emsid.models.terms import check_whole
 from emsid.record import Record
-from emsid.record.excerpt import excerpt
 
 # The least number of changes of a two-level input that identify a map after a filter.
 CHANGES = 5
-# Longer records are fitted in a few steps from the minimum of an excerpt of this length. Steps that together lower the
-# cost by a smaller share than the last number are the last.
-LONG, LAST_STEPS, LAST_SAVING = 20_000, 10, 1e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -275,15 +271,8 @@ def _fitted(
     if steady is not None:
         records, transient = steady.with_end_ahead(start)
     how = Search(transient=transient, loss=settings.loss, max_iterations=settings.max_iterations, control=control)
-    reporting = Search(control=control.during(f"fitting {start.name}"))
-    few = list(records)
-    if steady is None:  # periods are not cut
-        few = [excerpt(record, max(LONG // len(records), 1)) for record in records]
-    first = searched(start, few, **(how | reporting | Search(restarts=True)))
-    found = first
-    if sum(map(len, few)) < sum(map(len, records)):
-        last = Search(max_iterations=min(LAST_STEPS, settings.max_iterations), least_saving=LAST_SAVING)
-        found = searched(first.model, records, **(how | reporting | last))
+    reporting = Search(restarts=True, control=control.during(f"fitting {start.name}"))
+    found = searched(start, records, **(how | reporting))
     corrected = Corrected()
     if settings.loss is SQUARES:
         averages = steady.each if steady else 1.0

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 import emsid
 from emsid import ModelError, Record
@@ -22,6 +23,7 @@ from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search import choice, estimation
 from emsid.models.feedback.search.choice import Bench, FeedbackSearch, Trial, chosen
 from emsid.models.feedback.search.magnitudes import as_feedback, may_be_magnitudes
+from emsid.models.feedback.search.starts import Direction
 from emsid.models.feedback.start import starting
 from emsid.models.free_run import squared_errors
 from emsid.models.one_channel import segments_longer_than
@@ -344,6 +346,22 @@ def test_a_third_map_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(trial.found.model.maps) == 3
     assert trial.found.error < 0.0105
     assert not list(choice._third_map(bench, begun, FeedbackSearch(maps=2)))
+
+
+def test_a_direction_explains_a_slow_residual() -> None:
+    """What a linear model misses is slow, so few of its samples are independent; what is left is not."""
+    rng = np.random.default_rng(10)
+    slow = lfilter([0.02], [1, -0.98], rng.normal(size=700))
+    slow /= np.std(slow)
+    some = Direction(np.zeros(3), np.zeros(3), np.zeros(0), np.zeros(0), 0.2 * rng.normal(size=700), 1.0, 9)
+    assert some.explains(700)
+    assert not replace(some, left=0.9 * slow).explains(700)
+
+
+def test_models_are_tried_on_the_input_backward_in_time() -> None:
+    forward, backward = choice.harder([Record(U, U, DT)])
+    np.testing.assert_allclose(backward.input, forward.input[::-1])
+    assert np.ptp(forward.input) > 1.1 * np.ptp(U)
 
 
 def test_a_state_of_unknown_sign_is_found() -> None:

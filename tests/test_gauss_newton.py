@@ -12,10 +12,12 @@ from scipy.optimize import least_squares
 
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear import gauss_newton as module
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.estimation.nonlinear.few_unknowns import few_unknowns
 from emsid.estimation.nonlinear.gauss_newton import PATIENCE, Infeasible, Minimum, gauss_newton
 from emsid.estimation.nonlinear.losses import SQUARES, Cauchy, Huber, Loss
+from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.estimation.uncertainty.robust_covariance import automatic_window, long_run_variance, weighted_variance
 
 Array = NDArray[np.float64]
@@ -186,6 +188,25 @@ def test_a_step_to_parameters_without_a_derivative_is_shortened() -> None:
     found = gauss_newton(Steep(), [0.0])
     assert 0.5 < found.estimate[0] < 0.9
     assert found.ending is Ending.STALLED
+
+
+def test_a_penalty_that_is_too_heavy_does_not_flatten_the_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Begun at the minimum of the data, a search with a far too heavy penalty stays near it."""
+    rng = np.random.default_rng(0)
+    wave = np.sin(np.arange(400) / 20)
+    y = 2.0 * wave + 0.1 * rng.normal(size=400)
+
+    class Wave:
+        def residuals(self, theta: Array) -> list[Array]:
+            return [theta[0] * wave - y]
+
+        def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
+            return [(theta[0] * wave - y, wave[:, None])]
+
+    monkeypatch.setattr(module, "chosen_weights", lambda *_: np.array([1e3]))
+    found = gauss_newton(Wave(), [2.0], penalties=[Penalty(np.ones((1, 1)), np.zeros(1))])
+    assert np.std(found.residuals[0]) < 0.11
+    assert found.estimate[0] > 1.95
 
 
 def test_endings_other_than_convergence() -> None:

@@ -78,6 +78,9 @@ PATIENCE = 4
 LEAST_DAMPING, MOST_DAMPING = 1e-20, 1e16
 # The damping grows by this factor after a step to parameters without a derivative.
 MORE_DAMPING = 100.0
+# A step that raises the cost of the data by more than this fraction, besides what smoothing takes, is taken again with
+# weights of the penalties that are smaller by the factor, at most so many times.
+RAISED, LIGHTER, MOST_LIGHTENED = 0.05, 0.1, 8
 
 
 class Infeasible(ModelError):
@@ -221,6 +224,7 @@ class _Point:
     information: Information  # of the parameters that are not fixed, with the penalty
     lengths: Array  # of the columns of √w·J, without the penalty
     weights: Array  # of the penalties
+    most: Array  # the largest weights that they may have
     penalty: Penalty  # all of them together, with their weights
 
     @property
@@ -292,7 +296,8 @@ class _Search:
         """
         if not np.isfinite(_cost(self.problem, theta, self.loss)):
             raise ModelError("the residual at the start is not finite; check the data and the start values")
-        point = self._linearise(theta, np.ones(len(self.penalties)))
+        count = len(self.penalties)
+        point = self._linearise(theta, np.ones(count), np.full(count, np.inf))
         if point.information.samples + len(point.penalty.rows) < len(self.box.varied):
             raise ModelError(
                 f"{int(point.information.samples)} samples for {len(self.box.varied)} free parameters; "
@@ -306,16 +311,22 @@ class _Search:
         Raises:
             Stopped: if the search has to end before a step is found.
         """
-        theta, damping, point = self._undamped(iterate), iterate.damping, None
+        theta, damping, point, lightened = self._undamped(iterate), iterate.damping, None, 0
         while point is None:
             if theta is None:
                 theta, damping = self._descend(iterate)
             if theta is None:
                 return None
+            before = iterate.point
             try:
-                point = self._linearise(theta, iterate.point.weights)
+                point = self._linearise(theta, before.weights, before.most)
             except Infeasible:  # the cost is lower there, but has no derivative: a smaller step
                 iterate, theta = replace(iterate, damping=MORE_DAMPING * iterate.damping), None
+                continue
+            if lightened < MOST_LIGHTENED and self._flattened(point, iterate):
+                lighter = self._linearise(before.theta, before.weights, LIGHTER * before.weights)
+                iterate = self._at(lighter, iterate.scale, iterate.damping, iterate.offset_before, iterate.costs)
+                theta, point, lightened = None, None, lightened + 1
         new = self._at(point, iterate.scale, damping, iterate.offset, (*iterate.costs, point.cost))
         self.control.report(Activity("", new.steps, cost=new.point.cost, offset=new.offset))
         return new
@@ -349,14 +360,23 @@ class _Search:
         offset = relative_offset(point.information, remaining, self.noise)
         return _Iterate(point, scale, damping, remaining, offset, before, costs)
 
-    def _linearise(self, theta: Array, weights: Array) -> _Point:
+    def _flattened(self, point: _Point, iterate: _Iterate) -> bool:
+        """Whether the penalties have raised the cost of the data by more than smoothing can.
+
+        Their weights are chosen for a residual that is linear in θ. Where it is not, as in a loop, they may be too
+        heavy: step after step the fit gets worse while the penalised cost falls.
+        """
+        smoothed = 2 * len(iterate.point.penalty.rows) / max(point.information.samples, 1)
+        return bool(self.penalties) and point.cost > (1 + RAISED + smoothed) * min(iterate.costs)
+
+    def _linearise(self, theta: Array, weights: Array, most: Array) -> _Point:
         """The linearisation at θ, with the penalties; their weights are chosen, starting from the given ones."""
         cost, blocks, information = _linearise(self.problem, theta, self.box.varied, self.loss)
-        weights = chosen_weights(self.penalties, information, theta, self.box.varied, weights)
+        weights = np.minimum(chosen_weights(self.penalties, information, theta, self.box.varied, weights), most)
         penalty = Penalty.weighted(self.penalties, weights, len(theta))
         lengths = np.linalg.norm(information.factor[:-1, :-1], axis=0)
         information = penalty.added(information, theta, self.box.varied)
-        return _Point(theta, cost, blocks, information, lengths, weights, penalty)
+        return _Point(theta, cost, blocks, information, lengths, weights, most, penalty)
 
     def _undamped(self, iterate: _Iterate) -> Array | None:
         """θ after the undamped step, if the change of the cost is below its rounding; otherwise None."""

@@ -11,7 +11,7 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
 
 If no direction of a map explains more than noise, only linear models are fitted; if a linear model is as good as the
 best one with a map, the search ends after the first step with a map at this linear model. A model whose free run
-diverges on an input a little larger than that of the record is not chosen.
+diverges on an input a little larger than that of the record, forward or backward in time, is not chosen.
 """
 
 from __future__ import annotations
@@ -154,8 +154,8 @@ class Bench:
 
     @cached_property
     def beyond(self) -> list[Record]:
-        """The records with a larger input."""
-        return [enlarged(record, BEYOND) for record in self.shown]
+        """Records that no model may diverge on."""
+        return harder(self.shown)
 
     def segments(self, model: FeedbackModel) -> Segments:
         """(u, y) of the data that models are fitted to."""
@@ -170,6 +170,12 @@ class Bench:
         except EmsidError:
             squares = np.full(STRETCHES, np.inf)
         return Trial(found, StretchErrors.of(squares), family, size)
+
+
+def harder(records: Sequence[Record]) -> list[Record]:
+    """The records with a larger input, forward and backward in time: an input of the same kind that no fit has seen."""
+    backward = [replace(each, input=each.input[::-1], output=each.output[::-1]) for each in records]
+    return [enlarged(record, BEYOND) for record in (*records, *backward)]
 
 
 def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Iterator[Trial]:
@@ -268,7 +274,7 @@ def _bent(bench: Bench, linear: Trial, families: Sequence[tuple[Family, int]]) -
     """
     found, best = linear.found, None
     ways = directions_for(found, bench.segments(found.model), found.model.edge, bench.rng)
-    if not ways or not ways[0].explains(effective_samples(found.minimum.residuals)):
+    if not ways or not ways[0].explains(found.minimum.samples):
         return None
     for family, size in families:
         try:
@@ -302,8 +308,8 @@ def _preferred(trial: Trial, best: Trial, compared: bool) -> bool:
         best: the one before.
         compared: whether there are unseen data.
     """
-    if not np.isfinite(trial.errors.mean):
-        return False
+    if not (np.isfinite(trial.errors.mean) and np.isfinite(best.errors.mean)):
+        return bool(np.isfinite(trial.errors.mean))
     richer = trial.parameters > best.parameters
     simple, rich = (best, trial) if richer else (trial, best)
     residual = rich.found.minimum.residuals

@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.least_squares import check_excitation
@@ -16,11 +19,14 @@ from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.fitting import conclude, searched
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search.choice import FeedbackSearch, Trial, chosen
+from emsid.models.feedback.search.choice import FeedbackSearch, Trial, chosen, harder
 from emsid.models.one_channel import check_one_channel, segments_longer_than
+from emsid.models.regression.search.judge import diverges
 from emsid.models.terms import check_whole
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
+
+Array = NDArray[np.float64]
 
 # A record needs this many samples for every element of the smallest model.
 SAMPLES = 60
@@ -126,12 +132,37 @@ def _fitted(best: Trial, records: Sequence[Record], control: Control, iterations
     model, states = best.found.model, best.found.states
     segments = segments_longer_than(model.memory, model, records)
     if sum(map(len, records)) <= LONG:
-        begun = states if len(states) == len(segments) else None
-        found = searched(model, segments, model.edge, iterations, 0.05, control, states=begun)
-        return conclude(found, segments, model.edge, 0.05, control)
+        return _of_short(model, states if len(states) == len(segments) else None, records, control, iterations)
     few = [excerpt(record, max(LONG // len(records), 1)) for record in records]
     part = segments_longer_than(model.memory, model, few)
     found = searched(model, part, model.edge, iterations, 0.05, control, LAST_SAVING)
     here = searched(found.model, segments, model.edge, min(iterations, LAST_STEPS[0]), 0.05, control, LAST_SAVING)
     here = replace(here, settled=found.settled)
     return conclude(here, segments, model.edge, 0.05, control, LAST_STEPS[1])
+
+
+def _of_short(
+    model: FeedbackModel, begun: Sequence[Array] | None, records: Sequence[Record], control: Control, iterations: int
+) -> Fit[Any]:
+    """The model fitted to all data; where the last steps lead to one that diverges, the one before them.
+
+    Args:
+        model: of a trial.
+        begun: its initial states, if they are those of all segments.
+        records: all data.
+        control: when to stop.
+        iterations: at most.
+    """
+    segments = segments_longer_than(model.memory, model, records)
+    stressed, fits = harder(records), []
+    for most, known in ((iterations, begun), (0, begun), (0, None)):
+        try:
+            found = searched(model, segments, model.edge, most, 0.05, control, states=known)
+            fits.append(conclude(found, segments, model.edge, 0.05, control))
+        except ModelError:
+            if most == 0 and known is None and not fits:
+                raise
+            continue
+        if begun is None or not any(diverges(fits[-1].model, each) for each in stressed):
+            return fits[-1]
+    return fits[0]

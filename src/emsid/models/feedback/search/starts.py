@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.static_maps import CubicSpline
 from emsid.models.blocks.static_maps.through_points import spread_knots
@@ -116,7 +117,7 @@ class Direction:
         row: (n + 1,) of C_z and D_zu.
         column: (n + 1,) of B_w and D_yw.
         z, w: (K,) points of the map.
-        error: mean square of the residual that is left, to first order.
+        left: (N,) the residual that is left, to first order.
         before: mean square of the residual without the map.
         numbers: how many numbers of map and column were fitted for that.
     """
@@ -125,17 +126,26 @@ class Direction:
     column: Array
     z: Array
     w: Array
-    error: float
+    left: Array
     before: float
     numbers: int
 
-    def explains(self, samples: float) -> bool:
+    @property
+    def error(self) -> float:
+        """The mean square of the residual that is left."""
+        return float(np.mean(self.left**2))
+
+    def explains(self, samples: int) -> bool:
         """Whether a map in this direction explains more than noise, by Schwarz's criterion.
 
+        What a linear model misses is a slow signal, of which few samples are independent, even if a map explains all
+        of it. So those of the residual that is left are counted.
+
         Args:
-            samples: the number of independent errors in all data that the map would be fitted to.
+            samples: in all data that the map would be fitted to.
         """
-        return schwarz_gain(self.error, self.before, samples, self.numbers) > 0
+        independent = effective_samples([self.left]) * samples / len(self.left)
+        return schwarz_gain(self.error, self.before, independent, self.numbers) > 0
 
 
 def with_one_map_more(
@@ -251,8 +261,8 @@ def _explained(
     trial = CubicSpline(knots, np.zeros(TRIAL_KNOTS)).parameter_gradient(z)
     straight = np.linalg.qr(np.column_stack([np.ones_like(z), z]))[0]
     bent = trial.T - straight @ (straight.T @ trial.T)
-    left, sizes, _ = np.linalg.svd(bent, full_matrices=False)
-    functions = np.ascontiguousarray(left[:, sizes > 1e-4 * sizes[0]]) * np.sqrt(len(z))
+    sides, sizes, _ = np.linalg.svd(bent, full_matrices=False)
+    functions = np.ascontiguousarray(sides[:, sizes > 1e-4 * sizes[0]]) * np.sqrt(len(z))
     slopes = np.column_stack([np.empty((len(z), 0)), *(each.slope(run.z[:, i]) for i, each in enumerate(model.maps))])
     count, n = functions.shape[1], model.states
     out = np.empty((-(-len(z) // model.oversampling), (n + 1) * count))
@@ -265,13 +275,13 @@ def _explained(
     shape = columns.reshape(len(columns), n + 1, count)
     length = np.linalg.norm(shape, axis=(0, 2))
     shape = shape / np.where(length > 0, length, 1.0)[:, None]
-    b, c, error = _one_column(shape, residual)
+    b, c, left = _one_column(shape, residual)
     before, numbers = float(np.mean(residual**2)), n + count  # n + 1 and count, less one for the unit of w
-    return Direction(row, b / np.where(length > 0, length, 1.0), z, functions @ c, error, before, numbers)
+    return Direction(row, b / np.where(length > 0, length, 1.0), z, functions @ c, left, before, numbers)
 
 
-def _one_column(shape: Array, residual: Array) -> tuple[Array, Array, float]:
-    """b (r,), c (k,) for which Σ bⱼcₖ shapeⱼₖ is closest to the residual (N,), and the mean square of the rest."""
+def _one_column(shape: Array, residual: Array) -> tuple[Array, Array, Array]:
+    """b (r,), c (k,) for which Σ bⱼcₖ shapeⱼₖ is closest to the residual (N,), and the rest (N,)."""
     whole = shape.reshape(len(shape), -1)
     start = np.linalg.lstsq(whole, residual, rcond=RIDGE)[0].reshape(shape.shape[1:])
     left, sizes, right = np.linalg.svd(start)
@@ -281,7 +291,7 @@ def _one_column(shape: Array, residual: Array) -> tuple[Array, Array, float]:
         b = np.linalg.lstsq(shape @ c, residual, rcond=RIDGE)[0]
         length = float(np.linalg.norm(b)) or 1.0
         b, c = b / length, c * length
-    return b, c, float(np.mean((residual - np.tensordot(shape, b, (1, 0)) @ c) ** 2))
+    return b, c, residual - np.tensordot(shape, b, (1, 0)) @ c
 
 
 def _apart(directions: Sequence[Direction], count: int) -> list[Direction]:

@@ -107,7 +107,7 @@ class Driven(BasePlant):
     ) -> list[Array]:
         """See `BasePlant.simulate_each`; drive and forces of one mass are computed for all runs at once."""
         on = None if len(inputs) < 2 or Signal.CURRENT in signals else self.drive.acting_each(inputs, dt)
-        sliding = None if on is None else self.sliding(on[0].voltage, on[0].conducts)
+        sliding = None if on is None else self._as_one_mass(on[0].voltage, on[0].conducts)
         if on is None or sliding is None:
             return super().simulate_each(inputs, dt, states, signals)
         outputs = []
@@ -119,7 +119,7 @@ class Driven(BasePlant):
         return outputs
 
     @abstractmethod
-    def sliding(self, voltage: Array, conducts: Array) -> OneMass | None:
+    def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass | None:
         """The forces on one mass for an output of the drive (M,); None where it is not one mass."""
 
     def sensed_first(self, state: Array, dt: float, signals: Sequence[Signal]) -> Array:

@@ -156,12 +156,12 @@ class LinearAxis(Driven):
         """The outputs (N, ny) for a command (N, 1), and the state after them."""
         on = self.drive.acting(inputs, state.commands, state.dt)
         begin = float(state.motion[0]), float(state.motion[1])
-        speeds, positions = moved(*self.sliding(on.voltage, on.conducts), on.dt, on.late, self.steps, *begin)
+        speeds, positions = moved(*self._as_one_mass(on.voltage, on.conducts), on.dt, on.late, self.steps, *begin)
         motion = np.array([speeds[-1], positions[-1]])
         output, sensed = self.read(speeds[on.samples], positions[on.samples], state.dt, signals, state.sensed)
         return output, PlantState(state.dt, motion, on.left, sensed)
 
-    def sliding(self, voltage: Array, conducts: Array) -> OneMass:
+    def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass:
         """The force after the dead zone and the offset; viscous friction depends on the direction."""
         force = voltage if self.dead_zone is None else self.dead_zone(voltage)
         law = Sliding.of(self.friction, self.viscous_friction, self.quadratic_viscous, self.cogging.waves)  # type: ignore[arg-type]

@@ -309,7 +309,7 @@ class DrivenMotor(Driven):
         current = (torque - braking * speeds) / self.motor.motor_constant
         return (current, speeds, speeds, positions, positions), motion
 
-    def sliding(self, voltage: Array, conducts: Array) -> OneMass | None:
+    def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass | None:
         """Of the fast loop of one mass, where that can simulate it."""
         return self._sliding(*self._torque(voltage, conducts)) if self._is_one_mass else None
 

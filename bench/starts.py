@@ -1,7 +1,7 @@
 """Whether a search ends at the same minimum from wherever it begins: ``python bench/accuracy.py starts``.
 
 Every plant is fitted with its true structure from twenty starts: one without any datasheet, the others with every value
-off by a factor between a half and two. Of a simulated plant the cost at the true parameters is known too. Name the
+off by a factor between a half and two. Of a simulated plant the cost of the true run is known too. Name the
 plants whose names begin like that to fit only these: ``python bench/accuracy.py "starts=axis 1"``.
 """
 
@@ -35,14 +35,14 @@ class Problem(NamedTuple):
         start: a plant to begin with where nothing is known.
         known: typical values of what is estimated: the true ones, where these are known.
         fixed: what is not estimated.
-        simulated: whether ``known`` is true.
+        truth: the cost of the true free run, where it is known.
     """
 
     record: emsid.Record
     start: DrivenPlant
     known: Mapping[str, float]
     fixed: Mapping[str, float]
-    simulated: bool
+    truth: float | None = None
 
 
 def of_case(case: Case) -> Problem:
@@ -68,7 +68,8 @@ def of_case(case: Case) -> Problem:
     known |= {name: value for name, value in optional.items() if value}
     unit = "m" if case.shows_position else "rad/s"
     record = emsid.Record(case.fitted.input, case.fitted.output, dt, output_units=unit)
-    return Problem(record, PLANTS[kind].start, known, fixed, True)
+    cost = 0.5 * len(record) * case.error_of_truth(case.fitted) ** 2
+    return Problem(record, PLANTS[kind].start, known, fixed, cost)
 
 
 def _sides(name: str, pair: tuple[float, float], mass: float) -> dict[str, float]:
@@ -84,7 +85,7 @@ def recordings(folder: Path) -> dict[str, Callable[[], Problem]]:
     def recording(kind: str, fixed: Mapping[str, float], read: Callable[[], emsid.Record]) -> Problem:
         record, start = read(), PLANTS[kind].start
         fit = simulation_error(start, record, fixed=fixed, max_iterations=30)
-        return Problem(record, start, dict(zip(fit.names, fit.estimate.tolist(), strict=True)), fixed, False)
+        return Problem(record, start, dict(zip(fit.names, fit.estimate.tolist(), strict=True)), fixed)
 
     found: dict[str, Callable[[], Problem]] = {
         "EMPS": lambda: recording("linear-axis", {}, lambda: emsid.read(
@@ -113,16 +114,6 @@ def costs(problem: Problem, starts: int = STARTS) -> Iterator[float]:
             yield inf
 
 
-def cost_of_truth(problem: Problem) -> float:
-    """The cost at the true parameters, with the start of the record estimated."""
-    plant = problem.start.with_values({**problem.fixed, **problem.known})
-    held = {name: (value, value) for name, value in problem.known.items()}
-    fit = simulation_error(
-        plant, problem.record, free=tuple(held), fixed=problem.fixed, hold="zero", find_start=False, max_iterations=0
-    )
-    return float(fit.cost)
-
-
 def main(folder: Path, begins: str, console: Console) -> None:
     """Print a row for every plant whose name begins like this, and how many searches ended at the same cost."""
     problems: dict[str, Callable[[], Problem]] = {
@@ -141,7 +132,7 @@ def main(folder: Path, begins: str, console: Console) -> None:
         before = time.process_time()
         found = np.array(list(costs(problem)))
         seconds = time.process_time() - before
-        lowest, truth = float(found.min()), cost_of_truth(problem) if problem.simulated else None
+        lowest, truth = float(found.min()), problem.truth
         alike = int(np.sum(found <= (1 + ALIKE) * lowest))
         ratios = ("", "") if truth is None else (f"{found[0] / truth:.4f}", f"{found.max() / truth:.4f}")
         board.add_row(name, f"{alike} of {len(found)}", f"{found.max() / lowest:.4f}", *ratios, f"{seconds:.1f}")

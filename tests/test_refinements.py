@@ -11,17 +11,20 @@ from scipy.signal import lfilter
 
 from emsid import Record, concatenate
 from emsid.errors import ModelError
+from emsid.estimation.fit import Ending
 from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.linear_axis import LinearAxis
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS, plant_from_data, plant_to_data
+from emsid.models.plants.search import choice
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.refinements.cogging import cogging
 from emsid.models.plants.search.refinements.inductance import inductance
 from emsid.models.plants.search.refinements.quadratic_viscous import quadratic_viscous
 from emsid.models.plants.search.refinements.usual import late_command, slow_sensor
+from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.support import unsupported
 from emsid.plant import Friction
 from emsid.study.demonstration import axis_record
@@ -113,6 +116,27 @@ def test_a_refinement_is_idle_where_its_interval_includes_no_effect(changes, idl
     both = [frozenset({"quadratic_viscous"}), frozenset({*sides, "friction.coulomb"})]
     assert unsupported(fit, asked, AXIS.default_free) == (both if idle else [])
     assert unsupported(fit, asked, asked) == []  # what somebody asked for is no refinement
+
+
+def test_stribeck_friction_is_idle_where_the_record_does_not_show_its_rate():
+    asked = (*AXIS.default_free, "friction.stribeck", "friction.stribeck_rate")
+    fit = simulation_error(
+        AXIS.with_values({"friction.stribeck": 0.03, "friction.stribeck_rate": 1e6}), axis(), free=asked,
+        find_start=False, max_iterations=5,
+    )  # fmt: skip
+    assert "friction.stribeck_rate" not in fit.names
+    rows = [replace(row, interval=(0.02, 0.04)) if row.name == asked[-2] else row for row in fit.table]
+    assert unsupported(replace(fit, table=rows), asked, AXIS.default_free) == [frozenset(asked[-2:])]
+
+
+def test_what_has_no_effect_is_removed_though_the_last_fit_has_not_converged(monkeypatch):
+    def stopped_early(*args: Any, **options: Any) -> GreyBoxFit:
+        return replace(simulation_error(*args, **options), ending=Ending.OUT_OF_BUDGET)
+
+    monkeypatch.setattr(choice, "simulation_error", stopped_early)
+    fit = choose(AXIS, axis(), refinements=(late_command,), rule=lambda simple, rich: 1.0)
+    assert fit.ending is Ending.OUT_OF_BUDGET
+    assert "drive.delay" not in fit.names
 
 
 def test_a_rule_decides_what_is_added():

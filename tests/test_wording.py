@@ -207,7 +207,8 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("intervals-include-zero", "rigid-motor", {"model": "rigid-motor", "parameters": ["sensor.lag"]}),
     Finding("intervals-include-zero", "rigid-motor", {"model": "rigid-motor", "parameters": ["a", "b"]}),
     Finding("choice-interrupted", "rigid-motor", {"model": "rigid-motor"}),
-    Finding("free-run-drifts", "axis.csv", {"time": 1.2}),
+    Finding("free-run-drifts", "axis.csv", {"time": 1.2, "load": []}),
+    Finding("free-run-drifts", "axis.csv", {"time": 1.2, "load": ["offset"]}),
     # what was asked for of an identification
     Finding("option-not-used", "fixed", {"models": ["arx", "wiener"]}),
     Finding("knots-not-used", "hammerstein", {"model": "hammerstein", "family": "dead-zone"}),

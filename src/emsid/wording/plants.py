@@ -191,9 +191,11 @@ def intervals_include_zero(f: Finding, argument: Spelling) -> str:
 
 @words("free-run-drifts")
 def free_run_drifts(f: Finding, argument: Spelling) -> str:
+    names = f.data["load"]
+    load = f"; the mean of the slow disturbance in this record is part of {listed(names)}" if names else ""
     return (
         f"the free run over {f.subject} drifts away from the measured position, so the fit disregards errors that are "
-        f"older than {f.data['time']:.3g} s"
+        f"older than {f.data['time']:.3g} s{load}"
     )
 
 

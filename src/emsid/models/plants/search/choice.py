@@ -14,7 +14,8 @@ samples of a position do not show exactly is no drift: where an estimated start 
 it is estimated.
 
 **Intervals.** Of what the last fit says that its interval includes the value without effect (`support`), what costs
-least is removed and the rest fitted again, until nothing is left to remove.
+least is removed and the rest fitted again, until nothing is left to remove. The fit need not have converged: a
+parameter without effect is often why it has not.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ from emsid.models.plants.search.refinements.catalogue import (
     REFINEMENTS,
     simplified,
 )  # fmt: skip
-from emsid.models.plants.search.refinements.contract import Refined, Refinement
+from emsid.models.plants.search.refinements.contract import Refined, Refinement, level_name
 from emsid.models.plants.search.refinements.usual import by_direction, stribeck
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
@@ -135,11 +136,14 @@ def choose(
         )
 
     fit = concluded()
-    while not stopped and fit.ending is Ending.CONVERGED and search.take_out(unsupported(fit, search.asked, free)):
+    while (
+        not stopped and fit.ending is not Ending.INTERRUPTED and search.take_out(unsupported(fit, search.asked, free))
+    ):
         fit = concluded()
     findings = [Finding("choice-interrupted", plant.name)] if stopped else []
     if search.drifts:
-        findings.append(Finding("free-run-drifts", record.name, {"time": search.drifts}))
+        load = [name for name in (plant.load_name, *parts(plant, level_name(plant))) if name in fit.names]
+        findings.append(Finding("free-run-drifts", record.name, {"time": search.drifts, "load": load}))
     return replace(fit, ending=Ending.INTERRUPTED if stopped else fit.ending, findings=(*findings, *fit.findings))
 
 

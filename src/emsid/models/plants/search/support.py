@@ -1,7 +1,8 @@
 """Which refinements of a fit are not supported by their own intervals.
 
 Schwarz's criterion compares costs. Where the residual is slow, or where parameters make up for one another, it may
-take a refinement whose interval includes the value at which it has no effect. Such a refinement is to be removed.
+take a refinement whose interval includes the value at which it has no effect. Such a refinement is to be removed, and
+so is Stribeck friction whose rate the record does not show.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def _is_idle(fit: GreyBoxFit, asked: tuple[str, ...], refined: Refined, wanted: 
     shown = [name for name in removed if isfinite(plain.value(name)) and name != FIRST[0]]
     rates = [name for name in shown if name.endswith("_rate")]
     sizes = [name for name in shown if name not in rates]
-    without_rate = any(rows[name].interval is not None and _includes(rows[name], 0.0) for name in rates)
+    without_rate = any(_includes(rows[name], 0.0) for name in rates)
     return without_rate or (bool(sizes) and all(_includes(rows[name], plain.value(name)) for name in sizes))
 
 

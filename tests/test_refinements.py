@@ -177,3 +177,30 @@ def test_the_axis_of_the_demo_has_no_refinement(part):
 
 def test_cogging_is_not_tried_where_the_position_is_not_measured():
     assert cogging(RIGID, RIGID.default_free, motor()) == []
+
+
+# --- a record of another system ---------------------------------------------------------------------------------------
+
+
+def resonance() -> Record:
+    """A damped oscillation that steps excite, with 1 % noise; no mass with friction can swing."""
+    rng = np.random.default_rng(0)
+    u = levels(450, rng, 30)
+    y = lfilter([0.05], [1, -1.9, 0.95], u)
+    return Record(u, y + 0.01 * np.std(y) * rng.standard_normal(450), 1e-2, output_units="rad/s")
+
+
+def test_a_plant_that_leaves_several_times_what_a_linear_model_leaves_is_not_refined_further():
+    tried = (late_command, slow_sensor)
+    ended = choose(RIGID, resonance(), refinements=tried, linear=1e-3)
+    (found,) = (each for each in ended.findings if each.code == "probably-another-system")
+    assert found.data["left"] > 0.1
+    assert found.data["linear"] == 1e-3
+    usual = choose(RIGID, resonance(), refinements=tried)
+    assert "probably-another-system" not in [each.code for each in usual.findings]
+    assert len(usual.names) >= len(ended.names)
+
+
+def test_a_motor_is_refined_also_where_a_linear_model_leaves_nothing():
+    fit = choose(RIGID, motor(), refinements=(late_command,), linear=0.0)
+    assert "probably-another-system" not in [each.code for each in fit.findings]

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, MutableMapping, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Any, ClassVar
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
+from emsid.first_look.baseline import baseline
 from emsid.identification.linear_models import Armax, BoxJenkins, StateSpace
 from emsid.identification.options import ModelKind, Options
 from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS
@@ -142,6 +144,7 @@ class Physical:
                 per_record=options.per_record,
                 control=control,
             )
+        linear = baseline(record, options.nk)
         return choose(
             driven,
             record,
@@ -151,6 +154,7 @@ class Physical:
             hold=options.hold,
             per_record=options.per_record,
             refinements=self.refinements,
+            linear=inf if linear is None else (1 - linear.fit) ** 2,
             control=control,
         )
 

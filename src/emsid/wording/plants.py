@@ -199,6 +199,15 @@ def free_run_drifts(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("probably-another-system")
+def probably_another_system(f: Finding, argument: Spelling) -> str:
+    left, linear = (f"{100 * f.data[name]:.2g} %" for name in ("left", "linear"))
+    return (
+        f"its free run still leaves {left} of the output's variance after the first refinement, and a linear model "
+        f"{linear}; no others were tried, for this is probably another kind of system"
+    )
+
+
 @words("choice-interrupted", Severity.WARNING)
 def choice_interrupted(f: Finding, argument: Spelling) -> str:
     return "the choice of refinements was interrupted; the best model so far is kept"

@@ -13,6 +13,9 @@ weighting is chosen (`weightings`); if it changes, refinements are added and rem
 samples of a position do not show exactly is no drift: where an estimated start agrees with these samples (`beginning`),
 it is estimated.
 
+**Another system.** A plant that, refined once, leaves several times what a linear model leaves of the output is not
+what was recorded; it is refined no further (`WORSE`).
+
 **Intervals.** Of what the last fit says that its interval includes the value without effect (`support`), what costs
 least is removed and the rest fitted again, until nothing is left to remove. The fit need not have converged: a
 parameter without effect is often why it has not.
@@ -24,6 +27,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +82,9 @@ RESTARTS = 2
 """How often the winner of a round is fitted again from around its minimum."""
 PASSES = 3
 """How often refinements are added and removed at most, as another structure may ask for another weighting."""
+UNEXPLAINED, WORSE = 0.1, 4.0
+"""A plant is refined no further that leaves more than this share of the output's variance after the first round, and
+so many times what a linear model leaves. Simulated motors without refinements leave up to half of that."""
 
 
 @one_blas_thread()
@@ -92,6 +99,7 @@ def choose(
     per_record: str | Sequence[str] = (),
     refinements: Sequence[Refinement] = REFINEMENTS,
     rule: Rule = gain,
+    linear: float = inf,
     control: Control = FREE,
 ) -> GreyBoxFit:
     """The plant with those refinements that the record asks for, fitted to all of it.
@@ -106,6 +114,8 @@ def choose(
         per_record: likewise; the refinements are chosen with the same values in all records.
         refinements: what is tried.
         rule: by how much the richer of two trials (simple, rich) is preferred; negative for the simpler.
+        linear: the share of the output's variance that a linear model leaves in free run; a plant that leaves much more
+            after its first refinement is refined no further.
         control: when to stop; the best plant so far is then the answer.
     """
     plant = plant.for_command(record)
@@ -119,7 +129,7 @@ def choose(
             control=control,
         )  # fmt: skip
     search = _Choice(plant, record, free, values, sheet, hold, control)
-    stopped = search.run(weighting, refinements, rule)
+    stopped = search.run(weighting, refinements, rule, linear)
 
     def concluded() -> GreyBoxFit:
         return simulation_error(
@@ -141,6 +151,8 @@ def choose(
     ):
         fit = concluded()
     findings = [Finding("choice-interrupted", plant.name)] if stopped else []
+    if search.hopeless:
+        findings.append(Finding("probably-another-system", plant.name, {"left": search.left, "linear": linear}))
     if search.drifts:
         load = [name for name in (plant.load_name, *parts(plant, level_name(plant))) if name in fit.names]
         findings.append(Finding("free-run-drifts", record.name, {"time": search.drifts, "load": load}))
@@ -155,6 +167,7 @@ class _Choice:
         asked: what is free of it, whether the record can tell it or not.
         weighting: how errors count by their age.
         drifts: after how long errors are forgotten where that was chosen, else 0.
+        hopeless: whether the search ended because a linear model leaves much less of the output.
         thinned: whether trials see fewer samples than there are.
     """
 
@@ -198,7 +211,7 @@ class _Choice:
         assert start is not None
         self.asked, self._fixed = free, tuple(fixed)
         self.weighting: Weighting = all_alike
-        self.drifts = 0.0
+        self.drifts, self.hopeless = 0.0, False
         self._record = scaled
         sides = {side: both for name, both in task.limits.items() for side in parts(plant, name)}
         limits = {**physical, **sides, **task.limits}
@@ -229,9 +242,14 @@ class _Choice:
         """The best plant so far, in SI units."""
         return self._scaling.back(self.trial.plant, self._original)
 
-    def run(self, weighting: Weighting | None, refinements: Sequence[Refinement], rule: Rule = gain) -> bool:
+    @property
+    def left(self) -> float:
+        """The share of the output's variance that the best plant so far leaves in free run."""
+        return self.trial.mean_square / float(np.var(self._record.output))
+
+    def run(self, weighting: Weighting | None, refinements: Sequence[Refinement], rule: Rule, linear: float) -> bool:
         """Choose the weighting where it is None, add and remove refinements; whether somebody ended it early."""
-        self._rule = rule
+        self._rule, self._most_left = rule, max(UNEXPLAINED, WORSE * linear)
         try:
             self._begin(all_alike if weighting is None else weighting)
             if not self.trial.residuals:
@@ -240,6 +258,8 @@ class _Choice:
                 self._weigh(*self._rich())
             for _ in range(PASSES):
                 self._add([each for each in refinements if each not in INSTEAD])
+                if self.hopeless:
+                    break
                 self._exchange(refinements)
                 self._remove()
                 if weighting is not None or not self._weigh([self.trial.plant], self.trial.names):
@@ -300,9 +320,11 @@ class _Choice:
             ]
             richer.sort(key=lambda pair: self._rule(self.trial, pair[0]), reverse=True)
             best = next((trial for trial, refine in richer if self._is_safe(trial, refine)), None)
-            if best is None:
+            if best is not None:
+                self._take(self._trials.around(best, self._rng, RESTARTS))
+            self.hopeless = done == 0 and self.left > self._most_left
+            if best is None or self.hopeless:
                 break
-            self._take(self._trials.around(best, self._rng, RESTARTS))
 
     def _is_safe(self, trial: Trial, refine: Refinement) -> bool:
         """Whether a trial with a refinement that extrapolates is better by more than noise, also on what it was not

@@ -210,7 +210,6 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("free-run-drifts", "axis.csv", {"time": 1.2, "load": []}),
     Finding("free-run-drifts", "axis.csv", {"time": 1.2, "load": ["offset"]}),
     Finding("probably-another-system", "rigid-motor", {"left": 0.76, "linear": 0.098}),
-    Finding("free-run-drifts", "axis.csv", {"time": 1.2}),
     # what was asked for of an identification
     Finding("option-not-used", "fixed", {"models": ["arx", "wiener"]}),
     Finding("knots-not-used", "hammerstein", {"model": "hammerstein", "family": "dead-zone"}),

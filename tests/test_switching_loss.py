@@ -15,6 +15,7 @@ from emsid.models.plants.search.kinds import better_on_both_sides
 from emsid.models.plants.search.refinements.switching_loss import switching_loss
 from emsid.models.plants.search.trials import Trial, Trials
 from emsid.plants import choose, rigid_motor
+from emsid.selection.improvement import better
 from independent.one_mass import OneMass
 
 FULL, LOSS = 10.0, 0.2
@@ -76,3 +77,20 @@ def test_the_limit_of_a_supply_is_looked_for_behind_the_knee():
     assert better_on_both_sides(trials, rich, simple, "drive.supply")
     within = replace(rich, plant=plant.with_drive(supply=11.0))
     assert not better_on_both_sides(trials, within, simple, "drive.supply")
+
+
+def test_a_break_is_judged_on_the_side_that_few_records_show():
+    command = np.repeat(np.arange(1.0, 21.0), 40)  # twenty records of a step, of which one is beyond
+    trials = Trials((emsid.Record(command, np.ones(800), 0.01),), (Signal.SPEED,), {})
+    plant, noise = rigid_motor().with_drive(supply=19.5), np.random.default_rng(0).standard_normal(800)
+
+    def trial(size, beyond):
+        error = np.where(command > 19.5, beyond * np.roll(noise, 1), size * noise)
+        return Trial(plant, ("drive.supply",), [np.zeros(3)], 0.5 * float(error @ error), [error])
+
+    with_it, without = trial(1.0, 1.0), trial(1.0, 6.0)
+    assert better_on_both_sides(trials, with_it, without, "drive.supply")
+    assert not better(with_it.errors, without.errors)  # too few of all stretches show it
+    assert not better_on_both_sides(trials, without, with_it, "drive.supply")
+    assert not better_on_both_sides(trials, trial(0.8, 1.0), trial(1.0, 1.0), "drive.supply")
+    assert not better_on_both_sides(trials, trial(1.2, 1.0), trial(1.0, 6.0), "drive.supply")

@@ -330,8 +330,7 @@ class _Choice:
         """Whether a trial with a refinement that extrapolates is better by more than noise, also on what it was not
         fitted to."""
         if refine in BREAKS:
-            both = better_on_both_sides(self._trials, trial, self.trial, BREAKS[refine])
-            return both and better(trial.errors, self.trial.errors)
+            return better_on_both_sides(self._trials, trial, self.trial, BREAKS[refine])
         if refine in EXTRAPOLATES:
             return better(trial.errors, self.trial.errors) and better_on_kinds(self._trials, trial, self.trial)
         return True

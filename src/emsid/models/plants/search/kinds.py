@@ -5,7 +5,9 @@ is tested by leaving such samples out: the plant is fitted to the errors of all 
 Each kind is left out in turn, so what is seen at small commands has to hold at large ones, and the reverse.
 
 Of a break, such as the limit of a supply, one side says nothing about the other. So both must have been seen: enough of
-the samples are on each side, and the error of neither is larger with the break than without.
+the samples are on each side, and the error of neither is larger with the break than without. On the side with fewer
+samples it is smaller by more than noise. In all samples this would not be seen where few of them are beyond the break,
+as of a supply that limits one of many records.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from numpy.typing import NDArray
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.trials import Trial, Trials
 from emsid.record import Record
-from emsid.selection.improvement import StretchErrors, matters
+from emsid.selection.improvement import StretchErrors, better, matters
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -66,7 +68,9 @@ def better_on_kinds(trials: Trials, rich: Trial, simple: Trial) -> bool:
 
 
 def better_on_both_sides(trials: Trials, rich: Trial, simple: Trial, name: str) -> bool:
-    """Whether both sides of a break in the voltage have been seen, and neither has a larger error with it.
+    """Whether both sides of a break in the voltage have been seen, and the break improves them.
+
+    It does if the side with fewer samples is better with it by more than noise, and the other is not worse.
 
     Args:
         trials: what the two share.
@@ -80,9 +84,10 @@ def better_on_both_sides(trials: Trials, rich: Trial, simple: Trial, name: str) 
     beyond = np.concatenate([np.tile(np.abs(each) > BESIDE * level, len(trials.signals)) for each in wanted])
     if not SEEN <= np.mean(beyond) <= 1 - SEEN:
         return False
+    fewer, others = sorted((beyond, ~beyond), key=np.sum)
     squares = [np.concatenate(each.residuals) ** 2 for each in (rich, simple)]
-    errors = [[float(np.mean(each[side])) for side in (beyond, ~beyond)] for each in squares]
-    return not any(matters(without, than=with_it) for with_it, without in zip(*errors, strict=True))
+    with_it, without = (float(np.mean(each[others])) for each in squares)
+    return not matters(without, than=with_it) and better(*(StretchErrors.of(each[fewer]) for each in squares))
 
 
 def _left_out(trials: Trials, trial: Trial, mask: Sequence[Mask]) -> StretchErrors:

@@ -22,6 +22,7 @@ from emsid.models.plants.free_run_error import Recent
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
+from emsid.models.plants.search import choice
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.kinds import kinds
@@ -29,7 +30,7 @@ from emsid.models.plants.search.refinements.gain_by_direction import gain_by_dir
 from emsid.models.plants.search.refinements.knee import knee
 from emsid.models.plants.search.refinements.stribeck_by_direction import stribeck_by_direction
 from emsid.models.plants.search.refinements.supply_limit import supply_limit
-from emsid.models.plants.search.refinements.usual import coasting_bridge
+from emsid.models.plants.search.refinements.usual import coasting_bridge, late_command
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.thinning import thinned
@@ -321,3 +322,25 @@ def test_a_speed_is_thinned_where_samples_lie_between_their_neighbours():
     slow, fast = (lfilter([1 - pole], [1, -pole], u) + 0.01 * rng.standard_normal(13_000) for pole in (0.99, 0.5))
     assert len(thinned(Record(u, slow, 1e-3), False, speed=True)) == 6500
     assert len(thinned(Record(u, fast, 1e-3), False, speed=True)) == 13_000
+
+
+# --- long records ---------------------------------------------------------------------------------------------------
+
+
+def test_few_refinements_of_a_long_record_are_fitted_to_all_of_it(monkeypatch):
+    """Refinements are fitted to an excerpt first, and only the best of these to all samples."""
+    monkeypatch.setattr(choice, "SCREENED", 300)
+    monkeypatch.setattr(choice, "CONFIRMED", 1)
+    samples, complete = [], Trials.fitted
+
+    def fitted(trials, *arguments):
+        samples.append((sum(map(len, trials.segments)), arguments[1]))
+        return complete(trials, *arguments)
+
+    monkeypatch.setattr(Trials, "fitted", fitted)
+    found = choose(RIGID, known("motor 0", 800), refinements=(supply_limit, late_command)).names
+    tried = [(size, set(names) - set(found)) for size, names in samples]
+    few, complete_ones = ([names for size, names in tried if size == each and names] for each in (300, 800))
+    assert {"drive.supply"} in few
+    assert {"drive.delay"} in few
+    assert len(complete_ones) == 1

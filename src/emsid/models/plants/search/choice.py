@@ -66,6 +66,7 @@ from emsid.models.plants.search.thinning import thinned
 from emsid.models.plants.search.trials import Trial, Trials, gain
 from emsid.models.plants.search.weightings import chosen, forgetting
 from emsid.record import Record
+from emsid.record.excerpt import excerpt
 from emsid.selection.improvement import better
 
 Array = NDArray[np.float64]
@@ -80,6 +81,9 @@ OTHERS = 2
 """From how many of the first starts a refinement is tried too, besides the best plant so far."""
 RESTARTS = 2
 """How often the winner of a round is fitted again from around its minimum."""
+SCREENED, PIECES, CONFIRMED = 10_000, 4, 5
+"""Where trials see more than twice so many samples, refinements are fitted to an excerpt of so many samples and pieces
+first, and only the last number of them, the best, to all."""
 PASSES = 3
 """How often refinements are added and removed at most, as another structure may ask for another weighting."""
 UNEXPLAINED, WORSE = 0.1, 4.0
@@ -306,12 +310,11 @@ class _Choice:
         for done in range(MOST):
             self._doing(f"trying {len(refinements)} refinements", done)
             begun = [self.trial.plant, *self._starts[:OTHERS]]
-            tried = self._tried(
-                [
-                    [each for plant in begun for each in refine(plant, self.trial.names, self._record)]
-                    for refine in refinements
-                ]
-            )
+            groups = [
+                [each for plant in begun for each in refine(plant, self.trial.names, self._record)]
+                for refine in refinements
+            ]
+            tried = self._tried(self._screened(groups))
             self._doing("adding refinements", done)
             richer = [
                 (trial, refine)
@@ -384,9 +387,32 @@ class _Choice:
     def _doing(self, what: str, done: int) -> None:
         self._trials.control.doing(f"{self._original.name}: {what}", done)
 
-    def _tried(self, groups: Sequence[Sequence[Refined]]) -> list[Trial | None]:
-        """A trial for each group of starts with the same free names; None where there is nothing to fit or simulate."""
+    def _screened(self, groups: Sequence[Sequence[Refined]]) -> Sequence[Sequence[Refined]]:
+        """Starts for `_tried`: of a long record only the groups that are best on an excerpt, with what they led to.
 
+        The others become empty. A position is not cut into pieces, as each would show its start in its first samples
+        only, and what is forgotten depends on the length of a piece.
+        """
+        if len(self._record) <= 2 * SCREENED or self._trials.signals == (Signal.POSITION,):
+            return groups
+        few = replace(self._trials, segments=excerpt(self._record, SCREENED, PIECES).segments)
+        plain = few.fitted([self.trial.plant], self.trial.names)
+        if plain is None:
+            return groups
+        found = self._tried(groups, few)
+        gains = [-np.inf if trial is None else self._rule(plain, trial) for trial in found]
+        best = set(np.argsort(gains)[-CONFIRMED:].tolist())
+        return [
+            [(trial.plant, trial.names)] if k in best and trial is not None else [] for k, trial in enumerate(found)
+        ]
+
+    def _tried(self, groups: Sequence[Sequence[Refined]], few: Trials | None = None) -> list[Trial | None]:
+        """A trial for each group of starts with the same free names; None where there is nothing to fit or simulate.
+
+        Args:
+            groups: of starts, each a plant and the names of its free parameters.
+            few: trials over other samples than those of the search.
+        """
         known = {name: self.trial.plant.value(name) for name in self._fixed}
 
         def tried(starts: Sequence[Refined]) -> Trial | None:
@@ -394,7 +420,8 @@ class _Choice:
             names = without_overlap(starts[0][0], starts[0][1], self._fixed) if starts else ()
             if not names:
                 return None
-            return self._trials.fitted([plant for plant, _ in starts], names, self.trial.states)
+            plants = [plant for plant, _ in starts]
+            return self._trials.fitted(plants, names, self.trial.states) if few is None else few.fitted(plants, names)
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             return list(pool.map(tried, groups))

@@ -29,7 +29,7 @@ from emsid.models.plants.search.support import unsupported
 from emsid.plant import Friction
 from emsid.study.demonstration import axis_record
 from independent import armature
-from independent.cases import levels
+from independent.cases import CASES, levels
 from independent.one_mass import OneMass
 
 RIGID, AXIS = PLANTS["rigid-motor"].start, PLANTS["linear-axis"].start
@@ -137,6 +137,13 @@ def test_what_has_no_effect_is_removed_though_the_last_fit_has_not_converged(mon
     fit = choose(AXIS, axis(), refinements=(late_command,), rule=lambda simple, rich: 1.0)
     assert fit.ending is Ending.OUT_OF_BUDGET
     assert "drive.delay" not in fit.names
+
+
+def test_stribeck_friction_is_found_without_a_start_for_its_rate():
+    case = CASES["axis 5"]()
+    record = Record(case.fitted.input, case.fitted.output, case.fitted.dt, output_units="m")
+    fit = simulation_error(AXIS, record, free=(*AXIS.default_free, "friction.stribeck", "friction.stribeck_rate"))
+    assert 2 * fit.cost / len(record) < 1.01 * case.error_of_truth(record) ** 2
 
 
 def test_a_rule_decides_what_is_added():

@@ -47,6 +47,8 @@ SETTLING = (0.5, 1.5, 5.0, 15.0)
 """Time constants of a mass that settles quickly, in samples."""
 PLAUSIBLE = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 """Time constants in samples that are tried whatever the regressions say."""
+RATE = 20.0
+"""A rate of Stribeck friction to begin with, times the top speed."""
 LEVELS = (0.02, 0.1)
 """Coulomb levels tried with them, as a part of the largest command."""
 
@@ -118,14 +120,31 @@ def plausible_motions(segments: Sequence[Record], channel: int) -> Iterator[Moti
 def starts_of(task: Task) -> list[Plant]:
     """The plants to begin with, those first that simulate the records best: as it is given, and as regressions suggest.
 
-    A knee of which nothing is known is tried at several places.
+    A knee of which nothing is known is tried at several places. Stribeck friction of which nothing is known begins with
+    a rate that is not zero: at zero its excess is part of the Coulomb level.
     """
     if task.given.driven is None:
         return [task.plant]
     starts: list[tuple[float, Plant]] = []
-    for each in task.given.driven.knee_starts(task.plant, task.asked, task.limits):
+    for each in task.given.driven.knee_starts(_with_stribeck_rate(task), task.asked, task.limits):
         starts += _suggested(each, task)
     return [plant for _, plant in sorted(starts, key=lambda start: start[0])]
+
+
+def _with_stribeck_rate(task: Task) -> Plant:
+    plant, (channel, is_position) = task.plant, _motion_channel(task.signals)
+    unknown = [name for name in task.asked if name.endswith(".stribeck_rate") and plant.value(name) == 0]
+    if not unknown or channel is None:
+        return plant
+    rate = RATE / top_speed(task.segments, channel, is_position)
+    return plant.with_values({name: float(np.clip(rate, *task.limits[name])) for name in unknown})
+
+
+def top_speed(segments: Sequence[Record], channel: int, is_position: bool) -> float:
+    """How fast an output moves at most, but for a few samples."""
+    shown = [(segment.output[:, channel], segment.dt) for segment in segments if len(segment) > 1 or not is_position]
+    speeds = [np.gradient(y, dt) if is_position else y for y, dt in shown]
+    return float(np.percentile(np.abs(np.concatenate(speeds)), 99)) or 1.0
 
 
 def _suggested(plant: Plant, task: Task) -> list[tuple[float, Plant]]:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from emsid.models.plants.grey_box import signals_of
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.search import starts
 from emsid.record import Record
 
 Refined = tuple[DrivenPlant, tuple[str, ...]]
@@ -26,8 +25,4 @@ def level_name(plant: DrivenPlant) -> str:
 
 def top_speed(plant: DrivenPlant, record: Record) -> float:
     """How fast it moves at most, but for a few samples."""
-    y = record.output[:, 0]
-    if signals_of(plant, record)[0] is Signal.POSITION:
-        long = [segment for segment in record.segments if len(segment) > 1]
-        y = np.concatenate([np.gradient(segment.output[:, 0], segment.dt) for segment in long])
-    return float(np.percentile(np.abs(y), 99)) or 1.0
+    return starts.top_speed(record.segments, 0, signals_of(plant, record)[0] is Signal.POSITION)

@@ -64,7 +64,9 @@ class Baseline:
 
 
 def baseline(record: Record, delay: int | None) -> Baseline | None:
-    """A linear model of the first output by the first input; None where there are too few samples or it is unstable.
+    """A linear model of the first output by the first input.
+
+    It is None where there are too few samples, where the output is constant or where the model is unstable.
 
     Of the models by instruments and by least squares it is the one whose free run is better: noise on the output biases
     least squares.
@@ -75,7 +77,7 @@ def baseline(record: Record, delay: int | None) -> Baseline | None:
             is seen is late, so the model also tries half of it, a quarter of it and so on.
     """
     longest = MOST_DELAY * max(map(len, record.segments))
-    if delay is not None and delay > longest:
+    if (delay is not None and delay > longest) or not np.ptp(record.output[:, 0]) > 0:
         return None
     delay = _best_delay(record, max(1, delay or 1))
     found = [

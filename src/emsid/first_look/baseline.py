@@ -90,7 +90,7 @@ def _best_delay(record: Record, delay: int) -> int:
     """The delay of the best free run among ``delay``, half of it and so on down to one."""
     if delay <= CERTAIN:
         return delay
-    few = excerpt(record, SAMPLES_FOR_DELAY)
+    few = middle(record, SAMPLES_FOR_DELAY)
     halves = [max(1, delay >> k) for k in range(delay.bit_length())]
     fits = {
         each: simulated.fit
@@ -102,7 +102,7 @@ def _best_delay(record: Record, delay: int) -> int:
     return max((each for each in fits if fits[each] >= best - EQUAL), default=1)
 
 
-def excerpt(record: Record, most: int) -> Record:
+def middle(record: Record, most: int) -> Record:
     """At most this many samples from the middle of a record, with its first input and its first output only."""
     start = max((len(record) - most) // 2, 0)
     few = record[start : start + most]
@@ -112,7 +112,7 @@ def excerpt(record: Record, most: int) -> Record:
 
 def _by_instruments(record: Record, delay: int) -> list[tuple[Array, Array, float]]:
     """(a, b, constant) of a model of second order by refined instruments; none where it has no stable free run."""
-    few = excerpt(record, SAMPLES)
+    few = middle(record, SAMPLES)
     try:
         fit = fit_instruments(arx(2, 2, nk=delay, constant=True), few, max_iterations=REPETITIONS)
     except EmsidError:

@@ -9,7 +9,7 @@ from typing import Any
 
 from emsid.errors import EmsidError
 from emsid.findings import Finding
-from emsid.first_look.baseline import baseline, excerpt
+from emsid.first_look.baseline import baseline, middle
 from emsid.first_look.dynamics import Response
 from emsid.identification.options import Options
 from emsid.models.regression.free_run_fit import fit_free_run
@@ -54,7 +54,7 @@ def _acts_before(record: Record, delay: int) -> bool:
     An output-error model of second order with the delay is compared with one that may use every sample before it too,
     by the variance of the residual for each degree of freedom.
     """
-    few = excerpt(record, SAMPLES)
+    few = middle(record, SAMPLES)
     try:
         late, early = (fit_free_run(arx(2, nb, nk, 1, True), few, **QUICK) for nk, nb in ((delay, 2), (1, delay + 1)))
     except EmsidError:

@@ -86,9 +86,7 @@ def _lower(
     growth, step = 2.0, undamped
     while damping < MOST_DAMPING:
         if damping:
-            prior = np.zeros((len(theta) + 1, len(theta)))
-            np.fill_diagonal(prior, np.sqrt(damping) * scale)
-            step = least_squares_step(information.add_columns(prior))
+            step = least_squares_step(information.with_prior(damping * scale**2))
         saving = promised(information, step)
         if saving <= ROUNDING * cost:
             break

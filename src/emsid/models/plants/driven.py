@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 KNEES, SLOPES = (0.45, 0.75, 1.0), (0.5, 0.8, 1.25, 2.0)
 """Starts of a search for a knee: fractions of its usual start, and gain factors beyond it."""
 
-RISE = 0.05
+FIRST_RISE = 0.05
 """Start of a search for the rise time of a current, in periods of the PWM."""
 NEED_SUPPLY = ("drive.freewheel", "drive.rise")
 """Parameters of a drive that must have a supply."""
@@ -183,7 +183,7 @@ class Driven(BasePlant):
         if set(NEED_SUPPLY) & set(asked) and not isfinite(self.drive.supply):
             starts.setdefault("drive.supply", largest)  # the largest command is full duty
         if "drive.rise" in asked and self.drive.rise == 0.0:
-            starts["drive.rise"] = RISE
+            starts["drive.rise"] = FIRST_RISE
         if "drive.knee" in starts and "drive.beyond" in asked and self.drive.beyond == 1.0:
             starts["drive.beyond"] = 0.8  # with a factor of one the knee has no effect
         if "sensor.lag" in asked and self.sensor.lag == 0:

@@ -4,7 +4,7 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
 
 1. for every order, and a delay if linear models gain by it, a linear model and one map in the direction that explains
    most: a polynomial, or else a spline or a dead zone;
-   For an output that shows magnitudes only, also a model behind a sensor that loses the sign (`magnitudes`);
+   for an output that shows magnitudes only, also a model before a sensor that loses the sign (`magnitudes`);
 2. with the best order, twice the rate, for an input that goes on between its samples;
 3. other families of maps;
 4. a second map, and then a third one.

@@ -155,13 +155,79 @@ def test_a_parameter_without_a_variance_adds_nothing_and_an_unstable_side_is_lef
     assert np.all(np.isfinite(free_run_band(edge, known).standard_error[1:]))
 
 
-@pytest.mark.parametrize("name", ["frequency_response_band", "static_map_band"])
-def test_what_has_no_such_curve_says_so(name):
-    known = record(7)
-    product = emsid.Structure.parse("y(t-1)*u(t-1)")
-    fit = Fit(product.model(np.array([0.1]), known), product.parameter_names, np.array([0.1]), np.eye(1), 1, 9, 1, 1)
-    with pytest.raises(emsid.ModelError):
-        getattr(emsid.validation, name)(fit, DT if name == "frequency_response_band" else known)
+def test_what_does_not_come_to_rest_has_no_such_curve():
+    known, grows = record(7), emsid.Structure.parse("y(t-1)*u(t-1)", "1")
+    theta = np.array([1.5, 0.1])  # y = 0.1/(1 - 1.5u), and it grows without end at u = 1
+    fit = Fit(grows.model(theta, known), grows.parameter_names, theta, np.eye(2), 1, 9, 1, 2)
+    with pytest.raises(emsid.ModelError, match="does not come to rest at an input of"):
+        static_map_band(fit, known)
+    with pytest.raises(emsid.ModelError, match="does not come to rest at an input of 1"):
+        frequency_response_band(fit, DT, around=1.0)
+    plant = emsid.plants.rigid_motor()
+    with pytest.raises(emsid.ModelError, match="curves of its drive"):
+        static_map_band(replace(fit, model=emsid.GreyBox(plant, (emsid.plants.Signal.SPEED,))), known)
+
+
+def response_to_a_small_sine(model, f, around):
+    """The complex gain of a model at f (Hz), by simulation about the rest at an input."""
+    n, size = np.arange(6000), 1e-4
+    u = around + size * np.sin(2 * np.pi * f * DT * n)
+    y = model.run(model.at_rest(around), u[:, None])[0][model.latency :, 0][2000:]
+    n = n[: 6000 - model.latency][2000:]
+    phase = 2 * np.pi * f * DT * n
+    sine, cosine, _ = np.linalg.lstsq(np.column_stack([np.sin(phase), np.cos(phase), np.ones(len(n))]), y)[0]
+    return (sine + 1j * cosine) / size
+
+
+CURVED = emsid.Structure.parse("y(t-1)", "tanh(y(t-1)/0.5)", "u(t-1)", "u(t-2)^2*y(t-1)", "max(u(t)-0.1, 0)")
+BENT = CURVED.model(np.array([0.8, -0.1, 0.3, -0.1, 0.2]), record(0))
+LOOP = emsid.FeedbackModel(
+    [[0.8, 0.1, 0.3, -0.1], [-0.1, 0.7, 0.2, 0.1], [1.0, 0.2, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]],
+    (emsid.blocks.Polynomial(np.array([0.0, 0.5, 0.0, 0.3])),),
+    delay=2,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "model",
+    [BENT, LOOP, replace(LOOP, oversampling=3, held=True), replace(LOOP, oversampling=2)],
+    ids=["regression", "feedback", "held", "interpolated"],
+)
+def test_the_response_about_a_rest_is_that_to_a_small_sine(model):
+    nothing = Fit(model, (), np.empty(0), np.empty((0, 0)), np.nan, 0.0, np.nan, 0)
+    found = frequency_response_band(nothing, DT, around=0.4)
+    gain = response_to_a_small_sine(model, found.magnitude.x[200], 0.4)
+    assert found.magnitude.value[200] == pytest.approx(20 * np.log10(abs(gain)), abs=1e-3)
+    turns = (found.phase.value[200] - np.degrees(np.angle(gain))) / 360
+    assert turns == pytest.approx(round(turns), abs=1e-4)
+
+
+def test_a_feedback_model_has_the_bands_of_its_responses_and_of_its_rest():
+    """At rest y = u − k·sat(y): a slope of 1/(1 + k) within the limits, and of one beyond."""
+    k = 0.5  # y(t+1) = 0.5 y(t) + 0.5 u(t) − 0.5 k w(t), w = y within ±1 and ±1 beyond
+    model = emsid.FeedbackModel([[0.5, 0.5, -0.5 * k], [1, 0, 0], [1, 0, 0]], (emsid.blocks.Saturation(),), dt=DT)
+    known = record(9, of=lambda u: u)
+    known = replace(known, input=4 * known.input)
+    name = "x1.w"
+    fit = Fit(model, (name,), np.array([-0.5 * k]), np.array([[1e-6]]), 1.0, 500.0, 1.0, 1)
+    band = static_map_band(fit, known)
+    straight = np.abs(band.x) < 1 + k - 0.05
+    assert band.value[straight] == pytest.approx(band.x[straight] / (1 + k))
+    assert band.value[band.x > 1 + k] == pytest.approx(band.x[band.x > 1 + k] - k)
+    assert band.standard_error[band.x > 1 + k] == pytest.approx(2e-3)  # dy/dk = −1, and k = −2·(x1.w)
+    assert band.standard_error[straight] == pytest.approx(2e-3 * np.abs(band.x[straight]) / (1 + k) ** 2, rel=1e-3)
+    inner, outer = (frequency_response_band(fit, DT, around=level).magnitude for level in (0.5, 3.0))
+    assert 10 ** (inner.value[0] / 20) == pytest.approx(1 / (1 + k), rel=1e-3)
+    assert 10 ** (outer.value[0] / 20) == pytest.approx(1.0, rel=1e-3)
+    assert np.all(inner.standard_error > 0)
+    assert np.all(step_response_band(fit, known).standard_error[2:] > 0)
+    assert np.all(free_run_band(fit, known).standard_error[model.memory + 2 :] > 0)
+    from emsid.report.views import banded
+
+    drawn = {figure.name: figure.caption for figure in banded(fit, known)}
+    assert list(drawn) == ["feedback-step", "feedback-frequency-response", "feedback-static-map"]
+    assert "linearised at rest at u1 = -3." in drawn["feedback-frequency-response"]
+    assert "without friction" not in drawn["feedback-static-map"]
 
 
 def test_the_page_draws_what_a_model_has_with_its_bands():

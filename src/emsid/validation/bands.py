@@ -27,16 +27,14 @@ from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.models.blocks.cascade import Cascade
-from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import static_band
 from emsid.models.blocks.static_maps import StaticMap
-from emsid.models.linear.polynomials import PolynomialModel
-from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.model import Model
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.regressors import Regressor
 from emsid.record import Record
+from emsid.validation.frequency_responses import check_channel, frequency_response, output_at_rest
 
 Array = NDArray[np.float64]
 Curve = Callable[[Any], NDArray[Any]]
@@ -47,6 +45,8 @@ SHORTER = (1.0, 0.125, 0.015625)
 """Steps that are tried, in standard errors."""
 POINTS, FREQUENCIES, DECADES = 201, 300, 3.0
 """Points of a map, and of a frequency response, which covers so many decades."""
+AT_REST = 41
+"""Points of a map of which each takes a run to rest."""
 LONGEST = 5_000
 """Samples of a step response."""
 SETTLED = 0.01
@@ -145,13 +145,13 @@ def step_response_band(
         ModelError: for an input that the record does not have, a plant with several inputs, or a model whose parameters
             cannot be moved.
     """
-    _check_channel(fit.model, "input", input, record.input.shape[1])
+    check_channel(fit.model, "input", input, record.input.shape[1])
     if record.input.shape[1] > 1 and isinstance(fit.model, GreyBox):
         raise ModelError(f"{fit.model.name}: its second input is no command, so it has no step response")
     u, dt = record.input[:, input], record.dt
-    low, high = (float(np.quantile(u, share)) for share in (0.1, 0.9))
-    before = start if start is not None else 0.0 if u.min() <= 0.0 <= u.max() else low
-    height = size if size is not None else (high if abs(high) >= abs(low) else low) - before
+    before, after = usual_step(u)
+    before = before if start is None else start
+    height = after - before if size is None else size
     rest = np.array([0.0 if x.min() <= 0.0 <= x.max() else x.mean() for x in record.input.T])
     rest[input] = before
     stepped = rest + height * (np.arange(len(rest)) == input)
@@ -168,26 +168,37 @@ def step_response_band(
     return _band(fit, lambda model: response(model, samples), dt * np.arange(samples, dtype=float), level)
 
 
+def usual_step(u: Array) -> tuple[float, float]:
+    """The levels before and after a step that suits an input (N,): zero where it goes there, and a 90 % quantile."""
+    low, high = (float(np.quantile(u, share)) for share in (0.1, 0.9))
+    before = 0.0 if u.min() <= 0.0 <= u.max() else low
+    return before, high if abs(high) >= abs(low) else low
+
+
 def frequency_response_band(
-    fit: Fit[Any], dt: float, *, output: int = 0, input: int = 0, level: float = 0.95
+    fit: Fit[Any], dt: float, *, output: int = 0, input: int = 0, around: float = 0.0, level: float = 0.95
 ) -> FrequencyResponse:
-    """The frequency response of a linear model, of the filters of a cascade in a row, or of a plant in motion.
+    """The frequency response of a model, see `emsid.validation.frequency_responses`.
+
+    It is that of a linear model, of the filters of a cascade in a row, of a plant in motion, or of a nonlinear
+    regression or a feedback model that is linearised where it rests at a constant input.
 
     Args:
-        fit: of a linear regression, a polynomial or state-space model, a cascade or a plant.
+        fit: of a regression, a polynomial or state-space model, a cascade, a feedback model or a plant.
         dt: sample time of the record in s; frequencies go up to half the sampling rate.
         output, input: of a model with several, from 0.
+        around: the constant input about which a model is linearised.
         level: of the bands.
 
     Raises:
-        ModelError: for a model without a frequency response, or without these channels.
+        ModelError: for a model without a frequency response, without these channels, or that does not rest there.
     """
     top = 0.5 / dt
     f = np.geomspace(top / 10**DECADES, top, FREQUENCIES)
 
     def logarithm(model: Any) -> NDArray[np.complex128]:
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.log(_response(model, f, dt, output, input)))
+            return np.asarray(np.log(frequency_response(model, f, dt, output=output, input=input, around=around)))
 
     value, spread = _with_error(fit, lambda model: _log_parts(logarithm(model)))
     to_db, to_degrees = 20 / np.log(10), 180 / np.pi
@@ -200,16 +211,17 @@ def frequency_response_band(
 def static_map_band(fit: Fit[Any], record: Record, *, level: float = 0.95) -> Band:
     """The static map of a model over its input.
 
-    Of a cascade it is the first static map, over the signal that enters it in the record; of a regression the output at
-    rest for a constant input, from all terms but those that are nonlinear in past outputs (friction).
+    Of a cascade it is the first static map, over the signal that enters it in the record. Of other models it is the
+    output at rest over a constant input; of a regression without products of input and output, from all terms but those
+    that are nonlinear in past outputs (friction).
 
     Args:
-        fit: of a cascade or a regression.
+        fit: of a model of one input and one output; not of a plant, whose drive and friction have curves of their own.
         record: with the inputs to show.
         level: of the band.
 
     Raises:
-        ModelError: for a model without a static map, or with products of input and output.
+        ModelError: for a model without a static map, or one that does not come to rest at every input.
     """
     model = fit.model
     if isinstance(model, Cascade):
@@ -221,8 +233,16 @@ def static_map_band(fit: Fit[Any], record: Record, *, level: float = 0.95) -> Ba
         x = np.linspace(float(entering.min()), float(entering.max()), POINTS)
         value, error = static_band(fit, k, x).T
         return Band(x, value, error, level)
+    low, high = float(record.input.min()), float(record.input.max())
+    if isinstance(model, GreyBox):
+        raise ModelError(f"{model.name} is a plant; it has curves of its drive and of its friction")
+    if record.input.shape[1] * record.output.shape[1] > 1:
+        raise ModelError(f"{model.name} has several inputs or outputs, so it has no curve of a map")
+    if not isinstance(model, Narx) or _has_products(model):
+        x = np.linspace(low, high, AT_REST)
+        return _band(fit, lambda moved: np.array([output_at_rest(moved, each) for each in x]), x, level)
     terms = _of_one_side(model)
-    x = np.linspace(float(record.input.min()), float(record.input.max()), POINTS)
+    x = np.linspace(low, high, POINTS)
 
     def at_rest(moved: Narx) -> Array:
         inputs = _sum(moved, terms[1], x) + _sum(moved, terms[None], x)
@@ -339,45 +359,6 @@ def _log_parts(logarithm: NDArray[np.complex128]) -> Array:
     return np.column_stack([logarithm.real, np.unwrap(logarithm.imag)])
 
 
-def _response(model: Any, f: Array, dt: float, output: int, input: int) -> NDArray[np.complex128]:
-    """The frequency response at frequencies f (m,) in Hz.
-
-    Raises:
-        ModelError: for a model without one, or without these channels.
-    """
-    z = np.exp(-2j * np.pi * f * dt)
-    if isinstance(model, StateSpaceModel | PolynomialModel):
-        found = model.response(f)
-        _check_channel(model, "output", output, found.shape[1])
-        _check_channel(model, "input", input, found.shape[2])
-        return np.asarray(found[:, output, input])
-    _check_channel(model, "output", output, 1)
-    if isinstance(model, Narx) and model.is_linear:
-        below, above = model.linear_part()
-        _check_channel(model, "input", input, len(above))
-        polynomial = np.polynomial.polynomial.polyval
-        return np.asarray(polynomial(z, above[input]) / polynomial(z, below), dtype=complex)
-    _check_channel(model, "input", input, 1)
-    if isinstance(model, Cascade):
-        filters = [block for block in model.blocks if isinstance(block, Rational)]
-        if filters:
-            inside = dt / model.oversampling
-            return np.asarray(z**model.delay * np.prod([block.response(f, inside) for block in filters], axis=0))
-    if isinstance(model, GreyBox):
-        part = model.plant.linearised(model.signals)
-        if part is not None:
-            s = 2j * np.pi * f[:, None, None] * np.eye(len(part.a))
-            states = np.linalg.solve(s - part.a, np.broadcast_to(part.b[:, :1], (len(f), len(part.a), 1)))
-            return np.asarray((part.c[:1] @ states)[:, 0, 0] + part.d[0, 0])
-    raise ModelError(f"{model.name} has no frequency response: it is not linear")
-
-
-def _check_channel(model: Any, what: str, number: int, count: int) -> None:
-    """Refuse the number of an input or output that there is not."""
-    if not 0 <= number < count:
-        raise ModelError(f"{model.name}: {what} {number} of {count}; they count from 0", arguments=(what,))
-
-
 def _of_one_side(model: Any) -> dict[int | None, dict[int, Regressor]]:
     """The regressors of past outputs (0), of past inputs (1) and constants (None), by their places.
 
@@ -387,12 +368,16 @@ def _of_one_side(model: Any) -> dict[int | None, dict[int, Regressor]]:
     if not isinstance(model, Narx) or model.structure.inputs != 1:
         raise ModelError(f"{model.name} is no regression of one input")
     sides: dict[int | None, dict[int, Regressor]] = {0: {}, 1: {}, None: {}}
+    if _has_products(model):
+        raise ModelError(f"{model.name} has products of input and output, so its friction is not one curve")
     for k, regressor in enumerate(model.structure.regressors):
-        channels = {factor.channel for factor in regressor.factors}
-        if len(channels) > 1:
-            raise ModelError(f"{model.name} has products of input and output, so it has no static map and no friction")
-        sides[next(iter(channels), None)][k] = regressor
+        sides[next((factor.channel for factor in regressor.factors), None)][k] = regressor
     return sides
+
+
+def _has_products(model: Narx) -> bool:
+    """Whether a term of a regression is a product of input and output."""
+    return any(len({factor.channel for factor in each.factors}) > 1 for each in model.structure.regressors)
 
 
 def _linear(regressors: dict[int, Regressor]) -> dict[int, Regressor]:

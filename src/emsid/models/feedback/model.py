@@ -27,6 +27,7 @@ References:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -177,6 +178,18 @@ class FeedbackModel(OneChannelMethods):
         vars(new).pop("_tables", None)
         vars(new).update(zip(("names", "spans", "free_entries"), kept, strict=True))
         return new
+
+    def with_estimates(self, names: Sequence[str], values: Array) -> FeedbackModel:
+        """The same model with other values of some parameters, by name.
+
+        Raises:
+            Infeasible: for maps outside their families.
+        """
+        theta = self.parameters
+        theta[[self.names.index(name) for name in names]] = values
+        moved = self.with_parameters(theta)
+        moved.check()
+        return moved
 
     def check(self) -> None:
         """Refuse maps outside their families.

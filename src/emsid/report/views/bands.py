@@ -17,6 +17,7 @@ from emsid.report.document import Axis, Band, Figure, Ink, Line, Mark, Plot, Str
 from emsid.report.numbers import slug
 from emsid.report.views.conventions import channel_axis
 from emsid.report.views.timeline import TIME
+from emsid.units import with_unit
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
@@ -55,11 +56,9 @@ def banded(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = ""
                 "name": f"{prefix}-frequency-response{end}",
             }
             views.append(partial(frequency_response, fit, record, **path))
+        views.append(lambda: static_map(fit, record, level=level, name=f"{prefix}-static-map"))
     if hasattr(fit.model, "structure"):
-        views += [
-            lambda: static_map(fit, record, level=level, name=f"{prefix}-static-map"),
-            lambda: regression_friction(fit, record, level=level, name=f"{prefix}-friction"),
-        ]
+        views.append(lambda: regression_friction(fit, record, level=level, name=f"{prefix}-friction"))
     figures = []
     for view in views:
         with suppress(EmsidError):
@@ -90,14 +89,15 @@ def step_response(fit: Fit[Any], record: Record, *, input: int = 0, level: float
 def frequency_response(
     fit: Fit[Any], record: Record, *, output: int = 0, input: int = 0, level: float = 0.95, name: str = "response"
 ) -> Figure:
-    """Magnitude and phase of a linear model with their bands.
+    """Magnitude and phase with their bands, of a nonlinear model at rest after a step of its input.
 
     Raises:
-        ModelError: for a model that is not linear.
+        ModelError: for a model without a frequency response.
     """
-    from emsid.validation.bands import frequency_response_band
+    from emsid.validation.bands import frequency_response_band, usual_step
 
-    found = frequency_response_band(fit, record.dt, output=output, input=input, level=level)
+    around = usual_step(record.input[:, input])[1]
+    found = frequency_response_band(fit, record.dt, output=output, input=input, around=around, level=level)
     frequency = Axis("Frequency", "Hz", log=True, range=(float(found.magnitude.x[0]), float(found.magnitude.x[-1])))
     plots = tuple(
         Plot(_marks(band, label), frequency, _limited(band, Axis(quantity, unit)))
@@ -108,23 +108,28 @@ def frequency_response(
     )
     several = record.input.shape[1] * record.output.shape[1] > 1
     path = f" from {record.input_names[input]} to {record.output_names[output]}" if several else ""
-    caption = f"Frequency response of {fit.model.name}{path} with {_percent(level)} band, up to half the sampling rate."
+    rest = ""
+    if not getattr(fit.model, "is_linear", not hasattr(fit.model, "maps")):
+        at = with_unit(f"{around:.4g}", record.input_units[input])
+        rest = f", linearised at rest at {record.input_names[input]} = {at}"
+    caption = (
+        f"Frequency response of {fit.model.name}{path} with {_percent(level)} band, up to half the sampling rate{rest}."
+    )
     return Figure(name, caption, plots, shared_x=True)
 
 
 def static_map(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = "static-map") -> Figure:
-    """The output of a regression at rest over a constant input, with its band.
+    """The output of a model at rest over a constant input, with its band.
 
     Raises:
-        ModelError: for a model with products of input and output.
+        ModelError: for a model that does not come to rest.
     """
     from emsid.validation.bands import static_map_band
 
     band = static_map_band(fit, record, level=level)
     x, y = (channel_axis(record.input_names[0], record.input_units[0]), _output(record))
-    caption = (
-        f"Output of {fit.model.name} at rest over a constant input, without friction, with {_percent(level)} band."
-    )
+    without = " without friction," if hasattr(fit.model, "structure") else ""
+    caption = f"Output of {fit.model.name} at rest over a constant input,{without} with {_percent(level)} band."
     return Figure(name, caption, (Plot(_marks(band, fit.model.name), x, _limited(band, y), height=1.4),))
 
 

@@ -1,15 +1,19 @@
-"""Linear models beside statsmodels and python-control on the same data: ``python bench/linear.py`` (extra ``bench``).
+"""Linear models beside other programs on the same data: ``python bench/linear.py`` (extra ``bench``).
 
 A Box–Jenkins model without poles of the input is a regression with ARMA errors, which statsmodels fits by exact maximum
-likelihood (SARIMAX). Differences are given in standard errors of the estimate. A state-space model is simulated and its
-frequency response computed by python-control.
+likelihood (SARIMAX). SIPPY fits output-error, ARMAX and Box–Jenkins models, and state space by N4SID; SLICOT (through
+ctrlsys) fits state space by MOESP and N4SID. Differences are given in standard errors of the estimate. A state-space
+model is simulated and its frequency response computed by python-control. ``tests/test_linear_peers.py`` has the numbers
+of SIPPY and SLICOT that are printed here.
 """
 
 from __future__ import annotations
 
+import sys
 import time
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +23,9 @@ from rich.table import Table
 from scipy.signal import lfilter
 
 import emsid
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from test_linear_peers import CASES, HORIZON, Case, centred, textbook
 
 warnings.filterwarnings("ignore")  # the peers'
 Array = NDArray[np.float64]
@@ -98,6 +105,58 @@ def control_systems() -> None:
     )
 
 
+def prediction_errors() -> None:
+    """Output-error, ARMAX and Box–Jenkins models beside SIPPY, which has no intervals."""
+    from sippy_unipi import system_identification
+
+    def peer_of(case: Case) -> list[float]:
+        """The coefficients of SIPPY in the order of ours."""
+        record = centred(case.record())
+        kind, orders = case.peer
+        options = {f"{kind}_orders": orders, f"{kind}_mod": "OPT"} if kind != "BJ" else {"BJ_orders": orders}
+        found = system_identification(record.output.T, record.input.T, kind, **options)
+        (b, f), (c, d) = (
+            [np.trim_zeros(np.asarray(each[0][0]), "f") for each in (system.num, system.den)]
+            for system in (found.G, found.H)
+        )
+        return (
+            [*f[1:], *b] if kind == "OE" else [*f[1:], *b, *c[1:]] if kind == "ARMAX" else [*b, *f[1:], *c[1:], *d[1:]]
+        )
+
+    table = Table(title="Prediction errors beside SIPPY", title_justify="left")
+    for head in ("", "emsid", "± 1 s.e.", "SIPPY", "difference in s.e."):
+        table.add_column(head, justify="right" if head else "left")
+    for name, case in CASES.items():
+        own, seconds = timed(case.fit)
+        peer, others = timed(lambda case=case: peer_of(case))
+        for k, value in enumerate(peer):
+            row = own.estimate[k], own.standard_error[k], value
+            table.add_row(f"{name}: {own.names[k]}", *(f"{x:.6f}" for x in row), f"{(row[0] - value) / row[1]:.3f}")
+        table.add_row(f"{name}: CPU s", f"{seconds:.3f}", "", f"{others:.3f}", "")
+    console.print(table)
+
+
+def subspaces() -> None:
+    """The poles of the system of Ljung's examples by subspace methods."""
+    import ctrlsys
+    from sippy_unipi import system_identification
+
+    record = centred(textbook())
+    u, y = (np.asfortranarray(each) for each in (record.input, record.output))
+    weight = emsid.estimation.linear.subspace.moesp
+    own = emsid.fit(emsid.state_space(2, horizon=HORIZON, weighting=weight), textbook(), refine=False).model.poles
+    order, factor, *_ = ctrlsys.ib01ad("M", "Q", "N", "O", "N", "N", HORIZON, 1, 1, u, y, 0.0, -1.0)
+    slicot = np.linalg.eigvals(ctrlsys.ib01bd("C", "A", "N", HORIZON, order, 1, 1, len(u), factor, 0.0)[0])
+    sippy = system_identification(y.T, u.T, "N4SID", SS_fixed_order=2, SS_f=HORIZON, SS_p=HORIZON).A
+    for name, poles in (("emsid, MOESP", own), ("SLICOT, MOESP", slicot), ("SIPPY, N4SID", np.linalg.eigvals(sippy))):
+        console.print(f"{name}: {max(poles.real):.6f} ± {max(poles.imag):.6f}i")
+
+
 if __name__ == "__main__":
     noise_models()
     control_systems()
+    try:
+        prediction_errors()
+        subspaces()
+    except ImportError as problem:
+        console.print(f"{problem}: install the extra with pip install 'emsid[bench]'")

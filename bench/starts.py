@@ -1,30 +1,41 @@
 """Whether a search ends at the same minimum from wherever it begins: ``python bench/accuracy.py starts``.
 
-Every plant is fitted with its true structure from twenty starts: one without any datasheet, the others with every value
-off by a factor between a half and two. Of a simulated plant the cost of the true run is known too. Name the
-plants whose names begin like that to fit only these: ``python bench/accuracy.py "starts=axis 1"``.
+Every plant is searched from twenty starts: one without any datasheet, the others with every value off by a factor
+between a half and two. A simulated plant has its true structure, and the cost of its true run is known; a recording has
+the refinements that are chosen for it. Name the plants whose names begin like that to search only these:
+``python bench/accuracy.py "starts=axis 1"``, or take others by their seeds: ``"starts=motor 100-109"``.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from math import inf
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 import emsid
 from emsid.errors import EmsidError
+from emsid.models.plants.free_run_error import Weighting, all_alike
+from emsid.models.plants.parameters import parts
 from emsid.models.plants.registry import PLANTS
-from emsid.plants import DrivenPlant, simulation_error
+from emsid.models.plants.search.estimation import searched
+from emsid.plants import DrivenPlant, choose
 from independent.cases import Case, named
 
 STARTS, ALIKE = 20, 0.01
-BRIDGES = ("testBench_testAll_10ms", "testBench_test_8Bul_10ms", "testBench_test_0BulFree_10ms")
+BRIDGES = {
+    "bridge, testAll": ("testBench_testAll_10ms", 0.010048),
+    "bridge, 8 bolts": ("testBench_test_8Bul_10ms", 0.010048),
+    "bridge, free": ("testBench_test_0BulFree_10ms", 0.010048),
+    "bridge, old, 10 ms": ("OldMot_19_12_29_speedDatasStepping_testStepping_dt10", 0.010048),
+    "bridge, old, 2 ms": ("OldMot_19_12_29_speedDatasStepping_testStepping_dt2", 0.002),
+}
+SERVOMOTOR = ("prbs_1", "prbs_2", "prbs_3", "closed_loop_profile")
 
 
 class Problem(NamedTuple):
@@ -36,6 +47,7 @@ class Problem(NamedTuple):
         known: typical values of what is estimated: the true ones, where these are known.
         fixed: what is not estimated.
         truth: the cost of the true free run, where it is known.
+        weighting: how errors count by their age.
     """
 
     record: emsid.Record
@@ -43,6 +55,7 @@ class Problem(NamedTuple):
     known: Mapping[str, float]
     fixed: Mapping[str, float]
     truth: float | None = None
+    weighting: Weighting = all_alike
 
 
 def of_case(case: Case) -> Problem:
@@ -80,23 +93,48 @@ def _sides(name: str, pair: tuple[float, float], mass: float) -> dict[str, float
 
 
 def recordings(folder: Path) -> dict[str, Callable[[], Problem]]:
-    """What the folder has, each with the parameters that such a plant usually has free, at values of a first fit."""
+    """What the folder has of plants, each with the refinements that are chosen for it."""
 
     def recording(kind: str, fixed: Mapping[str, float], read: Callable[[], emsid.Record]) -> Problem:
-        record, start = read(), PLANTS[kind].start
-        fit = simulation_error(start, record, fixed=fixed, max_iterations=30)
-        return Problem(record, start, dict(zip(fit.names, fit.estimate.tolist(), strict=True)), fixed)
+        record, start = read(), PLANTS[kind].start.driven
+        assert start is not None
+        fit = choose(start, record, fixed=fixed)
+        found = fit.model.plant
+        known = dict(zip(fit.names, fit.estimate.tolist(), strict=True))
+        taken = {name for name in known for name in (name, *parts(found, name))}
+        other = {
+            name: found.value(name)
+            for name, handle in found.handles.items()
+            if len(handle.paths) == 1 and name not in taken and found.value(name) != start.value(name)
+        }
+        return Problem(record, start.with_hold(found.hold), known, {**other, **fixed}, weighting=fit.weighting)
 
-    found: dict[str, Callable[[], Problem]] = {
-        "EMPS": lambda: recording("linear-axis", {}, lambda: emsid.read(
-            folder / "emps" / "DATA_EMPS.mat", input="vir", output="qm", time="t", scale={"vir": 35.15065}
-        )),
-    }  # fmt: skip
-    for name in BRIDGES:
-        file = folder / "dc_motor_bidirectional" / f"{name}.dat"
-        found[name] = lambda file=file: recording("rigid-motor", {"resistance": 1.0}, lambda: emsid.read(  # type: ignore[misc]
-            file, input="PWM", output="mVel", dt=0.010048, mask="abs(PWM) > 255"
-        ))  # fmt: skip
+    def axis() -> emsid.Record:
+        file = folder / "emps" / "DATA_EMPS.mat"
+        return emsid.read(file, input="vir", output="qm", time="t", scale={"vir": 35.15065})
+
+    def bridge(file: str, dt: float) -> emsid.Record:
+        file = folder / "dc_motor_bidirectional" / f"{file}.dat"
+        return emsid.read(file, input="PWM", output="mVel", dt=dt, mask="abs(PWM) > 255")
+
+    def servomotor(name: str) -> emsid.Record:
+        units = {"u": "V", "y": "deg/s"}
+        return emsid.read(folder / "dc_motor_prbs" / f"{name}.csv", input="u", output="y", time="t", units=units)
+
+    def steps() -> emsid.Record:
+        columns = {"input": "Commanded_PWM", "output": "Motor_Speed(RPM)", "time": "Timestamp(ms)"}
+        files = sorted((folder / "dc_motor_jga25_steps").glob("*.csv"))[::3]
+        if not files:
+            raise emsid.FormatError(f"no step records in {folder}")
+        return emsid.concatenate([emsid.read(file, **columns, units={"Motor_Speed(RPM)": "rpm"}) for file in files])
+
+    ohm = {"resistance": 1.0}
+    found: dict[str, Callable[[], Problem]] = {"EMPS": partial(recording, "linear-axis", {}, axis)}
+    for name, (file, dt) in BRIDGES.items():
+        found[name] = partial(recording, "rigid-motor", ohm, partial(bridge, file, dt))
+    for name in SERVOMOTOR:
+        found[name] = partial(recording, "rigid-motor", ohm, partial(servomotor, name))
+    found["JGA25"] = partial(recording, "rigid-motor", ohm, steps)
     return found
 
 
@@ -106,23 +144,24 @@ def costs(problem: Problem, starts: int = STARTS) -> Iterator[float]:
     for number in range(starts):
         plant = problem.start.with_values(dict(problem.fixed))
         if number:
-            plant = plant.with_values({name: value * 2 ** rng.uniform(-1, 1) for name, value in problem.known.items()})
+            off = {name: value * 2 ** rng.uniform(-1, 1) for name, value in problem.known.items()}
+            limits = {name: (plant.handles[name].lower, plant.handles[name].upper) for name in off}
+            plant = plant.with_values({name: float(np.clip(value, *limits[name])) for name, value in off.items()})
         try:
-            fit = simulation_error(plant, problem.record, free=names, fixed=problem.fixed, hold="zero")
-            yield float(fit.cost)
+            task = {"free": names, "fixed": problem.fixed, "hold": plant.hold, "weighting": problem.weighting}
+            yield float(searched(plant, problem.record, **task)[2].minimum.cost)
         except EmsidError:
             yield inf
 
 
 def main(folder: Path, begins: str, console: Console) -> None:
-    """Print a row for every plant whose name begins like this, and how many searches ended at the same cost."""
+    """Print a row for every plant whose name begins like this: how many of its searches end at the same cost."""
     problems: dict[str, Callable[[], Problem]] = {
         name: (lambda make=make: of_case(make())) for name, make in named(begins).items() if "drift" not in name
     }
     problems |= {name: make for name, make in recordings(folder).items() if name.startswith(begins)}
-    board = Table(title=f"Searches from {STARTS} starts, within {ALIKE:.0%} of the lowest cost", title_justify="left")
-    for head in ("", "same", "worst / lowest", "without datasheet / truth", "worst / truth", "CPU s"):
-        board.add_column(head, justify="right" if head else "left")
+    console.print(f"Searches from {STARTS} starts: how many end within {ALIKE:.0%} of the lowest cost; ratios of costs")
+    console.print(f"{'':24}      same  worst/lowest  without datasheet/truth  worst/truth  CPU s")
     same, short, total = 0, 0, 0
     for name, make in problems.items():
         try:
@@ -134,9 +173,10 @@ def main(folder: Path, begins: str, console: Console) -> None:
         seconds = time.process_time() - before
         lowest, truth = float(found.min()), problem.truth
         alike = int(np.sum(found <= (1 + ALIKE) * lowest))
-        ratios = ("", "") if truth is None else (f"{found[0] / truth:.4f}", f"{found.max() / truth:.4f}")
-        board.add_row(name, f"{alike} of {len(found)}", f"{found.max() / lowest:.4f}", *ratios, f"{seconds:.1f}")
+        first, worst = ("", "") if truth is None else (f"{found[0] / truth:.4f}", f"{found.max() / truth:.4f}")
+        console.print(
+            f"{name:24}{alike:4} of {len(found)}{found.max() / lowest:14.4f}{first:>25}{worst:>13}{seconds:7.1f}"
+        )
         same, total = same + alike, total + len(found)
         short += 0 if truth is None else int(np.sum(found > (1 + ALIKE) * truth))
-    console.print(board)
     console.print(f"{same} of {total} searches end at the same cost; {short} end above the cost at the truth\n")

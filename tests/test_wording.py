@@ -207,8 +207,18 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("intervals-include-zero", "rigid-motor", {"model": "rigid-motor", "parameters": ["sensor.lag"]}),
     Finding("intervals-include-zero", "rigid-motor", {"model": "rigid-motor", "parameters": ["a", "b"]}),
     Finding("choice-interrupted", "rigid-motor", {"model": "rigid-motor"}),
-    Finding("free-run-drifts", "axis.csv", {"time": 1.2, "load": []}),
-    Finding("free-run-drifts", "axis.csv", {"time": 1.2, "load": ["offset"]}),
+    Finding("free-run-drifts", "axis.csv", {"time": 1.2}),
+    Finding("load-drifts", "linear-axis", {"parameters": ["offset"], "deviation": 0.21, "mean": 0.12, "unit": "N"}),
+    Finding(
+        "load-drifts",
+        "linear-axis",
+        {
+            "parameters": ["friction.coulomb.forward", "friction.coulomb.backward"],
+            "deviation": 0.21,
+            "mean": 0.12,
+            "unit": "N",
+        },
+    ),
     Finding("probably-another-system", "rigid-motor", {"left": 0.76, "linear": 0.098}),
     # what was asked for of an identification
     Finding("option-not-used", "fixed", {"models": ["arx", "wiener"]}),

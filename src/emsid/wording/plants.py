@@ -191,11 +191,20 @@ def intervals_include_zero(f: Finding, argument: Spelling) -> str:
 
 @words("free-run-drifts")
 def free_run_drifts(f: Finding, argument: Spelling) -> str:
-    names = f.data["load"]
-    load = f"; the mean of the slow disturbance in this record is part of {listed(names)}" if names else ""
     return (
         f"the free run over {f.subject} drifts away from the measured position, so the fit disregards errors that are "
-        f"older than {f.data['time']:.3g} s{load}"
+        f"older than {f.data['time']:.3g} s"
+    )
+
+
+@words("load-drifts")
+def load_drifts(f: Finding, argument: Spelling) -> str:
+    names = f.data["parameters"]
+    deviation, mean = (with_unit(f"{f.data[name]:.3g}", f.data["unit"]) for name in ("deviation", "mean"))
+    return (
+        f"the load of the {f.subject} drifts during the record, with a standard deviation of {deviation}; its mean is "
+        f"part of {listed(names)} and has a standard deviation of {mean} from record to record, which the "
+        f"interval{'s' * (len(names) > 1)} include{'s' * (len(names) == 1)}"
     )
 
 

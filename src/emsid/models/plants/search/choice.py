@@ -55,7 +55,7 @@ from emsid.models.plants.search.refinements.catalogue import (
     REFINEMENTS,
     simplified,
 )  # fmt: skip
-from emsid.models.plants.search.refinements.contract import Refined, Refinement, level_name
+from emsid.models.plants.search.refinements.contract import Refined, Refinement
 from emsid.models.plants.search.refinements.usual import by_direction, stribeck
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
@@ -158,8 +158,7 @@ def choose(
     if search.hopeless:
         findings.append(Finding("probably-another-system", plant.name, {"left": search.left, "linear": linear}))
     if search.drifts:
-        load = [name for name in (plant.load_name, *parts(plant, level_name(plant))) if name in fit.names]
-        findings.append(Finding("free-run-drifts", record.name, {"time": search.drifts, "load": load}))
+        findings.append(Finding("free-run-drifts", record.name, {"time": search.drifts}))
     return replace(fit, ending=Ending.INTERRUPTED if stopped else fit.ending, findings=(*findings, *fit.findings))
 
 

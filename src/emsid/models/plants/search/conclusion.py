@@ -17,6 +17,7 @@ from emsid.models.plants.search.between_samples import taken_as_constant
 from emsid.models.plants.search.conditions import conditions, unconditional
 from emsid.models.plants.search.continuation import LOOK, Reached, colour_of, identified_by
 from emsid.models.plants.search.diagnostics import likelihood_profile
+from emsid.models.plants.search.load_drift import load_drift
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
 from emsid.models.plants.search.slow_drift import slow_drift
 from emsid.models.plants.search.task import Task
@@ -31,7 +32,7 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     identifiability = identified_by(whole, task.asked, minimum)
     held, others = unconditional(len(names)), [nothing(len(names))]
     if reached.unended:
-        others = [model_error(task, problem, names, minimum) for model_error in (alternatives, slow_drift)]
+        others = [model_error(task, problem, names, minimum) for model_error in (alternatives, slow_drift, load_drift)]
         inseparable = [name for group in identifiability.groups for name in group]
         held = conditions(task, found, names, minimum.free, states, inseparable)
     own = slice(len(names))

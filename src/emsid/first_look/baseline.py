@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 ORDER = 4
 """Past inputs and past outputs."""
+ORDERS = (ORDER, 12)
+"""The same for a baseline that other models are compared with: a filter in the record may be of a higher order."""
 CERTAIN = 1
 """Delays of up to this many samples are not tried again."""
 EQUAL = 1e-3
@@ -63,7 +65,7 @@ class Baseline:
         return np.concatenate([filtered(self.b, self.a, piece) for piece in pieces])
 
 
-def baseline(record: Record, delay: int | None) -> Baseline | None:
+def baseline(record: Record, delay: int | None, orders: Sequence[int] = (ORDER,)) -> Baseline | None:
     """A linear model of the first output by the first input.
 
     It is None where there are too few samples, where the output is constant or where the model is unstable.
@@ -75,14 +77,14 @@ def baseline(record: Record, delay: int | None) -> Baseline | None:
         record: the data.
         delay: samples from the input to its first effect, at most; None for one sample. In noise the first effect that
             is seen is late, so the model also tries half of it, a quarter of it and so on.
+        orders: numbers of past inputs and past outputs to try by least squares.
     """
     longest = MOST_DELAY * max(map(len, record.segments))
     if (delay is not None and delay > longest) or not np.ptp(record.output[:, 0]) > 0:
         return None
     delay = _best_delay(record, max(1, delay or 1))
-    found = [
-        _simulated(record, *each, delay) for each in (*_by_instruments(record, delay), *_by_squares(record, delay))
-    ]
+    by_squares = [each for order in orders for each in _by_squares(record, delay, order)]
+    found = [_simulated(record, *each, delay) for each in (*_by_instruments(record, delay), *by_squares)]
     return max((each for each in found if each is not None), key=lambda each: each.fit, default=None)
 
 
@@ -121,22 +123,22 @@ def _by_instruments(record: Record, delay: int) -> list[tuple[Array, Array, floa
     return [(np.array([1.0, a1, a2]), np.concatenate([np.zeros(delay), [b1, b2]]), float(constant))]
 
 
-def _by_squares(record: Record, delay: int) -> list[tuple[Array, Array, float]]:
-    """(a, b, constant) of a model of order `ORDER` by least squares; none from too few samples."""
-    first = ORDER + delay - 1
+def _by_squares(record: Record, delay: int, order: int) -> list[tuple[Array, Array, float]]:
+    """(a, b, constant) of a model of this order by least squares; none from too few samples."""
+    first = order + delay - 1
     tables = []
     for piece in record.segments:
         u, y = piece.input[:, 0], piece.output[:, 0]
         rows = np.arange(first, len(y))
         if len(rows):
-            past = [y[rows - lag] for lag in range(1, ORDER + 1)] + [u[rows - delay - k] for k in range(ORDER)]
+            past = [y[rows - lag] for lag in range(1, order + 1)] + [u[rows - delay - k] for k in range(order)]
             tables.append(np.column_stack([*past, np.ones(len(rows)), y[rows]]))
-    table = np.concatenate(tables) if tables else np.zeros((0, 2 * ORDER + 2))
-    if len(table) < 10 * ORDER:
+    table = np.concatenate(tables) if tables else np.zeros((0, 2 * order + 2))
+    if len(table) < 10 * order:
         return []
     estimate = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=1e-10)[0]
-    a = np.concatenate([[1.0], -estimate[:ORDER]])
-    return [(a, np.concatenate([np.zeros(delay), estimate[ORDER : 2 * ORDER]]), float(estimate[-1]))]
+    a = np.concatenate([[1.0], -estimate[:order]])
+    return [(a, np.concatenate([np.zeros(delay), estimate[order : 2 * order]]), float(estimate[-1]))]
 
 
 def _simulated(record: Record, a: Array, b: Array, constant: float, delay: int) -> Baseline | None:

@@ -15,7 +15,7 @@ from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
-from emsid.first_look.baseline import baseline
+from emsid.first_look.baseline import ORDERS, baseline
 from emsid.identification.linear_models import Armax, BoxJenkins, StateSpace
 from emsid.identification.options import ModelKind, Options
 from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS
@@ -144,7 +144,7 @@ class Physical:
                 per_record=options.per_record,
                 control=control,
             )
-        linear = baseline(record, options.nk)
+        linear = baseline(record, options.nk, ORDERS)
         return choose(
             driven,
             record,

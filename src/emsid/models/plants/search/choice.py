@@ -143,7 +143,7 @@ def choose(
             fixed=values,
             datasheet=sheet,
             weighting=search.weighting,
-            hold=hold if search.thinned or search.found.hold is not Hold.ZERO else search.found.hold,
+            hold=hold if search.between_samples_open else search.found.hold,
             per_record=per_record,
             find_start=False,
             **({"max_iterations": 0} if stopped else {"control": control}),
@@ -249,6 +249,11 @@ class _Choice:
     def left(self) -> float:
         """The share of the output's variance that the best plant so far leaves in free run."""
         return self.trial.mean_square / float(np.var(self._record.output))
+
+    @property
+    def between_samples_open(self) -> bool:
+        """Whether the last fit decides how the command goes on between its samples."""
+        return not self.hopeless and (self.thinned or self.found.hold is not Hold.ZERO)
 
     def run(self, weighting: Weighting | None, refinements: Sequence[Refinement], rule: Rule, linear: float) -> bool:
         """Choose the weighting where it is None, add and remove refinements; whether somebody ended it early."""

@@ -20,6 +20,7 @@ from emsid.identification.delay import LONGEST_SEARCHED, with_delay
 from emsid.identification.options import Options
 from emsid.record import Record
 from emsid.record.time_axis import time_axis
+from independent.cases import motor as friction_motor
 from independent.nonlinear_systems import tanks
 
 N = 2000
@@ -252,6 +253,15 @@ def test_linear_systems_are_seldom_called_nonlinear() -> None:
     assert right >= 38
 
 
+def test_friction_in_a_slow_drive_is_seen() -> None:
+    """Some twenty levels, each held for three time constants: few independent stretches for many functions."""
+    record = friction_motor(25).fitted
+    (seen,) = responses_of([record])
+    (found,) = nonlinearity(record, seen, baseline(record, seen.delay))
+    assert found.code == "nonlinear-likely"
+    assert found.data["of_residual"] > 0.2
+
+
 def test_the_dead_zone_is_between_rest_and_motion() -> None:
     u = np.linspace(-10, 10, 4000)
     assert dead_zone(u, np.abs(u) < 3) == pytest.approx(3, rel=0.1)
@@ -348,6 +358,9 @@ class TestBreakaway:
         u = np.tile(np.repeat([0.0, 100.0], 20), 10)
         assert breakaway(u, np.roll(u, 1) == 0, 1) is None
         assert breakaway(u, np.zeros(len(u), dtype=bool), 1) is None
+
+    def test_rests_that_end_without_input_do_not_show_it(self) -> None:
+        assert breakaway(np.zeros(400), np.arange(400) % 40 < 20, 1) is None
 
 
 def test_feedback_is_seen_between_the_steps_of_a_reference() -> None:

@@ -217,6 +217,8 @@ def breakaway(u: Array, resting: NDArray[np.bool_], delay: int) -> float | None:
         return None
     held, passed = np.array(below), np.array(above)
     levels = np.unique(np.concatenate([[0.0], held, passed]))
+    if len(levels) < 2:  # the output came to rest and left it without any input
+        return None
     limits = (levels[1:] + levels[:-1]) / 2
     wrong = np.array([np.count_nonzero(held > x) + np.count_nonzero(passed < x) for x in limits])
     best = np.flatnonzero(wrong == wrong.min())

@@ -29,8 +29,12 @@ Array = NDArray[np.float64]
 FEWEST_PERIODS = 2
 MOST_NOISE = 0.5
 """Distortion is not separated from more noise than this share of the amplitude."""
-ALIKE = 1e-3
-"""Combinations of functions whose singular value is below this share of the largest are left out."""
+RIDGES = (1e-3, 1e-2, 1e-1, 1.0)
+"""The weights of the ridges that are tried, relative to the power of a function."""
+TENTHS = 10
+"""The parts of the record, each of which is left out once."""
+ZERO = 0.01
+"""An input below this share of its largest value is zero."""
 CLEAR, LEAST = 0.05, 1e-4
 """A nonlinear relation explains at least the first share of the residual, and the second of the output's variance."""
 
@@ -107,7 +111,8 @@ def dependence(linear: Baseline, u: Array, delay: int, breaks: tuple[int, ...]) 
     """The share of the output's variance in the residual of a linear model that only nonlinear functions explain.
 
     The functions are the square, the cube, the sign and the small values of the simulated output and of the delayed
-    input, as they are and as they pass through the linear model: friction acts where the input does. What linear
+    input, as they are and as they pass through the linear model: friction acts where the input does. A further one is
+    the simulated output while the input is zero, since a drive that coasts slows down more slowly. What linear
     functions explain as well is not counted.
     """
     inner = np.concatenate([np.concatenate([np.full(min(delay, len(x)), x[0]), x[: max(len(x) - delay, 0)]])
@@ -119,6 +124,8 @@ def dependence(linear: Baseline, u: Array, delay: int, breaks: tuple[int, ...]) 
         functions = [scaled**2, scaled**3, np.sign(x), np.clip(size, -0.1, 0.1)]
         straight += [scaled, linear.answer(scaled, breaks)]
         curved += [*functions, *(linear.answer(each, breaks) for each in functions)]
+    coasting = np.where(np.abs(inner) <= ZERO * np.max(np.abs(inner)), linear.simulated, 0.0)
+    curved += [coasting, linear.answer(coasting, breaks)]
     power = float(np.mean(linear.residual**2))
     if not power > 0:
         return 0.0
@@ -128,14 +135,19 @@ def dependence(linear: Baseline, u: Array, delay: int, breaks: tuple[int, ...]) 
 
 
 def _left(columns: list[Array], residual: Array) -> float:
-    """The mean square of a residual (N,) less a combination of columns, each tenth of it fitted to the others."""
+    """The mean square of a residual (N,) less a combination of columns, each tenth of it fitted to the others.
+
+    The records of slow systems have few independent stretches, and their residual lasts long, so a combination of many
+    functions does not last without a ridge. The weight that leaves the least is taken.
+    """
     table = np.column_stack([*columns, residual])
     size = np.sqrt(np.mean(table**2, axis=0))
-    parts = np.array_split(table / np.where(size > 0, size, 1.0), 10)
-    factors = [np.linalg.qr(part, mode="r") for part in parts]
-    left = 0.0
-    for k, part in enumerate(parts):
-        others = np.concatenate([factor for j, factor in enumerate(factors) if j != k])
-        estimate = np.linalg.lstsq(others[:, :-1], others[:, -1], rcond=ALIKE)[0]
-        left += float(np.sum((part[:, -1] - part[:, :-1] @ estimate) ** 2))
-    return left * float(size[-1]) ** 2 / len(residual)
+    parts = [part.T @ part for part in np.array_split(table / np.where(size > 0, size, 1.0), TENTHS)]
+    whole, unit = np.sum(parts, axis=0) / len(residual), np.eye(len(columns))
+    left = np.zeros(len(RIDGES))
+    for part in parts:
+        others = whole - part / len(residual)
+        for k, weight in enumerate(RIDGES):
+            theta = np.linalg.solve(others[:-1, :-1] + weight * unit, others[:-1, -1])
+            left[k] += part[-1, -1] - 2 * theta @ part[:-1, -1] + theta @ part[:-1, :-1] @ theta
+    return float(left.min() * size[-1] ** 2 / len(residual))

@@ -31,7 +31,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.fitting import fit_cascade, fixed_in
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
-from emsid.models.linear.state_space import StateSpaceModel, coefficient_names
+from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
 from emsid.models.regression.free_run_fit import fit_free_run
 from emsid.models.regression.narx import Narx
@@ -164,18 +164,11 @@ def _refit_of(fit: Fit[Any], records: Sequence[Record]) -> Callable[[Record], Fi
         if np.allclose(plain, fit.estimate, rtol=1e-6, atol=1e-9 * np.abs(plain).max()):  # no ridge
             return lambda record: least_squares(model.structure, record)
     if isinstance(model, PolynomialModel):
-        structure = _structure_of(model, "offset" in fit.names)
+        structure = PolynomialStructure.of(fit)
         return lambda record: fit_polynomials(structure, record, start=fit.estimate, max_iterations=STEPS)
     if isinstance(model, StateSpaceModel) and fit.method != "subspace":
-        (outputs, inputs), noise = model.d.shape, bool(model.k.any())
-        direct = fit.names == coefficient_names(model.order, outputs, inputs, True, noise and outputs == 1)
-        of_states = StateSpaceStructure(model.order, direct, name=model.name)
+        of_states, noise = StateSpaceStructure.of(model), bool(model.k.any())
         return lambda record: fit_state_space(of_states, record, free_run=not noise, max_iterations=STEPS)
     if isinstance(model, Cascade):
         return lambda record: fit_cascade(model, record, fixed=fixed_in(fit), max_iterations=STEPS)
     raise ModelError(f"{model.name}: a fit of this kind ({fit.method}) cannot be repeated on drawn pieces")
-
-
-def _structure_of(model: PolynomialModel, constant: bool) -> PolynomialStructure:
-    sizes = len(model.a), model.b.shape[1], len(model.c), len(model.d), model.f.shape[1]
-    return PolynomialStructure(*sizes, model.delay, len(model.b), constant, model.name)

@@ -27,7 +27,7 @@ from emsid.models.feedback.model import FeedbackModel
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
 from emsid.models.linear.state_space import StateSpaceModel
-from emsid.models.linear.subspace_fit import fit_state_space, state_space
+from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
 from emsid.models.model import Model
 from emsid.models.one_channel import segments_longer_than
 from emsid.models.plants.free_run_error import FreeRunError
@@ -99,18 +99,13 @@ def _feedback(fit: Fit[FeedbackModel], records: Sequence[Record], _: Linear, con
 
 
 def _polynomials(fit: Fit[PolynomialModel], records: Sequence[Record], _: Linear, control: Control) -> Model:
-    model = fit.model
-    (inputs, nb), nf = model.b.shape, model.f.shape[1]
-    orders = len(model.a), nb, len(model.c), len(model.d), nf, model.delay, inputs
-    structure = PolynomialStructure(*orders, constant="offset" in fit.names, name=model.name)
+    structure = PolynomialStructure.of(fit)
     return fit_polynomials(structure, records, start=fit.estimate, max_iterations=STEPS, control=control).model
 
 
 def _state_space(fit: Fit[StateSpaceModel], records: Sequence[Record], _: Linear, control: Control) -> Model:
     """By a subspace method again: its start needs no search."""
-    model = fit.model
-    structure = replace(state_space(model.order, direct=bool(model.d.any())), name=model.name)
-    free_run = not model.k.any()
+    structure, free_run = StateSpaceStructure.of(fit.model), not fit.model.k.any()
     return fit_state_space(structure, records, free_run=free_run, max_iterations=STEPS, control=control).model
 
 

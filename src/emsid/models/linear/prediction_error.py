@@ -81,6 +81,13 @@ class PolynomialStructure:
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= 1000:
                 raise ModelError(f"{self.name}: {what} is {value!r}; give a whole number from {least} to 1000")
 
+    @classmethod
+    def of(cls, fit: Fit[PolynomialModel]) -> PolynomialStructure:
+        """That of a fitted model."""
+        model = fit.model
+        sizes = len(model.a), model.b.shape[1], len(model.c), len(model.d), model.f.shape[1]
+        return cls(*sizes, model.delay, len(model.b), "offset" in fit.names, model.name)
+
     @property
     def names(self) -> tuple[str, ...]:
         """A name for every parameter."""

@@ -86,6 +86,11 @@ class StateSpaceStructure:
     weighting: Weighting = cva
     name: str = "state-space"
 
+    @classmethod
+    def of(cls, model: StateSpaceModel) -> StateSpaceStructure:
+        """That of a fitted model; how its start was found is not kept."""
+        return cls(model.order, bool(model.d.any()), name=model.name)
+
 
 def state_space(
     order: int | None = None, *, direct: bool = False, horizon: int | None = None, weighting: Weighting = cva

@@ -17,13 +17,14 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.map_families import family_of
 from emsid.models.blocks.static_maps import CubicSpline, DeadZone, Polynomial, Saturation, UserMap
 from emsid.models.feedback import fitting
-from emsid.models.feedback.coordinates import Visited, coordinates, directions, normal_form, whitened
+from emsid.models.feedback.coordinates import Visited, coordinates, directions, normal_form, whitened, with_line
 from emsid.models.feedback.fitting import fit_feedback, searched
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search import choice, estimation
-from emsid.models.feedback.search.choice import Bench, FeedbackSearch, Trial, chosen
+from emsid.models.feedback.search import choice, estimation, trials
+from emsid.models.feedback.search.choice import chosen
 from emsid.models.feedback.search.magnitudes import as_feedback, may_be_magnitudes
-from emsid.models.feedback.search.starts import Direction
+from emsid.models.feedback.search.starts import Direction, started_beside_line
+from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Trial
 from emsid.models.feedback.start import starting
 from emsid.models.free_run import squared_errors
 from emsid.models.one_channel import segments_longer_than
@@ -312,14 +313,14 @@ def test_an_order_above_three_is_found() -> None:
 def test_a_linear_record_takes_one_trial(monkeypatch: pytest.MonkeyPatch) -> None:
     """No direction of a map explains more than noise, so none is refined; no linear model is fitted again."""
     fitted: list[tuple[object, ...]] = []
-    begin = choice.linear_start
-    monkeypatch.setattr(choice, "linear_start", lambda *asked: (fitted.append(asked[1:5]), begin(*asked))[1])
+    begin = trials.linear_start
+    monkeypatch.setattr(trials, "linear_start", lambda *asked: (fitted.append(asked[1:5]), begin(*asked))[1])
     rng = np.random.default_rng(7)
     u = rng.normal(size=500)
     linear = FeedbackModel(np.array([[1.5, 1.0, 0.2], [-0.6, 0.0, 0.1], [1.0, 0.0, 0.0]]))
     record = Record(u, linear.output(u, np.zeros(2)) + 0.1 * rng.normal(size=len(u)), DT)
-    trials = list(chosen([record], FeedbackSearch(), FREE))
-    assert [(len(each.found.model.maps), each.found.model.states) for each in trials] == [(1, 2)]
+    tried = list(chosen([record], FeedbackSearch(), FREE))
+    assert [(len(each.found.model.maps), each.found.model.states) for each in tried] == [(1, 2)]
     assert len(set(fitted)) == len(fitted) > 6
 
 
@@ -348,6 +349,28 @@ def test_a_third_map_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not list(choice._third_map(bench, begun, FeedbackSearch(maps=2)))
 
 
+@pytest.mark.parametrize("line", [0.0, -1.0, 2.0])
+@pytest.mark.parametrize("family", ["dead-zone", "saturation"])
+def test_a_map_is_begun_beside_a_line(family: str, line: float) -> None:
+    """A line beside a map is a part of the linear system, so a curve shows the map up to that."""
+    z = np.random.default_rng(11).uniform(-1, 1, 500)
+    w = np.clip(z, -0.4, 0.5) + line * z + 0.3
+    map_, slope, level = started_beside_line(family_of(family), z, w, 0)
+    np.testing.assert_allclose(map_.value(z) + slope * z + level, w, atol=0.06)
+    model = FeedbackModel(np.array([[0.8, 0.5, -1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), (map_,), np.array([0.1]))
+    moved = with_line(model, 0, slope, level)
+    assert moved is not None
+    run, other = model.trajectory(U, np.zeros(1)), moved[0].trajectory(U, moved[1])
+    # The map's output with the line, on the same signal, does what the other model does without it.
+    x, y = 0.0, []
+    for u in U:
+        w_line = float(map_.value(np.array([x + 0.1]))[0]) + slope * (x + 0.1) + level
+        y.append(x)
+        x = 0.8 * x + 0.5 * u - w_line
+    np.testing.assert_allclose(other.y, y, atol=1e-9 * max(np.abs(y)))
+    assert np.abs(run.y - other.y).max() > 0.1
+
+
 def test_a_direction_explains_a_slow_residual() -> None:
     """What a linear model misses is slow, so few of its samples are independent; what is left is not."""
     rng = np.random.default_rng(10)
@@ -358,10 +381,17 @@ def test_a_direction_explains_a_slow_residual() -> None:
     assert not replace(some, left=0.9 * slow).explains(700)
 
 
-def test_models_are_tried_on_the_input_backward_in_time() -> None:
-    forward, backward = choice.harder([Record(U, U, DT)])
-    np.testing.assert_allclose(backward.input, forward.input[::-1])
-    assert np.ptp(forward.input) > 1.1 * np.ptp(U)
+def test_models_are_tried_on_a_larger_input_and_backward_in_time() -> None:
+    """A map that is steep beyond its data; the second input ends before its effect has come, and turns round there."""
+    assert not trials.runs_away(loop(), [(U, loop().output(U, X))], [X])
+    matrix, still = np.array([[0.5, 0.5, 1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), np.zeros(1)
+    steep = FeedbackModel(matrix, (DeadZone(-1.05, 1.05, 30.0, 30.0),))
+    for held in (50, 3):
+        u = np.repeat([0.0, 1.0], [50, held])
+        segment = u, steep.output(u, still)
+        assert np.abs(segment[1]).max() <= 1.0
+        assert trials.runs_away(steep, [segment], [still])
+    assert not trials.runs_away(replace(steep, maps=(DeadZone(-1.2, 1.2, 30.0, 30.0),)), [segment], [still])
 
 
 def test_a_state_of_unknown_sign_is_found() -> None:

@@ -33,8 +33,8 @@ from emsid.models.blocks.static_maps import (
 from emsid.models.blocks.static_maps.static_map import Pieces
 from emsid.models.feedback.kernels import LoopSignals
 from emsid.models.feedback.model import FeedbackModel, FeedbackState
-from emsid.models.feedback.search.choice import FeedbackSearch
 from emsid.models.feedback.search.estimation import FeedbackStructure
+from emsid.models.feedback.search.trials import FeedbackSearch
 
 __all__ = [
     "STATIC_MAPS",

@@ -30,9 +30,9 @@ from emsid.models.blocks.search.topologies import (
     CascadeSearch,
     Topology,
 )
-from emsid.models.feedback.search.choice import FeedbackSearch
 from emsid.models.feedback.search.estimation import FeedbackStructure
 from emsid.models.feedback.search.magnitudes import may_be_magnitudes
+from emsid.models.feedback.search.trials import FeedbackSearch
 from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike

@@ -357,16 +357,26 @@ def _without_line(model: FeedbackModel, i: int, z: Array) -> tuple[FeedbackModel
     maps[i] = map_.with_parameters(map_.parameters - _within(map_, at, line))
     if np.abs(map_.value(at) - maps[i].value(at) - line).max() > CONTAINED * max(np.abs(line).max(), 1e-300):
         return model, np.zeros(n)  # also where a family contains lines to first order only
+    return with_line(replace(model, maps=tuple(maps)), i, slope, level) or (model, np.zeros(n))
+
+
+def with_line(model: FeedbackModel, i: int, slope: float, level: float) -> tuple[FeedbackModel, Array] | None:
+    """The model with slope·z + level added to what one map gives, as a part of the linear part and the offsets.
+
+    Returns:
+        The model, and (n,) the change of its state; None where an integrator would have to hold the level.
+    """
+    n = model.states
     out, into = model.matrix[:, n + 1 + i], model.matrix[n + i, : n + 1]
     matrix = model.matrix.copy()
     matrix[:, : n + 1] += slope * np.outer(out, into)
     constants = (level + slope * model.map_offsets[i]) * out
     shift = resting_shift(matrix[:n, :n], constants[:n])
     if np.abs(shift - matrix[:n, :n] @ shift - constants[:n]).max(initial=0.0) > CONTAINED * np.abs(constants).max():
-        return model, np.zeros(n)
+        return None
     offsets = model.map_offsets + matrix[n:-1, :n] @ shift
     behind = model.output_offset + float(constants[-1] + matrix[-1, :n] @ shift)
-    return replace(model, matrix=matrix, maps=tuple(maps), map_offsets=offsets, output_offset=behind), -shift
+    return replace(model, matrix=matrix, map_offsets=offsets, output_offset=behind), -shift
 
 
 def resting_shift(a: Array, constant: Array) -> Array:

@@ -169,15 +169,20 @@ class DeadZone(NumberedMap):
         step = max(1, len(x) // POINTS)
         x, z = x[::step], z[::step]
         grid = np.quantile(x, np.linspace(0.02, 0.98, EDGES))
-        best, least = cls(float(grid[0]), float(grid[-1])), np.inf
-        for i, left in enumerate(grid):
-            for right in grid[i:]:
-                rows = np.stack([np.minimum(x - left, 0), np.maximum(x - right, 0), np.ones_like(x)])
-                theta = combination(rows, z)
-                error = float(np.sum((theta @ rows - z) ** 2))
-                if error < least and theta[0] * theta[1] > 0:
-                    best, least = cls(float(left), float(right), float(theta[0]), float(theta[1])), error
-        return best
+        sides = np.stack([np.minimum(x - grid[:, None], 0), np.maximum(x - grid[:, None], 0)])
+        sides, z = sides - sides.mean(axis=2, keepdims=True), z - z.mean()
+        # Least squares for all pairs of edges i, j at once: [a c; c b] [m_l; m_r] = [p; q].
+        a, b = (np.sum(side**2, axis=1) for side in sides)
+        c, (p, q) = sides[0] @ sides[1].T, sides @ z
+        determinant = np.outer(a, b) - c**2
+        known = np.triu(determinant > 1e-9 * np.outer(a, b))
+        inverse = np.divide(1.0, determinant, out=np.zeros_like(determinant), where=known)
+        m_l, m_r = inverse * (np.outer(p, b) - c * q), inverse * (a[:, None] * q - c * p[:, None])
+        saved = np.where(known & (m_l * m_r > 0), m_l * p[:, None] + m_r * q, -np.inf)
+        i, j = np.unravel_index(np.argmax(saved), saved.shape)
+        if not np.isfinite(saved[i, j]):
+            return cls(float(grid[0]), float(grid[-1]))
+        return cls(float(grid[i]), float(grid[j]), float(m_l[i, j]), float(m_r[i, j]))
 
     def findings(self, x: Array) -> tuple[Finding, ...]:
         """A finding for a side, or a zone, with too few samples."""

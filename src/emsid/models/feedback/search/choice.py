@@ -18,164 +18,38 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import replace
 from math import inf
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import EmsidError, ModelError
-from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.uncertainty.coloured_residuals import effective_samples
+from emsid.estimation.nonlinear.control import Control
 from emsid.models.blocks.search.map_families import Family, family_of
-from emsid.models.feedback.fitting import Found, searched, visited
+from emsid.models.feedback.coordinates import with_line
+from emsid.models.feedback.fitting import Found, visited
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.magnitudes import BEHIND, KNOTS, MAGNITUDE, may_be_magnitudes, of_magnitudes
-from emsid.models.feedback.search.starts import Direction, directions_for, linear_start, with_one_map_more
-from emsid.models.free_run import squared_errors
-from emsid.models.one_channel import Segments, segments_longer_than
-from emsid.models.regression.search.judge import BEYOND, diverges, enlarged
+from emsid.models.feedback.search.starts import Direction, directions_for, started_beside_line, with_one_map_more
+from emsid.models.feedback.search.trials import LONGEST, MOST_ORDERS, Bench, FeedbackSearch, Steps, Trial, preferred
+from emsid.models.one_channel import segments_longer_than
 from emsid.record import Record
-from emsid.record.excerpt import excerpt
-from emsid.record.holding_back import validation_splits
-from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters, schwarz_gain
+from emsid.selection.improvement import matters
 
 Array = NDArray[np.float64]
 
-# Orders that are tried, if none is given.
-ORDERS = (1, 2, 3)
-# Samples that choices are made from, and of the unseen data.
-SEARCHED, JUDGED = 6_000, 8_000
-# The highest order, and the longest delay in samples, that are tried if none is given; the order of the linear models
-# that show a delay.
-MOST_ORDERS, LONGEST, OF_DELAY = 6, 5, 2
+# Orders that are tried, if none is given; the order of the linear models that show a delay.
+ORDERS, OF_DELAY = (1, 2, 3), 2
 # A second or third map takes at least this many samples for every knot, or degree.
 PER_KNOT = 20
-# Steps of a refinement for a choice.
-STEPS = 40
 # The maps that every order is tried with, until one is better than none, and families and sizes that are tried then;
 # those of a third map.
 FIRST = (("polynomial", 3), ("spline", 0), ("dead-zone", 0))
 OTHERS = (("polynomial", 5), ("spline", 0), ("monotone-spline", 0), ("dead-zone", 0), ("saturation", 0))
+SECOND = ("spline", "dead-zone")
 THIRD = (("polynomial", 3), ("dead-zone", 0), ("saturation", 0))
 ORDINALS = {2: "second", 3: "third"}
-
-
-@dataclass(frozen=True, eq=False)
-class FeedbackSearch:
-    """Options of the identification of a feedback model; options that are None are chosen on unseen data.
-
-    Attributes:
-        order: of the linear part.
-        maps: the number of static maps, one to three.
-        static: the family of the maps.
-        size: their number of knots, or degree; 0 for the usual one of the family.
-        delay: from the input to its first effect, in samples.
-        oversampling: steps of the model per sample.
-        held: whether the input is held between its samples, or goes on.
-        held_back: fraction of the record that choices are made on.
-    """
-
-    order: int | None = None
-    maps: int | None = None
-    static: Family | None = None
-    size: int = 0
-    delay: int | None = None
-    oversampling: int | None = None
-    held: bool | None = None
-    held_back: float = 0.25
-
-
-class Steps(NamedTuple):
-    """The steps of a model per sample, and whether its input is held over them."""
-
-    number: int
-    held: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """A model fitted to the data that the search sees, and its errors on unseen data."""
-
-    found: Found
-    errors: StretchErrors
-    family: Family
-    size: int
-
-    @property
-    def parameters(self) -> int:
-        """How many parameters and initial states the data determine; a penalty determines the others."""
-        minimum = self.found.minimum
-        return minimum.samples - round(sum(float(r @ r) for r in minimum.residuals) / minimum.noise_variance)
-
-
-@dataclass(frozen=True, eq=False)
-class Bench:
-    """The data that the choices are made from.
-
-    Attributes:
-        shown: the records that models are fitted to.
-        unseen: records that compare them; the same as ``shown`` where they are short.
-        transient: samples at the start of every unseen segment without error, the same for all models.
-        control: when to stop.
-        rng: for directions.
-        linear: the linear models that were fitted, by order, steps and delay.
-    """
-
-    shown: Sequence[Record]
-    unseen: Sequence[Record]
-    transient: int
-    control: Control = FREE
-    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
-    linear: dict[tuple[int, Steps, int], Found] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Bench:
-        """The data of the records; long ones are searched in pieces."""
-        shown, splits = validation_splits(records, settings.held_back)
-        unseen: Sequence[Record] = shown
-        if len(splits) == 1:
-            unseen = [excerpt(record, JUDGED // len(records)) for record in splits[0][1]]
-            shown = [excerpt(record, max(SEARCHED // len(records), 1)) for record in shown]
-        largest = FeedbackModel(
-            np.zeros(((settings.order or MOST_ORDERS) + 1,) * 2),
-            delay=LONGEST if settings.delay is None else settings.delay,
-            oversampling=settings.oversampling or 2,
-        )
-        shortest = max(len(segment) for record in unseen for segment in record.segments)
-        return cls(shown, unseen, min(largest.memory, shortest // 3), control)
-
-    @property
-    def compared(self) -> bool:
-        """Whether there are unseen data."""
-        return self.unseen is not self.shown
-
-    @cached_property
-    def beyond(self) -> list[Record]:
-        """Records that no model may diverge on."""
-        return harder(self.shown)
-
-    def segments(self, model: FeedbackModel) -> Segments:
-        """(u, y) of the data that models are fitted to."""
-        return segments_longer_than(model.memory, model, self.shown)
-
-    def judged(self, found: Found, family: Family, size: int) -> Trial:
-        """The errors of a model; infinite where it diverges on a larger input."""
-        model = found.model
-        try:
-            far = any(diverges(model, record) for record in self.beyond)
-            squares = np.full(STRETCHES, np.inf) if far else squared_errors(model, self.unseen, self.transient)
-        except EmsidError:
-            squares = np.full(STRETCHES, np.inf)
-        return Trial(found, StretchErrors.of(squares), family, size)
-
-
-def harder(records: Sequence[Record]) -> list[Record]:
-    """The records with a larger input, forward and backward in time: an input of the same kind that no fit has seen."""
-    backward = [replace(each, input=each.input[::-1], output=each.output[::-1]) for each in records]
-    return [enlarged(record, BEYOND) for record in (*records, *backward)]
 
 
 def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Iterator[Trial]:
@@ -187,9 +61,9 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
     bench = Bench.of(records, settings, control)
     straight, best = _first_map(bench, settings)
     for trial in _of_magnitudes(bench, settings):
-        if best is None or _preferred(trial, best, bench.compared):
+        if best is None or preferred(trial, best, bench.compared):
             best = trial
-    if best is None or not _preferred(best, straight, bench.compared):  # a linear model is as good
+    if best is None or not preferred(best, straight, bench.compared):  # a linear model is as good
         family, size = _families(settings)[0]
         try:
             yield _with_map(bench, straight.found, family, size)
@@ -199,12 +73,24 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
             yield best
         return
     yield best
+    tried = [best]
     steps = (_second_map,) if best.family is MAGNITUDE else (_faster, _other_families, _second_map, _third_map)
     for step in steps:
-        for trial in step(bench, best, settings):
-            if _preferred(trial, best, bench.compared):
-                best = trial
-                yield best
+        begun = [best]
+        if step is _second_map and (other := _runner_up(tried, best)) is not None:
+            begun.append(other)
+        for each in begun:
+            for trial in step(bench, each, settings):
+                tried.append(trial)
+                if preferred(trial, best, bench.compared):
+                    best = trial
+                    yield best
+
+
+def _runner_up(tried: Sequence[Trial], best: Trial) -> Trial | None:
+    """The best model with a map of another family than that of the best of all."""
+    others = [each for each in tried if each.family is not best.family and np.isfinite(each.errors.mean)]
+    return min(others, key=lambda each: each.errors.mean, default=None)
 
 
 def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, Trial | None]:
@@ -224,16 +110,16 @@ def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, Trial | N
         for order in range(1, MOST_ORDERS + 1) if given is None else (given,):
             bench.control.doing(f"order {order}", order, max(ORDERS))
             try:
-                linear = bench.judged(_linear(bench, order, steps, delay), *families[0])
+                linear = bench.judged(bench.linear(order, steps, delay), *families[0])
                 trial = _bent(bench, linear, families)
             except EmsidError as error:
                 problem = error
                 continue
             higher = False
-            if straight is None or _preferred(linear, straight, bench.compared):
+            if straight is None or preferred(linear, straight, bench.compared):
                 straight, higher = linear, True
             against = straight if best is None else best
-            if trial is not None and _preferred(trial, against, bench.compared):
+            if trial is not None and preferred(trial, against, bench.compared):
                 best, higher = trial, True
             if order >= max(ORDERS) and not higher:
                 break
@@ -260,7 +146,7 @@ def _delays(bench: Bench, settings: FeedbackSearch, steps: Steps) -> tuple[int, 
     errors, order = [], OF_DELAY if settings.order is None else settings.order
     for delay in range(LONGEST + 1):
         try:
-            errors.append(_linear(bench, order, steps, delay).error ** 2)
+            errors.append(bench.linear(order, steps, delay).error ** 2)
         except EmsidError:
             errors.append(inf)
     longest = max(delay for delay, error in enumerate(errors) if not matters(min(errors), error))
@@ -281,9 +167,9 @@ def _bent(bench: Bench, linear: Trial, families: Sequence[tuple[Family, int]]) -
             trial = _with_map(bench, found, family, size, ways)
         except EmsidError:
             continue
-        if best is None or _preferred(trial, best, bench.compared):
+        if best is None or preferred(trial, best, bench.compared):
             best = trial
-        if _preferred(trial, linear, bench.compared):
+        if preferred(trial, linear, bench.compared):
             break
     return best
 
@@ -293,44 +179,6 @@ def _families(settings: FeedbackSearch) -> list[tuple[Family, int]]:
     if settings.static:
         return [(settings.static, settings.size)]
     return [(family_of(name), size) for name, size in FIRST]
-
-
-def _preferred(trial: Trial, best: Trial, compared: bool) -> bool:
-    """Whether a trial replaces the best one.
-
-    Of two models the richer one is chosen if it is better on unseen data by more than noise. It is also chosen by
-    Schwarz's criterion on the fitted data, for the number of independent errors, if it is better on unseen data too.
-    In a short record no part shows all that the whole does, so that criterion alone decides, on the free run from the
-    state that the first samples show.
-
-    Args:
-        trial: the new one.
-        best: the one before.
-        compared: whether there are unseen data.
-    """
-    if not (np.isfinite(trial.errors.mean) and np.isfinite(best.errors.mean)):
-        return bool(np.isfinite(trial.errors.mean))
-    richer = trial.parameters > best.parameters
-    simple, rich = (best, trial) if richer else (trial, best)
-    residual = rich.found.minimum.residuals
-    extra = rich.parameters - simple.parameters
-    error, than = (each.found.error**2 if compared else each.errors.mean for each in (rich, simple))
-    gain = schwarz_gain(error, than, effective_samples(residual), extra)
-    if compared:
-        wins = better(rich.errors, simple.errors) or (gain > 0 and rich.errors.mean < simple.errors.mean)
-    else:
-        wins = gain > 0
-    return wins if richer else not wins
-
-
-def _linear(bench: Bench, order: int, steps: Steps, delay: int) -> Found:
-    """The linear model of this order, fitted once."""
-    found = bench.linear.get((order, steps, delay))
-    if found is None:
-        start = linear_start(bench.shown, order, steps.number, delay, steps.held, bench.control)
-        found = searched(start, bench.segments(start), start.edge, 20, 0.1, bench.control)
-        bench.linear[order, steps, delay] = found
-    return found
 
 
 def _with_map(bench: Bench, found: Found, family: Family, size: int, ways: Sequence[Direction] | None = None) -> Trial:
@@ -345,12 +193,7 @@ def _with_map(bench: Bench, found: Found, family: Family, size: int, ways: Seque
     start = with_one_map_more(found, segments, model.edge, family, size, ways, control=bench.control)
     if start is None:
         raise ModelError(f"{model.name}: with a map in its feedback the model diverges; choose another order")
-    return _refined(bench, start.model, start.states, family, size)
-
-
-def _refined(bench: Bench, model: FeedbackModel, states: Sequence[Array], family: Family, size: int) -> Trial:
-    refined = searched(model, bench.segments(model), model.edge, STEPS, 0.1, bench.control, states=states)
-    return bench.judged(refined, family, size)
+    return bench.refined(start.model, start.states, family, size)
 
 
 def _size(family: Family, size: int) -> int:
@@ -368,7 +211,7 @@ def _faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Tri
         for each in (order, *fewer):
             bench.control.doing(f"two steps per sample, order {each}")
             try:
-                linear = _linear(bench, each, Steps(2, held), best.found.model.delay)
+                linear = bench.linear(each, Steps(2, held), best.found.model.delay)
                 yield _with_map(bench, linear, best.family, best.size)
             except EmsidError:
                 continue
@@ -382,8 +225,8 @@ def _other_families(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iter
         family = family_of(name)
         bench.control.doing(f"map: {name}")
         try:
-            start = with_family(best, bench.shown, family, _size(family, size))
-            yield _refined(bench, start, best.found.states, family, size)
+            start, states = with_family(best, bench.shown, family, _size(family, size))
+            yield bench.refined(start, states, family, size)
         except EmsidError:
             continue
 
@@ -395,8 +238,8 @@ def _second_map(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator
     names = [(best.family, best.size)]
     if best.family is MAGNITUDE:  # what acts in the loop is no sensor, and one that is limited cannot make it diverge
         names = [(family_of("saturation"), 0)]
-    elif settings.static is None and best.family.name != "spline":
-        names.append((family_of("spline"), 0))
+    elif settings.static is None:
+        names += [(family_of(name), 0) for name in SECOND if best.family.name != name]
     yield from _one_map_more(bench, best, settings, names)
 
 
@@ -411,21 +254,29 @@ def _third_map(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[
 def _one_map_more(
     bench: Bench, best: Trial, settings: FeedbackSearch, names: Sequence[tuple[Family, int]]
 ) -> Iterator[Trial]:
-    """With a map more of each of these families, if there are enough samples for it."""
+    """With a map more of each of these families, where samples suffice for it and more than noise is left."""
     samples, number = sum(map(len, bench.shown)), len(best.found.model.maps) + 1
+    model = best.found.model
+    ways = directions_for(best.found, bench.segments(model), model.edge, bench.rng)
+    if not ways or (settings.maps is None and not ways[0].explains(best.found.minimum.samples)):
+        return
     for family, size in names:
         if settings.maps is None and samples < PER_KNOT * _size(family, size):
             continue
         bench.control.doing(f"{ORDINALS[number]} map: {family.name}")
-        try:
-            yield _with_map(bench, best.found, family, size)
-        except EmsidError:
-            continue
+        with suppress(EmsidError):
+            yield _with_map(bench, best.found, family, size, ways)
 
 
-def with_family(trial: Trial, records: Sequence[Record], family: Family, size: int) -> FeedbackModel:
-    """The model of a trial with maps of another family or size, each the closest to the present one."""
-    model = trial.found.model
-    seen = visited(model, segments_longer_than(model.memory, model, records), trial.found.states)
-    maps = [family.start(seen.z[:, i], seen.w[:, i], size) for i in range(len(model.maps))]
-    return replace(model, maps=tuple(maps))
+def with_family(
+    trial: Trial, records: Sequence[Record], family: Family, size: int
+) -> tuple[FeedbackModel, list[Array]]:
+    """The model of a trial with maps of another family or size, each the closest to the present one, and its states."""
+    model, states = trial.found.model, trial.found.states
+    seen = visited(model, segments_longer_than(model.memory, model, records), states)
+    for i in range(len(model.maps)):
+        map_, slope, level = started_beside_line(family, seen.z[:, i], seen.w[:, i], size)
+        new = replace(model, maps=(*model.maps[:i], map_, *model.maps[i + 1 :]))
+        model, moved = with_line(new, i, slope, level) or (new, np.zeros(model.states))
+        states = [x + moved for x in states]
+    return model, states

@@ -19,9 +19,10 @@ from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.fitting import conclude, searched
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search.choice import FeedbackSearch, Trial, chosen, harder
-from emsid.models.one_channel import check_one_channel, segments_longer_than
-from emsid.models.regression.search.judge import diverges
+from emsid.models.feedback.search.choice import chosen
+from emsid.models.feedback.search.trials import FeedbackSearch, Trial, runs_away
+from emsid.models.feedback.start import starting
+from emsid.models.one_channel import Segments, check_one_channel, segments_longer_than
 from emsid.models.terms import check_whole
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
@@ -128,41 +129,46 @@ def feedback(
 
 
 def _fitted(best: Trial, records: Sequence[Record], control: Control, iterations: int = 150) -> Fit[Any]:
-    """The model of a trial, fitted to all data; to long records in a few steps from the minimum of a part of them."""
-    model, states = best.found.model, best.found.states
-    segments = segments_longer_than(model.memory, model, records)
-    if sum(map(len, records)) <= LONG:
-        return _of_short(model, states if len(states) == len(segments) else None, records, control, iterations)
-    few = [excerpt(record, max(LONG // len(records), 1)) for record in records]
-    part = segments_longer_than(model.memory, model, few)
-    found = searched(model, part, model.edge, iterations, 0.05, control, LAST_SAVING)
-    here = searched(found.model, segments, model.edge, min(iterations, LAST_STEPS[0]), 0.05, control, LAST_SAVING)
-    here = replace(here, settled=found.settled)
-    return conclude(here, segments, model.edge, 0.05, control, LAST_STEPS[1])
-
-
-def _of_short(
-    model: FeedbackModel, begun: Sequence[Array] | None, records: Sequence[Record], control: Control, iterations: int
-) -> Fit[Any]:
-    """The model fitted to all data; where the last steps lead to one that diverges, the one before them.
+    """The model of a trial, fitted to all data; where that leads to one that runs away, the model of the trial.
 
     Args:
-        model: of a trial.
-        begun: its initial states, if they are those of all segments.
-        records: all data.
+        best: the trial.
+        records: all data; to long ones the model is fitted in a few steps from the minimum of a part of them.
         control: when to stop.
         iterations: at most.
     """
-    segments = segments_longer_than(model.memory, model, records)
-    stressed, fits = harder(records), []
-    for most, known in ((iterations, begun), (0, begun), (0, None)):
+    model, states = best.found.model, best.found.states
+    segments, fits = segments_longer_than(model.memory, model, records), []
+    known = states if len(states) == len(segments) else None
+    for most in (iterations, 0) if iterations else (0,):
         try:
-            found = searched(model, segments, model.edge, most, 0.05, control, states=known)
-            fits.append(conclude(found, segments, model.edge, 0.05, control))
+            fits.append(_minimum(model, known, segments, records, control, most))
         except ModelError:
-            if most == 0 and known is None and not fits:
+            if not (most or fits):
                 raise
             continue
-        if begun is None or not any(diverges(fits[-1].model, each) for each in stressed):
+        last = fits[-1].model
+        if not runs_away(last, segments, [starting(last, u, y[: last.memory]) for u, y in segments]):
             return fits[-1]
     return fits[0]
+
+
+def _minimum(
+    model: FeedbackModel,
+    begun: Sequence[Array] | None,
+    segments: Segments,
+    records: Sequence[Record],
+    control: Control,
+    iterations: int,
+) -> Fit[Any]:
+    """The fit from a model, and its initial states if they are those of all segments."""
+    edge = model.edge
+    if sum(map(len, records)) <= LONG or not iterations:
+        here = searched(model, segments, edge, iterations, 0.05, control, states=begun)
+        return conclude(here, segments, edge, 0.05, control, iterations)
+    few = [excerpt(record, max(LONG // len(records), 1)) for record in records]
+    found = searched(
+        model, segments_longer_than(model.memory, model, few), edge, iterations, 0.05, control, LAST_SAVING
+    )
+    here = searched(found.model, segments, edge, min(iterations, LAST_STEPS[0]), 0.05, control, LAST_SAVING)
+    return conclude(replace(here, settled=found.settled), segments, edge, 0.05, control, LAST_STEPS[1])

@@ -23,9 +23,9 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.blocks.search.map_families import Family
-from emsid.models.blocks.static_maps import CubicSpline
+from emsid.models.blocks.static_maps import CubicSpline, StaticMap
 from emsid.models.blocks.static_maps.through_points import spread_knots
-from emsid.models.feedback.coordinates import Visited, coordinates, whitened
+from emsid.models.feedback.coordinates import Visited, coordinates, whitened, with_line
 from emsid.models.feedback.fitting import Found, FreeRun, searched
 from emsid.models.feedback.kernels import LoopSignals, pushed
 from emsid.models.feedback.model import FeedbackModel
@@ -50,6 +50,10 @@ RIDGE = 1e-6
 SHARES = (1.0, 0.5, 0.2, 0.05, 0.01)
 # Steps of the alternating least squares.
 ALTERNATIONS = 10
+# Points of a curve that a map is begun at, and stretches of it whose slopes are tried as that of a line beside the map.
+POINTS, STRETCHES = 400, 5
+# Squared distances that differ by a smaller share count as equal.
+ALIKE = 1e-6
 
 
 def linear_start(
@@ -177,7 +181,7 @@ def with_one_map_more(
         if start is None:
             continue
         try:
-            new = searched(start, segments, transient, steps, 0.1, control, 1e-3, found.states)
+            new = searched(start[0], segments, transient, steps, 0.1, control, 1e-3, start[1])
         except EmsidError:
             continue
         if best is None or new.error < best.error:
@@ -310,23 +314,65 @@ def _apart(directions: Sequence[Direction], count: int) -> list[Direction]:
     return chosen
 
 
-def _joined(found: Found, segments: Segments, direction: Direction, family: Family, size: int) -> FeedbackModel | None:
-    """The model with a map of the family in this direction; None if its run diverges however small it is."""
+def _joined(
+    found: Found, segments: Segments, direction: Direction, family: Family, size: int
+) -> tuple[FeedbackModel, list[Array]] | None:
+    """The model with a map of the family in this direction, and its states; None if it diverges however small it is."""
     model = found.model
     try:
-        map_ = family.start(direction.z, direction.w, size)
+        map_, slope, level = started_beside_line(family, direction.z, direction.w, size)
     except EmsidError:
         return None
     for share in SHARES:
         new = with_map(model, map_, direction.row, share * direction.column)
+        new, moved = with_line(new, len(model.maps), slope, level) or (new, np.zeros(model.states))
+        states = [x + moved for x in found.states]
         try:
-            runs = [new.output(u, x) for (u, _), x in zip(segments, found.states, strict=True)]
+            runs = [new.output(u, x) for (u, _), x in zip(segments, states, strict=True)]
         except Infeasible:
             continue
         worst = max(float(np.abs(run).max()) for run in runs)
         if worst < 100 * max(float(np.abs(y).max()) for _, y in segments):
-            return new
+            return new, states
     return None
+
+
+def started_beside_line(family: Family, z: Array, w: Array, size: int) -> tuple[StaticMap, float, float]:
+    """The map of a family that is closest to a curve if a line is added, and slope and level of that line.
+
+    A line beside a map is a part of the linear system, so a curve shows a map up to a line: that of a limit is a dead
+    zone of the opposite sign. Lines with the slope of every stretch of the curve are tried.
+
+    Args:
+        family: of the map.
+        z, w: (K,) points of the curve.
+        size: of the map.
+
+    Raises:
+        ModelError: where the family has no start from points.
+    """
+    order = np.argsort(z)
+    order = order[:: max(1, len(order) // POINTS)]
+    z, w = z[order], w[order]
+    stretches = zip(np.array_split(z, STRETCHES), np.array_split(w, STRETCHES), strict=True)
+    best, least = None, np.inf
+    for tried in (0.0, *(_line(*each)[0] for each in stretches)):
+        map_ = family.start(z, w - tried * z, size)
+        rest = w - map_.value(z)
+        slope, level = _line(z, rest)
+        error = float(np.sum((rest - slope * z - level) ** 2))
+        if best is None or error < (1 - ALIKE) * least:  # families that contain a line need none beside them
+            best, least = (map_, slope, level), error
+    assert best is not None
+    return best
+
+
+def _line(z: Array, w: Array) -> tuple[float, float]:
+    """Slope and level of the straight line closest to points."""
+    middle = float(z.mean())
+    power = float(np.sum((z - middle) ** 2))
+    slope = float((z - middle) @ w) / power if power > 0 else 0.0
+    return slope, float(w.mean()) - slope * middle
 
 
 def with_map(model: FeedbackModel, map_: object, row: Array, column: Array) -> FeedbackModel:

@@ -1,0 +1,216 @@
+"""Feedback models as candidates of a choice: how they are fitted to some data and judged on other data.
+
+Of two models the richer one is chosen if it is better by more than noise (`emsid.selection.improvement`). A model whose
+free run leaves the measured range by far on an input a little larger than that of the record, forward or backward in
+time, is not chosen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
+from emsid.models.blocks.search.map_families import Family
+from emsid.models.feedback.fitting import Found, searched
+from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.search.starts import linear_start
+from emsid.models.free_run import squared_errors
+from emsid.models.one_channel import Segments, segments_longer_than
+from emsid.models.regression.search.judge import BEYOND, FAR
+from emsid.record import Record
+from emsid.record.excerpt import excerpt
+from emsid.record.holding_back import validation_splits
+from emsid.selection.improvement import STRETCHES, StretchErrors, better, schwarz_gain
+
+Array = NDArray[np.float64]
+
+# Samples that choices are made from, and of the unseen data.
+SEARCHED, JUDGED = 6_000, 8_000
+# The highest order, and the longest delay in samples, that are tried if none is given.
+MOST_ORDERS, LONGEST = 6, 5
+# Steps of a refinement for a choice.
+STEPS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class FeedbackSearch:
+    """Options of the identification of a feedback model; options that are None are chosen on unseen data.
+
+    Attributes:
+        order: of the linear part.
+        maps: the number of static maps, one to three.
+        static: the family of the maps.
+        size: their number of knots, or degree; 0 for the usual one of the family.
+        delay: from the input to its first effect, in samples.
+        oversampling: steps of the model per sample.
+        held: whether the input is held between its samples, or goes on.
+        held_back: fraction of the record that choices are made on.
+    """
+
+    order: int | None = None
+    maps: int | None = None
+    static: Family | None = None
+    size: int = 0
+    delay: int | None = None
+    oversampling: int | None = None
+    held: bool | None = None
+    held_back: float = 0.25
+
+
+class Steps(NamedTuple):
+    """The steps of a model per sample, and whether its input is held over them."""
+
+    number: int
+    held: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A model fitted to the data that the search sees, and its errors on unseen data."""
+
+    found: Found
+    errors: StretchErrors
+    family: Family
+    size: int
+
+    @property
+    def parameters(self) -> int:
+        """How many parameters and initial states the data determine, with a delay; a penalty determines the others."""
+        minimum = self.found.minimum
+        used = minimum.samples - round(sum(float(r @ r) for r in minimum.residuals) / minimum.noise_variance)
+        return used + bool(self.found.model.delay)
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """The data that the choices are made from.
+
+    Attributes:
+        shown: the records that models are fitted to.
+        unseen: records that compare them; the same as ``shown`` where they are short.
+        transient: samples at the start of every unseen segment without error, the same for all models.
+        control: when to stop.
+        rng: for directions.
+        linear_models: those that were fitted, by order, steps and delay.
+    """
+
+    shown: Sequence[Record]
+    unseen: Sequence[Record]
+    transient: int
+    control: Control = FREE
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    linear_models: dict[tuple[int, Steps, int], Found] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Bench:
+        """The data of the records; long ones are searched in pieces."""
+        shown, splits = validation_splits(records, settings.held_back)
+        unseen: Sequence[Record] = shown
+        if len(splits) == 1:
+            unseen = [excerpt(record, JUDGED // len(records)) for record in splits[0][1]]
+            shown = [excerpt(record, max(SEARCHED // len(records), 1)) for record in shown]
+        largest = FeedbackModel(
+            np.zeros(((settings.order or MOST_ORDERS) + 1,) * 2),
+            delay=LONGEST if settings.delay is None else settings.delay,
+            oversampling=settings.oversampling or 2,
+        )
+        shortest = max(len(segment) for record in unseen for segment in record.segments)
+        return cls(shown, unseen, min(largest.memory, shortest // 3), control)
+
+    @property
+    def compared(self) -> bool:
+        """Whether there are unseen data."""
+        return self.unseen is not self.shown
+
+    def segments(self, model: FeedbackModel) -> Segments:
+        """(u, y) of the data that models are fitted to."""
+        return segments_longer_than(model.memory, model, self.shown)
+
+    def linear(self, order: int, steps: Steps, delay: int) -> Found:
+        """The linear model of this order, fitted once.
+
+        Raises:
+            ModelError: where none can be fitted.
+        """
+        found = self.linear_models.get((order, steps, delay))
+        if found is None:
+            start = linear_start(self.shown, order, steps.number, delay, steps.held, self.control)
+            found = searched(start, self.segments(start), start.edge, 20, 0.1, self.control)
+            self.linear_models[order, steps, delay] = found
+        return found
+
+    def refined(self, model: FeedbackModel, states: Sequence[Array], family: Family, size: int) -> Trial:
+        """A model fitted from a start.
+
+        Raises:
+            ModelError: where its run diverges.
+        """
+        found = searched(model, self.segments(model), model.edge, STEPS, 0.1, self.control, states=states)
+        return self.judged(found, family, size)
+
+    def judged(self, found: Found, family: Family, size: int) -> Trial:
+        """The errors of a model; infinite where it runs away on a larger input."""
+        squares = np.full(STRETCHES, np.inf)
+        with suppress(EmsidError):
+            if not runs_away(found.model, self.segments(found.model), found.states):
+                squares = squared_errors(found.model, self.unseen, self.transient)
+        return Trial(found, StretchErrors.of(squares), family, size)
+
+
+def runs_away(model: FeedbackModel, segments: Segments, states: Sequence[Array]) -> bool:
+    """Whether the free run leaves the range of the measured output by far on an input that no fit has seen.
+
+    It is that of every segment, larger by the factor `BEYOND` about its middle, and then the same backward in time.
+
+    Args:
+        model: with its parameters.
+        segments: (u, y) of each.
+        states: (n,) at the start of each.
+    """
+    (least, most), (low, high) = (
+        (min(float(each[k].min()) for each in segments), max(float(each[k].max()) for each in segments)) for k in (0, 1)
+    )
+    for (u, _), x in zip(segments, states, strict=True):
+        larger, now = u + (BEYOND - 1) * (u - 0.5 * (least + most)), x
+        for v in (larger, larger[::-1]):
+            run, now = model.stepped(model.entering(v), now)
+            far = np.abs(run.y[:: model.oversampling] - 0.5 * (low + high))
+            if not far.max() <= FAR * 0.5 * (high - low):  # also where it is not a number
+                return True
+    return False
+
+
+def preferred(trial: Trial, best: Trial, compared: bool) -> bool:
+    """Whether a trial replaces the best one.
+
+    Of two models the richer one is chosen if it is better on unseen data by more than noise. It is also chosen by
+    Schwarz's criterion on the fitted data, for the number of independent errors, if it is better on unseen data too.
+    In a short record no part shows all that the whole does, so that criterion alone decides, on the free run from the
+    state that the first samples show.
+
+    Args:
+        trial: the new one.
+        best: the one before.
+        compared: whether there are unseen data.
+    """
+    if not (np.isfinite(trial.errors.mean) and np.isfinite(best.errors.mean)):
+        return bool(np.isfinite(trial.errors.mean))
+    richer = trial.parameters > best.parameters
+    simple, rich = (best, trial) if richer else (trial, best)
+    residual = rich.found.minimum.residuals
+    extra = rich.parameters - simple.parameters
+    error, than = (each.found.error**2 if compared else each.errors.mean for each in (rich, simple))
+    gain = schwarz_gain(error, than, effective_samples(residual), extra)
+    if compared:
+        wins = better(rich.errors, simple.errors) or (gain > 0 and rich.errors.mean < simple.errors.mean)
+    else:
+        wins = gain > 0
+    return wins if richer else not wins

@@ -22,9 +22,9 @@ from emsid.models.feedback.fitting import fit_feedback, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search import choice, estimation, trials
 from emsid.models.feedback.search.choice import chosen
-from emsid.models.feedback.search.magnitudes import as_feedback, may_be_magnitudes
+from emsid.models.feedback.search.magnitudes import as_feedback, may_be_magnitudes, of_magnitudes
 from emsid.models.feedback.search.starts import Direction, started_beside_line
-from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Trial
+from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Steps, Trial
 from emsid.models.feedback.start import starting
 from emsid.models.free_run import squared_errors
 from emsid.models.one_channel import segments_longer_than
@@ -109,9 +109,9 @@ def test_a_cascade_of_two_filters_becomes_a_feedback_model() -> None:
     np.testing.assert_allclose(model.output(U, np.zeros(2))[100:], rest[100:, 0], rtol=1e-9, atol=1e-9)
 
 
-def magnitudes(samples: int = 200) -> Record:
+def magnitudes(samples: int = 200, seed: int = 3) -> Record:
     """Two masses on a spring, a motor whose friction levels off, and a sensor that shows the size of the speed only."""
-    rng = np.random.default_rng(3)
+    rng = np.random.default_rng(seed)
     u, x, y = np.repeat(rng.uniform(-1.2, 1.8, samples // 10), 10), np.zeros(3), np.empty(samples)
     for t in range(samples):
         y[t] = abs(x[2]) + 0.005 * rng.standard_normal()
@@ -126,9 +126,12 @@ def test_a_sensor_that_loses_the_sign_is_a_start() -> None:
     assert may_be_magnitudes([record])
     assert not may_be_magnitudes([replace(record, input=record.input + 2.0)])
     assert not may_be_magnitudes([replace(record, output=record.output - 1.0)])
-    fit = emsid.fit(emsid.feedback(order=4), record)  # 0.074 without this start
-    assert fit.noise_variance < 0.02**2
-    assert [type(each) for each in fit.model.maps] == [CubicSpline, Saturation]
+    found = of_magnitudes([record], 3, FREE)
+    assert [type(each) for each in found.model.maps] == [CubicSpline]
+    assert found.error < 0.025
+    fit = emsid.fit(emsid.feedback(order=4), record)
+    assert fit.noise_variance < 0.01**2
+    assert emsid.compare([fit], magnitudes(300, seed=50)).best.row.simulation_rmse < 0.03
 
 
 def test_a_motor_with_friction_is_a_case_of_it() -> None:
@@ -347,6 +350,25 @@ def test_a_third_map_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(trial.found.model.maps) == 3
     assert trial.found.error < 0.0105
     assert not list(choice._third_map(bench, begun, FeedbackSearch(maps=2)))
+
+
+def test_parts_that_are_left_out_decide_between_models_of_many_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A polynomial in a record of 100 samples of a linear system."""
+    rng = np.random.default_rng(12)
+    u = rng.normal(size=100)
+    linear = FeedbackModel(np.array([[0.8, 0.5], [1.0, 0.0]]))
+    record = Record(u, linear.output(u, np.zeros(1)) + 0.1 * rng.normal(size=len(u)), DT)
+    bench = Bench.of([record], FeedbackSearch(), FREE)
+    straight = bench.judged(bench.linear(1, Steps(1, False), 0), family_of("spline"), 0)
+    bent = choice._with_map(bench, straight.found, family_of("polynomial"), 5)
+    assert bent.found.error < straight.found.error
+    assert bent.parameters * trials.PER_PARAMETER > len(u)
+    assert not bench.prefers(bent, straight)
+    assert set(bench.folds) == {id(bent), id(straight)}
+    better = StretchErrors.of(np.zeros(16))
+    monkeypatch.setitem(bench.folds, id(bent), (bent, better))
+    assert bench.prefers(bent, straight)
+    assert not bench.prefers(straight, bent)
 
 
 @pytest.mark.parametrize("line", [0.0, -1.0, 2.0])

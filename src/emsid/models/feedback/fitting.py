@@ -94,7 +94,8 @@ class FreeRun:
             passed = model.trajectory(u, self.state(theta, k))
             rows = model.gradient(u, passed)[self.transient :]
             derivative = np.zeros((len(theta), len(rows)))
-            derivative[:free] = self.spread.T @ rows[:, :count].T
+            with np.errstate(all="ignore"):
+                derivative[:free] = self.spread.T @ rows[:, :count].T
             first = free + k * model.states
             derivative[first : first + model.states] = rows[:, count:].T
             if not np.isfinite(derivative).all():

@@ -50,15 +50,17 @@ def tables_of(maps: Sequence[StaticMap]) -> Tables | None:
     known = [each for each in pieces if each is not None]
     if len(known) < len(maps):
         return None
-    degree = max((each.coefficients.shape[1] for each in known), default=1)
-    rows = [np.pad(each.coefficients, ((0, 0), (0, degree - each.coefficients.shape[1]))) for each in known]
-    return Tables(
-        np.cumsum([0, *(len(each.edges) for each in known)]),
-        np.concatenate([np.zeros(0), *(each.edges for each in known)]),
-        np.concatenate([np.zeros(0), *(each.origins for each in known)]),
-        np.concatenate([np.zeros((0, degree)), *rows]),
-        np.array([(each.jump, each.width) for each in known], dtype=float).reshape(-1, 2),
-    )
+    first = np.zeros(len(known) + 1, dtype=np.int64)
+    for k, each in enumerate(known):
+        first[k + 1] = first[k] + len(each.edges)
+    edges, origins = np.empty(first[-1]), np.empty(first[-1])
+    coefficients = np.zeros((first[-1], max((each.coefficients.shape[1] for each in known), default=1)))
+    signs = np.empty((len(known), 2))
+    for k, each in enumerate(known):
+        rows = slice(first[k], first[k + 1])
+        edges[rows], origins[rows], signs[k] = each.edges, each.origins, (each.jump, each.width)
+        coefficients[rows, : each.coefficients.shape[1]] = each.coefficients
+    return Tables(first, edges, origins, coefficients, signs)
 
 
 class LoopSignals(NamedTuple):

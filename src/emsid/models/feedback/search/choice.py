@@ -16,7 +16,7 @@ diverges on an input a little larger than that of the record, forward or backwar
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from math import inf
@@ -32,7 +32,7 @@ from emsid.models.feedback.fitting import Found, visited
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.magnitudes import BEHIND, KNOTS, MAGNITUDE, may_be_magnitudes, of_magnitudes
 from emsid.models.feedback.search.starts import Direction, directions_for, started_beside_line, with_one_map_more
-from emsid.models.feedback.search.trials import LONGEST, MOST_ORDERS, Bench, FeedbackSearch, Steps, Trial, preferred
+from emsid.models.feedback.search.trials import LONGEST, MOST_ORDERS, Bench, FeedbackSearch, Steps, Trial
 from emsid.models.one_channel import segments_longer_than
 from emsid.record import Record
 from emsid.selection.improvement import matters
@@ -43,9 +43,9 @@ Array = NDArray[np.float64]
 ORDERS, OF_DELAY = (1, 2, 3), 2
 # A second or third map takes at least this many samples for every knot, or degree.
 PER_KNOT = 20
-# The maps that every order is tried with, until one is better than none, and families and sizes that are tried then;
-# those of a third map.
-FIRST = (("polynomial", 3), ("spline", 0), ("dead-zone", 0))
+# Families and sizes that every order is tried with, the first two always and the others until one is better than none;
+# those that are tried in their place, as a second map and as a third one.
+FIRST, ALWAYS = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), 2
 OTHERS = (("polynomial", 5), ("spline", 0), ("monotone-spline", 0), ("dead-zone", 0), ("saturation", 0))
 SECOND = ("spline", "dead-zone")
 THIRD = (("polynomial", 3), ("dead-zone", 0), ("saturation", 0))
@@ -59,11 +59,13 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
         ModelError: if no feedback model can be fitted.
     """
     bench = Bench.of(records, settings, control)
-    straight, best = _first_map(bench, settings)
-    for trial in _of_magnitudes(bench, settings):
-        if best is None or preferred(trial, best, bench.compared):
+    straight, tried = _first_map(bench, settings)
+    tried += _of_magnitudes(bench, settings)
+    best: Trial | None = None
+    for trial in tried:
+        if best is None or bench.prefers(trial, best):
             best = trial
-    if best is None or not preferred(best, straight, bench.compared):  # a linear model is as good
+    if best is None or not bench.prefers(best, straight):  # a linear model is as good
         family, size = _families(settings)[0]
         try:
             yield _with_map(bench, straight.found, family, size)
@@ -73,16 +75,17 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
             yield best
         return
     yield best
-    tried = [best]
-    steps = (_second_map,) if best.family is MAGNITUDE else (_faster, _other_families, _second_map, _third_map)
+    steps: tuple[Callable[[Bench, Trial, FeedbackSearch], Iterator[Trial]], ...] = (_second_map,)
+    if best.family is not MAGNITUDE:
+        steps = (_sooner, _faster, _other_families, _second_map, _third_map, _sooner)
     for step in steps:
         begun = [best]
-        if step is _second_map and (other := _runner_up(tried, best)) is not None:
+        if step in (_faster, _second_map) and (other := _runner_up(tried, best)) is not None:
             begun.append(other)
         for each in begun:
             for trial in step(bench, each, settings):
                 tried.append(trial)
-                if preferred(trial, best, bench.compared):
+                if bench.prefers(trial, best):
                     best = trial
                     yield best
 
@@ -93,10 +96,11 @@ def _runner_up(tried: Sequence[Trial], best: Trial) -> Trial | None:
     return min(others, key=lambda each: each.errors.mean, default=None)
 
 
-def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, Trial | None]:
-    """The best linear model over the orders, and the best one with a map; None where no map explains more than noise.
+def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Trial]]:
+    """The best linear model over the orders, and those with a map; none where no map explains more than noise.
 
-    Orders above those of `ORDERS` are tried as long as the highest one was the best.
+    Orders above those of `ORDERS` are tried as long as the highest one was the best, and a delay with the order that is
+    the best without it, and one less.
 
     Raises:
         ModelError: if no linear model can be fitted.
@@ -105,27 +109,33 @@ def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, Trial | N
     steps = Steps(settings.oversampling or 1, bool(settings.held))
     straight: Trial | None = None
     best: Trial | None = None
+    bent: list[Trial] = []
+    orders: Sequence[int] = range(1, MOST_ORDERS + 1) if given is None else (given,)
     problem: EmsidError = ModelError("feedback: no model of this record; check channels, units and delay")
     for delay in _delays(bench, settings, steps):
-        for order in range(1, MOST_ORDERS + 1) if given is None else (given,):
+        for order in orders:
             bench.control.doing(f"order {order}", order, max(ORDERS))
             try:
                 linear = bench.judged(bench.linear(order, steps, delay), *families[0])
-                trial = _bent(bench, linear, families)
+                trials = _bent(bench, linear, families)
             except EmsidError as error:
                 problem = error
                 continue
             higher = False
-            if straight is None or preferred(linear, straight, bench.compared):
+            if straight is None or bench.prefers(linear, straight):
                 straight, higher = linear, True
-            against = straight if best is None else best
-            if trial is not None and preferred(trial, against, bench.compared):
-                best, higher = trial, True
+            for trial in trials:
+                if bench.prefers(trial, best or straight):
+                    best, higher = trial, True
+            bent += trials
             if order >= max(ORDERS) and not higher:
                 break
+        if given is None and straight is not None:
+            top = (best or straight).found.model.states
+            orders = range(max(top - 1, 1), top + 1)
     if straight is None:
         raise problem
-    return straight, best
+    return straight, bent
 
 
 def _of_magnitudes(bench: Bench, settings: FeedbackSearch) -> Iterator[Trial]:
@@ -153,25 +163,21 @@ def _delays(bench: Bench, settings: FeedbackSearch, steps: Steps) -> tuple[int, 
     return (0, longest) if longest and matters(errors[longest], errors[0]) else (0,)
 
 
-def _bent(bench: Bench, linear: Trial, families: Sequence[tuple[Family, int]]) -> Trial | None:
-    """A linear model with one map, of the first family that makes it better; the best of all where none does.
+def _bent(bench: Bench, linear: Trial, families: Sequence[tuple[Family, int]]) -> list[Trial]:
+    """A linear model with one map of the families that are always tried, and of others until one makes it better.
 
     None where no direction explains more than noise, or the model diverges with each map.
     """
-    found, best = linear.found, None
+    found, trials = linear.found, list[Trial]()
     ways = directions_for(found, bench.segments(found.model), found.model.edge, bench.rng)
     if not ways or not ways[0].explains(found.minimum.samples):
-        return None
-    for family, size in families:
-        try:
-            trial = _with_map(bench, found, family, size, ways)
-        except EmsidError:
-            continue
-        if best is None or preferred(trial, best, bench.compared):
-            best = trial
-        if preferred(trial, linear, bench.compared):
+        return []
+    for k, (family, size) in enumerate(families):
+        if k >= ALWAYS and any(bench.prefers(trial, linear) for trial in trials):
             break
-    return best
+        with suppress(EmsidError):
+            trials.append(_with_map(bench, found, family, size, ways))
+    return trials
 
 
 def _families(settings: FeedbackSearch) -> list[tuple[Family, int]]:
@@ -201,6 +207,14 @@ def _size(family: Family, size: int) -> int:
     return size or (family.sizes[0] if family.sizes else 0)
 
 
+def _sooner(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+    """Without the delay: a linear model may need it for what the maps show."""
+    if settings.delay is None and best.found.model.delay:
+        bench.control.doing("no delay")
+        with suppress(EmsidError):
+            yield bench.refined(replace(best.found.model, delay=0), best.found.states, best.family, best.size)
+
+
 def _faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
     """With more steps per sample."""
     order = best.found.model.states
@@ -223,12 +237,12 @@ def _other_families(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iter
         return
     for name, size in OTHERS:
         family = family_of(name)
+        if (family, size) == (best.family, best.size):
+            continue
         bench.control.doing(f"map: {name}")
-        try:
+        with suppress(EmsidError):
             start, states = with_family(best, bench.shown, family, _size(family, size))
             yield bench.refined(start, states, family, size)
-        except EmsidError:
-            continue
 
 
 def _second_map(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:

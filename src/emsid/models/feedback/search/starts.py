@@ -286,13 +286,15 @@ def _explained(
 
 def _one_column(shape: Array, residual: Array) -> tuple[Array, Array, Array]:
     """b (r,), c (k,) for which Σ bⱼcₖ shapeⱼₖ is closest to the residual (N,), and the rest (N,)."""
-    whole = shape.reshape(len(shape), -1)
-    start = np.linalg.lstsq(whole, residual, rcond=RIDGE)[0].reshape(shape.shape[1:])
+    basis, triangle = np.linalg.qr(shape.reshape(len(shape), -1))
+    seen = basis.T @ residual
+    start = np.linalg.lstsq(triangle, seen, rcond=RIDGE)[0].reshape(shape.shape[1:])
+    small = triangle.reshape(-1, *shape.shape[1:])
     left, sizes, right = np.linalg.svd(start)
     b, c = left[:, 0], sizes[0] * right[0]
     for _ in range(ALTERNATIONS):
-        c = np.linalg.lstsq(np.tensordot(shape, b, (1, 0)), residual, rcond=RIDGE)[0]
-        b = np.linalg.lstsq(shape @ c, residual, rcond=RIDGE)[0]
+        c = np.linalg.lstsq(np.tensordot(small, b, (1, 0)), seen, rcond=RIDGE)[0]
+        b = np.linalg.lstsq(small @ c, seen, rcond=RIDGE)[0]
         length = float(np.linalg.norm(b)) or 1.0
         b, c = b / length, c * length
     return b, c, residual - np.tensordot(shape, b, (1, 0)) @ c

@@ -27,8 +27,8 @@ from emsid.models.one_channel import Segments, segments_longer_than
 from emsid.models.regression.search.judge import BEYOND, FAR
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
-from emsid.record.holding_back import validation_splits
-from emsid.selection.improvement import STRETCHES, StretchErrors, better, schwarz_gain
+from emsid.record.holding_back import FOLDS, folded, validation_splits
+from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters, schwarz_gain
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,9 @@ SEARCHED, JUDGED = 6_000, 8_000
 MOST_ORDERS, LONGEST = 6, 5
 # Steps of a refinement for a choice.
 STEPS = 40
+# A short record of fewer samples for every parameter of a model is divided into parts that are left out once; steps of
+# each refit, and the relative reduction of the cost over a few of them below which it ends.
+PER_PARAMETER, REFITTED, SAVING = 10, 15, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +103,7 @@ class Bench:
         control: when to stop.
         rng: for directions.
         linear_models: those that were fitted, by order, steps and delay.
+        folds: the errors on parts that are left out, by the identity of the trial.
     """
 
     shown: Sequence[Record]
@@ -108,6 +112,7 @@ class Bench:
     control: Control = FREE
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     linear_models: dict[tuple[int, Steps, int], Found] = field(default_factory=dict)
+    folds: dict[int, tuple[Trial, StretchErrors]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Bench:
@@ -124,11 +129,6 @@ class Bench:
         )
         shortest = max(len(segment) for record in unseen for segment in record.segments)
         return cls(shown, unseen, min(largest.memory, shortest // 3), control)
-
-    @property
-    def compared(self) -> bool:
-        """Whether there are unseen data."""
-        return self.unseen is not self.shown
 
     def segments(self, model: FeedbackModel) -> Segments:
         """(u, y) of the data that models are fitted to."""
@@ -164,6 +164,50 @@ class Bench:
                 squares = squared_errors(found.model, self.unseen, self.transient)
         return Trial(found, StretchErrors.of(squares), family, size)
 
+    def prefers(self, trial: Trial, best: Trial) -> bool:
+        """Whether a trial replaces the best one.
+
+        Of two models the richer one is chosen if it is better on unseen data by more than noise. It is also chosen by
+        Schwarz's criterion on the fitted data, for the number of independent errors, if it is better on unseen data
+        too. In a short record no part shows all that the whole does, so that criterion alone decides, on the free run
+        from the state that the first samples show; where it counts too few samples for every parameter, the errors on
+        parts that are left out decide.
+
+        Args:
+            trial: the new one.
+            best: the one before.
+        """
+        if not (np.isfinite(trial.errors.mean) and np.isfinite(best.errors.mean)):
+            return bool(np.isfinite(trial.errors.mean))
+        richer = trial.parameters > best.parameters
+        simple, rich = (best, trial) if richer else (trial, best)
+        minimum, extra = rich.found.minimum, rich.parameters - simple.parameters
+        compared = self.unseen is not self.shown
+        error, than = (each.found.error**2 if compared else each.errors.mean for each in (rich, simple))
+        gain = schwarz_gain(error, than, effective_samples(minimum.residuals), extra)
+        if compared:
+            wins = better(rich.errors, simple.errors) or (gain > 0 and rich.errors.mean < simple.errors.mean)
+        elif extra and minimum.samples < PER_PARAMETER * rich.parameters:
+            wins = matters(self.left_out(rich).mean, self.left_out(simple).mean)
+        else:
+            wins = gain > 0
+        return wins if richer else not wins
+
+    def left_out(self, trial: Trial) -> StretchErrors:
+        """The errors of a model on the parts of a short record, each of which is left out of a fit once."""
+        key = id(trial)
+        if key not in self.folds:
+            model, parts = trial.found.model, []
+            for train, unseen in folded(self.shown)[1]:
+                squares = np.full(1, np.inf)
+                with suppress(EmsidError):
+                    segments = segments_longer_than(model.memory, model, train)
+                    again = searched(model, segments, model.edge, REFITTED, 0.2, self.control.quietly(), SAVING)
+                    squares = squared_errors(again.model, unseen)
+                parts.append(StretchErrors.of(squares, STRETCHES // FOLDS))
+            self.folds[key] = trial, StretchErrors.joined(parts)
+        return self.folds[key][1]
+
 
 def runs_away(model: FeedbackModel, segments: Segments, states: Sequence[Array]) -> bool:
     """Whether the free run leaves the range of the measured output by far on an input that no fit has seen.
@@ -186,31 +230,3 @@ def runs_away(model: FeedbackModel, segments: Segments, states: Sequence[Array])
             if not far.max() <= FAR * 0.5 * (high - low):  # also where it is not a number
                 return True
     return False
-
-
-def preferred(trial: Trial, best: Trial, compared: bool) -> bool:
-    """Whether a trial replaces the best one.
-
-    Of two models the richer one is chosen if it is better on unseen data by more than noise. It is also chosen by
-    Schwarz's criterion on the fitted data, for the number of independent errors, if it is better on unseen data too.
-    In a short record no part shows all that the whole does, so that criterion alone decides, on the free run from the
-    state that the first samples show.
-
-    Args:
-        trial: the new one.
-        best: the one before.
-        compared: whether there are unseen data.
-    """
-    if not (np.isfinite(trial.errors.mean) and np.isfinite(best.errors.mean)):
-        return bool(np.isfinite(trial.errors.mean))
-    richer = trial.parameters > best.parameters
-    simple, rich = (best, trial) if richer else (trial, best)
-    residual = rich.found.minimum.residuals
-    extra = rich.parameters - simple.parameters
-    error, than = (each.found.error**2 if compared else each.errors.mean for each in (rich, simple))
-    gain = schwarz_gain(error, than, effective_samples(residual), extra)
-    if compared:
-        wins = better(rich.errors, simple.errors) or (gain > 0 and rich.errors.mean < simple.errors.mean)
-    else:
-        wins = gain > 0
-    return wins if richer else not wins

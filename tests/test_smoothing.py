@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.integrate import quad
 from scipy.signal import lfilter
 
 from emsid.estimation.linear.information import Information
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.smoothing import Penalty, chosen_weights
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
@@ -58,6 +60,20 @@ def test_the_number_of_knots_hardly_matters(name: str, samples: int, bound: floa
     assert errors[2] == pytest.approx(errors[1], rel=0.1)
 
 
+@dataclass(frozen=True)
+class Lines:
+    """A linear problem: basis (N, p) and y (N,)."""
+
+    basis: Array
+    y: Array
+
+    def residuals(self, theta: Array) -> list[Array]:
+        return [self.basis @ theta - self.y]
+
+    def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
+        return [(self.basis @ theta - self.y, self.basis)]
+
+
 def test_the_weight_is_the_most_likely_one() -> None:
     """For y = f + e with f ~ N(0, σ²/μ) in the penalised directions, against the likelihood written out."""
     rng = np.random.default_rng(0)
@@ -66,7 +82,7 @@ def test_the_weight_is_the_most_likely_one() -> None:
     target = jacobian @ (0.3 * rng.standard_normal(8)) + rng.standard_normal(60)
     penalty = Penalty(rows, rng.standard_normal(5))
     information = Information.from_rows(jacobian, target)
-    (weight,) = chosen_weights([penalty], information, theta, np.arange(8), np.ones(1))
+    (weight,) = chosen_weights([penalty], information, theta, np.arange(8), np.ones(1), 60)
 
     def unlikelihood(mu: float) -> float:
         """−2 log of the likelihood with every flat direction integrated out and σ² at its best."""
@@ -77,6 +93,22 @@ def test_the_weight_is_the_most_likely_one() -> None:
 
     grid = weight * 10 ** np.linspace(-3, 3, 61)
     assert unlikelihood(weight) <= min(map(unlikelihood, grid)) + 0.05
+
+
+@pytest.mark.parametrize("knots", [10, 40])
+def test_a_curve_does_not_follow_a_slow_residual(knots: int) -> None:
+    """What drifts over several turns of a slow input looks like a curve of it; counted one by one, samples say so."""
+    rng, errors, t = np.random.default_rng(5), [], np.arange(2000)
+    x = np.sin(t / 60) + 0.3 * np.sin(t / 37)
+    at = np.linspace(-1.35, 1.35, knots)
+    spline = CubicSpline(at, at)
+    basis, penalty = spline.parameter_gradient(x).T, Penalty(spline.roughness(), np.zeros(len(spline.roughness())))
+    for _ in range(10):
+        y = x + lfilter([0.04], [1, -0.98], rng.standard_normal(2000))
+        found = gauss_newton(Lines(basis, y), np.linalg.lstsq(basis, y)[0], penalties=[penalty])
+        curve = basis @ found.estimate
+        errors.append(np.std(curve - np.polyval(np.polyfit(x, curve, 1), x)))
+    assert np.mean(errors) < 0.035  # without correlation in mind 0.045 and 0.051
 
 
 def test_two_penalties_have_a_weight_each() -> None:
@@ -93,7 +125,7 @@ def test_two_penalties_have_a_weight_each() -> None:
     weights = np.ones(2)
     for _ in range(3):
         information = Information.from_rows(jacobian, target)
-        weights = chosen_weights(penalties, information, np.zeros(40), np.arange(40), weights)
+        weights = chosen_weights(penalties, information, np.zeros(40), np.arange(40), weights, 400)
     assert weights[0] < 0.1
     assert weights[1] > 1e3
 

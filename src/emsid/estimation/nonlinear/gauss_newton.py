@@ -58,6 +58,7 @@ from emsid.estimation.linear.information import Information, Solution, inverse_t
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.estimation.nonlinear.losses import SQUARES, Loss
 from emsid.estimation.nonlinear.smoothing import Penalty, chosen_weights
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.estimation.uncertainty.robust_covariance import long_run_variance
 from emsid.findings import Finding
 
@@ -225,6 +226,7 @@ class _Point:
     lengths: Array  # of the columns of √w·J, without the penalty
     weights: Array  # of the penalties
     most: Array  # the largest weights that they may have
+    independent: float  # samples that the residual is worth, at most so far
     penalty: Penalty  # all of them together, with their weights
 
     @property
@@ -297,7 +299,7 @@ class _Search:
         if not np.isfinite(_cost(self.problem, theta, self.loss)):
             raise ModelError("the residual at the start is not finite; check the data and the start values")
         count = len(self.penalties)
-        point = self._linearise(theta, np.ones(count), np.full(count, np.inf))
+        point = self._linearise(theta, np.ones(count), np.full(count, np.inf), 0.0)
         if point.information.samples + len(point.penalty.rows) < len(self.box.varied):
             raise ModelError(
                 f"{int(point.information.samples)} samples for {len(self.box.varied)} free parameters; "
@@ -319,12 +321,13 @@ class _Search:
                 return None
             before = iterate.point
             try:
-                point = self._linearise(theta, before.weights, before.most)
+                point = self._linearise(theta, before.weights, before.most, before.independent)
             except Infeasible:  # the cost is lower there, but has no derivative: a smaller step
                 iterate, theta = replace(iterate, damping=MORE_DAMPING * iterate.damping), None
                 continue
             if lightened < MOST_LIGHTENED and self._flattened(point, iterate):
-                lighter = self._linearise(before.theta, before.weights, LIGHTER * before.weights)
+                most = LIGHTER * before.weights
+                lighter = self._linearise(before.theta, before.weights, most, before.independent)
                 iterate = self._at(lighter, iterate.scale, iterate.damping, iterate.offset_before, iterate.costs)
                 theta, point, lightened = None, None, lightened + 1
         new = self._at(point, iterate.scale, damping, iterate.offset, (*iterate.costs, point.cost))
@@ -369,14 +372,20 @@ class _Search:
         smoothed = 2 * len(iterate.point.penalty.rows) / max(point.information.samples, 1)
         return bool(self.penalties) and point.cost > (1 + RAISED + smoothed) * min(iterate.costs)
 
-    def _linearise(self, theta: Array, weights: Array, most: Array) -> _Point:
-        """The linearisation at θ, with the penalties; their weights are chosen, starting from the given ones."""
+    def _linearise(self, theta: Array, weights: Array, most: Array, independent: float) -> _Point:
+        """The linearisation at θ, with the penalties; their weights are chosen, starting from the given ones.
+
+        The number of independent samples that the residual is worth never falls, so that the search settles.
+        """
         cost, blocks, information = _linearise(self.problem, theta, self.box.varied, self.loss)
-        weights = np.minimum(chosen_weights(self.penalties, information, theta, self.box.varied, weights), most)
+        if self.penalties:
+            independent = max(independent, effective_samples([residual for residual, _ in blocks]))
+            likely = chosen_weights(self.penalties, information, theta, self.box.varied, weights, independent)
+            weights = np.minimum(likely, most)
         penalty = Penalty.weighted(self.penalties, weights, len(theta))
         lengths = np.linalg.norm(information.factor[:-1, :-1], axis=0)
         information = penalty.added(information, theta, self.box.varied)
-        return _Point(theta, cost, blocks, information, lengths, weights, most, penalty)
+        return _Point(theta, cost, blocks, information, lengths, weights, most, independent, penalty)
 
     def _undamped(self, iterate: _Iterate) -> Array | None:
         """θ after the undamped step, if the change of the cost is below its rounding; otherwise None."""

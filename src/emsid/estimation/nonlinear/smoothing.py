@@ -15,6 +15,10 @@ and of all other penalties, and U·d·Wᵀ the singular values of RA⁻¹, the r
 for M degrees of freedom, z and a in the coordinates W and U, and k the rank of R. It is computed on a grid of μ, so its
 highest maximum is found. Several penalties are weighted in turn.
 
+Neighbouring residuals that are alike, as those of a wrong model are, say less than as many independent ones; counted
+one by one they would let a curve follow them, and more so the more knots it has. M is therefore that of the number of
+independent samples, see `effective_samples` (Opsomer, Wang & Yang 2001 on what correlated errors do to the weight).
+
 References:
     Eilers, Marx, *Flexible smoothing with B-splines and penalties*, Statistical Science 11 (1996). O'Sullivan, *A
     statistical perspective on ill-posed inverse problems*, Statistical Science 1 (1986). Wahba, *A comparison of GCV
@@ -100,7 +104,12 @@ class Penalty:
 
 
 def chosen_weights(
-    penalties: Sequence[Penalty], information: Information, theta: Array, varied: NDArray[np.intp], before: Array
+    penalties: Sequence[Penalty],
+    information: Information,
+    theta: Array,
+    varied: NDArray[np.intp],
+    before: Array,
+    samples: float,
 ) -> Array:
     """(m,) the most likely weight of every penalty, for a residual that is linear around θ.
 
@@ -110,16 +119,17 @@ def chosen_weights(
         theta: (p,) θ.
         varied: the parameters that are estimated.
         before: (m,) weights to begin with; the weight of one penalty is chosen for those of the others.
+        samples: how many independent ones the residual is worth.
     """
     weights = before.copy()
     for j, penalty in enumerate(penalties):
         others = [each for k, each in enumerate(penalties) if k != j]
         rest = Penalty.weighted(others, np.delete(weights, j), len(theta)).added(information, theta, varied)
-        weights[j] = _most_likely(penalty.rows[:, varied], penalty.value(theta), rest)
+        weights[j] = _most_likely(penalty.rows[:, varied], penalty.value(theta), rest, samples)
     return weights
 
 
-def _most_likely(rows: Array, value: Array, information: Information) -> float:
+def _most_likely(rows: Array, value: Array, information: Information, samples: float) -> float:
     """The weight of one penalty with the largest restricted likelihood."""
     size = information.parameters
     factor = information.factor
@@ -137,7 +147,7 @@ def _most_likely(rows: Array, value: Array, information: Information) -> float:
     rough = (singular * ahead + sides.T @ value) ** 2
     squares = singular**2
     rank = int(np.count_nonzero(singular > PENALISED * singular[0]))
-    freedom = max(information.samples - size + rank, 1.0)
+    freedom = max(samples - size + rank, 1.0)
     weights = unit * WEAKEST * STEP ** np.arange(1, np.log(STRONGEST / WEAKEST) / np.log(STEP))
     shrunk = 1 + np.outer(weights, squares)
     fixed = triangle[size, size] ** 2 + factor[size, size] ** 2

@@ -6,13 +6,15 @@ import pytest
 import emsid
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.findings import Finding
-from emsid.identification import workflow
+from emsid.identification import long_records
 from emsid.identification.candidates import CANDIDATES, QUICK
-from emsid.identification.options import Options
+from emsid.identification.compared import Compared
+from emsid.identification.options import Continued, Options
 from emsid.identification.requests import plants_of, unused_requests
 from emsid.models.model import Run
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Bridge
+from emsid.validation.comparison import assess
 from emsid.validation.residual_test import residual_tests
 
 DT = 0.01
@@ -140,6 +142,21 @@ class Clock:
         return self.now
 
 
+class Later:
+    """A candidate that continues with another structure."""
+
+    summary, uses = "later", ()
+
+    def __init__(self, structure):
+        self.structure = structure
+
+    def __call__(self, record, options, control):
+        raise NotImplementedError
+
+    def continued(self, fit, record, options, control):
+        return emsid.fit(self.structure, record)
+
+
 class Endless:
     """A candidate whose search never ends by itself; every step of it takes a tenth of a second of the clock."""
 
@@ -171,15 +188,37 @@ def test_a_model_without_a_result_in_its_share_of_the_time_is_named(plain, monke
         emsid.identify(driven(0), budget=0.0)
 
 
-def test_several_models_are_fitted_to_an_excerpt_of_a_long_record(monkeypatch):
-    monkeypatch.setattr(workflow, "COMPARED", 1_000)
-    one, several = (emsid.identify(driven(0, 2000), models=names) for names in ("arx", "arx,output-error"))
+def test_models_of_a_long_record_are_compared_on_an_excerpt_and_the_recommended_one_fitted_to_all(monkeypatch):
+    monkeypatch.setattr(long_records, "COMPARED", 1_000)
+    options, record = Options(na=1, nb=1, nk=1, knots=2), driven(0, 2000)
+    one, several = (emsid.identify(record, models=names, options=options) for names in ("arx", "friction-narx,arx"))
     assert "fitted-to-excerpt" not in codes(one)
-    assert {fit.samples for fit in one.fits} != {fit.samples for fit in several.fits}
     (finding,) = (each for each in several.findings if each.code == "fitted-to-excerpt")
-    assert finding.data == {"samples": 1_000, "of": len(one.record)}
-    assert len(several.record) == 1_000
+    first, second = several.fits
+    assert finding.data == {"samples": 999, "of": 1_400, "finished": first.model.name}
     assert len(several.unseen) == len(one.unseen)
+    assert first.samples > 1_390 > 999 > second.samples
+    assert (first.estimate == emsid.least_squares(first.model.structure, record[:1_400]).estimate).all()
+    assert several.chosen is first
+    assert all(any(first is each.fit for each in on) for on in (several.on_record.assessments, several.ranking))
+    assert several.on_unseen.best.row.simulation_mse == assess(first, several.unseen, 1).row.simulation_mse
+
+
+@pytest.mark.parametrize("name", CANDIDATES)
+def test_every_model_of_an_excerpt_can_be_continued(name):
+    assert isinstance(CANDIDATES[name], Continued) == (name not in ("armax", "box-jenkins", "state-space"))
+
+
+def test_a_model_is_not_continued_where_that_is_worse_or_there_is_no_time(monkeypatch):
+    record, options = driven(0, 2000), Options()
+    fit = emsid.fit(emsid.arx(1, 1), record[:1000])
+    judged = Compared.of([fit], record[:1000], driven(1), options, Control(), transient=None, divide=True)
+    for structure, better in ((emsid.arx(1, 1, 5), False), (emsid.arx(1, 1), True)):
+        monkeypatch.setitem(CANDIDATES, "arx", Later(structure))
+        found = long_records.on_all_samples(judged, record, options)
+        assert (found.finished, found.best is fit) == (better, not better)
+    stopped = Control(cancelled=lambda: True)
+    assert long_records.on_all_samples(judged, record, options, stopped) is judged
 
 
 def test_a_quick_look_has_linear_models_and_regressions_only(plain):

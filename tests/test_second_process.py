@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
+from functools import partial
+from multiprocessing import get_context
 
 import numpy as np
 
 import emsid
 from emsid.cli import second_process as module
-from emsid.cli.second_process import LARGEST, SecondProcess, second_process
+from emsid.cli.second_process import SecondProcess, second_process, taken
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.identification import Options
@@ -38,7 +39,9 @@ class Elsewhere:
 
     def begin(self, names, record, options):
         self.record, self.options = record, options
-        return tuple(name for name in names if name in self.names)
+
+    def has_begun(self, name):
+        return name in self.names
 
     def fitted(self, name, control):
         return self.answer(name, self, control) if self.answer else None
@@ -100,7 +103,8 @@ def test_an_interrupted_identification_keeps_what_was_found_elsewhere() -> None:
 def test_the_second_process_finds_and_draws_the_same() -> None:
     record, second = lagging(), SecondProcess(fits=True)
     try:
-        assert second.begin(("arx", "polynomial-narx"), record, OPTIONS) == ("polynomial-narx",)
+        second.begin(("arx", "polynomial-narx"), record, OPTIONS)
+        assert second.has_begun("arx") is False
         here = CANDIDATES["polynomial-narx"](record, OPTIONS, FREE)
         fit = second.fitted("polynomial-narx", FREE)
         assert fit is not None
@@ -116,24 +120,33 @@ def test_the_second_process_finds_and_draws_the_same() -> None:
         second.close()
     second._process.join(5)
     assert second._process.exitcode is not None
-    assert second.begin(("arx", "polynomial-narx"), record, OPTIONS) == ()
     assert second.fitted("polynomial-narx", FREE) is fit
+    second.begin(("arx", "friction-narx"), record, OPTIONS)
+    assert not second.has_begun("friction-narx")
 
 
-def test_a_second_process_is_started_only_where_it_saves_time(tmp_path, monkeypatch) -> None:
+def test_each_model_is_taken_by_one_process_only(monkeypatch) -> None:
+    flags, asked = get_context("spawn").Array("b", 4), []
+    names = ("arx", "feedback", "friction-narx")
+    assert taken(flags, 0)
+
+    def fit(name, record, options, control):
+        asked.append(name)
+        return not taken(flags, 2)  # the other process takes the third one meanwhile
+
+    monkeypatch.setattr("emsid.identification.candidates.CANDIDATES", {name: partial(fit, name) for name in names})
+    monkeypatch.setattr("emsid.report.figures.prepare", lambda: None)
+    assert [name for name, _ in module.fitted(names, lagging(), OPTIONS, flags, lambda: False)] == asked == ["feedback"]
+    assert list(module.fitted(names[:1], lagging(), OPTIONS, get_context("spawn").Array("b", 4), lambda: True)) == []
+
+
+def test_a_second_process_is_started_only_where_it_saves_time(monkeypatch) -> None:
     monkeypatch.setattr(module, "SecondProcess", lambda fits: "fits and draws" if fits else "draws")
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1}, raising=False)
-    small, large = tmp_path / "small.csv", tmp_path / "large.csv"
-    small.write_text("u,y\n")
-    large.touch()
-    os.truncate(large, LARGEST + 1)
-    assert second_process((), [small], alone=True) == "fits and draws"
-    assert second_process(("arx", "wiener"), [small], alone=True) == "fits and draws"
-    assert second_process((), [small], alone=True, searches=False) == "draws"
-    assert second_process(("arx", "friction-narx"), [small], alone=True) == "draws"
-    assert second_process(("wiener",), [small], alone=True) == "draws"
-    assert second_process((), [small, large], alone=True) == "draws"
-    assert second_process((), [small], alone=False) is None
-    assert second_process((), [tmp_path / "missing.csv"], alone=True) is None
+    assert second_process((), alone=True) == "fits and draws"
+    assert second_process(("arx", "wiener"), alone=True) == "fits and draws"
+    assert second_process((), alone=True, searches=False) == "draws"
+    assert second_process(("wiener",), alone=True) == "draws"
+    assert second_process((), alone=False) is None
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0}, raising=False)
-    assert second_process((), [small], alone=True) is None
+    assert second_process((), alone=True) is None

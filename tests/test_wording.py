@@ -181,7 +181,8 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("parameters-without-interval", data={"parameters": ["f.b_r", "f.m_r"]}),
     # plants
     Finding("fitted-to-all-data", "log.csv", {"model": "feedback", "samples": 1024, "of": 717}),
-    Finding("fitted-to-excerpt", "log.csv", {"samples": 50_000, "of": 350_000}),
+    Finding("fitted-to-excerpt", "log.csv", {"samples": 20_000, "of": 350_000, "finished": "rigid-motor"}),
+    Finding("fitted-to-excerpt", "log.csv", {"samples": 20_000, "of": 350_000, "finished": ""}),
     Finding("input-taken-as-constant", "force", {"between": "band-limited", "ratio": 41.5}),
     Finding("input-between-samples", "voltage", {"straight": 1, "held": 0}),
     Finding("input-between-samples", "voltage", {"straight": 2, "held": 1}),

@@ -2,7 +2,8 @@
 
 Most searches spend their time in Python, where threads wait for each other. The process is started before
 the files are read, so that its imports take no time of their own. It computes what this process would; what it does not
-answer is computed here. It ends with this process.
+answer is computed here. Each of the two takes the next model as soon as it is done with one, this process from the
+first on and the other one from the last, so both end at about the same time. It ends with this process.
 """
 
 import os
@@ -11,7 +12,6 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from queue import SimpleQueue
 from threading import Event, Thread
 from time import monotonic
@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
+    from multiprocessing.sharedctypes import SynchronizedArray
 
     from emsid.estimation import Fit
     from emsid.estimation.nonlinear.control import Control
@@ -26,10 +27,10 @@ if TYPE_CHECKING:
     from emsid.record import Record
     from emsid.report.document import Diagram, Figure
 
-OWN = ("polynomial-narx", "wiener-hammerstein", "wiener", "feedback")
-"""The models that it fits; they take about as long as all others together."""
-LONGEST, LARGEST = 100_000, 100_000_000
-"""Samples to fit, and bytes of files, beyond which it only draws: one process has enough to hold."""
+SLOWEST = "feedback"
+"""The model that it begins with: it often takes as long as all others together."""
+MOST = 64
+"""Of more models it fits none."""
 MANY = 14
 """Of fewer figures none is drawn here: the import of the library would take as long as is saved."""
 LAST = 3.0
@@ -49,7 +50,8 @@ class SecondProcess:
         resource_tracker.ensure_running()  # `start` does it otherwise, and lets signals through again
         context = get_context("spawn")
         self._connection, other = context.Pipe()
-        self._process = context.Process(target=serve, args=(other, fits), daemon=True)
+        self._taken = context.Array("b", MOST)
+        self._process = context.Process(target=serve, args=(other, fits, self._taken), daemon=True)
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # it never hears Ctrl-C
         try:
             self._process.start()
@@ -57,15 +59,18 @@ class SecondProcess:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         other.close()
         self._fits = fits
+        self._names: tuple[str, ...] = ()
         self._answers: dict[str, Any] = {}
         self._stopped_at: float | None = None
 
-    def begin(self, names: Sequence[str], record: "Record", options: "Options") -> tuple[str, ...]:
-        """Start to fit some of the models there, and return their names."""
-        chosen = tuple(name for name in names if name in OWN)
-        if not self._fits or len(record) > LONGEST or len(chosen) in (0, len(names)):
-            return ()
-        return chosen if self._sent((fitted, chosen, record, options)) else ()
+    def begin(self, names: Sequence[str], record: "Record", options: "Options") -> None:
+        """Start to fit some of the models there."""
+        if self._fits and 1 < len(names) <= MOST and self._sent((fitted, tuple(names), record, options)):
+            self._names = tuple(names)
+
+    def has_begun(self, name: str) -> bool:
+        """Whether a model is fitted there; if not, it is left to this process."""
+        return name in self._names and not taken(self._taken, self._names.index(name))
 
     def fitted(self, name: str, control: "Control") -> "Fit[Any] | None":
         """The fit of a model, once it is there; None if there is none.
@@ -127,27 +132,27 @@ class SecondProcess:
         return self._answers.get(name)
 
 
-def second_process(
-    models: Sequence[str], files: Iterable[Path], *, alone: bool, searches: bool = True
-) -> SecondProcess | None:
-    """A second process where there are two cores. It fits models of `OWN` that are among several.
+def second_process(models: Sequence[str], *, alone: bool, searches: bool = True) -> SecondProcess | None:
+    """A second process where there are two cores. It fits some of several models.
 
     Args:
         models: their names; none for the usual ones.
-        files: of the records.
         alone: whether this process runs nothing else; otherwise the second one might repeat that.
         searches: whether models take long.
     """
     if not (alone and hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1):
         return None
-    with suppress(OSError):
-        short = sum(path.stat().st_size for path in files) <= LARGEST
-        mixed = not models or (len(models) > 1 and any(name in OWN for name in models))
-        return SecondProcess(searches and short and mixed)
-    return None
+    return SecondProcess(searches and len(models) != 1)
 
 
-def serve(connection: "Connection", fits: bool) -> None:
+def taken(flags: "SynchronizedArray[int]", k: int) -> bool:
+    """Whether the caller may fit the k-th model, as the other process has not begun it; it will not from now on."""
+    with flags.get_lock():
+        free, flags[k] = not flags[k], 1
+    return free
+
+
+def serve(connection: "Connection", fits: bool, flags: "SynchronizedArray[int]") -> None:
     """The work of the second process, until the connection ends."""
     cancelled, tasks = Event(), SimpleQueue[Any]()
     Thread(target=_listen, args=(connection, tasks, cancelled), daemon=True).start()
@@ -159,12 +164,18 @@ def serve(connection: "Connection", fits: bool) -> None:
         prepare()
     while True:
         task, *about = tasks.get()
-        for answer in task(*about, cancelled.is_set):
+        for answer in task(*about, flags, cancelled.is_set):
             connection.send(answer)
 
 
-def fitted(names: Sequence[str], record: "Record", options: "Options", cancelled: Callable[[], bool]) -> Iterable[Any]:
-    """The name of every model with its fit, the problem, or None."""
+def fitted(
+    names: Sequence[str],
+    record: "Record",
+    options: "Options",
+    flags: "SynchronizedArray[int]",
+    cancelled: Callable[[], bool],
+) -> Iterable[Any]:
+    """The name of every model that is taken here with its fit, the problem, or None."""
     from emsid.errors import EmsidError
     from emsid.estimation.fit import fit_or_problem
     from emsid.estimation.nonlinear.control import Control, Stopped
@@ -172,7 +183,10 @@ def fitted(names: Sequence[str], record: "Record", options: "Options", cancelled
     from emsid.report.figures import prepare
 
     record = replace(record)  # whose arrays cannot be written to
-    for name in names:
+    first = [name for name in names if name == SLOWEST]
+    for name in (*first, *(name for name in reversed(names) if name not in first)):
+        if cancelled() or not taken(flags, names.index(name)):
+            continue
         try:
             yield name, fit_or_problem(partial(CANDIDATES[name], record, options, Control(cancelled=cancelled)))
         except EmsidError as problem:
@@ -182,7 +196,7 @@ def fitted(names: Sequence[str], record: "Record", options: "Options", cancelled
     prepare()
 
 
-def drawn(figures: "Sequence[Figure | Diagram]", formats: Collection[str], _: object) -> Iterable[Any]:
+def drawn(figures: "Sequence[Figure | Diagram]", formats: Collection[str], *_: object) -> Iterable[Any]:
     """The name of every figure with its files, or None."""
     from emsid.report.figures import draw
 

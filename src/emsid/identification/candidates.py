@@ -44,7 +44,11 @@ from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.refinements.catalogue import REFINEMENTS
 from emsid.models.plants.search.refinements.contract import Refinement
+from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record
+
+LAST_STEPS = 10
+"""Steps of a plant from its estimates of a part of a record to those of all of it."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +66,18 @@ class Blocks:
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose orders, knots and delay on selection data, then fit to the free run over the whole record."""
+        return self._structure(options).fit(record, control=control)
+
+    def continued(self, fit: Fit[Any], record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
+        """Fit the same cascade to the free run over the whole record, from the estimates of the part."""
+        return self._structure(options).continued(fit.model, record, control)
+
+    def _structure(self, options: Options) -> CascadeStructure:
         rate = 1 if options.hold is Hold.ZERO else None  # more steps per sample are for inputs that go on in between
         settings = CascadeSearch(
             static=options.static, size=options.knots, delay=options.nk, oversampling=rate, period=options.period
         )
-        return CascadeStructure(self.topology, self._orders(options), settings).fit(record, control=control)
+        return CascadeStructure(self.topology, self._orders(options), settings)
 
     def _orders(self, options: Options) -> tuple[int | None, int | None]:
         wanted = self.topology.first + self.topology.second
@@ -96,6 +107,13 @@ class Feedback:
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose order, maps and steps per sample on selection data, then fit to the free run over the whole record."""
+        return self._structure(options).fit(record, control=control)
+
+    def continued(self, fit: Fit[Any], record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
+        """Fit the same model to the free run over the whole record, from the estimates of the part."""
+        return self._structure(options).continued(fit, record, control)
+
+    def _structure(self, options: Options) -> FeedbackStructure:
         if len(options.orders) > 1:
             raise ModelError(
                 f"feedback has one linear part; {len(options.orders)} orders given: give one", arguments=("orders",)
@@ -106,7 +124,7 @@ class Feedback:
         search = FeedbackSearch(
             order, None, static, options.knots or 0, options.nk, held=held, held_back=options.held_back
         )
-        return FeedbackStructure(search).fit(record, control=control)
+        return FeedbackStructure(search)
 
 
 @dataclass(frozen=True)
@@ -155,6 +173,27 @@ class Physical:
             per_record=options.per_record,
             refinements=self.refinements,
             linear=inf if linear is None else (1 - linear.fit) ** 2,
+            control=control,
+        )
+
+    def continued(self, fit: Fit[Any], record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
+        """Fit the same plant to the whole record, from the estimates of the part.
+
+        Raises:
+            ModelError: where records have parameters of their own.
+        """
+        if not isinstance(fit, GreyBoxFit) or fit.by_record:
+            raise ModelError(f"{fit.model.name}: a fit with parameters by record cannot be continued")
+        return simulation_error(
+            fit.model.plant,
+            record,
+            free=[row.name for row in fit.table if row.status is not Status.FIXED],
+            fixed=options.fixed,
+            datasheet=applicable(options.datasheet, fit.model.plant),
+            weighting=fit.weighting,
+            hold=fit.model.plant.hold,
+            find_start=False,
+            max_iterations=LAST_STEPS,
             control=control,
         )
 

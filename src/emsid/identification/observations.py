@@ -115,11 +115,6 @@ def fitted_to_all_data(model: str, fitted: Record, whole: Record) -> Finding:
     return Finding("fitted-to-all-data", whole.name, {"model": model, "samples": len(whole), "of": len(fitted)})
 
 
-def fitted_to_an_excerpt(samples: int, record: Record) -> Finding:
-    """The finding that the models are fitted to this many samples of a record."""
-    return Finding("fitted-to-excerpt", record.name, {"samples": samples, "of": len(record)})
-
-
 def chosen_and_judged_apart(comparison: Comparison) -> list[float] | None:
     """RMSE of every output where a model is chosen on one half of the data and judged on the other, both ways round.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from emsid.arguments import as_names
 from emsid.errors import ModelError
@@ -112,4 +112,13 @@ class ModelKind(Protocol):
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose options that are not given on selection data, then fit to the whole record."""
+        ...
+
+
+@runtime_checkable
+class Continued(Protocol):
+    """A kind of model whose fit to a part of a record can be continued on all of it."""
+
+    def continued(self, fit: Fit[Any], record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
+        """Fit the same structure to the whole record, from the estimates of the part."""
         ...

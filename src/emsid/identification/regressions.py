@@ -75,8 +75,25 @@ class Regression:
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose options that are not given on selection data, then fit to the whole record."""
         structure = chosen_structure(self.build, self.choices, record, options, options.estimate, control)
+        return self._estimated(structure, record, options)
+
+    def continued(self, fit: Fit[Narx], record: Record, options: Options, control: Control = FREE) -> Fit[Narx]:
+        """Fit the same structure to the whole record."""
+        return self._estimated(fit.model.structure, record, options)
+
+    def _estimated(self, structure: Structure, record: Record, options: Options) -> Fit[Narx]:
         fit = options.estimate(structure, record)
         return with_honest_intervals(fit, record) if not options.ridge and options.forgetting is None else fit
+
+
+class _OfFreeRun:
+    """A regression that is fitted to the free run."""
+
+    def continued(self, fit: Fit[Narx], record: Record, options: Options, control: Control = FREE) -> Fit[Narx]:
+        """Fit the same structure to the free run over the whole record, from the estimates of the part."""
+        found = refit_to(fit, record, control)
+        about_terms = (each for each in fit.findings if each.code == "dictionary-rank-deficient")
+        return replace(found, findings=(*found.findings, *about_terms))
 
 
 # The orders that were chosen for a record, as long as it lives.
@@ -84,7 +101,7 @@ _CHOSEN: WeakKeyDictionary[Record, dict[tuple[Any, ...], Fit[Narx]]] = WeakKeyDi
 
 
 @dataclass(frozen=True)
-class OutputError:
+class OutputError(_OfFreeRun):
     """A linear model fitted to the free run as a candidate: ARX without the bias of its equation error."""
 
     summary: str
@@ -117,7 +134,7 @@ class OutputError:
 
 
 @dataclass(frozen=True)
-class FreeRunRegression:
+class FreeRunRegression(_OfFreeRun):
     """A family of structures as a candidate: chosen by least squares, then fitted to the free run, without idle terms.
 
     Args:
@@ -148,7 +165,7 @@ class FreeRunRegression:
 
 
 @dataclass(frozen=True)
-class PolynomialNarx:
+class PolynomialNarx(_OfFreeRun):
     """Products of lagged outputs and inputs as a candidate, selected from a dictionary by the free run.
 
     It begins with an output-error model. The dictionary has its lags; if products help, lags one sample longer are

@@ -6,7 +6,7 @@ data, which no step of a fit uses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol
@@ -19,21 +19,20 @@ from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.findings import Finding
 from emsid.first_look.advice import questions, responses_of
 from emsid.identification.candidates import CANDIDATES, QUICK, usual_for
+from emsid.identification.compared import Compared
 from emsid.identification.delay import with_delay
+from emsid.identification.long_records import about_excerpt, on_all_samples, to_compare
 from emsid.identification.observations import (
-    about_the_fits,
     built_in_values,
     failure,
     fitted_to_all_data,
-    fitted_to_an_excerpt,
     missing_models,
     observations,
     out_of_time,
     profile_failure,
 )
 from emsid.identification.options import Options
-from emsid.identification.ranking import Ranked, on_all_data, ranked
-from emsid.identification.recommendation import recommended
+from emsid.identification.ranking import on_all_data
 from emsid.identification.records import Records, given_records
 from emsid.identification.requests import (
     check_physics,
@@ -44,25 +43,28 @@ from emsid.identification.requests import (
     unused_requests,
 )
 from emsid.identification.result import Identification
-from emsid.identification.verdict import excluded_models, implausible_models, model_verdicts, unusable
+from emsid.identification.verdict import model_verdicts
 from emsid.models.bootstrap import bootstrap as drawn_again
 from emsid.models.plants.grey_box import assumptions
 from emsid.models.plants.parameters import parts
 from emsid.models.plants.search.diagnostics import Profile, likelihood_profile
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record, concatenate
-from emsid.record.excerpt import excerpt
-from emsid.record.holding_back import choice_and_headline, hold_back_records
+from emsid.record.holding_back import hold_back_records
 from emsid.validation.agreement import disagreement
-from emsid.validation.comparison import Comparison, compare
+from emsid.validation.comparison import Comparison
 from emsid.validation.regions import by_record
 
 
 class Elsewhere(Protocol):
     """A place where some of the models are fitted at the same time."""
 
-    def begin(self, names: Sequence[str], record: Record, options: Options) -> tuple[str, ...]:
-        """Start to fit some of the models there, and return their names."""
+    def begin(self, names: Sequence[str], record: Record, options: Options) -> None:
+        """Start to fit some of the models there."""
+        ...
+
+    def has_begun(self, name: str) -> bool:
+        """Whether a model is fitted there; if not, it is left to the caller."""
         ...
 
     def fitted(self, name: str, control: Control) -> Fit[Any] | None:
@@ -79,9 +81,6 @@ NAMED = 4
 """Name at most this many records in a title; of more give the number."""
 FEWEST = 20
 """With fewer samples nothing is left to test a model on after it is fitted."""
-COMPARED = 70_000
-"""Several models are fitted to an excerpt of this many samples. From n of them the mean square error of a model with p
-parameters and white noise is larger by the share p/n, so more samples would not change which model is best."""
 
 
 def identify(
@@ -102,7 +101,8 @@ def identify(
 ) -> Identification:
     """Fit several kinds of model and rank them by their free run on unseen data.
 
-    Several models are fitted to an excerpt of a record that is longer than `COMPARED`; a single one to all of it.
+    Several models are fitted to an excerpt of a long record, and the recommended one then to all of it, see
+    `long_records`; a single one to all of it at once.
 
     Args:
         records: what to identify from: a record, the path of a file, or several of either.
@@ -150,33 +150,33 @@ def identify(
 
     train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)
     _check_sample_times(train, test, [name for name in names if name not in plants])
-    train, about_excerpt = _to_compare(train, names)
-    found = _fit_all(names, train, options, control, finished, None if budget else elsewhere)
+    whole, train = train, to_compare(train, names)
+    later = int(whole is not train)
+    found = _fit_all(names, train, options, control, finished, None if budget else elsewhere, later)
     found = _with_bootstrap(found, train, bootstrap, seed, control)
     findings += [missing_models(names, found.fits, found.failed)] if found.stopped else []
     findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
-    taken = _profiles(found.fits, () if found.stopped else options.profile, control)
-    on_record = compare(found.fits, train, transient=transient, data="identification")
-    about_fits = about_the_fits(found.fits, train)
-    on_choice, on_unseen = _held_back(found.fits, test, transient, divide=not others)
-    ranking = ranked(on_choice or on_unseen, None if others else train, options, excluded_models(about_fits), control)
-    order = _order(on_choice or on_unseen, ranking, about_fits)
-    on_choice, on_unseen = on_choice and on_choice.in_order_of(order), on_unseen.in_order_of(order)
-    final = None if others or found.stopped else on_all_data(order[0], test, record, options, control)
+    judged = Compared.of(found.fits, train, test, options, control, transient=transient, divide=not others)
+    if later and not (found.stopped or bootstrap):
+        judged = on_all_samples(judged, whole, options, control)
+    taken = _profiles(judged.fits, () if found.stopped else options.profile, control)
+    final = None if others or found.stopped else on_all_data(judged.fits[0], test, record, options, control)
     stopped = found.stopped or taken.stopped or control.cancelled()
+    on_unseen = judged.on_unseen
     findings = [
-        *observations(on_unseen, train, on_unseen.best.record, taken.profiles, on_choice),
-        *about_fits,
+        *observations(on_unseen, train, on_unseen.best.record, taken.profiles, judged.on_choice),
+        *judged.findings,
         *found.failed,
         *findings,
-        *about_excerpt,
+        *about_excerpt(judged, whole),
         *([] if final is None else [fitted_to_all_data(final.name, train, record)]),
         *([] if stopped else _difference_of_records(on_unseen, (*several, *others))),
         *taken.failed,
     ]
-    about = tuple(findings), taken.profiles, stopped, on_choice, model_verdicts(on_record, on_unseen, about_fits)
+    verdicts = model_verdicts(judged.on_record, on_unseen, judged.findings)
+    about = tuple(findings), taken.profiles, stopped, judged.on_choice, verdicts, judged.ranking, final
     each_record = by_record(on_unseen.fits, (*several, *others), transient)
-    return Identification(train, on_unseen.best.record, on_record, on_unseen, *about, ranking, final, each_record)
+    return Identification(train, on_unseen.best.record, judged.on_record, on_unseen, *about, each_record)
 
 
 def _asked_for(models: str | Iterable[str] | None, quick: bool) -> tuple[str, ...] | None:
@@ -203,13 +203,6 @@ def _limited(control: Control, budget: float | None) -> Control:
     return control.within(budget)
 
 
-def _to_compare(train: Record, names: Sequence[str]) -> tuple[Record, list[Finding]]:
-    """The data to fit these models to, and what is to be said about them."""
-    if len(names) == 1 or len(train) <= COMPARED:
-        return train, []
-    return excerpt(train, COMPARED), [fitted_to_an_excerpt(COMPARED, train)]
-
-
 def _long_enough(record: Record) -> Record:
     """The record.
 
@@ -222,26 +215,6 @@ def _long_enough(record: Record) -> Record:
         f"{record.name}: {len(record)} samples are too few to fit a model and to test it; record at least {FEWEST}",
         arguments=("rows",),
     )
-
-
-def _held_back(
-    fits: Sequence[Fit[Any]], unseen: Record, transient: int | None, *, divide: bool
-) -> tuple[Comparison | None, Comparison]:
-    """The models on the unseen data that choose among them, None where all do, and on those that give their errors."""
-    parts = choice_and_headline(unseen) if divide and len(fits) > 1 else None
-    if parts is None:
-        return None, compare(fits, unseen, transient=transient, data="unseen")
-    choice, headline = parts
-    return compare(fits, choice, transient=transient, data="choice"), compare(
-        fits, headline, transient=transient, data="unseen"
-    )
-
-
-def _order(choice: Comparison, ranking: Sequence[Ranked], findings: Sequence[Finding]) -> list[Fit[Any]]:
-    """The models, the recommended one first and the others by their errors."""
-    useless = {row.model for row in choice.rows if unusable(row)}
-    first = recommended(ranking, implausible_models(findings), useless | excluded_models(findings))
-    return [first.fit, *(each.fit for each in ranking if each is not first)]
 
 
 @dataclass(frozen=True)
@@ -260,8 +233,11 @@ def _fit_all(
     control: Control,
     finished: Callable[[Fit[Any]], None] | None = None,
     elsewhere: Elsewhere | None = None,
+    later: int = 0,
 ) -> _Fits:
     """Every model fitted to the record: one after the other here, and some of them elsewhere meanwhile.
+
+    A time limit leaves a share for so many ``later`` fits.
 
     Raises:
         EmsidError: of the first model, where none can be fitted.
@@ -271,14 +247,15 @@ def _fit_all(
     problems: dict[str, EmsidError] = {}
     late: list[str] = []
     end: BaseException | None = None
-    others = elsewhere.begin(names, record, options) if elsewhere else ()
-    for number, name in enumerate(sorted(names, key=others.__contains__), 1):
-        if end is not None and name not in others:  # what has begun elsewhere may have a result
+    if elsewhere:
+        elsewhere.begin(names, record, options)
+    for number, (name, there) in enumerate(_in_turn(names, elsewhere), 1):
+        if end is not None and there is None:  # what has begun elsewhere may have a result
             continue
         try:
-            own = _of_one_model(control.sharing(len(names) - number + 1), f"{name} ({number} of {len(names)})")
+            own = _of_one_model(control.sharing(len(names) - number + 1 + later), f"{name} ({number} of {len(names)})")
             own.report(Activity("fitting"))
-            fit = elsewhere.fitted(name, own) if elsewhere and name in others else None
+            fit = there.fitted(name, own) if there else None
             fits[name] = fit or _fitted_here(name, record, options, own)
             if finished is not None:
                 finished(fits[name])
@@ -295,6 +272,17 @@ def _fit_all(
         raise end or next((problems[name] for name in names if name in problems), Stopped(Ending.OUT_OF_BUDGET))
     failed = [*(failure(name, problems[name]) for name in names if name in problems), *map(out_of_time, late)]
     return _Fits(tuple(fits[name] for name in names if name in fits), tuple(failed), end is not None)
+
+
+def _in_turn(names: Sequence[str], elsewhere: Elsewhere | None) -> Iterator[tuple[str, Elsewhere | None]]:
+    """Every model with where it is fitted, None for here; those that are fitted elsewhere last."""
+    others = []
+    for name in names:
+        if elsewhere and elsewhere.has_begun(name):
+            others.append((name, elsewhere))
+        else:
+            yield name, None
+    yield from others
 
 
 def _fitted_here(name: str, record: Record, options: Options, control: Control) -> Fit[Any]:

@@ -150,6 +150,17 @@ class Comparison(Presented):
         place = {id(fit): k for k, fit in enumerate(fits)}
         return Comparison(tuple(sorted(self.assessments, key=lambda each: place[id(each.fit)])))
 
+    def with_fit(self, fit: Fit[Any]) -> Comparison:
+        """The same with another fit of the model of its name, run over the same samples."""
+
+        def assessed(before: Assessment) -> Assessment:
+            if before.row.model != fit.model.name:
+                return before
+            start = int(np.argmax(before.simulation.counted))
+            return assess(fit, before.record, start, experiment=before.row.experiment, data=before.row.data)
+
+        return Comparison(tuple(map(assessed, self.assessments)))
+
     @property
     def rows(self) -> tuple[Row, ...]:
         """A row for every model."""

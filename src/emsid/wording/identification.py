@@ -148,11 +148,17 @@ def fitted_to_all_data(f: Finding, argument: Spelling) -> str:
 
 @words("fitted-to-excerpt")
 def fitted_to_excerpt(f: Finding, argument: Spelling) -> str:
-    """Subject: the data. Data: samples (at most, of the excerpt), of (of all data to fit)."""
+    """Subject: the data. Data: samples (of the excerpt), of (of all data to fit), finished (the model that was then
+    fitted to all of them, empty for none)."""
     d = f.data
+    then = (
+        f"{d['finished']}, the recommended one, is then fitted to all of them, and its errors are those of this fit"
+        if d["finished"]
+        else f"name a single model ({argument('models')}) to fit it to all of them"
+    )
     return (
         f"to compare them in less time, the models are fitted to pieces of {f.subject} with {d['samples']:,} of "
-        f"{d['of']:,} samples; name a single model ({argument('models')}) to fit it to all of them"
+        f"{d['of']:,} samples; {then}"
     )
 
 

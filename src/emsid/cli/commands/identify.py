@@ -196,7 +196,7 @@ def identify(
       emsid identify arm.csv -u force -y x --time t --models linear-axis --free mass,offset --datasheet arm.toml
     """
     asked = names(models, "--models")
-    second = second_process(asked, files, alone=INTERRUPTION.own_process, searches=not (quick or budget))
+    second = second_process(asked, alone=INTERRUPTION.own_process, searches=not (quick or budget))
     from emsid.identification import Options, candidates, workflow
 
     plants = [each.plant for each in _physical_first(asked or candidates.USUAL)]

@@ -108,6 +108,19 @@ class CascadeStructure:
         """
         return estimate(self.topology, records, self.orders, self.search, control)
 
+    @one_blas_thread()
+    def continued(self, model: Cascade, record: Record, control: Control = FREE) -> Fit[Cascade]:
+        """Fit a cascade that was found in a part of a record to all of it, as `fit` ends.
+
+        Args:
+            model: of this structure.
+            record: one input and one output.
+            control: as in `fit`.
+        """
+        steady = steady_state([record], self.search.period)
+        settings = replace(self.search, period=steady.period if steady else 0)
+        return _fitted(model, steady.records if steady else [record], steady, self.orders, settings, control)
+
 
 class CascadeOptions(TypedDict, total=False):
     """Options of a cascade and of its search, see `CascadeSearch`."""

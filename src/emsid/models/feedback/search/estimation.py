@@ -87,6 +87,18 @@ class FeedbackStructure:
             cut_short = Finding("choices-cut-short", self.name, {"cancelled": stopped.ending is Ending.INTERRUPTED})
             return replace(fit, ending=stopped.ending, findings=(cut_short,))
 
+    @one_blas_thread()
+    def continued(self, fit: Fit[FeedbackModel], record: Record, control: Control = FREE) -> Fit[FeedbackModel]:
+        """Fit a model that was found in a part of a record to all of it, in a few steps.
+
+        Args:
+            fit: of the part.
+            record: one input and one output.
+            control: as in `fit`.
+        """
+        segments = segments_longer_than(fit.model.memory, fit.model, [record])
+        return _in_few_steps(fit.model, fit.ending is not Ending.OUT_OF_BUDGET, segments, control)
+
 
 def feedback(
     order: int | None = None,
@@ -170,5 +182,17 @@ def _minimum(
     found = searched(
         model, segments_longer_than(model.memory, model, few), edge, iterations, 0.05, control, LAST_SAVING
     )
-    here = searched(found.model, segments, edge, min(iterations, LAST_STEPS[0]), 0.05, control, LAST_SAVING)
-    return conclude(replace(here, settled=found.settled), segments, edge, 0.05, control, LAST_STEPS[1])
+    return _in_few_steps(found.model, found.settled, segments, control)
+
+
+def _in_few_steps(model: FeedbackModel, settled: bool, segments: Segments, control: Control) -> Fit[Any]:
+    """The fit to all data that begins at the minimum of a part of them.
+
+    Args:
+        model: at that minimum.
+        settled: whether the search for it has converged.
+        segments: of all data.
+        control: when to stop.
+    """
+    here = searched(model, segments, model.edge, LAST_STEPS[0], 0.05, control, LAST_SAVING)
+    return conclude(replace(here, settled=settled), segments, model.edge, 0.05, control, LAST_STEPS[1])

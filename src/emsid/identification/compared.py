@@ -1,0 +1,120 @@
+"""Fitted models in the order of recommendation, with their errors on every part of the data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from emsid.estimation.fit import Fit
+from emsid.estimation.nonlinear.control import Control
+from emsid.findings import Finding
+from emsid.identification.observations import about_the_fits
+from emsid.identification.options import Options
+from emsid.identification.ranking import Ranked, ranked
+from emsid.identification.recommendation import recommended
+from emsid.identification.verdict import excluded_models, implausible_models, unusable
+from emsid.record import Record
+from emsid.record.holding_back import choice_and_headline
+from emsid.validation.comparison import Comparison, compare
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """The models of an identification, compared.
+
+    Attributes:
+        record: the data they were fitted to.
+        on_record: their errors on these.
+        on_choice: on the unseen data that choose among them; None where `on_unseen` does.
+        on_unseen: on unseen data, the recommended model first and the others by their errors.
+        ranking: their errors over the folds that ranked them.
+        findings: of the estimators, and on how plausible the models are.
+        finished: whether the recommended model was fitted to more than `record` in the end.
+    """
+
+    record: Record
+    on_record: Comparison
+    on_choice: Comparison | None
+    on_unseen: Comparison
+    ranking: tuple[Ranked, ...]
+    findings: tuple[Finding, ...]
+    finished: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        fits: Sequence[Fit[Any]],
+        train: Record,
+        test: Record,
+        options: Options,
+        control: Control,
+        *,
+        transient: int | None,
+        divide: bool,
+    ) -> Compared:
+        """Compare models.
+
+        Args:
+            fits: the models.
+            train: what they were fitted to.
+            test: unseen data.
+            options: how they were fitted.
+            control: when to stop; the unseen data then decide alone.
+            transient: samples at the start of every segment that start the models and are left out of every error.
+            divide: whether the unseen data are divided, and the models followed over folds of all data.
+        """
+        on_record = compare(fits, train, transient=transient, data="identification")
+        findings = about_the_fits(fits, train)
+        on_choice, on_unseen = _held_back(fits, test, transient, divide=divide)
+        chosen_on = on_choice or on_unseen
+        ranking = ranked(chosen_on, train if divide else None, options, excluded_models(findings), control)
+        order = _order(chosen_on, ranking, findings)
+        on_choice = on_choice and on_choice.in_order_of(order)
+        return cls(train, on_record, on_choice, on_unseen.in_order_of(order), ranking, tuple(findings))
+
+    @property
+    def fits(self) -> tuple[Fit[Any], ...]:
+        """The models, the recommended one first."""
+        return self.on_unseen.fits
+
+    @property
+    def best(self) -> Fit[Any]:
+        """The recommended model."""
+        return self.fits[0]
+
+    @property
+    def chosen_on(self) -> Record:
+        """The unseen data that choose among the models."""
+        return (self.on_choice or self.on_unseen).best.record
+
+    def with_finished(self, fit: Fit[Any]) -> Compared:
+        """The same with another fit of the recommended model; the errors that chose it stay as they were."""
+
+        def in_place(each: Ranked) -> Ranked:
+            return replace(each, fit=fit) if each.name == fit.model.name else each
+
+        on_record, on_unseen = (each.with_fit(fit) for each in (self.on_record, self.on_unseen))
+        findings = tuple(about_the_fits(on_unseen.fits, self.record))
+        ranking = tuple(map(in_place, self.ranking))
+        return Compared(self.record, on_record, self.on_choice, on_unseen, ranking, findings, finished=True)
+
+
+def _held_back(
+    fits: Sequence[Fit[Any]], unseen: Record, transient: int | None, *, divide: bool
+) -> tuple[Comparison | None, Comparison]:
+    """The models on the unseen data that choose among them, None where all do, and on those that give their errors."""
+    parts = choice_and_headline(unseen) if divide and len(fits) > 1 else None
+    if parts is None:
+        return None, compare(fits, unseen, transient=transient, data="unseen")
+    choice, headline = parts
+    return compare(fits, choice, transient=transient, data="choice"), compare(
+        fits, headline, transient=transient, data="unseen"
+    )
+
+
+def _order(choice: Comparison, ranking: Sequence[Ranked], findings: Sequence[Finding]) -> list[Fit[Any]]:
+    """The models, the recommended one first and the others by their errors."""
+    useless = {row.model for row in choice.rows if unusable(row)}
+    first = recommended(ranking, implausible_models(findings), useless | excluded_models(findings))
+    return [first.fit, *(each.fit for each in ranking if each is not first)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -22,15 +22,16 @@ from emsid.models.plants.registry import PLANTS, plant_from_data, plant_to_data
 from emsid.models.plants.search import choice
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.refinements.catalogue import OF_SHAFT
 from emsid.models.plants.search.refinements.cogging import cogging
 from emsid.models.plants.search.refinements.inductance import inductance
 from emsid.models.plants.search.refinements.quadratic_viscous import quadratic_viscous
 from emsid.models.plants.search.refinements.usual import late_command, slow_sensor
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.support import unsupported
-from emsid.plant import Friction
+from emsid.plant import Friction, Motor
 from emsid.study.demonstration import axis_record
-from independent import armature
+from independent import armature, two_masses
 from independent.cases import CASES, levels
 from independent.one_mass import OneMass
 
@@ -54,6 +55,21 @@ def motor(largest: float = 12.0, **changes: Any) -> Record:
     rng = np.random.default_rng(0)
     u = largest * levels(450, rng, 30)
     return Record(u, truth.run(u, 1e-2)[0][:450] + 0.2 * rng.standard_normal(450), 1e-2, output_units="rad/s")
+
+
+@pytest.mark.parametrize("width", [0.0, 0.1])
+def test_backlash_is_found_where_it_is_only(width):
+    truth = replace(Motor(), shaft_backlash=width, rotor_friction=Friction(8e-3))
+    rng = np.random.default_rng(0)
+    volts = 10 * levels(250, rng, 20)
+    speed = two_masses.load_speed(asdict(truth), volts, 2e-3)
+    record = Record(volts, speed + 0.6 * rng.standard_normal(250), 2e-3, output_units="rad/s")
+    known = ("resistance", "inductance", "motor_constant", "rotor_viscous", "rotor_inertia", "shaft_damping")
+    fixed = {name: getattr(truth, name) for name in known} | {"voltage_dead_zone.half_width": 0.5}
+    fit = choose(PLANTS["motor"].start, record, fixed=fixed, refinements=OF_SHAFT)
+    found = [row.interval for row in fit.table if row.name == "shaft_backlash"]
+    assert len(found) == bool(width)
+    assert all(low < width < high < 1.2 * width for low, high in found)
 
 
 # --- the simulation ---------------------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """The plant in motion: against SciPy, against closed forms, and by its balances and symmetries."""
 
 import signal
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from math import inf, log
 
 import numpy as np
@@ -14,6 +14,7 @@ from emsid.errors import DataError, ModelError
 from emsid.plant import DeadZoneLaw, Friction, Motor, State, Taylor, simulate
 from emsid.plant.reference import simulate_reference
 from emsid.plant.simulation import _first_zero
+from independent.two_masses import load_speed
 
 CHANNELS = tuple(field.name for field in fields(State))
 LOADED = replace(Motor(), load_friction=Friction((2e-3, 3e-3), 1e-3, 0.5))
@@ -41,6 +42,16 @@ def test_agrees_with_scipy_restarted_at_every_event(motor, volts):
     for k, name in enumerate(CHANNELS):
         size = np.abs(expected[:, k]).max()
         np.testing.assert_allclose(getattr(result, name), expected[:-1, k], rtol=0, atol=1e-8 * size, err_msg=name)
+
+
+def test_backlash_agrees_with_a_simulator_of_its_own():
+    motor, volts = replace(Motor(), shaft_backlash=0.1), np.repeat([4.0, -6.0, 9.0, -3.0, 7.0, -9.0], 12)
+    expected = load_speed(asdict(motor), volts, 2e-3)
+    result = simulate(motor, volts, 2e-3)
+    assert np.abs(result.twist).max() > 0.05  # in contact
+    assert np.sqrt(np.mean((result.load_speed - expected) ** 2)) < 1e-4 * np.std(expected)
+    without = simulate(Motor(), volts, 2e-3).load_speed
+    assert np.sqrt(np.mean((without - expected) ** 2)) > 0.02 * np.std(expected)
 
 
 @pytest.mark.parametrize("order", [2, 3, 4, 6])
@@ -109,6 +120,7 @@ motors = st.builds(
     rotor_inertia=scaled(1e-5, 1e-3),
     shaft_stiffness=st.just(inf) | scaled(0.1, 100),
     shaft_damping=scaled(1e-6, 1e-2),
+    shaft_backlash=st.just(0.0) | scaled(1e-4, 0.3),
     load_inertia=scaled(1e-5, 1e-3),
     rotor_friction=frictions,
     load_friction=frictions,

@@ -30,7 +30,7 @@ def load_speed(values: dict[str, Any], voltage: Array, dt: float) -> Array:
     r, l_a, k = (values[name] for name in ("resistance", "inductance", "motor_constant"))
     j_m, j_l = values["rotor_inertia"], values["load_inertia"]
     b_m, b_l = values["rotor_viscous"], values["load_viscous"]
-    k_s, b_s = values["shaft_stiffness"], values["shaft_damping"]
+    k_s, b_s, gap = values["shaft_stiffness"], values["shaft_damping"], 0.5 * values["shaft_backlash"]
     zone = values["voltage_dead_zone"]["b_r"]
     rotor, load = ({name: pair[0] for name, pair in values[f"{side}_friction"].items()} for side in ("rotor", "load"))
 
@@ -39,7 +39,8 @@ def load_speed(values: dict[str, Any], voltage: Array, dt: float) -> Array:
 
     def slope(_: float, x: Array, armature: float) -> list[float]:
         current, motor, turned, twist = x
-        shaft = k_s * twist + b_s * (motor - turned)
+        pressed = twist - min(max(twist, -gap), gap)
+        shaft = k_s * pressed + (b_s * (motor - turned) if pressed or not gap else 0.0)
         return [
             (armature - r * current - k * motor) / l_a,
             (k * current - shaft - b_m * motor - friction(motor, rotor)) / j_m,

@@ -42,7 +42,7 @@ from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.refinements.catalogue import REFINEMENTS
+from emsid.models.plants.search.refinements.catalogue import OF_SHAFT, REFINEMENTS
 from emsid.models.plants.search.refinements.contract import Refinement
 from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record
@@ -216,7 +216,9 @@ class _Candidates(MutableMapping[str, ModelKind]):
         if name in self.given:
             return self.given[name]
         kind = PLANTS[name]
-        return Physical(kind.summary, kind.start, REFINEMENTS if kind.refined else ())
+        return Physical(
+            kind.summary, kind.start, REFINEMENTS if kind.refined else OF_SHAFT if kind.start.secondary else ()
+        )
 
     def __setitem__(self, name: str, kind: ModelKind) -> None:
         self.given[name] = kind

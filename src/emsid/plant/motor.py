@@ -7,6 +7,12 @@
 
 D_v and D_T are dead zones (4.9) on the voltage or on the motor torque. Two limits are exact: with an infinitely stiff
 shaft both masses turn as one, and without inductance the current is an algebraic function of voltage and speed.
+
+With backlash of width 2β there is no torque while |φ| < β, and T_s = K_s·(φ ∓ β) + B_s·(ω_m − ω_L) on either side.
+
+References:
+    Nordin, Gutman, *Controlling mechanical systems with backlash – a survey*, Automatica 38 (2002), on the dead-zone
+    model.
 """
 
 from __future__ import annotations
@@ -108,6 +114,7 @@ class Motor:
         rotor_viscous: B_m in N·m·s/rad.
         shaft_stiffness: K_s in N·m/rad; infinite for a rigid shaft, see `rigid`.
         shaft_damping: B_s in N·m·s/rad; without effect for a rigid shaft.
+        shaft_backlash: 2β in rad, the angle from one contact to the other; without effect for a rigid shaft.
         load_inertia: J_L in kg·m².
         load_viscous: B_L in N·m·s/rad.
         rotor_friction: Coulomb and Stribeck friction on the rotor.
@@ -126,6 +133,7 @@ class Motor:
     rotor_viscous: float = _quantity(1e-5, "B_m", "N*m*s/rad", "rotor viscous friction", Measure.DAMPING)
     shaft_stiffness: float = _quantity(10.0, "K_s", "N*m/rad", "shaft stiffness, infinite when rigid", positive=True)
     shaft_damping: float = _quantity(2e-3, "B_s", "N*m*s/rad", "shaft inner damping", Measure.DAMPING)
+    shaft_backlash: float = _quantity(0.0, "2β", "rad", "backlash between rotor and load, its whole width")
     load_inertia: float = _quantity(3e-5, "J_L", "kg*m^2", "load moment of inertia", positive=True)
     load_viscous: float = _quantity(5e-6, "B_L", "N*m*s/rad", "load viscous friction", Measure.DAMPING)
     rotor_friction: FrictionLaw = _friction(Friction(8e-3, 2e-3, 0.3), "rotor", "m")  # noqa: RUF009

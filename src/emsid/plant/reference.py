@@ -2,7 +2,8 @@
 
 SciPy integrates (4.1)–(4.11) directly, with any `FrictionLaw` and `DeadZoneLaw`. It is stopped and restarted where a
 sliding body comes to rest, a stuck one breaks away, or the voltage changes. Its step-size control handles the corners
-of a torque dead zone. The motor must have an inductance and an elastic shaft.
+of a torque dead zone. The motor must have an inductance and an elastic shaft without
+backlash.
 """
 
 from __future__ import annotations

@@ -15,7 +15,8 @@ A step ends at the first event in it, which is the first zero of a polynomial:
 
 - the speed of a sliding body reaches zero: the body is held, its speed is exactly 0;
 - the net torque on a held body exceeds the break-away level α₀ + α₁ of its direction: the body slides;
-- the torque leaves its branch of the dead zone.
+- the torque leaves its branch of the dead zone;
+- with backlash, rotor and load come into contact or part.
 
 First zeros are isolated by bounds on the remaining terms of the polynomial, so two crossings in one step are not
 missed. A torque exceeds a level only if it is larger by `_SLACK` times the acting torques; so rounding errors do not
@@ -290,6 +291,7 @@ class _Constants(NamedTuple):
     viscous: Array  # (2,) by body
     stiffness: float
     damping: float
+    gap: float  # half the backlash
     rigid: bool
     coulomb: Array  # (2, 2) by body and direction, as the next three
     stribeck: Array
@@ -333,6 +335,7 @@ def _constants(motor: Motor) -> _Constants:
         np.array([motor.rotor_viscous, motor.load_viscous]),
         stiffness,
         0.0 if motor.is_rigid else motor.shaft_damping,
+        0.0 if motor.is_rigid else 0.5 * motor.shaft_backlash,
         motor.is_rigid,
         np.ascontiguousarray(levels[:, :, 0]),
         np.ascontiguousarray(levels[:, :, 1]),
@@ -348,7 +351,8 @@ def _constants(motor: Motor) -> _Constants:
 def _stored(m: _Constants, x: Array) -> float:
     """Magnetic, kinetic and elastic energy in J."""
     weights = np.array([m.inductance, *m.inertia, m.stiffness])
-    return float(0.5 * weights @ x[:4] ** 2)
+    moving = np.array([*x[:3], max(abs(x[3]) - m.gap, 0.0)])
+    return float(0.5 * weights @ moving**2)
 
 
 # Rows of the table of Taylor coefficients: the five states, then the derived quantities. If rotor and load have one row
@@ -398,6 +402,7 @@ def _run(
     for k in range(len(volts)):
         for body in range(2):
             motion[body] = _motion_at(m, body, x[_SPEED + body])
+        contact = _contact_at(m, x)
         torque = m.motor_constant * x[_CURRENT]
         branch = 1 + int(torque > m.edge[1]) - int(torque < m.edge[0])
         left = holds[k]
@@ -405,19 +410,22 @@ def _run(
             if taken >= budget:
                 break
             taken += 1.0
-            _expand(m, x, motion, branch, armature[k], torques[k], s)
+            _expand(m, x, motion, branch, contact, armature[k], torques[k], s)
             step = min(left, longest, _step_for(m, s, tolerance))
             while True:
-                step, event, body, turn = _first_event(m, s, motion, branch, torques[k], step, margin, centred)
+                step, event, body, turn = _first_event(m, s, motion, branch, contact, torques[k], step, margin, centred)
                 if not _decay_error(m, s, motion, step) > tolerance:
                     break
                 step *= 0.5
             if energy:
-                _spend(m, s, motion, branch, volts[k], armature[k], torques[k], step, margin, spent)
+                _spend(m, s, motion, branch, contact, volts[k], armature[k], torques[k], step, margin, spent)
             _advance(s, step, x)
             left -= step
             if event == _BRANCH:
                 branch += turn
+            elif event == _CONTACT:
+                x[_TWIST] = m.gap * (turn if contact == 0 else contact)
+                contact += turn
             elif event == _MOTION:
                 x[_SPEED + body] = 0.0
                 if m.rigid:
@@ -460,8 +468,19 @@ def _motion_at(m: _Constants, body: int, speed: float) -> int:
 
 
 @_kernel
+def _contact_at(m: _Constants, x: Array) -> int:
+    """The side on which rotor and load touch: 1 or −1, or 0 within the backlash; without backlash 1."""
+    if m.gap == 0.0:
+        return 1
+    side = int(x[_TWIST] > 0.0) - int(x[_TWIST] < 0.0)
+    beyond = abs(x[_TWIST]) - m.gap
+    closing = side * (x[_SPEED] - x[_SPEED + 1])
+    return side if beyond > 0.0 or (beyond == 0.0 and closing > 0.0) else 0
+
+
+@_kernel
 def _expand(
-    m: _Constants, x: Array, motion: Directions, branch: int, volt: float, disturbance: float, s: Array
+    m: _Constants, x: Array, motion: Directions, branch: int, contact: int, volt: float, disturbance: float, s: Array
 ) -> None:
     """The Taylor coefficients ``s`` (rows, order + 1) of all quantities around the state ``x``."""
     order = s.shape[1] - 1
@@ -484,7 +503,10 @@ def _expand(
         if m.inductance == 0.0:
             s[_CURRENT, k] = (volt * unit - m.motor_constant * s[_SPEED, k]) * per_ohm
         torque = m.slope[branch] * (m.motor_constant * s[_CURRENT, k] - m.corner[branch] * unit)
-        shaft = m.stiffness * s[_TWIST, k] + m.damping * (s[_SPEED, k] - s[_SPEED + 1, k])
+        shaft = 0.0
+        if contact != 0:
+            twist = s[_TWIST, k] - contact * m.gap * unit
+            shaft = m.stiffness * twist + m.damping * (s[_SPEED, k] - s[_SPEED + 1, k])
         s[_NET, k] = torque - shaft - m.viscous[0] * s[_SPEED, k]
         s[_NET + 1, k] = shaft - m.viscous[1] * s[_SPEED + 1, k] - disturbance * unit
         if m.rigid:
@@ -561,7 +583,7 @@ def _decay_error(m: _Constants, s: Array, motion: Directions, step: float) -> fl
     return worst
 
 
-_NONE, _MOTION, _BRANCH = 0, 1, 2
+_NONE, _MOTION, _BRANCH, _CONTACT = 0, 1, 2, 3
 
 
 @_kernel
@@ -570,12 +592,13 @@ def _first_event(
     s: Array,
     motion: Directions,
     branch: int,
+    contact: int,
     disturbance: float,
     step: float,
     margin: Array,
     centred: Array,
 ) -> tuple[float, int, int, int]:
-    """The first event up to ``step``: its time, kind, body, and the new motion or the change of branch."""
+    """The first event up to ``step``: its time, kind, body, and the new motion or the change of branch or contact."""
     kind, which, turn = _NONE, 0, 0
     drive = m.motor_constant * (abs(s[_CURRENT, 0]) + m.scale[_CURRENT])
     shaft = m.stiffness * abs(s[_TWIST, 0]) + m.damping * (abs(s[_SPEED, 0]) + abs(s[_SPEED + 1, 0]))
@@ -607,6 +630,13 @@ def _first_event(
         at = _leaves(bound, -change * m.motor_constant, s[_CURRENT], step, margin, centred)
         if at <= step:
             step, kind, turn = at, _BRANCH, change
+    for outward in (-1, 1) if m.gap > 0.0 else (0, 0):
+        if outward == 0 or contact == -outward:
+            continue
+        away = contact == outward
+        at = _leaves(-m.gap if away else m.gap, float(outward if away else -outward), s[_TWIST], step, margin, centred)
+        if at <= step:
+            step, kind, turn = at, _CONTACT, -outward if away else outward
     return step, kind, which, turn
 
 
@@ -721,6 +751,7 @@ def _spend(
     s: Array,
     motion: Directions,
     branch: int,
+    contact: int,
     volt: float,
     armature: float,
     disturbance: float,
@@ -742,7 +773,8 @@ def _spend(
         spent[5 + body] += _integral(work, speed, step)
     for k in range(len(work)):
         work[k] = rotor[k] - load[k]
-    spent[7] += m.damping * _integral(work, work, step)
+    if contact != 0:
+        spent[7] += m.damping * _integral(work, work, step)
     for k in range(len(work)):
         work[k] = (1.0 - m.slope[branch]) * m.motor_constant * current[k]
     work[0] += m.slope[branch] * m.corner[branch]

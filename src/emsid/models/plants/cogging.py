@@ -72,14 +72,14 @@ def cogging_handles(force: str, position: str) -> dict[str, Handle]:
 
 
 def without_idle(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Parameters of a plant without those of cogging and quadratic friction where these have no effect."""
+    """Parameters of a plant without those of cogging, quadratic friction and backlash where these have no effect."""
     idle = () if any(value for name, value in parameters.items() if name.startswith(("cogging.c", "cogging.s"))) else (
         "cogging.",
     )  # fmt: skip
     return {
         name: value
         for name, value in parameters.items()
-        if not (idle and name.startswith(idle)) and (name != "quadratic_viscous" or value)
+        if not (idle and name.startswith(idle)) and (name not in ("quadratic_viscous", "shaft_backlash") or value)
     }
 
 

@@ -46,6 +46,8 @@ STIFFEST = 60.0
 """The fastest motion of a shaft in radians per sample; a stiffer or more damped shaft is simulated as rigid."""
 
 
+GAP = "T_s = 0 for |φ| < β, else K_s·(φ − β·sgn(φ))"
+"""The torque of a shaft with backlash, before its damping."""
 _MADE = {
     Feed.VOLTAGE: ("V", "volts", Measure.COMMAND),
     Feed.CURRENT: ("A", "amperes", Measure.OTHER),
@@ -337,7 +339,7 @@ class DrivenMotor(Driven):
         volts, durations = _pieces(on.voltage, on.dt, on.late)
         if len(volts):
             start, motor = State(*motion.tolist()), self.motor
-            if not motor.is_rigid and self._fastest * on.dt > STIFFEST:
+            if not motor.is_rigid and not motor.shaft_backlash and self._fastest * on.dt > STIFFEST:
                 start, motor = replace(start, rotor_speed=start.load_speed, twist=0.0), motor.rigid()
             whole = simulate(motor, volts, durations, disturbance=self.load_torque, initial=start, method=LONG_STEPS)
             motion = np.array(astuple(whole.final))
@@ -494,7 +496,7 @@ class DrivenMotor(Driven):
             mechanical = [
                 f"J_m·dω_m/dt = {torque} − T_s − B_m·ω_m − T_f(ω_m)",
                 "J_L·dω_L/dt = T_s − B_L·ω_L − T_f(ω_L) − T_d",
-                "T_s = K_s·φ + B_s·(ω_m − ω_L),  dφ/dt = ω_m − ω_L",
+                f"{'T_s = K_s·φ' if not motor.shaft_backlash else GAP} + B_s·(ω_m − ω_L),  dφ/dt = ω_m − ω_L",
             ]
         return "\n".join([*electrical, *mechanical])
 

@@ -226,7 +226,9 @@ class _Choice:
         )
         self._trials = Trials(task.segments, signals, limits, self.weighting, control, complete)
         self._rng = np.random.default_rng(0)
-        self._starts = [start, *_started(start, task.segments, signals)]
+        self._starts = [start]
+        if not start.secondary:  # the search has looked at the others already, and every step is slow
+            self._starts += _started(start, task.segments, signals)
         self.trial = Trial(start, tuple(reached.names), states, reached.minimum.cost, [])
 
     def _fewer(self, record: Record, signals: Sequence[Signal], hold: Hold | str | None) -> Record:

@@ -13,6 +13,7 @@ import numpy as np
 from emsid.errors import ModelError
 from emsid.models.plants.parameters import parts
 from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.search.refinements.backlash import BACKLASH, backlash
 from emsid.models.plants.search.refinements.cogging import FIRST, SECOND, cogging
 from emsid.models.plants.search.refinements.contract import Refined, Refinement
 from emsid.models.plants.search.refinements.current_rise import RISE, current_rise
@@ -39,6 +40,8 @@ REFINEMENTS: tuple[Refinement, ...] = (
     constant_load, supply_limit, knee, gain_by_direction,
     stribeck_by_direction, switching_loss, current_rise, quadratic_viscous, inductance,
 )  # fmt: skip
+OF_SHAFT: tuple[Refinement, ...] = (backlash,)
+"""Refinements of a motor with an elastic shaft, which is too slow to simulate for all others."""
 ON_REQUEST: tuple[Refinement, ...] = (cogging,)
 """Refinements that are tried only where somebody asks for them: along a short way, drift looks like cogging."""
 EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge, current_rise, quadratic_viscous, cogging)
@@ -64,6 +67,7 @@ WITHOUT: tuple[Mapping[str, float], ...] = (
     {SLOPE: 1.0},
     {QUADRATIC: 0.0},
     {INDUCTANCE: 0.0},
+    {BACKLASH: 0.0},
     {FIRST[0]: 1.0, **dict.fromkeys(FIRST[1:], 0.0)},
     dict.fromkeys(SECOND, 0.0),
 )

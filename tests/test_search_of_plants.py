@@ -26,11 +26,11 @@ from emsid.models.plants.search import choice
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.kinds import kinds
-from emsid.models.plants.search.refinements.gain_by_direction import gain_by_direction
+from emsid.models.plants.search.refinements.gain_by_direction import gain_and_friction_by_direction, gain_by_direction
 from emsid.models.plants.search.refinements.knee import knee
 from emsid.models.plants.search.refinements.stribeck_by_direction import stribeck_by_direction
 from emsid.models.plants.search.refinements.supply_limit import supply_limit
-from emsid.models.plants.search.refinements.usual import coasting_bridge, late_command
+from emsid.models.plants.search.refinements.usual import by_direction, coasting_bridge, late_command
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.thinning import thinned
@@ -193,7 +193,9 @@ def test_a_plant_without_a_refinement_does_not_get_it():
 
 def bridge(seed: int = 0, most: float = 12.0, **changes: Any) -> tuple[OneMass, Record, Record]:
     """A motor behind a bridge, a record of levels to fit and one of sines to judge on, with 1 % noise."""
-    truth = OneMass(gain=25.0, damping=10.0, coulomb=(20.0, 20.0), dead_zone=0.5, smooth=1e-2, **changes)
+    truth = OneMass(
+        **{"gain": 25.0, "damping": 10.0, "coulomb": (20.0, 20.0), "dead_zone": 0.5, "smooth": 1e-2, **changes}
+    )
     rng = np.random.default_rng(seed)
     inputs = [most * levels(900, rng, 30), 12 * sines(900, rng, 60)]
     inputs[0][300:308] = 12.0
@@ -205,6 +207,10 @@ BRIDGES = {
     "drive.supply": ({"limit": 8.0}, supply_limit),
     "drive.knee": ({"knee": 7.0, "beyond": 1.8}, knee),
     "voltage_dead_zone.m_l": ({"backward_gain": 1.04}, gain_by_direction),
+    "rotor_friction.coulomb.backward": (
+        {"backward_gain": 0.9, "coulomb": (26.0, 20.0)},
+        gain_and_friction_by_direction,
+    ),
     "rotor_friction.stribeck.backward": ({"stribeck": (4.0, 24.0), "stribeck_speed": 12.0}, stribeck_by_direction),
 }
 
@@ -230,6 +236,28 @@ def test_a_break_of_which_one_side_was_hardly_seen_is_left_out():
     _, fitted, _ = bridge(most=9.0, limit=10.0)
     assert 0 < np.mean(np.abs(fitted.input[:, 0]) > 10.0) < 0.02
     assert "drive.supply" not in choose(RIGID, fitted, refinements=(supply_limit,)).names
+
+
+def test_directions_of_which_one_was_hardly_seen_are_not_told_apart():
+    truth, fitted, _ = bridge(coulomb=(20.0, 40.0))
+    u = np.abs(fitted.input)
+    u[400:415] *= -1
+    y = truth.run(u[:, 0], 1e-2)[0][:900] + 0.2 * np.random.default_rng(3).standard_normal(900)
+    assert 0 < np.mean(y < -1) < 0.02
+    few = Record(u, y, 1e-2, output_units="rad/s")
+    for record, found in ((fitted, True), (few, False)):
+        names = choose(RIGID, record, refinements=(by_direction,)).names
+        assert ("rotor_friction.coulomb.backward" in names) is found
+
+
+def test_what_a_single_stretch_shows_is_not_taken_for_a_refinement():
+    _, record, _ = bridge()
+    stuck = record.output.copy()
+    slow = np.flatnonzero((np.abs(record.input[:, 0]) > 1.5) & (np.abs(record.input[:, 0]) < 4))
+    first = int(slow[0])
+    stuck[first : first + 20] = 0.0
+    names = choose(RIGID, replace(record, output=stuck), refinements=(stribeck_by_direction,)).names
+    assert "rotor_friction.stribeck_rate" not in names
 
 
 def test_kinds_of_samples_are_levels_speeds_and_directions():

@@ -46,9 +46,10 @@ from emsid.models.plants.plant import DrivenPlant, Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.between_samples import as_hold, holds_in, is_open
 from emsid.models.plants.search.estimation import searched, simulation_error
-from emsid.models.plants.search.kinds import better_on_both_sides, better_on_kinds
+from emsid.models.plants.search.kinds import better_in_both_directions, better_on_both_sides, better_on_kinds
 from emsid.models.plants.search.refinements.catalogue import (
     BREAKS,
+    BY_DIRECTION,
     EXTRAPOLATES,
     INSTEAD,
     LOOK_ALIKE,
@@ -67,7 +68,7 @@ from emsid.models.plants.search.trials import Trial, Trials, gain
 from emsid.models.plants.search.weightings import chosen, forgetting
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
-from emsid.selection.improvement import better
+from emsid.selection.improvement import better, better_without_best
 
 Array = NDArray[np.float64]
 Rule = Callable[[Trial, Trial], float]
@@ -336,10 +337,16 @@ class _Choice:
                 break
 
     def _is_safe(self, trial: Trial, refine: Refinement) -> bool:
-        """Whether a trial with a refinement that extrapolates is better by more than noise, also on what it was not
-        fitted to."""
+        """Whether more than one stretch of the record shows a refinement, and both sides of what it tells apart.
+
+        One that extrapolates is better by more than noise, also on what it was not fitted to.
+        """
         if refine in BREAKS:
             return better_on_both_sides(self._trials, trial, self.trial, BREAKS[refine])
+        if not better_without_best(trial.errors, self.trial.errors):
+            return False
+        if refine in BY_DIRECTION:
+            return better_in_both_directions(self._trials, trial, self.trial)
         if refine in EXTRAPOLATES:
             return better(trial.errors, self.trial.errors) and better_on_kinds(self._trials, trial, self.trial)
         return True

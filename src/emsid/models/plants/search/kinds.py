@@ -7,7 +7,7 @@ Each kind is left out in turn, so what is seen at small commands has to hold at 
 Of a break, such as the limit of a supply, one side says nothing about the other. So both must have been seen: enough of
 the samples are on each side, and the error of neither is larger with the break than without. On the side with fewer
 samples it is smaller by more than noise. In all samples this would not be seen where few of them are beyond the break,
-as of a supply that limits one of many records.
+as of a supply that limits one of many records. The same holds for what differs by direction of the motion.
 """
 
 from __future__ import annotations
@@ -67,10 +67,20 @@ def better_on_kinds(trials: Trials, rich: Trial, simple: Trial) -> bool:
     return sum(better_ones) > len(better_ones) / 2
 
 
+def better_in_both_directions(trials: Trials, rich: Trial, simple: Trial) -> bool:
+    """Whether both directions of the motion have been seen, and what differs by direction improves them.
+
+    Args:
+        trials: what the two share.
+        rich, simple: the trials with and without a difference.
+    """
+    speeds = [np.tile(_speed(segment, trials.signals[0]), len(trials.signals)) for segment in trials.segments]
+    speed = np.concatenate(speeds)
+    return _better_on_both(speed > 0, speed < 0, rich, simple)
+
+
 def better_on_both_sides(trials: Trials, rich: Trial, simple: Trial, name: str) -> bool:
     """Whether both sides of a break in the voltage have been seen, and the break improves them.
-
-    It does if the side with fewer samples is better with it by more than noise, and the other is not worse.
 
     Args:
         trials: what the two share.
@@ -82,9 +92,17 @@ def better_on_both_sides(trials: Trials, rich: Trial, simple: Trial, name: str) 
     if name == "drive.supply":
         wanted = [drive.after_knee(each) for each in wanted]
     beyond = np.concatenate([np.tile(np.abs(each) > BESIDE * level, len(trials.signals)) for each in wanted])
-    if not SEEN <= np.mean(beyond) <= 1 - SEEN:
+    return _better_on_both(beyond, ~beyond, rich, simple)
+
+
+def _better_on_both(one: Mask, other: Mask, rich: Trial, simple: Trial) -> bool:
+    """Whether both kinds of samples (N,) have been seen, and the richer trial improves them.
+
+    It does if the one with fewer samples is better with it by more than noise, and the other is not worse.
+    """
+    fewer, others = sorted((one, other), key=np.sum)
+    if np.mean(fewer) < SEEN:
         return False
-    fewer, others = sorted((beyond, ~beyond), key=np.sum)
     squares = [np.concatenate(each.residuals) ** 2 for each in (rich, simple)]
     with_it, without = (float(np.mean(each[others])) for each in squares)
     return not matters(without, than=with_it) and better(*(StretchErrors.of(each[fewer]) for each in squares))

@@ -17,7 +17,11 @@ from emsid.models.plants.search.refinements.backlash import BACKLASH, backlash
 from emsid.models.plants.search.refinements.cogging import FIRST, SECOND, cogging
 from emsid.models.plants.search.refinements.contract import Refined, Refinement
 from emsid.models.plants.search.refinements.current_rise import RISE, current_rise
-from emsid.models.plants.search.refinements.gain_by_direction import SLOPE, gain_by_direction
+from emsid.models.plants.search.refinements.gain_by_direction import (
+    SLOPE,
+    gain_and_friction_by_direction,
+    gain_by_direction,
+)
 from emsid.models.plants.search.refinements.inductance import INDUCTANCE, inductance
 from emsid.models.plants.search.refinements.knee import knee
 from emsid.models.plants.search.refinements.quadratic_viscous import QUADRATIC, quadratic_viscous
@@ -37,7 +41,7 @@ from emsid.models.plants.search.refinements.usual import (
 
 REFINEMENTS: tuple[Refinement, ...] = (
     coasting_bridge, late_command, slow_sensor, averaging_sensor, stribeck, by_direction, viscous_by_direction,
-    constant_load, supply_limit, knee, gain_by_direction,
+    constant_load, supply_limit, knee, gain_by_direction, gain_and_friction_by_direction,
     stribeck_by_direction, switching_loss, current_rise, quadratic_viscous, inductance,
 )  # fmt: skip
 OF_SHAFT: tuple[Refinement, ...] = (backlash,)
@@ -48,6 +52,11 @@ EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge, current_rise, quadratic
 """Refinements that do great harm on another record where they are wrong: they are judged on kinds left out."""
 BREAKS: dict[Refinement, str] = {supply_limit: "drive.supply", knee: "drive.knee"}
 """Refinements that break the range of voltages in two, each with the parameter that says where; both must be seen."""
+BY_DIRECTION: tuple[Refinement, ...] = (
+    by_direction, viscous_by_direction, stribeck_by_direction, gain_by_direction, gain_and_friction_by_direction,
+    constant_load,
+)  # fmt: skip
+"""Refinements that tell the directions of the motion apart; both must be seen."""
 LOOK_ALIKE: dict[Refinement, str] = {
     late_command: "drive.delay",
     slow_sensor: "sensor.lag",

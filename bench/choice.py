@@ -30,21 +30,22 @@ WAYS = ("recommended", "all", "folds", "last part")
 def errors(models: Sequence[emsid.Model], unseen: emsid.Record) -> list[float]:
     """The RMSE of the free run of every model, all on the same samples."""
     start = max(model.memory for model in models)
-    rows = {row.model: row for row in emsid.compare(list(models), unseen, transient=start).rows}
-    return [float(np.sqrt(rows[model.name].ranked_by)) for model in models]
+    rows = [emsid.compare(model, unseen, transient=start).rows[0] for model in models]
+    return [float(np.sqrt(row.ranked_by)) for row in rows]
 
 
 def ratios(case: Pair) -> tuple[dict[str, float], str, str]:
     """The error of every choice over the smallest error, the recommended model and the best one."""
     result = emsid.identify(case.fitted)
     models = [fit.model for fit in result.fits]
-    found = dict(zip((model.name for model in models), errors(models, case.unseen), strict=True))
+    *of_each, of_all = errors([*models, result.recommended], case.unseen)
+    found = dict(zip((model.name for model in models), of_each, strict=True))
     best = min(found, key=found.__getitem__)
     ranking = result.ranking
     last = min(ranking, key=lambda each: each.folds[0].mean)
     chosen = {"recommended": result.chosen.model.name, "folds": ranking[0].name, "last part": last.name}
     answer = {way: found[name] / found[best] for way, name in chosen.items()}
-    answer["all"] = errors([result.recommended], case.unseen)[0] / found[best]
+    answer["all"] = of_all / found[best]
     return answer, chosen["recommended"], best
 
 

@@ -29,12 +29,13 @@ from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.fitting import static_band
 from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.feedback.model import FeedbackModel
 from emsid.models.model import Model
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.regressors import Regressor
 from emsid.record import Record
-from emsid.validation.frequency_responses import check_channel, frequency_response, output_at_rest
+from emsid.validation.frequency_responses import check_channel, feedback_at_rest, frequency_response, output_at_rest
 
 Array = NDArray[np.float64]
 Curve = Callable[[Any], NDArray[Any]]
@@ -240,6 +241,8 @@ def static_map_band(fit: Fit[Any], record: Record, *, level: float = 0.95) -> Ba
         raise ModelError(f"{model.name} has several inputs or outputs, so it has no curve of a map")
     if not isinstance(model, Narx) or _has_products(model):
         x = np.linspace(low, high, AT_REST)
+        if isinstance(model, FeedbackModel):
+            return _band(fit, feedback_at_rest(model, x), x, level)
         return _band(fit, lambda moved: np.array([output_at_rest(moved, each) for each in x]), x, level)
     terms = _of_one_side(model)
     x = np.linspace(low, high, POINTS)

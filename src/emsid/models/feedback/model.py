@@ -55,6 +55,8 @@ Array = NDArray[np.float64]
 SAMPLES_PER_STATE = 8
 # Steps in which a state comes close to rest, and Newton steps that complete it.
 SETTLING, NEWTON = 2_000, 50
+# Newton steps below this share of the state end when they no longer shrink.
+ROUNDING = 1e-9
 # Digits of a coefficient: poles close to one another need more than a gain does.
 DIGITS = 10
 
@@ -283,7 +285,7 @@ class FeedbackModel(OneChannelMethods):
         """(n,) the steady state for a constant input: where a run ends, completed by Newton steps."""
         n, start = self.states, np.zeros(self.states)
         out, end = self.stepped(np.full(SETTLING, level), start)
-        x = end if np.isfinite(out.y).all() else start
+        x, before = end if np.isfinite(out.y).all() else start, np.inf
         for _ in range(NEWTON):
             step, after = self.stepped(np.full(1, level), x)
             slopes = [float(each.slope(step.z[0, i : i + 1])[0]) for i, each in enumerate(self.maps)]
@@ -294,9 +296,10 @@ class FeedbackModel(OneChannelMethods):
                     break
             if not np.isfinite(move).all():
                 break
-            x = x + move
-            if np.abs(move).max(initial=0.0) <= 4 * np.finfo(float).eps * np.abs(x).max(initial=0.0):
+            x, size = x + move, float(np.abs(move).max(initial=0.0))
+            if size <= ROUNDING * np.abs(x).max(initial=0.0) and size >= before / 2:  # moves are rounding errors now
                 break
+            before = size
         return x
 
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> FeedbackState:

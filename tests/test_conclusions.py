@@ -123,7 +123,7 @@ def test_a_residual_of_zero_is_not_tested():
 
 def steps(record, unseen):
     comparison = compare([least_squares(arx(1, 1), record)], unseen)
-    return [finding.code for finding in next_steps(comparison.best, comparison.fits, record)]
+    return [finding.code for finding in next_steps(comparison.best, verdicts(comparison.best), comparison.fits, record)]
 
 
 def test_what_to_do_next_follows_from_what_was_found():

@@ -44,11 +44,9 @@ def predictable_share(error: Array, record: Record) -> float | None:
     Returns:
         None where the residual or the input is constant, or there are too few samples.
     """
-    known = error[np.isfinite(error)]
-    regressors = _past_inputs(record, np.isfinite(error))
-    if regressors is None or not np.ptp(known) > 0:
-        return None
-    return float(predictable_shares(error[:, None], record)[0])
+    known = np.isfinite(error)
+    found = _past_inputs(record, known)
+    return None if found is None or not np.ptp(error[known]) > 0 else float(_shares(error[:, None], *found)[0])
 
 
 def predictable_shares(errors: Array, record: Record) -> Array:
@@ -63,9 +61,11 @@ def predictable_shares(errors: Array, record: Record) -> Array:
         record: of the inputs.
     """
     found = _past_inputs(record, np.asarray(np.isfinite(errors).all(axis=1)))
-    if found is None or not errors.size:
-        return np.zeros(errors.shape[1])
-    phi, usable = found
+    return np.zeros(errors.shape[1]) if found is None or not errors.size else _shares(errors, *found)
+
+
+def _shares(errors: Array, phi: Array, usable: NDArray[np.bool_]) -> Array:
+    """`predictable_shares` for functions of past inputs (n, p) and the samples (N,) that have them."""
     e = errors[usable]
     quarters = np.array_split(np.arange(len(e)), 4)
     factors = [np.linalg.qr(np.hstack([np.ones((len(k), 1)), phi[k], e[k]]), mode="r") for k in quarters]
@@ -98,16 +98,19 @@ def _past_inputs(record: Record, known: NDArray[np.bool_]) -> tuple[Array, NDArr
     return np.hstack(columns)[usable], usable
 
 
-def next_steps(chosen: Assessment, fits: Iterable[Fit[Any]], record: Record) -> Iterable[Finding]:
+def next_steps(
+    chosen: Assessment, found: Iterable[Finding], fits: Iterable[Fit[Any]], record: Record
+) -> Iterable[Finding]:
     """What to do next besides another experiment, the most useful first.
 
     Args:
         chosen: the recommended model on the unseen data.
+        found: its `verdicts`.
         fits: of all models.
         record: what they were fitted to.
     """
     fit = chosen.row.fit_percent
-    depends = any(each.code == "residual-depends-on-input" for each in verdicts(chosen))
+    depends = any(each.code == "residual-depends-on-input" for each in found)
     physical = any(isinstance(each, GreyBoxFit) for each in fits)
     if not np.isfinite(fit) or fit < POOR:
         yield Finding("next-check-data", record.name, {"fit_percent": finite(fit)})

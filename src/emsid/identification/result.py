@@ -97,7 +97,7 @@ class Identification(Presented):
         """The errors of the models on the unseen data by operating region, the recommended one first."""
         return by_region(self.on_unseen)
 
-    @property
+    @cached_property
     def seen(self) -> bool:
         """Whether `unseen` contains data that the models were fitted to."""
         return holds_some_of(self.unseen, self.record)
@@ -107,20 +107,20 @@ class Identification(Presented):
         """Name of the data that the errors are from, for titles."""
         return "the data they were fitted to" if self.seen else "unseen data"
 
-    @property
+    @cached_property
     def characteristics(self) -> tuple[Characteristic, ...]:
         """Gain, time constant, dead zone and friction, as far as the models have them, with their intervals."""
         return characteristics(self.on_unseen, self.record)
 
-    @property
+    @cached_property
     def verdicts(self) -> tuple[Finding, ...]:
         """Whether the residual of the best free run still depends on the input, for every output."""
         return verdicts(self.on_unseen.best)
 
-    @property
+    @cached_property
     def next_steps(self) -> tuple[Finding, ...]:
         """What to do next besides another experiment, the most useful first."""
-        return tuple(next_steps(self.on_unseen.best, self.fits, self.record))
+        return tuple(next_steps(self.on_unseen.best, self.verdicts, self.fits, self.record))
 
     def findings_about(self, model: str) -> tuple[Finding, ...]:
         """The findings about this model."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from typing import Any, Protocol
 
 import numpy as np
@@ -361,7 +362,7 @@ def _parts_asked_for(fit: GreyBoxFit, names: Sequence[str]) -> list[str]:
 def _difference_of_records(comparison: Comparison, records: Sequence[Record]) -> list[Finding]:
     """The difference between the records, by the best model that shows one."""
     found = (disagreement(fit.model, records) for fit in comparison.fits)
-    return [each.finding for each in found if each][:1]
+    return [each.finding for each in islice(filter(None, found), 1)]
 
 
 def _check_sample_times(train: Record, test: Record, discrete: Sequence[str]) -> None:

@@ -22,9 +22,9 @@ from emsid.models.plants.free_run_error import Recent
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
-from emsid.models.plants.search import choice
+from emsid.models.plants.search import choice, continuation
 from emsid.models.plants.search.choice import choose
-from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.estimation import off_zero, simulation_error
 from emsid.models.plants.search.kinds import kinds
 from emsid.models.plants.search.refinements.gain_by_direction import gain_and_friction_by_direction, gain_by_direction
 from emsid.models.plants.search.refinements.knee import knee
@@ -33,6 +33,7 @@ from emsid.models.plants.search.refinements.supply_limit import supply_limit
 from emsid.models.plants.search.refinements.usual import by_direction, coasting_bridge, late_command
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
+from emsid.models.plants.search.task import prepare
 from emsid.models.plants.search.thinning import thinned
 from emsid.models.plants.search.trials import Trials
 from emsid.models.plants.search.weightings import chosen as weighting_of
@@ -299,6 +300,22 @@ def test_a_motor_that_is_as_it_is_modelled_has_no_alternatives():
     _, fitted, _ = bridge()
     fit = simulation_error(RIGID, fitted)
     assert "alternatives-fit-as-well" not in [finding.code for finding in fit.findings]
+
+
+def test_a_search_that_has_taken_friction_to_zero_begins_again_inside():
+    truth = OneMass(
+        gain=25.0, damping=10.0, coulomb=(20.0, 20.0), stribeck=(15.0, 15.0), stribeck_speed=2.0, smooth=1e-2
+    )
+    u = 12 * levels(600, np.random.default_rng(0), 30)
+    speed = truth.run(u, 1e-2)[0][:600] + 0.2 * np.random.default_rng(0).standard_normal(600)
+    fixed = {"resistance": 1.0, "voltage_dead_zone.half_width": 0.0, "rotor_viscous": 0.0, "motor_constant": 0.4}
+    free = ("rotor_friction.coulomb", "rotor_friction.stribeck", "rotor_friction.stribeck_rate")
+    corner = {free[0]: 0.0, free[1]: 0.4, free[2]: 0.01, "rotor_inertia": 0.016}
+    start, record = RIGID.with_values({**fixed, **corner}), Record(u, speed, 1e-2, output_units="rad/s")
+    stuck = continuation.search(prepare(start, record, free=free[1:], fixed=fixed), start, 60)
+    reached = off_zero(prepare(start, record, free=free, fixed=fixed), stuck, 60)
+    assert stuck.minimum.cost > 1.3 * reached.minimum.cost
+    assert reached.minimum.cost == pytest.approx(0.5 * 600 * 0.2**2, rel=0.1)
 
 
 # --- slow drift ------------------------------------------------------------------------------------------------------

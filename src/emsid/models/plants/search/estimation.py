@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
-from emsid.estimation.nonlinear.restarts import RESTARTS, confirmed
+from emsid.estimation.nonlinear.restarts import RESTARTS, SLOW, confirmed
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.plants.beginning import agrees, starts_from_samples
@@ -35,13 +36,16 @@ from emsid.models.plants.search.by_record import asked_together, experiments, ow
 from emsid.models.plants.search.conclusion import concluded
 from emsid.models.plants.search.continuation import Reached, identified_by, keep_identifiable
 from emsid.models.plants.search.result import GreyBoxFit
-from emsid.models.plants.search.starts import starts_of
+from emsid.models.plants.search.starts import starts_of, usual_rates
 from emsid.models.plants.search.task import Task, prepare
 from emsid.models.plants.search.trials import Trial, Trials
 from emsid.plant import Motor
 from emsid.record import Record
 
 Array = NDArray[np.float64]
+
+INSIDE = (0.1, 0.5)
+"""Where a parameter that ended at zero begins again, as a part of what is plausible."""
 
 
 @one_blas_thread()
@@ -126,7 +130,10 @@ def searched(
     )
     task = replace(task, hold_given=hold is not None, free_starts=not starts_from_samples(task.plant, task.signals))
     start = _promising(task, starts_of(task)) if find_start else task.plant
-    first = reached = _begun_again(task, continuation.search(task, start, max_iterations), max_iterations)
+    reached = continuation.search(task, start, max_iterations)
+    if find_start and reached.unended:
+        reached = off_zero(task, reached, max_iterations)
+    first = reached = _begun_again(task, reached, max_iterations)
     if not task.free_starts and reached.unended:
         freed = replace(task, free_starts=True)
         with suppress(Stopped):
@@ -183,6 +190,29 @@ def _promising(task: Task, starts: Sequence[Plant]) -> Plant:
         return _trials(task).promising([plant for each in starts if (plant := each.driven) is not None], names)
     except Stopped:
         return first
+
+
+def off_zero(task: Task, reached: Reached, max_iterations: int) -> Reached:
+    """A search, or a better one where it has taken a parameter to zero.
+
+    Coulomb friction, a dead zone and a Stribeck excess with a low rate do nearly the same. A search that has taken one
+    of them to zero does not come back, as the others make up for it. So it begins again where it ended, with that
+    parameter inside, and usual rates.
+    """
+    minimum, driven = reached.minimum, reached.problem.plant.driven
+    if driven is None or driven.secondary:
+        return reached
+    names = [name for name in task.asked if name in reached.names or driven.value(name) == 0]
+    scales = zip(names, task.problem(driven, names).scales, strict=True)
+    zero = [(name, scale) for name, scale in scales if driven.value(name) == task.limits[name][0] == 0]
+    with suppress(EmsidError, Stopped):
+        rates = usual_rates(task, names)
+        inside = [{**rates, name: min(part * scale, task.limits[name][1])} for name, scale in zero for part in INSIDE]
+        trial = _trials(task).fitted([driven.with_values(each) for each in inside], names) if inside else None
+        if trial is not None and trial.cost < (1 - SLOW) * minimum.cost:
+            again = continuation.search(task, trial.plant, max_iterations)
+            return again if again.minimum.cost < minimum.cost else reached
+    return reached
 
 
 def _begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:

@@ -132,12 +132,18 @@ def starts_of(task: Task) -> list[Plant]:
 
 
 def _with_stribeck_rate(task: Task) -> Plant:
-    plant, (channel, is_position) = task.plant, _motion_channel(task.signals)
-    unknown = [name for name in task.asked if name.endswith(".stribeck_rate") and plant.value(name) == 0]
-    if not unknown or channel is None:
-        return plant
+    usual = usual_rates(task, task.asked)
+    return task.plant.with_values({name: rate for name, rate in usual.items() if task.plant.value(name) == 0})
+
+
+def usual_rates(task: Task, names: Sequence[str]) -> dict[str, float]:
+    """Rates of Stribeck friction to begin with, for those of the names that are such rates."""
+    channel, is_position = _motion_channel(task.signals)
+    rates = [name for name in names if name.endswith(".stribeck_rate")]
+    if not rates or channel is None:
+        return {}
     rate = RATE / top_speed(task.segments, channel, is_position)
-    return plant.with_values({name: float(np.clip(rate, *task.limits[name])) for name in unknown})
+    return {name: float(np.clip(rate, *task.limits[name])) for name in rates}
 
 
 def top_speed(segments: Sequence[Record], channel: int, is_position: bool) -> float:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import emsid
+from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.findings import Finding
 from emsid.identification import long_records
@@ -11,6 +12,7 @@ from emsid.identification.candidates import CANDIDATES, QUICK
 from emsid.identification.compared import Compared
 from emsid.identification.options import Continued, Options
 from emsid.identification.requests import plants_of, unused_requests
+from emsid.models.free_run import free_run_error
 from emsid.models.model import Run
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Bridge
@@ -207,6 +209,20 @@ def test_models_of_a_long_record_are_compared_on_an_excerpt_and_the_recommended_
 @pytest.mark.parametrize("name", CANDIDATES)
 def test_every_model_of_an_excerpt_can_be_continued(name):
     assert isinstance(CANDIDATES[name], Continued) == (name not in ("armax", "box-jenkins", "state-space"))
+
+
+@pytest.mark.parametrize("name", ["output-error", "hammerstein", pytest.param("feedback", marks=pytest.mark.long)])
+def test_a_fit_to_a_part_continues_to_that_of_the_whole(name):
+    record, kind = driven(0, 1200, square=0.3), CANDIDATES[name]
+    options = Options(na=1, nb=1, nk=1, orders=(1,), static="polynomial", knots=2, hold="zero")
+    part, whole = (kind(each, options) for each in (record[:500], record))
+    found = kind.continued(part, record, options)
+    before, error, least = (free_run_error(fit.model, [record]) for fit in (part, found, whole))
+    assert found.ending is Ending.CONVERGED
+    assert found.names == part.names
+    assert found.samples > 1_190
+    assert error < before
+    assert error < 1.001 * least
 
 
 def test_a_model_is_not_continued_where_that_is_worse_or_there_is_no_time(monkeypatch):

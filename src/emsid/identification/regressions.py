@@ -41,6 +41,8 @@ from emsid.selection.improvement import STRETCHES, StretchErrors, better
 
 ROUNDS = 2
 """The number of passes over all orders and delays when they are chosen."""
+LAST_STEPS, CLOSE = 8, 0.05
+"""Steps from the estimates of a part of a record to those of all of it, and the standard errors where they end."""
 BEGUN_AGAIN = 20_000
 """Searches over at most this many samples are begun again where they do not converge."""
 DEGREE = 3
@@ -91,7 +93,8 @@ class _OfFreeRun:
 
     def continued(self, fit: Fit[Narx], record: Record, options: Options, control: Control = FREE) -> Fit[Narx]:
         """Fit the same structure to the free run over the whole record, from the estimates of the part."""
-        found = refit_to(fit, record, control)
+        few: dict[str, Any] = {"max_iterations": LAST_STEPS, "tolerance": CLOSE}
+        found = fit_free_run(fit.model.structure, record, start=fit.estimate, control=control, **few)
         about_terms = (each for each in fit.findings if each.code == "dictionary-rank-deficient")
         return replace(found, findings=(*found.findings, *about_terms))
 

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from emsid import Record
+from emsid.estimation.fit import Ending
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
+from emsid.findings import Finding
 from emsid.models.plants.beginning import agrees, beginning
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Recent
@@ -24,7 +26,7 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search import choice, continuation
 from emsid.models.plants.search.choice import choose
-from emsid.models.plants.search.estimation import off_zero, simulation_error
+from emsid.models.plants.search.estimation import begun_again, off_zero, simulation_error
 from emsid.models.plants.search.kinds import kinds
 from emsid.models.plants.search.refinements.gain_by_direction import gain_and_friction_by_direction, gain_by_direction
 from emsid.models.plants.search.refinements.knee import knee
@@ -316,6 +318,21 @@ def test_a_search_that_has_taken_friction_to_zero_begins_again_inside():
     reached = off_zero(prepare(start, record, free=free, fixed=fixed), stuck, 60)
     assert stuck.minimum.cost > 1.3 * reached.minimum.cost
     assert reached.minimum.cost == pytest.approx(0.5 * 600 * 0.2**2, rel=0.1)
+
+
+def test_a_stalled_search_of_two_masses_says_how_many_starts_agree():
+    u = 8 * levels(150, np.random.default_rng(3), 15)
+    speed = simulate(Motor(), u, 2e-3).load_speed + 0.5 * np.random.default_rng(0).standard_normal(150)
+    record, start = Record(u, speed, 2e-3, output_units="rad/s"), DrivenMotor(Motor())
+    task = prepare(start, record, free=("motor_constant", "shaft_stiffness", "rotor_friction.coulomb"))
+    found = continuation.search(task, start, 20)
+    stall = Finding("search-stalled", "", {"steps": 1, "offset": 1.0})
+    stalled = found._replace(minimum=replace(found.minimum, ending=Ending.STALLED, findings=(stall,)))
+    minimum = begun_again(task, stalled, 20).minimum
+    assert minimum.ending is Ending.CONVERGED
+    (said,) = [finding.data for finding in minimum.findings if finding.code == "minimum-not-smooth"]
+    assert said["starts"] == 7
+    assert said["agreeing"] >= 4
 
 
 # --- slow drift ------------------------------------------------------------------------------------------------------

@@ -133,7 +133,7 @@ def searched(
     reached = continuation.search(task, start, max_iterations)
     if find_start and reached.unended:
         reached = off_zero(task, reached, max_iterations)
-    first = reached = _begun_again(task, reached, max_iterations)
+    first = reached = begun_again(task, reached, max_iterations)
     if not task.free_starts and reached.unended:
         freed = replace(task, free_starts=True)
         with suppress(Stopped):
@@ -143,7 +143,7 @@ def searched(
     if not task.hold_given and reached.unended and is_open(task.plant, task.segments):
         reached = straight_if_better(task, reached, max_iterations)
     if reached is not first and reached.unended:
-        reached = _begun_again(task, reached, max_iterations)
+        reached = begun_again(task, reached, max_iterations)
     return task, start, reached
 
 
@@ -215,10 +215,10 @@ def off_zero(task: Task, reached: Reached, max_iterations: int) -> Reached:
     return reached
 
 
-def _begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
+def begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
     """The best of a search that stalled and of some that begin around its end: free runs have narrow, bent valleys."""
     driven = reached.problem.plant.driven
-    if reached.minimum.ending is not Ending.STALLED or driven is None or driven.secondary:
+    if reached.minimum.ending is not Ending.STALLED or driven is None:
         return reached
     states = reached.problem.states(reached.problem.start)
     residuals = reached.problem.residuals(reached.problem.start)

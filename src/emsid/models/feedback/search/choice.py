@@ -41,11 +41,13 @@ Array = NDArray[np.float64]
 
 # Orders that are tried, if none is given; the order of the linear models that show a delay.
 ORDERS, OF_DELAY = (1, 2, 3), 2
+# A family whose error is larger than that of another one by this factor is not tried with other orders or more maps.
+HOPELESS = 2.0
 # A second or third map takes at least this many samples for every knot, or degree.
 PER_KNOT = 20
 # Families and sizes that every order is tried with, the first two always and the others until one is better than none;
 # those that are tried in their place, as a second map and as a third one.
-FIRST, ALWAYS = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), 2
+FIRST, RESERVE = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), "spline"
 OTHERS = (("polynomial", 5), ("spline", 0), ("monotone-spline", 0), ("dead-zone", 0), ("saturation", 0))
 SECOND = ("spline", "dead-zone")
 THIRD = (("polynomial", 3), ("dead-zone", 0), ("saturation", 0))
@@ -91,9 +93,13 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
 
 
 def _runner_up(tried: Sequence[Trial], best: Trial) -> Trial | None:
-    """The best model with a map of another family than that of the best of all."""
-    others = [each for each in tried if each.family is not best.family and np.isfinite(each.errors.mean)]
+    """The best model with a map of another family than that of the best of all, if its error is not far larger."""
+    others = [each for each in tried if each.family is not best.family and not _hopeless(each, best)]
     return min(others, key=lambda each: each.errors.mean, default=None)
+
+
+def _hopeless(trial: Trial, best: Trial) -> bool:
+    return not trial.errors.mean <= HOPELESS**2 * best.errors.mean
 
 
 def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Trial]]:
@@ -128,6 +134,10 @@ def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Tria
                 if bench.prefers(trial, best or straight):
                     best, higher = trial, True
             bent += trials
+            ahead = min(trials, key=lambda each: each.errors.mean, default=None)
+            if ahead is not None and np.isfinite(ahead.errors.mean):
+                behind = [each.family for each in trials if _hopeless(each, ahead)]
+                families = [each for each in families if each[0] not in behind]
             if order >= max(ORDERS) and not higher:
                 break
         if given is None and straight is not None:
@@ -172,8 +182,8 @@ def _bent(bench: Bench, linear: Trial, families: Sequence[tuple[Family, int]]) -
     ways = directions_for(found, bench.segments(found.model), found.model.edge, bench.rng)
     if not ways or not ways[0].explains(found.minimum.samples):
         return []
-    for k, (family, size) in enumerate(families):
-        if k >= ALWAYS and any(bench.prefers(trial, linear) for trial in trials):
+    for family, size in families:
+        if family.name == RESERVE and any(bench.prefers(trial, linear) for trial in trials):
             break
         with suppress(EmsidError):
             trials.append(_with_map(bench, found, family, size, ways))
@@ -199,7 +209,7 @@ def _with_map(bench: Bench, found: Found, family: Family, size: int, ways: Seque
     start = with_one_map_more(found, segments, model.edge, family, size, ways, control=bench.control)
     if start is None:
         raise ModelError(f"{model.name}: with a map in its feedback the model diverges; choose another order")
-    return bench.refined(start.model, start.states, family, size)
+    return bench.refined(start.model, start.states if len(start.states) == len(segments) else None, family, size)
 
 
 def _size(family: Family, size: int) -> int:

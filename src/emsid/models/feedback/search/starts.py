@@ -42,6 +42,8 @@ Array = NDArray[np.float64]
 TRIAL_KNOTS = 8
 # Samples in which directions are compared.
 COMPARED = 3_000
+# Samples that maps in the best directions are refined on before one is chosen.
+REFINED_ON = 2_500
 # Random directions beside those of the signals.
 RANDOM = 24
 # Singular values below this fraction count as zero when directions are compared.
@@ -165,6 +167,8 @@ def with_one_map_more(
 ) -> Found | None:
     """The best model with one more map, refined from the directions that explain most; None if all diverge.
 
+    Directions are compared on some of the segments where there are many; then the result has the states of these only.
+
     Args:
         found: a model with its states, fitted to the segments.
         segments: (u, y) of each.
@@ -176,12 +180,13 @@ def with_one_map_more(
         control: when to stop.
     """
     best: Found | None = None
+    every = max(1, round(sum(len(y) for _, y in segments) / REFINED_ON))
     for direction in _apart(directions, tried):
         start = _joined(found, segments, direction, family, size)
         if start is None:
             continue
         try:
-            new = searched(start[0], segments, transient, steps, 0.1, control, 1e-3, start[1])
+            new = searched(start[0], segments[::every], transient, steps, 0.1, control, 1e-3, start[1][::every])
         except EmsidError:
             continue
         if best is None or new.error < best.error:

@@ -147,8 +147,8 @@ class Bench:
             self.linear_models[order, steps, delay] = found
         return found
 
-    def refined(self, model: FeedbackModel, states: Sequence[Array], family: Family, size: int) -> Trial:
-        """A model fitted from a start.
+    def refined(self, model: FeedbackModel, states: Sequence[Array] | None, family: Family, size: int) -> Trial:
+        """A model fitted from a start, and from its initial states if they are known.
 
         Raises:
             ModelError: where its run diverges.

@@ -15,7 +15,7 @@ from emsid.estimation.nonlinear.control import FREE
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.map_families import family_of
-from emsid.models.blocks.static_maps import CubicSpline, DeadZone, Polynomial, Saturation, UserMap
+from emsid.models.blocks.static_maps import STATIC_MAPS, CubicSpline, DeadZone, Polynomial, Saturation, UserMap
 from emsid.models.feedback import fitting
 from emsid.models.feedback.coordinates import Visited, coordinates, directions, normal_form, whitened, with_line
 from emsid.models.feedback.fitting import fit_feedback, searched
@@ -146,6 +146,36 @@ def test_a_motor_with_friction_is_a_case_of_it() -> None:
         speed = 0.0 if held else free - c * np.sign(free)
     assert expected.count(0.0) > 10  # the motor sticks
     np.testing.assert_allclose(model.output(u, np.zeros(1)), expected, rtol=1e-12, atol=1e-12)
+
+
+def sticking(seed: int, samples: int = 240) -> Record:
+    """A motor that sticks, with 2 % noise."""
+    truth, rng = FeedbackModel(np.array([[0, 0, 1], [0.9, 0.5, 0], [1, 0, 0]]), (DeadZone(-0.2, 0.2),)), np.random
+    u = np.repeat(rng.default_rng(seed).normal(size=samples // 4), 4)
+    noise = 0.01 * rng.default_rng(seed + 100).normal(size=samples)
+    return Record(u, truth.output(u, np.zeros(1)) + noise, DT)
+
+
+@pytest.mark.parametrize("name", STATIC_MAPS)
+def test_every_map_is_fitted_in_a_loop(name: str) -> None:
+    record = sticking(1)
+    fit = emsid.fit(emsid.feedback(order=1, static=name, maps=1, delay=0, oversampling=1), record)
+    assert fit.model.maps[0].kind == name
+    linear = emsid.fit(FeedbackModel(np.array([[0.9, 0.5], [1.0, 0.0]])), record)
+    assert fit.noise_variance < linear.noise_variance
+
+
+def test_friction_that_sticks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of all families, by default; the noise is what is left, on a new record too. No polynomial comes near it."""
+    tried, begin = [], choice._with_map
+    monkeypatch.setattr(
+        choice, "_with_map", lambda *given: (tried.append((given[1].model.states, given[2].name)), begin(*given))[1]
+    )
+    fit = emsid.fit(emsid.feedback(maps=1, delay=0, oversampling=1), sticking(1))
+    assert type(fit.model.maps[0]) in (DeadZone, Saturation)
+    assert emsid.compare([fit], sticking(2)).best.row.simulation_rmse < 0.0115
+    assert {(1, "polynomial"), (1, "dead-zone"), (2, "dead-zone")} <= {*tried}
+    assert (2, "polynomial") not in tried
 
 
 @pytest.mark.parametrize("name", ["polynomial", "dead-zone", "saturation", "abs"])

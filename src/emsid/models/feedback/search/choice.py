@@ -41,7 +41,8 @@ Array = NDArray[np.float64]
 
 # Orders that are tried, if none is given; the order of the linear models that show a delay.
 ORDERS, OF_DELAY = (1, 2, 3), 2
-# A family whose error is larger than that of another one by this factor is not tried with other orders or more maps.
+# A family whose error on the fitted data is larger than that of another one by this factor is not tried with higher
+# orders, more steps or more maps.
 HOPELESS = 2.0
 # A second or third map takes at least this many samples for every knot, or degree.
 PER_KNOT = 20
@@ -94,12 +95,12 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
 
 def _runner_up(tried: Sequence[Trial], best: Trial) -> Trial | None:
     """The best model with a map of another family than that of the best of all, if its error is not far larger."""
-    others = [each for each in tried if each.family is not best.family and not _hopeless(each, best)]
-    return min(others, key=lambda each: each.errors.mean, default=None)
+    others = [each for each in tried if each.family is not best.family and np.isfinite(each.errors.mean)]
+    return min((each for each in others if not _hopeless(each, best)), key=lambda each: each.errors.mean, default=None)
 
 
 def _hopeless(trial: Trial, best: Trial) -> bool:
-    return not trial.errors.mean <= HOPELESS**2 * best.errors.mean
+    return trial.found.error > HOPELESS * best.found.error
 
 
 def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Trial]]:
@@ -134,10 +135,8 @@ def _first_map(bench: Bench, settings: FeedbackSearch) -> tuple[Trial, list[Tria
                 if bench.prefers(trial, best or straight):
                     best, higher = trial, True
             bent += trials
-            ahead = min(trials, key=lambda each: each.errors.mean, default=None)
-            if ahead is not None and np.isfinite(ahead.errors.mean):
-                behind = [each.family for each in trials if _hopeless(each, ahead)]
-                families = [each for each in families if each[0] not in behind]
+            behind = [each.family for each in trials if any(_hopeless(each, other) for other in trials)]
+            families = [each for each in families if each[0] not in behind]
             if order >= max(ORDERS) and not higher:
                 break
         if given is None and straight is not None:

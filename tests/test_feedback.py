@@ -128,7 +128,7 @@ def test_a_sensor_that_loses_the_sign_is_a_start() -> None:
     assert not may_be_magnitudes([replace(record, output=record.output - 1.0)])
     found = of_magnitudes([record], 3, FREE)
     assert [type(each) for each in found.model.maps] == [CubicSpline]
-    assert found.error < 0.025
+    assert found.error < 0.03  # 0.074 is the best of models that start without signs
     fit = emsid.fit(emsid.feedback(order=4), record)
     assert fit.noise_variance < 0.01**2
     assert emsid.compare([fit], magnitudes(300, seed=50)).best.row.simulation_rmse < 0.03

@@ -221,7 +221,13 @@ def test_a_feedback_model_has_the_bands_of_its_responses_and_of_its_rest():
     assert 10 ** (outer.value[0] / 20) == pytest.approx(1.0, rel=1e-3)
     assert np.all(inner.standard_error > 0)
     assert np.all(step_response_band(fit, known).standard_error[2:] > 0)
-    assert np.all(free_run_band(fit, known).standard_error[model.memory + 2 :] > 0)
+    run = free_run_band(fit, known)
+    above, below = (
+        model.with_estimates(fit.names, fit.estimate + step).simulate(known).output for step in (1e-3, -1e-3)
+    )
+    assert np.isnan(run.standard_error[: model.memory]).all()
+    own = slice(model.memory + 5, None)
+    assert run.standard_error[own] == pytest.approx(np.abs(above - below)[own] / 2, rel=0.05, abs=1e-5)
     from emsid.report.views import banded
 
     drawn = {figure.name: figure.caption for figure in banded(fit, known)}

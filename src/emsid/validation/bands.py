@@ -35,7 +35,8 @@ from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.regressors import Regressor
 from emsid.record import Record
-from emsid.validation.frequency_responses import check_channel, feedback_at_rest, frequency_response, output_at_rest
+from emsid.validation.feedback_curves import feedback_at_rest, feedback_run_error
+from emsid.validation.frequency_responses import check_channel, frequency_response, output_at_rest
 
 Array = NDArray[np.float64]
 Curve = Callable[[Any], NDArray[Any]]
@@ -119,6 +120,8 @@ def free_run_band(fit: Fit[Any], record: Record, *, level: float = 0.95, transie
         return np.where(run.counted[:, None], run.output, np.nan)
 
     time = np.concatenate([segment.time for segment in record.segments])
+    if isinstance(fit.model, FeedbackModel):  # its derivatives are exact, and its start takes a search
+        return Band(time, curve(fit.model), feedback_run_error(fit, record, transient), level)
     return _band(fit, curve, time, level)
 
 

@@ -11,7 +11,6 @@ its maps. A plant is taken in motion, without friction that is constant.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -111,35 +110,7 @@ def output_at_rest(model: Any, level: float) -> float:
     return linearised(model, level)[2] if isinstance(model, Narx) else _settled(model, level, 1)
 
 
-def feedback_at_rest(model: FeedbackModel, levels: Array) -> Callable[[FeedbackModel], Array]:
-    """A function from a feedback model, or one with parameters close to it, to its outputs (m,) at rest.
-
-    One step from the rests of the model, with its linear part there, leads to those of the other, to first order.
-
-    Args:
-        model: with the rests.
-        levels: (m,) of a constant input.
-
-    Raises:
-        ModelError: where it does not come to rest.
-    """
-    n, found = model.states, []
-    for level in levels:
-        _settled(model, float(level), 1)
-        rest, whole = _about_rest(model, float(level))
-        found.append((np.full(1, level), rest, np.linalg.solve((np.eye(n) - whole[:n, :n]).T, whole[n, :n])))
-
-    def outputs(other: FeedbackModel) -> Array:
-        values = []
-        for level, rest, back in found:
-            out, after = other.stepped(level, rest)
-            values.append(out.y[0] + back @ (after - rest))
-        return np.array(values)
-
-    return outputs
-
-
-def _about_rest(model: FeedbackModel, level: float) -> tuple[Array, Array]:
+def about_rest(model: FeedbackModel, level: float) -> tuple[Array, Array]:
     """The state (n,) at rest, and the linear part there, (n + 1, n + 1) from (x, u) to (x⁺, y)."""
     rest = model.resting(level)
     signals = model.stepped(np.full(1, level), rest)[0]
@@ -173,7 +144,7 @@ def check_channel(model: Any, what: str, number: int, count: int) -> None:
 def _of_feedback(model: FeedbackModel, f: Array, dt: float, around: float) -> Complex:
     """The response of a feedback model about the rest at an input."""
     n, steps = model.states, model.oversampling
-    whole = _about_rest(model, around)[1]
+    whole = about_rest(model, around)[1]
     a, b, c, d = whole[:n, :n], whole[:n, n], whole[n, :n], float(whole[n, n])
     rate = 1.0 if model.held else 1.0 / steps
     if model.held:

@@ -1,0 +1,89 @@
+r"""Curves of feedback models for estimates that are moved a little, to first order and without another search.
+
+The rest x = g(x, u, θ) moves by (I − g_x)⁻¹ g_θ δ. A free run starts from a state x₀ that its first samples show, by
+least squares; with their exact derivatives J_θ and J_x it moves by dx₀/dθ = −J_x⁺ J_θ, and a later sample by
+J_θ + J_x dx₀/dθ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.fit import Fit
+from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.start import starting
+from emsid.record import Record
+from emsid.validation.frequency_responses import about_rest, output_at_rest
+
+Array = NDArray[np.float64]
+
+SHOWN = 1e-2
+"""A direction of the initial state is estimated if the first samples show it by this share of the best one."""
+
+
+def feedback_at_rest(model: FeedbackModel, levels: Array) -> Callable[[FeedbackModel], Array]:
+    """A function from a feedback model, or one with parameters close to it, to its outputs (m,) at rest.
+
+    One step from the rests of the model, with its linear part there, leads to those of the other, to first order.
+
+    Args:
+        model: with the rests.
+        levels: (m,) of a constant input.
+
+    Raises:
+        ModelError: where it does not come to rest.
+    """
+    n, found = model.states, []
+    for level in levels:
+        output_at_rest(model, float(level))
+        rest, whole = about_rest(model, float(level))
+        found.append((np.full(1, level), rest, np.linalg.solve((np.eye(n) - whole[:n, :n]).T, whole[n, :n])))
+
+    def outputs(other: FeedbackModel) -> Array:
+        values = []
+        for level, rest, back in found:
+            out, after = other.stepped(level, rest)
+            values.append(out.y[0] + back @ (after - rest))
+        return np.array(values)
+
+    return outputs
+
+
+def feedback_run_error(fit: Fit[Any], record: Record, transient: int | None) -> Array:
+    """(N, 1) the standard error of the free run of a feedback model over a record, NaN before the end of a transient.
+
+    Args:
+        fit: with the covariance; parameters of no finite variance are kept.
+        record: with the channels of the model.
+        transient: as in `emsid.models.free_run.free_run`.
+
+    Raises:
+        ModelError: for a run that diverges.
+    """
+    model: FeedbackModel = fit.model
+    first = max(model.memory, transient or 0)
+    at = [model.names.index(name) for name in fit.names]
+    known = np.isfinite(np.diag(fit.covariance))
+    covariance = np.where(np.outer(known, known), fit.covariance, 0.0)
+    errors = []
+    for segment in record.segments:
+        error = np.full((len(segment), 1), np.nan)
+        if len(segment) > first:
+            u, y = np.ascontiguousarray(segment.input[:, 0]), segment.output[:first, 0]
+            try:
+                rows = model.gradient(u, model.trajectory(u, starting(model, u, y)))
+            except Infeasible as problem:
+                raise ModelError(str(problem)) from None
+            by_theta, by_state = rows[:, at], rows[:, len(model.parameters) :]
+            begin = slice(model.edge, first)
+            moved = np.linalg.pinv(by_state[begin], rcond=SHOWN) @ by_theta[begin]
+            slopes = (by_theta - by_state @ moved)[first:]
+            error[first:, 0] = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slopes, covariance, slopes), 0.0))
+        errors.append(error)
+    return np.concatenate(errors)

@@ -3,9 +3,8 @@
 Simulated plants come from a simulator that is not the program's own (``tests/independent``). Real recordings are read
 from the folder that the environment variable EMSID_RECORDINGS names, as in the tests; those that are missing are left
 out. ``python bench/accuracy.py "simulated=axis with drift 100-109"`` takes plants of other seeds. The part
-``regressions`` is that of ``bench/regressions.py``. The part ``pairs`` takes several minutes, ``steps`` eight CPU
-minutes; name parts to print only these: ``python bench/accuracy.py emps``. The parts ``rules`` and ``starts`` take half
-an hour and are run where they are named only.
+``regressions`` is that of ``bench/regressions.py``. The part ``pairs`` takes several CPU minutes, ``steps`` eight,
+``rules`` and ``starts`` ten each; name parts to print only these: ``python bench/accuracy.py emps``.
 """
 
 from __future__ import annotations
@@ -189,22 +188,18 @@ def steps(folds: int = FOLDS) -> None:
 
 PARTS: dict[str, Callable[[str], None]] = {
     "simulated": lambda which: simulated(named(which)),
-    "rules": lambda begins: rules.main(begins, console),
-    "starts": lambda begins: starts.main(RECORDINGS, begins, console),
     "emps": lambda _: positioning_axis(),
     "pairs": lambda begins: pairs([name for name in BRIDGE if name.startswith(begins)]),
     "steps": lambda _: steps(),
     "regressions": lambda _: regressions.main([]),
+    "rules": lambda begins: rules.main(begins, console),
+    "starts": lambda begins: starts.main(RECORDINGS, begins, console),
 }
 
 
-LONG = ("rules", "starts")
-"""Parts that are not run unless they are named."""
-
-
 def main(arguments: Sequence[str]) -> None:
-    """Print the parts that are asked for, by default all but the longest; ``part=name`` asks for some cases of one."""
-    for name in arguments or (part for part in PARTS if part not in LONG):
+    """Print the parts that are asked for, by default all; ``part=name`` asks for some cases of one."""
+    for name in arguments or PARTS:
         part, _, begins = name.partition("=")
         try:
             PARTS[part](begins)

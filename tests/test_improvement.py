@@ -15,7 +15,7 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.free_run import free_run_error, mean_squared_error
 from emsid.record import hold_back
 from emsid.record.holding_back import FOLDS, LEAST_PART, choice_and_headline, hold_back_records, validation_splits
-from emsid.selection.improvement import CHANCE, NEGLIGIBLE, StretchErrors, better, better_by_ratio, better_without_best
+from emsid.selection.improvement import CHANCE, NEGLIGIBLE, StretchErrors, better, better_by_ratio
 from source_tree import nodes_of
 
 SOURCES = Path(emsid.__file__).parent
@@ -46,14 +46,6 @@ def test_a_small_gain_that_lasts_is_found_and_a_large_one_of_a_moment_is_not() -
     shock[7000:7100] = 5.0
     assert StretchErrors.of((noise + shock) ** 2).mean > 1.1 * StretchErrors.of(noise**2).mean
     assert not better(StretchErrors.of(noise**2), StretchErrors.of((noise + shock) ** 2))
-
-
-def test_a_gain_in_a_single_stretch_is_not_enough_without_the_best() -> None:
-    plain, rng = np.full(1600, 1.0), np.random.default_rng(4)
-    once, always = plain.copy(), plain + 0.005 * (1 + rng.random(1600))
-    once[300:380] += 3.0
-    assert better_without_best(StretchErrors.of(plain), StretchErrors.of(always))
-    assert not better_without_best(StretchErrors.of(plain), StretchErrors.of(once))
 
 
 def test_a_negligible_gain_does_not_count_however_sure_it_is() -> None:

@@ -253,16 +253,6 @@ def test_directions_of_which_one_was_hardly_seen_are_not_told_apart():
         assert ("rotor_friction.coulomb.backward" in names) is found
 
 
-def test_what_a_single_stretch_shows_is_not_taken_for_a_refinement():
-    _, record, _ = bridge()
-    stuck = record.output.copy()
-    slow = np.flatnonzero((np.abs(record.input[:, 0]) > 1.5) & (np.abs(record.input[:, 0]) < 4))
-    first = int(slow[0])
-    stuck[first : first + 20] = 0.0
-    names = choose(RIGID, replace(record, output=stuck), refinements=(stribeck_by_direction,)).names
-    assert "rotor_friction.stribeck_rate" not in names
-
-
 def test_kinds_of_samples_are_levels_speeds_and_directions():
     t = np.arange(1200.0)
     u = np.sin(0.02 * t)

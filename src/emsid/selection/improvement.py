@@ -104,31 +104,12 @@ def _more_than_noise(model: StretchErrors, than: StretchErrors, scale: Callable[
     if not matters(model.mean, than.mean):
         return False
     saved = (scale(than.means) - scale(model.means))[(than.samples > 0) & (model.samples > 0)]
-    return len(saved) < 2 or _exceeds_noise(saved)
-
-
-def better_without_best(model: StretchErrors, than: StretchErrors) -> bool:
-    """Whether what a model saves is more than noise also without the stretch where it saves most.
-
-    However much it saves in one stretch, that may be chance or a fault of the data there. How much it saves does not
-    matter here.
-
-    Args:
-        model: the errors of the more complex model.
-        than: those of the simpler one on the same samples.
-    """
-    saved = ((than.means - model.means) * than.samples)[(than.samples > 0) & (model.samples > 0)]
-    return len(saved) < 3 or _exceeds_noise(np.delete(saved, np.argmax(saved)))
+    return len(saved) < 2 or float(np.mean(saved)) > stdtrit(len(saved) - 1, 1 - CHANCE) * _deviation_of_mean(saved)
 
 
 def matters(error: float, than: float) -> bool:
     """Whether one mean square error is smaller than another by more than a negligible part of it."""
     return error < (1.0 - NEGLIGIBLE) * than
-
-
-def _exceeds_noise(saved: Array) -> bool:
-    """Whether the mean of a series is larger than chance explains."""
-    return float(np.mean(saved)) > float(stdtrit(len(saved) - 1, 1 - CHANCE)) * _deviation_of_mean(saved)
 
 
 def _deviation_of_mean(values: Array) -> float:

@@ -68,7 +68,7 @@ from emsid.models.plants.search.trials import Trial, Trials, gain
 from emsid.models.plants.search.weightings import chosen, forgetting
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
-from emsid.selection.improvement import better, better_without_best
+from emsid.selection.improvement import better
 
 Array = NDArray[np.float64]
 Rule = Callable[[Trial, Trial], float]
@@ -337,14 +337,12 @@ class _Choice:
                 break
 
     def _is_safe(self, trial: Trial, refine: Refinement) -> bool:
-        """Whether more than one stretch of the record shows a refinement, and both sides of what it tells apart.
+        """Whether a trial is better on both sides of what a refinement tells apart.
 
-        One that extrapolates is better by more than noise, also on what it was not fitted to.
+        With one that extrapolates it is better by more than noise, also on what it was not fitted to.
         """
         if refine in BREAKS:
             return better_on_both_sides(self._trials, trial, self.trial, BREAKS[refine])
-        if not better_without_best(trial.errors, self.trial.errors):
-            return False
         if refine in BY_DIRECTION:
             return better_in_both_directions(self._trials, trial, self.trial)
         if refine in EXTRAPOLATES:

@@ -16,6 +16,7 @@ from emsid.models.free_run import free_run_error
 from emsid.models.model import Run
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Bridge
+from emsid.report.identification_page import summary
 from emsid.validation.comparison import assess
 from emsid.validation.residual_test import residual_tests
 
@@ -201,6 +202,8 @@ def test_models_of_a_long_record_are_compared_on_an_excerpt_and_the_recommended_
     assert len(several.unseen) == len(one.unseen)
     assert first.samples > 1_390 > 999 > second.samples
     assert (first.estimate == emsid.least_squares(first.model.structure, record[:1_400]).estimate).all()
+    assert "Fitted to 1,400 samples after a comparison of fits to 999" in summary(several)
+    assert "Fitted to 1,400 samples," in summary(one)
     assert several.chosen is first
     assert all(any(first is each.fit for each in on) for on in (several.on_record.assessments, several.ranking))
     assert several.on_unseen.best.row.simulation_mse == assess(first, several.unseen, 1).row.simulation_mse

@@ -29,7 +29,8 @@ class Identification(Presented):
     """Result of an identification.
 
     Attributes:
-        record: the data that the models were fitted to.
+        record: the data that the models were fitted to; of a long record an excerpt, from which the recommended one was
+            then fitted to all (`fitted-to-excerpt`).
         unseen: the data that their errors are from, and that they were ranked on where `on_choice` is None.
         on_record: the models on `record`.
         on_unseen: the models on `unseen`, the chosen one first.

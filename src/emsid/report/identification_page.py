@@ -99,13 +99,21 @@ def summary(result: Identification) -> str:
         if count > 1
         else f"{row.model} is the only model that was fitted."
     )
-    fitted = f"{which} Fitted to {len(result.record):,} samples"
+    fitted = f"{which} Fitted to {_samples(result)}"
     if result.on_choice is None:
         return f"{fitted}, run on {row.samples:,} of {result.ranked_on}."
     return (
         f"{fitted}, chosen on {result.on_choice.best.row.samples:,}; the errors below are on {row.samples:,} further "
         "samples that no fit and no choice has used."
     )
+
+
+def _samples(result: Identification) -> str:
+    """How many samples the recommended model was fitted to, and compared with others on where these are fewer."""
+    for each in result.findings:
+        if each.code == "fitted-to-excerpt" and each.data["finished"]:
+            return f"{each.data['of']:,} samples after a comparison of fits to {each.data['samples']:,}"
+    return f"{len(result.record):,} samples"
 
 
 def facts(result: Identification) -> list[Fact]:

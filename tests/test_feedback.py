@@ -15,6 +15,7 @@ from emsid.estimation.nonlinear.control import FREE
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.map_families import family_of
+from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
 from emsid.models.blocks.static_maps import STATIC_MAPS, CubicSpline, DeadZone, Polynomial, Saturation, UserMap
 from emsid.models.feedback import fitting
 from emsid.models.feedback.coordinates import Visited, coordinates, directions, normal_form, whitened, with_line
@@ -22,7 +23,7 @@ from emsid.models.feedback.fitting import fit_feedback, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search import choice, estimation, trials
 from emsid.models.feedback.search.choice import chosen
-from emsid.models.feedback.search.magnitudes import as_feedback, may_be_magnitudes, of_magnitudes
+from emsid.models.feedback.search.magnitudes import as_feedback, of_magnitudes
 from emsid.models.feedback.search.starts import Direction, started_beside_line
 from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Steps, Trial
 from emsid.models.feedback.start import starting

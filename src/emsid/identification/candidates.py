@@ -21,7 +21,7 @@ from emsid.identification.options import ModelKind, Options
 from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS
 from emsid.models.blocks.search.estimation import CascadeStructure
 from emsid.models.blocks.search.map_families import SPLINE
-from emsid.models.blocks.search.sign_recovery import keeps_its_sign
+from emsid.models.blocks.search.sign_recovery import keeps_its_sign, may_be_magnitudes
 from emsid.models.blocks.search.topologies import (
     HAMMERSTEIN,
     HAMMERSTEIN_WIENER,
@@ -31,7 +31,6 @@ from emsid.models.blocks.search.topologies import (
     Topology,
 )
 from emsid.models.feedback.search.estimation import FeedbackStructure
-from emsid.models.feedback.search.magnitudes import may_be_magnitudes
 from emsid.models.feedback.search.trials import FeedbackSearch
 from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.drive import Hold

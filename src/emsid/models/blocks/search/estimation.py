@@ -35,6 +35,7 @@ from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER, filter_parameters, input_delay
 from emsid.models.blocks.search.periods import Steady, steady_state
 from emsid.models.blocks.search.process_noise import Corrected, without_process_noise
+from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
 from emsid.models.blocks.search.topologies import (
     DEFAULTS,
     HAMMERSTEIN,
@@ -136,6 +137,7 @@ class CascadeOptions(TypedDict, total=False):
     threads: int
     max_iterations: int
     rng: np.random.Generator | None
+    magnitudes: bool | None
 
 
 def wiener_hammerstein(
@@ -244,6 +246,8 @@ def estimate(
     steady = None if settings.unseen or settings.transient is not None else steady_state(several, settings.period)
     settings = replace(settings, period=steady.period if steady else 0)
     several = steady.records if steady else several
+    if settings.magnitudes is None and topology.first:
+        settings = replace(settings, magnitudes=may_be_magnitudes(several))
     shown, rounds = held_back(several, settings)
     _check_unseen(topology, rounds, orders)
     delay = settings.delay

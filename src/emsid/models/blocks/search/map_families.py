@@ -80,8 +80,14 @@ def families() -> dict[str, Family]:
     return {kind: family(map_) for kind, map_ in STATIC_MAPS.items()}
 
 
-def tried_families() -> tuple[Family, ...]:
-    """The families that a search tries if no static map is given; the spline is first, because trials are splines."""
+def tried_families(magnitudes: bool = False) -> tuple[Family, ...]:
+    """The families that a search tries if no static map is given; the spline is first, because trials are splines.
+
+    Args:
+        magnitudes: whether the output shows magnitudes only; maps that lose the sign are then the first.
+    """
+    if magnitudes:
+        return (*(each for each in families().values() if each.loses_sign), SPLINE)
     return tuple(family(map_) for map_ in STATIC_MAPS.values() if map_.tried)
 
 

@@ -17,6 +17,7 @@ References:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.estimation.linear.information import Information
 from emsid.estimation.nonlinear.gauss_newton import least_squares_step
+from emsid.record import Record
 
 Array = NDArray[np.float64]
 Signs = NDArray[np.intp]
@@ -61,6 +63,12 @@ def keeps_its_sign(output: Array) -> bool:
     """Whether a signal may be an absolute value with noise: it ends close to zero on one side."""
     low, high = abs(float(output.min())), abs(float(output.max()))
     return min(low, high) < CLOSE * max(low, high)
+
+
+def may_be_magnitudes(records: Sequence[Record]) -> bool:
+    """Whether outputs come close to zero without a change of sign, although the inputs have both signs."""
+    u, y = (np.concatenate(each) for each in zip(*((r.input[:, 0], r.output[:, 0]) for r in records), strict=True))
+    return bool(u.min() < 0 < u.max()) and keeps_its_sign(y)
 
 
 def recovered_signals(

@@ -60,6 +60,8 @@ class CascadeSearch:
         threads: number of threads for parallel trials.
         max_iterations: steps of the final fit.
         rng: source of the random starts.
+        magnitudes: whether the output shows magnitudes only, as that of a sensor that loses the sign; None judges by
+            the records, if a filter precedes the map.
 
     Raises:
         ModelError: for invalid numbers, or an unknown static map.
@@ -76,6 +78,7 @@ class CascadeSearch:
     threads: int = 2
     max_iterations: int = 150
     rng: np.random.Generator | None = None
+    magnitudes: bool | None = None
 
     def __post_init__(self) -> None:
         if self.static is not None:
@@ -95,7 +98,7 @@ class CascadeSearch:
     def families(self) -> tuple[Family, ...]:
         """The families to choose the map from."""
         if self.static is None:
-            return tried_families() if self.size is None else (SPLINE,)
+            return tried_families(bool(self.magnitudes)) if self.size is None else (SPLINE,)
         return (family_of(self.static),)
 
 

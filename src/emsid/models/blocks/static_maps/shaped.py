@@ -57,7 +57,6 @@ class OddSpline(ThroughPoints):
     kind: ClassVar[str] = "odd-spline"
     owns_level: ClassVar[bool] = False
     absorbs_shift: ClassVar[bool] = False
-    tried: ClassVar[bool] = False
     sizes: ClassVar[tuple[int, ...]] = (10, 20)
     smooth: ClassVar[bool] = True
     word: ClassVar[str] = "odd_spline"

@@ -27,10 +27,11 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import Control
 from emsid.models.blocks.search.map_families import Family, family_of
+from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
 from emsid.models.feedback.coordinates import with_line
 from emsid.models.feedback.fitting import Found, visited
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search.magnitudes import BEHIND, KNOTS, MAGNITUDE, may_be_magnitudes, of_magnitudes
+from emsid.models.feedback.search.magnitudes import BEHIND, KNOTS, MAGNITUDE, of_magnitudes
 from emsid.models.feedback.search.starts import Direction, directions_for, started_beside_line, with_one_map_more
 from emsid.models.feedback.search.trials import LONGEST, MOST_ORDERS, Bench, FeedbackSearch, Steps, Trial
 from emsid.models.one_channel import segments_longer_than

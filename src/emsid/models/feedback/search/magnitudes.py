@@ -20,7 +20,6 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import search
 from emsid.models.blocks.search.cross_validation import as_arrays
 from emsid.models.blocks.search.map_families import family_of
-from emsid.models.blocks.search.sign_recovery import keeps_its_sign
 from emsid.models.blocks.search.starts import scanned, sign_recovery_candidates, started
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.fitting import Found, searched
@@ -36,12 +35,6 @@ BEHIND = 1
 """Order of the filter behind the sensor."""
 TRIED, STEPS = 3, 40
 """The number of starts of an order that are refined, and the steps of each."""
-
-
-def may_be_magnitudes(records: Sequence[Record]) -> bool:
-    """Whether outputs come close to zero without a change of sign, although the inputs have both signs."""
-    u, y = (np.concatenate(each) for each in zip(*((r.input[:, 0], r.output[:, 0]) for r in records), strict=True))
-    return bool(u.min() < 0 < u.max()) and keeps_its_sign(y)
 
 
 def of_magnitudes(records: Sequence[Record], order: int, control: Control) -> Found:

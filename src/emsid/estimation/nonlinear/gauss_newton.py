@@ -289,6 +289,7 @@ class _Search:
     noise: float
     control: Control
     penalties: Sequence[Penalty]
+    correlated: bool
 
     def begin(self, theta: Array, damping: float) -> _Iterate:
         """The state at the start.
@@ -379,7 +380,8 @@ class _Search:
         """
         cost, blocks, information = _linearise(self.problem, theta, self.box.varied, self.loss)
         if self.penalties:
-            independent = max(independent, effective_samples([residual for residual, _ in blocks]))
+            worth = effective_samples([r for r, _ in blocks]) if self.correlated else information.samples
+            independent = max(independent, worth)
             likely = chosen_weights(self.penalties, information, theta, self.box.varied, weights, independent)
             weights = np.minimum(likely, most)
         penalty = Penalty.weighted(self.penalties, weights, len(theta))
@@ -440,6 +442,7 @@ def gauss_newton(
     control: Control = FREE,
     covariances: bool = True,
     penalties: Sequence[Penalty] = (),
+    correlated: bool = False,
 ) -> Minimum:
     """The θ that minimises Σ ℓ(r(θ)), and penalties if any, within bounds, from a start.
 
@@ -460,6 +463,8 @@ def gauss_newton(
             report of every step.
         covariances: whether they are computed; otherwise they are infinite.
         penalties: on roughness, in all parameters; the weight of each is chosen from the data.
+        correlated: whether a slow residual counts as fewer samples there. Searches that begin far from their minimum,
+            where every residual is slow, may keep too stiff a curve then.
 
     Raises:
         ModelError: for a start outside its bounds or without a finite residual, bounds that cross, blocks of other
@@ -467,7 +472,7 @@ def gauss_newton(
         Stopped: by ``problem``, at the start.
     """
     theta, box = _check_start(start, lower, upper, names)
-    search = _Search(problem, box, loss, max_iterations, tolerance, least_saving, noise, control, penalties)
+    search = _Search(problem, box, loss, max_iterations, tolerance, least_saving, noise, control, penalties, correlated)
     iterate = search.begin(theta, damping)
     while (end := search.end(iterate)) is None:
         try:

@@ -310,7 +310,7 @@ def search(
     options: dict[str, Any] = {"max_iterations": max_iterations, "least_saving": least_saving}
     options["covariances"] = covariances
     same: dict[str, Any] = {"lower": low, "upper": high, "loss": loss, "tolerance": tolerance, "names": names}
-    same |= {"control": control, "penalties": problem.penalties}
+    same |= {"control": control, "penalties": problem.penalties, "correlated": True}
 
     def searched(theta: Array, **others: Any) -> Minimum:
         return gauss_newton(problem, theta, **same, **(options | others))

@@ -3,6 +3,7 @@
 import runpy
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -444,6 +445,16 @@ def test_interrupting_the_choice_of_refinements_keeps_the_plain_motor(stage):
     assert fit.ending is Ending.INTERRUPTED
     assert fit.findings[0].code == "choice-interrupted"
     assert fit.model.plant.value("motor_constant") == pytest.approx(MOTOR.value("motor_constant"), rel=0.05)
+
+
+def test_a_choice_of_refinements_without_time_is_not_interrupted(monkeypatch):
+    seen = []
+    clock = SimpleNamespace(monotonic=lambda: 2.0 * any("adding refinements" in each for each in seen))
+    monkeypatch.setattr("emsid.estimation.nonlinear.control.time", clock)
+    control = Control(deadline=1.0, report=lambda activity: seen.append(activity.doing))
+    fit = choose(MOTOR, record_of(MOTOR, noise=0.1)[:600], refinements=(late_command,), control=control)
+    assert fit.ending is Ending.OUT_OF_BUDGET
+    assert fit.findings[0].code == "choice-interrupted"
 
 
 def test_refinements_keep_to_a_datasheet():

@@ -160,7 +160,7 @@ def choose(
         findings.append(Finding("probably-another-system", plant.name, {"left": search.left, "linear": linear}))
     if search.drifts:
         findings.append(Finding("free-run-drifts", record.name, {"time": search.drifts}))
-    return replace(fit, ending=Ending.INTERRUPTED if stopped else fit.ending, findings=(*findings, *fit.findings))
+    return replace(fit, ending=stopped or fit.ending, findings=(*findings, *fit.findings))
 
 
 class _Choice:
@@ -258,13 +258,15 @@ class _Choice:
         """Whether the last fit decides how the command goes on between its samples."""
         return not self.hopeless and (self.thinned or self.found.hold is not Hold.ZERO)
 
-    def run(self, weighting: Weighting | None, refinements: Sequence[Refinement], rule: Rule, linear: float) -> bool:
-        """Choose the weighting where it is None, add and remove refinements; whether somebody ended it early."""
+    def run(
+        self, weighting: Weighting | None, refinements: Sequence[Refinement], rule: Rule, linear: float
+    ) -> Ending | None:
+        """Choose the weighting where it is None, add and remove refinements; how it was ended early, if it was."""
         self._rule, self._most_left = rule, max(UNEXPLAINED, WORSE * linear)
         try:
             self._begin(all_alike if weighting is None else weighting)
             if not self.trial.residuals:
-                return False
+                return None
             if weighting is None:
                 self._weigh(*self._rich())
             for _ in range(PASSES):
@@ -275,9 +277,9 @@ class _Choice:
                 self._remove()
                 if weighting is not None or not self._weigh([self.trial.plant], self.trial.names):
                     break
-        except Stopped:
-            return True
-        return False
+        except Stopped as stop:
+            return stop.ending
+        return None
 
     def _begin(self, weighting: Weighting) -> None:
         self.weighting = weighting

@@ -37,7 +37,7 @@ from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.task import prepare
 from emsid.models.plants.search.thinning import thinned
-from emsid.models.plants.search.trials import Trials
+from emsid.models.plants.search.trials import Trial, Trials
 from emsid.models.plants.search.weightings import chosen as weighting_of
 from emsid.plant import Friction, Motor, simulate
 from independent.cases import CASES, levels, sines
@@ -181,6 +181,13 @@ def test_errors_are_forgotten_where_that_leaves_noise(drift, cogging, noise, for
     trials = Trials((record,), (Signal.POSITION,), {})
     start = AXIS.with_values({"mass": 1.1, "viscous_friction": 2.2, "friction.coulomb": 0.3})
     assert isinstance(weighting_of(trials, [start], start.default_free), Recent) is forgets
+
+
+def test_a_trial_without_free_parameters_is_not_begun_again():
+    record = Record(np.ones(50), np.zeros(50), 1e-2, output_units="rad/s")
+    trials = Trials((record,), (Signal.SPEED,), {})
+    rest = Trial(RIGID, (), [RIGID.first_state((Signal.SPEED,), record)], 0.0, [record.output[:, 0]])
+    assert trials.around(rest, np.random.default_rng(0), 2).ends == ()
 
 
 def test_a_plant_without_a_refinement_does_not_get_it():

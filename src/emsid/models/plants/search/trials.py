@@ -146,7 +146,7 @@ class Trials:
         ends = []
         for _ in range(tries):
             problem = self._problem(trial.plant, trial.names, trial.states)
-            if problem is None:
+            if problem is None or not len(problem.start):  # nothing to move
                 break
             lower, upper = problem.within(self._bounds(trial.plant, trial.names))
             try:

@@ -630,7 +630,7 @@ def _conclude(iterate: _Iterate, box: _Box, loss: Loss | None, labels: Sequence[
         findings.append(Finding("parameter-at-bound", labels[k], {"side": side, "bound": float(theta[k])}))
     white = robust = np.diag(np.full(len(columns), np.inf))
     if loss is not None:
-        white, robust = _covariances(point.blocks, columns, information, solution, loss, point.penalty.rows)
+        white, robust = _covariances(point, columns, information, solution, loss)
     residuals = tuple(r for r, _ in point.blocks)
     samples = sum(len(r) for r in residuals)
     square = float(sum(np.sum(r**2) for r in residuals))
@@ -693,18 +693,15 @@ def _among_all(part: Array, columns: Indices, count: int) -> Array:
 
 
 def _covariances(
-    blocks: Sequence[Block],
-    columns: Indices,
-    information: Information,
-    solution: Solution,
-    loss: Loss,
-    penalty: Array,
+    point: _Point, columns: Indices, information: Information, solution: Solution, loss: Loss
 ) -> tuple[Array, Array]:
     """The covariances for white and for coloured noise, for the parameters in ``columns``.
 
-    The rows (k, p) of a penalty have the scores that they are expected to have, of variance σ². With a loss other than
-    squares the Hessian of the robust covariance is mean(ℓ″)·JᵀJ and the score is Jₜℓ′(rₜ) (Huber 1981, ch. 7).
+    The rows (k, p) of a penalty have the scores that they are expected to have, of variance σ² times the number of
+    samples for each independent one. With a loss other than squares the Hessian of the robust covariance is
+    mean(ℓ″)·JᵀJ and the score is Jₜℓ′(rₜ) (Huber 1981, ch. 7).
     """
+    blocks, penalty = point.blocks, point.penalty.rows
     determined = np.isfinite(np.diag(solution.covariance))
     residual = np.concatenate([r for r, _ in blocks])
     samples = len(residual)
@@ -724,10 +721,11 @@ def _covariances(
     inverse = inverse_triangle(triangle)
     pull = loss.weight(residual) * residual
     rough = penalty[:, kept] @ inverse
+    slowness = samples / point.independent if len(penalty) else 1.0
     correction = samples / (samples - len(kept) + np.sum(rough**2)) / mean_curvature**2
     within = np.ix_(np.flatnonzero(determined), np.flatnonzero(determined))
     white[within] = correction * np.mean(pull**2) * (inverse @ inverse.T)
     scores = [(jacobian[:, kept] @ inverse) * (loss.weight(r) * r)[:, None] for r, jacobian in blocks]
-    spread_of_scores = long_run_variance(scores) + np.mean(pull**2) * rough.T @ rough
+    spread_of_scores = long_run_variance(scores) + slowness * np.mean(pull**2) * rough.T @ rough
     robust[within] = correction * (inverse @ spread_of_scores @ inverse.T)
     return white, robust

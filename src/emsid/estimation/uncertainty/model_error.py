@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from emsid.estimation.nonlinear.gauss_newton import Infeasible, Problem
 from emsid.estimation.nonlinear.smoothing import Penalty
-from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance
+from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance, effective_samples
 from emsid.estimation.uncertainty.robust_covariance import automatic_window, weighted_variance
 
 Array = NDArray[np.float64]
@@ -55,8 +55,9 @@ def model_error_covariance(
         own: p positions in θ; the derivatives with respect to these and ``others`` have full rank.
         others: positions of parameters that are estimated too but not returned, such as initial states.
         part: the problem on the samples that give the second term of H; ``problem`` itself for all samples.
-        penalty: on roughness, with its weight. It belongs to H; its rows are errors of the variance of the residual,
-            so that the covariance includes the bias of a smooth curve.
+        penalty: on roughness, with a weight for a residual that counts as its independent samples. It belongs to H;
+            its rows are errors of the variance of the residual times the samples for each independent one, so that the
+            covariance includes the bias of a smooth curve.
     """
     order, penalty = np.concatenate([others, own]), penalty or Penalty.none(len(theta))
     blocks = problem.linearised(theta)
@@ -71,7 +72,9 @@ def model_error_covariance(
     rough = penalty.rows @ directions
     coloured = coloured_covariance(pieces, rough)
     spread = upper_bound(coloured, correction * weighted_variance(scores, automatic_window(scores)))
-    spread += correction * np.mean(np.concatenate([residual for residual, _ in pieces]) ** 2) * rough.T @ rough
+    residuals = [residual for residual, _ in pieces]
+    variance = np.mean(np.concatenate(residuals) ** 2) * samples / effective_samples(residuals)
+    spread += correction * variance * rough.T @ rough
     bend = _residual_curvature(part, theta, directions, STEP * np.sqrt(np.diag(spread)))
     bent, axes = np.linalg.eigh(np.eye(len(own)) + bend * samples / sum(map(len, part.residuals(theta))))
     flat = inverse[len(others) :, len(others) :] @ (axes / np.clip(bent, FLATTEST, STEEPEST)) @ axes.T

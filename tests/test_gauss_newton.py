@@ -392,3 +392,16 @@ def test_a_search_with_few_unknowns_shortens_infeasible_steps_and_refuses_a_star
     with pytest.raises(ModelError, match="not finite"):
         few_unknowns(Curves(lambda theta: [theta * np.nan], lambda theta: [np.eye(1)]), np.ones(1),
                      max_iterations=5, tolerance=0.1)  # fmt: skip
+
+
+def test_a_derivative_whose_square_overflows_is_refused() -> None:
+    """Its least-squares problem has no solution; a search takes a shorter step."""
+
+    def steep(theta: Array) -> Array:
+        return np.full((3, 1), 1e200 if theta[0] > 1.5 else 1.0)
+
+    curves = Curves(lambda theta: [np.full(3, theta[0] - 2.0) + np.arange(3) * 0.1], lambda theta: [steep(theta)])
+    with pytest.raises(Infeasible, match="too large"):
+        gauss_newton(curves, [1.7])
+    found = gauss_newton(curves, [0.0])
+    assert 0 < found.estimate[0] <= 1.5

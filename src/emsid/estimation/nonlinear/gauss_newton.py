@@ -70,6 +70,8 @@ M = TypeVar("M")
 # A step is rounding if it changes no parameter by more than this fraction, or if the predicted reduction of the cost
 # is less than this fraction.
 ROUNDING = 1e-13
+# A derivative is not larger than this, as squares of it must be finite too.
+LARGEST = 1e120
 # A singular value below this fraction (times n) of the largest is rounding; steps have no component along it.
 RANK = 4 * float(np.finfo(float).eps)
 # The number of successive steps that together must lower the cost by `least_saving`.
@@ -534,7 +536,7 @@ def _linearise(
             information.add_columns(columns) if len(own) == len(varied) else information.add_part(own, columns)
         )
         cost += float(np.sum(loss.cost(residual)))
-    if not np.isfinite(information.factor).all():
+    if not np.abs(information.factor).max(initial=0.0) < LARGEST:  # also where it is not a number
         raise Infeasible("the derivative is too large; scale the channels or choose a smaller order")
     return cost, blocks, information
 

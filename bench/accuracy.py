@@ -147,8 +147,6 @@ def pairs(which: Iterable[str] = BRIDGE) -> None:
         console.print(board)
 
 
-LOOP = 5
-"""The JGA25 log repeats every sample of a loop at 200 Hz so many times."""
 FOLDS = 6
 
 
@@ -159,16 +157,7 @@ def steps(folds: int = FOLDS) -> None:
     record alone, from those of the choice, which has not seen it either. Rows are printed as they come. Of a record
     that stays at rest, which has no fit in %, the last choice is run, and the largest error is shown.
     """
-    columns = {"input": "Commanded_PWM", "output": "Motor_Speed(RPM)", "time": "Timestamp(ms)"}
-    files = sorted((RECORDINGS / "dc_motor_jga25_steps").glob("*.csv"))
-    whole = [emsid.read(file, **columns, units={"Motor_Speed(RPM)": "rpm"}) for file in files]
-    records = [
-        emsid.Record(
-            each.input[::LOOP], each.output[::LOOP], LOOP * each.dt, each.input_names, each.output_names,
-            each.input_units, each.output_units, name=each.name,
-        )
-        for each in whole
-    ]  # fmt: skip
+    records = starts.step_records(RECORDINGS)
     moving = [k for k, record in enumerate(records) if np.ptp(record.output) > 0]
     console.print("JGA25: one step record left out in turn\n command  fit %  CPU s  of it for the choice")
     fits = []

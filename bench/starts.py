@@ -35,6 +35,8 @@ BRIDGES = {
     "bridge, old, 10 ms": ("OldMot_19_12_29_speedDatasStepping_testStepping_dt10", 0.010048),
     "bridge, old, 2 ms": ("OldMot_19_12_29_speedDatasStepping_testStepping_dt2", 0.002),
 }
+LOOP = 5
+"""The JGA25 log repeats every sample of a loop at 200 Hz so many times."""
 SERVOMOTOR = ("prbs_1", "prbs_2", "prbs_3", "closed_loop_profile")
 
 
@@ -92,6 +94,22 @@ def _sides(name: str, pair: tuple[float, float], mass: float) -> dict[str, float
     return {f"{name}.forward": mass * pair[0], f"{name}.backward": mass * pair[1]}
 
 
+def step_records(folder: Path) -> list[emsid.Record]:
+    """The step records of the JGA25, at the rate of the loop whose samples the log repeats."""
+    columns = {"input": "Commanded_PWM", "output": "Motor_Speed(RPM)", "time": "Timestamp(ms)"}
+    files = sorted((folder / "dc_motor_jga25_steps").glob("*.csv"))
+    if not files:
+        raise emsid.FormatError(f"no step records in {folder}")
+    whole = [emsid.read(file, **columns, units={"Motor_Speed(RPM)": "rpm"}) for file in files]
+    return [
+        emsid.Record(
+            each.input[::LOOP], each.output[::LOOP], LOOP * each.dt, each.input_names, each.output_names,
+            each.input_units, each.output_units, name=each.name,
+        )
+        for each in whole
+    ]  # fmt: skip
+
+
 def recordings(folder: Path) -> dict[str, Callable[[], Problem]]:
     """What the folder has of plants, each with the refinements that are chosen for it."""
 
@@ -122,11 +140,7 @@ def recordings(folder: Path) -> dict[str, Callable[[], Problem]]:
         return emsid.read(folder / "dc_motor_prbs" / f"{name}.csv", input="u", output="y", time="t", units=units)
 
     def steps() -> emsid.Record:
-        columns = {"input": "Commanded_PWM", "output": "Motor_Speed(RPM)", "time": "Timestamp(ms)"}
-        files = sorted((folder / "dc_motor_jga25_steps").glob("*.csv"))[::3]
-        if not files:
-            raise emsid.FormatError(f"no step records in {folder}")
-        return emsid.concatenate([emsid.read(file, **columns, units={"Motor_Speed(RPM)": "rpm"}) for file in files])
+        return emsid.concatenate(step_records(folder)[::3])
 
     ohm = {"resistance": 1.0}
     found: dict[str, Callable[[], Problem]] = {"EMPS": partial(recording, "linear-axis", {}, axis)}

@@ -46,7 +46,7 @@ from emsid.models.plants.plant import DrivenPlant, Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.between_samples import as_hold, holds_in, is_open
 from emsid.models.plants.search.estimation import searched, simulation_error
-from emsid.models.plants.search.kinds import better_in_both_directions, better_on_both_sides, better_on_kinds
+from emsid.models.plants.search.kinds import better_on_both_sides, better_on_kinds, both_directions_seen
 from emsid.models.plants.search.refinements.catalogue import (
     BREAKS,
     BY_DIRECTION,
@@ -339,14 +339,14 @@ class _Choice:
                 break
 
     def _is_safe(self, trial: Trial, refine: Refinement) -> bool:
-        """Whether a trial is better on both sides of what a refinement tells apart.
+        """Whether both sides of what a refinement tells apart were seen, and a trial with a break is better on both.
 
         With one that extrapolates it is better by more than noise, also on what it was not fitted to.
         """
         if refine in BREAKS:
             return better_on_both_sides(self._trials, trial, self.trial, BREAKS[refine])
         if refine in BY_DIRECTION:
-            return better_in_both_directions(self._trials, trial, self.trial)
+            return both_directions_seen(self._trials)
         if refine in EXTRAPOLATES:
             return better(trial.errors, self.trial.errors) and better_on_kinds(self._trials, trial, self.trial)
         return True

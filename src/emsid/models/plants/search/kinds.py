@@ -7,7 +7,7 @@ Each kind is left out in turn, so what is seen at small commands has to hold at 
 Of a break, such as the limit of a supply, one side says nothing about the other. So both must have been seen: enough of
 the samples are on each side, and the error of neither is larger with the break than without. On the side with fewer
 samples it is smaller by more than noise. In all samples this would not be seen where few of them are beyond the break,
-as of a supply that limits one of many records. The same holds for what differs by direction of the motion.
+as of a supply that limits one of many records.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ SHARE = 0.1
 """A kind of samples is left out where it is at least this part of all, and leaves at least as many."""
 SEEN = 0.02
 """Each side of a break has at least this part of all samples."""
+MOVING = 0.03
+"""Slower samples than this part of the top speed show no direction."""
 BESIDE = 1.02
 """A voltage is beyond a break if it is larger by this factor: the largest one may be the limit itself."""
 PARTS = 3
@@ -67,20 +69,17 @@ def better_on_kinds(trials: Trials, rich: Trial, simple: Trial) -> bool:
     return sum(better_ones) > len(better_ones) / 2
 
 
-def better_in_both_directions(trials: Trials, rich: Trial, simple: Trial) -> bool:
-    """Whether both directions of the motion have been seen, and what differs by direction improves them.
-
-    Args:
-        trials: what the two share.
-        rich, simple: the trials with and without a difference.
-    """
-    speeds = [np.tile(_speed(segment, trials.signals[0]), len(trials.signals)) for segment in trials.segments]
-    speed = np.concatenate(speeds)
-    return _better_on_both(speed > 0, speed < 0, rich, simple)
+def both_directions_seen(trials: Trials) -> bool:
+    """Whether the records show both directions of the motion."""
+    speed = np.concatenate([_speed(segment, trials.signals[0]) for segment in trials.segments])
+    moving = MOVING * float(np.max(np.abs(speed)))
+    return min(float(np.mean(speed > moving)), float(np.mean(speed < -moving))) >= SEEN
 
 
 def better_on_both_sides(trials: Trials, rich: Trial, simple: Trial, name: str) -> bool:
     """Whether both sides of a break in the voltage have been seen, and the break improves them.
+
+    It does if the side with fewer samples is better with it by more than noise, and the other is not worse.
 
     Args:
         trials: what the two share.
@@ -92,17 +91,9 @@ def better_on_both_sides(trials: Trials, rich: Trial, simple: Trial, name: str) 
     if name == "drive.supply":
         wanted = [drive.after_knee(each) for each in wanted]
     beyond = np.concatenate([np.tile(np.abs(each) > BESIDE * level, len(trials.signals)) for each in wanted])
-    return _better_on_both(beyond, ~beyond, rich, simple)
-
-
-def _better_on_both(one: Mask, other: Mask, rich: Trial, simple: Trial) -> bool:
-    """Whether both kinds of samples (N,) have been seen, and the richer trial improves them.
-
-    It does if the one with fewer samples is better with it by more than noise, and the other is not worse.
-    """
-    fewer, others = sorted((one, other), key=np.sum)
-    if np.mean(fewer) < SEEN:
+    if not SEEN <= np.mean(beyond) <= 1 - SEEN:
         return False
+    fewer, others = sorted((beyond, ~beyond), key=np.sum)
     squares = [np.concatenate(each.residuals) ** 2 for each in (rich, simple)]
     with_it, without = (float(np.mean(each[others])) for each in squares)
     return not matters(without, than=with_it) and better(*(StretchErrors.of(each[fewer]) for each in squares))

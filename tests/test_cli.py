@@ -554,7 +554,7 @@ def assert_whole(folder, drawn):
     [
         ("emsid.identification.regressions.wiener_hammerstein_regression", press, True),
         ("emsid.identification.regressions.wiener_hammerstein_regression", Lost, True),
-        ("emsid.identification.workflow.compare", press, True),
+        ("emsid.identification.compared.compare", press, True),
         ("emsid.io.save", press, True),  # a model is saved as soon as it is fitted
         ("emsid.report.page.page", press, False),
         ("emsid.report.figures.draw", Lost, False),
@@ -571,10 +571,12 @@ def test_ctrl_c_keeps_the_results_so_far(place, press, drawn, run, log, tmp_path
     assert_whole(tmp_path / "out", drawn)
 
 
-@pytest.mark.parametrize("then", [("built_in_values",), ("compare",), ("built_in_values", "compare")])
+VALUES, COMPARE = "emsid.identification.workflow.built_in_values", "emsid.identification.compared.compare"
+
+
+@pytest.mark.parametrize("then", [(VALUES,), (COMPARE,), (VALUES, COMPARE)])
 def test_ctrl_c_twice_within_a_moment_is_ctrl_c_once(then, run, log, tmp_path, pressed_at):
-    places = [f"emsid.identification.workflow.{name}" for name in then]
-    pressed_at("emsid.identification.regressions.wiener_hammerstein_regression", *places)
+    pressed_at("emsid.identification.regressions.wiener_hammerstein_regression", *then)
     status, out, err = run("identify", log, *IDENTIFY, *REGRESSIONS, "--out", tmp_path / "out")
     assert (status, err) == (130, FOUND)
     assert "chosen: arx" in out

@@ -238,6 +238,7 @@ class Search(TypedDict, total=False):
     restarts: bool
     covariances: bool
     weightings: Sequence[Weighting]
+    correlated: bool
     control: Control
 
 
@@ -270,6 +271,7 @@ def search(
     restarts: bool = False,
     covariances: bool = True,
     weightings: Sequence[Weighting] = (),
+    correlated: bool = True,
     control: Control = FREE,
 ) -> tuple[Minimum, FreeRun]:
     """The minimum of `fit_cascade` without its covariance, for comparisons of models.
@@ -286,6 +288,7 @@ def search(
             unless ``max_iterations`` is given.
         covariances: as in `gauss_newton`; a comparison of models needs none.
         weightings: of every segment after its transient, see `process_noise`.
+        correlated: as in `gauss_newton`, for curves with a penalty.
 
     Raises:
         ModelError: for records with other channels or too few samples, or an unstable start.
@@ -310,7 +313,7 @@ def search(
     options: dict[str, Any] = {"max_iterations": max_iterations, "least_saving": least_saving}
     options["covariances"] = covariances
     same: dict[str, Any] = {"lower": low, "upper": high, "loss": loss, "tolerance": tolerance, "names": names}
-    same |= {"control": control, "penalties": problem.penalties, "correlated": True}
+    same |= {"control": control, "penalties": problem.penalties, "correlated": correlated}
 
     def searched(theta: Array, **others: Any) -> Minimum:
         return gauss_newton(problem, theta, **same, **(options | others))

@@ -310,7 +310,7 @@ def _refined(
     }
 
     def refine(plan: Plan) -> Choice:
-        found = searched(plan.model, part, **budget)
+        found = searched(plan.model, part, **(budget | _as_trial(plan)))
         return Choice(found.model, UNKNOWN, found.error, plan.size, plan.family)
 
     def compare(choice: Choice) -> Choice:
@@ -353,12 +353,17 @@ def promising(
     few = Search(max_iterations=FIRST_STEPS)
 
     def approach(plan: Plan) -> Choice:
-        minimum, problem = search(plan.model, part, **(how | few))
+        minimum, problem = search(plan.model, part, **(how | few | _as_trial(plan)))
         error = float(np.sqrt(2 * minimum.cost / minimum.samples))
         return Choice(problem.model(minimum.estimate), UNKNOWN, error, plan.size, plan.family)
 
     found = sorted(_successes(approach, plans, threads, control, []), key=lambda each: each.known)
     return [Plan(each.model, each.family, each.size) for each in found[:FINISHED]] or plans
+
+
+def _as_trial(plan: Plan) -> Search:
+    """How a trial map is refined: it follows the residual as far as it can, for another map takes its place."""
+    return Search(correlated=plan.family is not None)
 
 
 def unseen_errors(

@@ -140,7 +140,7 @@ def feedback(
     return FeedbackStructure(FeedbackSearch(order, maps, family, size, delay, oversampling, held))
 
 
-def _fitted(best: Trial, records: Sequence[Record], control: Control, iterations: int = 150) -> Fit[Any]:
+def _fitted(best: Trial, records: Sequence[Record], control: Control, iterations: int = 300) -> Fit[Any]:
     """The model of a trial, fitted to all data; where that leads to one that runs away, the model of the trial.
 
     Args:

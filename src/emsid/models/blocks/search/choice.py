@@ -95,11 +95,15 @@ class Choice:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A model to refine, with the family and size of its map, unless it is a trial map."""
+    """A model to refine, with the family and size of its map, unless it is a trial map.
+
+    A trial map that another kind of curve replaces need not be believed: it follows slow residuals (`correlated`).
+    """
 
     model: Cascade
     family: Family | None = None
     size: int = 0
+    correlated: bool = True
 
 
 def improving(
@@ -122,7 +126,9 @@ def improving(
         control.doing(f"start values at {rate} times the sampling rate")
         starts = _starts(topology, shown, orders, settings, replace(template, oversampling=rate), control)
         control.doing(f"refining {len(starts)} of them")
-        plans = [Plan(start, leading, sizes[leading][0]) if direct else Plan(start) for start in starts]
+        plans = [Plan(start, correlated=leading.smooth) for start in starts]
+        if direct:
+            plans = [Plan(start, leading, sizes[leading][0]) for start in starts]
         refined = _refined(plans, part, rounds, settings.threads, control, best)
         if refined and (not direct or (short and len(sizes[leading]) > 1)):
             first = _simplest(refined, _complexity)
@@ -310,7 +316,7 @@ def _refined(
     }
 
     def refine(plan: Plan) -> Choice:
-        found = searched(plan.model, part, **(budget | _as_trial(plan)))
+        found = searched(plan.model, part, **(budget | Search(correlated=plan.correlated)))
         return Choice(found.model, UNKNOWN, found.error, plan.size, plan.family)
 
     def compare(choice: Choice) -> Choice:
@@ -353,17 +359,13 @@ def promising(
     few = Search(max_iterations=FIRST_STEPS)
 
     def approach(plan: Plan) -> Choice:
-        minimum, problem = search(plan.model, part, **(how | few | _as_trial(plan)))
+        minimum, problem = search(plan.model, part, **(how | few | Search(correlated=plan.correlated)))
         error = float(np.sqrt(2 * minimum.cost / minimum.samples))
         return Choice(problem.model(minimum.estimate), UNKNOWN, error, plan.size, plan.family)
 
     found = sorted(_successes(approach, plans, threads, control, []), key=lambda each: each.known)
-    return [Plan(each.model, each.family, each.size) for each in found[:FINISHED]] or plans
-
-
-def _as_trial(plan: Plan) -> Search:
-    """How a trial map is refined: it follows the residual as far as it can, for another map takes its place."""
-    return Search(correlated=plan.family is not None)
+    best = found[:FINISHED]
+    return [replace(plans[0], model=each.model, family=each.family, size=each.size) for each in best] or plans
 
 
 def unseen_errors(

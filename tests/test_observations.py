@@ -191,6 +191,16 @@ def test_a_model_without_a_result_in_its_share_of_the_time_is_named(plain, monke
         emsid.identify(driven(0), budget=0.0)
 
 
+def test_every_experiment_has_a_piece_in_the_excerpt_of_several(monkeypatch):
+    monkeypatch.setattr(long_records, "COMPARED", 300)
+    u = np.random.default_rng(0).standard_normal(1_000)
+    one = emsid.Record(u, u, 0.01)
+    parts = long_records.to_compare(emsid.concatenate([one] * 5), ("arx", "wiener")).segments
+    assert [len(part) for part in parts] == [100] * 5
+    assert len(long_records.to_compare(one, ("arx", "wiener"))) == 300
+    assert long_records.to_compare(one, ("arx",)) is one
+
+
 def test_models_of_a_long_record_are_compared_on_an_excerpt_and_the_recommended_one_fitted_to_all(monkeypatch):
     monkeypatch.setattr(long_records, "COMPARED", 1_000)
     options, record = Options(na=1, nb=1, nk=1, knots=2), driven(0, 2000)

@@ -18,10 +18,11 @@ from emsid.record.excerpt import excerpt
 from emsid.selection.improvement import better
 from emsid.validation.comparison import compare
 
-COMPARED, PIECES = 24_000, 3
-"""Several models are fitted to an excerpt of so many samples and pieces. From n samples the mean square error of a
-model with p parameters and white noise is larger by the share p/n, so more would not change which model is best. A
-piece is as long as the stretch that filters of a cascade are compared on; shorter ones led some to other minima."""
+COMPARED, PIECES, MOST = 24_000, 3, 8
+"""Several models are fitted to an excerpt of so many samples and pieces, or to as long a piece of each of several
+experiments, at most eight. From n samples the mean square error of a model with p parameters and white noise is larger
+by the share p/n, so more would not change which model is best. A piece is as long as the stretch that filters of a
+cascade are compared on; shorter ones led some to other minima."""
 
 
 def to_compare(train: Record, names: Sequence[str]) -> Record:
@@ -31,7 +32,8 @@ def to_compare(train: Record, names: Sequence[str]) -> Record:
         train: the data to fit.
         names: of the models.
     """
-    return train if len(names) == 1 else excerpt(train, COMPARED, PIECES)
+    pieces = min(max(PIECES, len(train.segments)), MOST)
+    return train if len(names) == 1 else excerpt(train, COMPARED * pieces // PIECES, pieces)
 
 
 def on_all_samples(judged: Compared, train: Record, options: Options, control: Control = FREE) -> Compared:

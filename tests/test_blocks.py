@@ -10,7 +10,7 @@ from scipy.signal import filtfilt, lfilter, lfilter_zi
 
 from emsid.errors import ModelError
 from emsid.estimation.linear.filtering import filter_rows, filtered_both_ways
-from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.block import Block, block_from_data
 from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.static_maps import (

@@ -15,8 +15,8 @@ from coverage_cascade import CASES as COVERED
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Control
-from emsid.estimation.nonlinear.gauss_newton import Infeasible
 from emsid.estimation.nonlinear.losses import Huber
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.fitting import FreeRun, fit_cascade, freedom, search, static_band

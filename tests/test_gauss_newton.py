@@ -15,8 +15,10 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear import gauss_newton as module
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.estimation.nonlinear.few_unknowns import few_unknowns
-from emsid.estimation.nonlinear.gauss_newton import PATIENCE, Infeasible, Minimum, gauss_newton
+from emsid.estimation.nonlinear.gauss_newton import PATIENCE, gauss_newton
 from emsid.estimation.nonlinear.losses import SQUARES, Cauchy, Huber, Loss
+from emsid.estimation.nonlinear.minimum import Minimum
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.estimation.uncertainty.robust_covariance import automatic_window, long_run_variance, weighted_variance
 

@@ -13,7 +13,8 @@ import coverage_settings
 import emsid
 from emsid.cli.options import physical_values
 from emsid.estimation.fit import Ending, Fit
-from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.whiteness import absorbed, whiteness
 from emsid.findings import Finding
 from emsid.identification.characteristics import characteristics

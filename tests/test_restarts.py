@@ -13,7 +13,8 @@ from scipy.signal import lfilter
 
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Control
-from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.restarts import RESTARTS, begun_again, confirmed
 from emsid.estimation.uncertainty.coloured_residuals import FEWEST, effective_samples
 from emsid.models.blocks.search.starts import linear_candidates

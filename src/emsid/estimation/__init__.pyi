@@ -18,12 +18,12 @@ from .linear.recursive import recursive_least_squares as recursive_least_squares
 from .nonlinear.control import Activity as Activity
 from .nonlinear.control import Control as Control
 from .nonlinear.control import Stopped as Stopped
-from .nonlinear.gauss_newton import Minimum as Minimum
-from .nonlinear.gauss_newton import Problem as Problem
 from .nonlinear.gauss_newton import gauss_newton as gauss_newton
 from .nonlinear.losses import Cauchy as Cauchy
 from .nonlinear.losses import Huber as Huber
 from .nonlinear.losses import Loss as Loss
 from .nonlinear.losses import Squares as Squares
+from .nonlinear.minimum import Minimum as Minimum
+from .nonlinear.problem import Problem as Problem
 from .nonlinear.smoothing import Penalty as Penalty
 from .uncertainty.identifiability import Identifiability as Identifiability

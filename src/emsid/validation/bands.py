@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
-from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.fitting import static_band
 from emsid.models.blocks.static_maps import StaticMap

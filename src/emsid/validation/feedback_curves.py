@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
-from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.start import starting
 from emsid.record import Record

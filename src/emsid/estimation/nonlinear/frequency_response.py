@@ -30,7 +30,9 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.estimation.linear.filtering import spectrum
 from emsid.estimation.linear.information import Information
-from emsid.estimation.nonlinear.gauss_newton import Infeasible, gauss_newton, least_squares_step
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.problem import Infeasible
+from emsid.estimation.nonlinear.steps import least_squares_step
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

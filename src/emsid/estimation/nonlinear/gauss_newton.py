@@ -46,34 +46,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.fit import Ending, Fit
-from emsid.estimation.linear.information import Information, Solution, inverse_triangle
+from emsid.estimation.fit import Ending
+from emsid.estimation.linear.information import Information
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.estimation.nonlinear.losses import SQUARES, Loss
+from emsid.estimation.nonlinear.minimum import Minimum, covariance_matrices, undetermined
+from emsid.estimation.nonlinear.problem import Array, Block, Indices, Infeasible, Problem, cost, linearised, trial_cost
 from emsid.estimation.nonlinear.smoothing import Penalty, chosen_weights
+from emsid.estimation.nonlinear.steps import bounded_step, promised, relative_offset
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
-from emsid.estimation.uncertainty.robust_covariance import long_run_variance
 from emsid.findings import Finding
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Block = tuple[Array, Array]
-M = TypeVar("M")
 
 # A step is rounding if it changes no parameter by more than this fraction, or if the predicted reduction of the cost
 # is less than this fraction.
 ROUNDING = 1e-13
-# A derivative is not larger than this, as squares of it must be finite too.
-LARGEST = 1e120
-# A singular value below this fraction (times n) of the largest is rounding; steps have no component along it.
-RANK = 4 * float(np.finfo(float).eps)
 # The number of successive steps that together must lower the cost by `least_saving`.
 PATIENCE = 4
 # Limits of the damping. At the largest, a step is a tiny one along the gradient; if even that does not lower the cost,
@@ -84,113 +75,6 @@ MORE_DAMPING = 100.0
 # A step that raises the cost of the data by more than this fraction, besides what smoothing takes, is taken again with
 # weights of the penalties that are smaller by the factor, at most so many times.
 RAISED, LIGHTER, MOST_LIGHTENED = 0.05, 0.1, 8
-
-
-class Infeasible(ModelError):
-    """Raised by a `Problem` where it has no residual: an unstable filter, a simulation that overflowed.
-
-    A trial step that raises it is shortened. If the start raises it, the user sees its message.
-    """
-
-
-class Problem(Protocol):
-    """A nonlinear least-squares problem over one or several experiments."""
-
-    def residuals(self, theta: Array) -> Sequence[Array]:
-        """The residual (Nᵢ,) of every experiment at θ (p,).
-
-        Raises:
-            Infeasible: where there is none. Values that are not finite count as infeasible too.
-        """
-        ...
-
-    def linearised(self, theta: Array) -> Sequence[Block]:
-        """The residual (Nᵢ,) and its derivative ∂r/∂θ (Nᵢ, p) for every experiment, at a θ where r exists.
-
-        Columns of fixed parameters are not used. Fortran order saves a copy.
-        """
-        ...
-
-
-AS_GOOD_AS_CONVERGED = 0.3
-"""A search that stalls this many standard errors from its minimum keeps its intervals: 95 % of them become 94 %."""
-
-
-@dataclass(frozen=True, eq=False)
-class Minimum:
-    """The result of a search, with its covariance.
-
-    Attributes:
-        estimate: (p,) θ.
-        cost: V(θ), half the sum of squares for squares.
-        residuals: r(θ) of every experiment.
-        information: of the free parameters, rows [√w·J, −√w·r] at θ.
-        free: (p,) true where a parameter is neither fixed nor at a bound; covariances treat the others as known.
-        covariance: (p, p), valid for coloured residuals too (see `robust_covariance`); zero outside the free
-            parameters, infinite on the diagonal of parameters that the data do not determine.
-        white_covariance: (p, p), valid if the residual is white.
-        noise_variance: of the residual, Σr²/(N − rank).
-        samples: N.
-        rank, condition: of the derivative with columns of unit length, in the free parameters.
-        ending: how the search ended.
-        findings: how it ended, which bounds were reached, and what the data do not determine.
-        iterations: steps taken.
-        costs: V at the start and after every step.
-        penalty: the penalties with their weights, in all parameters; the information includes them, V does not.
-    """
-
-    estimate: Array
-    cost: float
-    residuals: tuple[Array, ...]
-    information: Information
-    free: NDArray[np.bool_]
-    covariance: Array
-    white_covariance: Array
-    noise_variance: float
-    samples: int
-    rank: int
-    condition: float
-    ending: Ending
-    findings: tuple[Finding, ...]
-    iterations: int
-    costs: tuple[float, ...]
-    penalty: Penalty
-
-    def judged(self) -> Minimum:
-        """The same; of a search that stalled before a minimum without intervals, at one as converged.
-
-        Rounding and corners may stop a search within a small part of a standard error of its minimum, where the
-        estimate is as good as one that converged. Further away the covariance says nothing about the error.
-        """
-        if self.ending is not Ending.STALLED:
-            return self
-        stalled = next((finding for finding in self.findings if finding.code == "search-stalled"), None)
-        offset = None if stalled is None else stalled.data["offset"]
-        if offset is not None and offset <= AS_GOOD_AS_CONVERGED:
-            rest = tuple(finding for finding in self.findings if finding is not stalled)
-            return replace(self, ending=Ending.CONVERGED, findings=rest)
-        return replace(self, covariance=np.diag(np.where(self.free, np.inf, 0.0)))
-
-    def fit(self, model: M, names: Sequence[str], method: str = "gn") -> Fit[M]:
-        """The `Fit` of a model with the first ``len(names)`` parameters.
-
-        The parameters after them (initial states) are left out.
-        """
-        kept = len(names)
-        return Fit(
-            model=model,
-            names=tuple(names),
-            estimate=self.estimate[:kept],
-            covariance=self.covariance[:kept, :kept],
-            noise_variance=self.noise_variance,
-            samples=self.samples,
-            condition=self.condition,
-            rank=self.rank,
-            ending=self.ending,
-            method=method,
-            iterations=self.iterations,
-            findings=self.findings,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,7 +183,7 @@ class _Search:
         Raises:
             ModelError: if the residual is not finite, or there are fewer residuals than free parameters.
         """
-        if not np.isfinite(_cost(self.problem, theta, self.loss)):
+        if not np.isfinite(cost(self.problem, theta, self.loss)):
             raise ModelError("the residual at the start is not finite; check the data and the start values")
         count = len(self.penalties)
         point = self._linearise(theta, np.ones(count), np.full(count, np.inf), 0.0)
@@ -362,7 +246,7 @@ class _Search:
 
     def _at(self, point: _Point, scale: Array, damping: float, before: float, costs: tuple[float, ...]) -> _Iterate:
         scale = np.maximum(scale, point.lengths)
-        remaining = _bounded_step(point.information, *self.box.limits(point.theta))
+        remaining = bounded_step(point.information, *self.box.limits(point.theta))
         offset = relative_offset(point.information, remaining, self.noise)
         return _Iterate(point, scale, damping, remaining, offset, before, costs)
 
@@ -380,7 +264,7 @@ class _Search:
 
         The number of independent samples that the residual is worth never falls, so that the search settles.
         """
-        cost, blocks, information = _linearise(self.problem, theta, self.box.varied, self.loss)
+        value, blocks, information = linearised(self.problem, theta, self.box.varied, self.loss)
         if self.penalties:
             worth = effective_samples([r for r, _ in blocks]) if self.correlated else information.samples
             independent = max(independent, worth)
@@ -389,7 +273,7 @@ class _Search:
         penalty = Penalty.weighted(self.penalties, weights, len(theta))
         lengths = np.linalg.norm(information.factor[:-1, :-1], axis=0)
         information = penalty.added(information, theta, self.box.varied)
-        return _Point(theta, cost, blocks, information, lengths, weights, most, independent, penalty)
+        return _Point(theta, value, blocks, information, lengths, weights, most, independent, penalty)
 
     def _undamped(self, iterate: _Iterate) -> Array | None:
         """θ after the undamped step, if the change of the cost is below its rounding; otherwise None."""
@@ -403,7 +287,7 @@ class _Search:
         point, damping, growth = iterate.point, iterate.damping, 2.0
         while damping < MOST_DAMPING:
             damped = point.information.with_prior(damping * iterate.scale**2)
-            step = _bounded_step(damped, *self.box.limits(point.theta))
+            step = bounded_step(damped, *self.box.limits(point.theta))
             saving = promised(point.information, step)
             if saving <= ROUNDING * point.cost:
                 break
@@ -509,107 +393,6 @@ def _check_start(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Se
     return theta, _Box(low, high, np.flatnonzero(low < high))
 
 
-def _linearise(
-    problem: Problem, theta: Array, varied: Indices, loss: Loss
-) -> tuple[float, tuple[Block, ...], Information]:
-    """The cost, the residuals with their derivatives and the information at θ, where the residual exists."""
-    blocks = tuple(problem.linearised(theta))
-    information = Information.empty(len(varied))
-    cost = 0.0
-    for residual, jacobian in blocks:
-        if residual.ndim != 1 or jacobian.shape != (len(residual), len(theta)):
-            raise ModelError(
-                f"a residual of shape {residual.shape} with a derivative of shape {jacobian.shape}; for "
-                f"{len(theta)} parameters give (N,) and (N, {len(theta)})"
-            )
-        root = np.sqrt(loss.weight(residual))
-        # Initial states of other segments have derivatives of zero, which need not be reduced.
-        own = np.flatnonzero([jacobian[:, k].any() for k in varied]) if len(blocks) > 1 else np.arange(len(varied))
-        columns = np.empty((len(own) + 1, len(residual)))
-        for row, k in enumerate(varied[own]):
-            np.multiply(jacobian[:, k], root, out=columns[row])
-        np.multiply(residual, -root, out=columns[-1])
-        if not np.isfinite(columns.sum()):
-            bad = varied[own][~np.isfinite(columns[:-1]).all(axis=1)]
-            raise ModelError(f"the derivative with respect to parameters {bad.tolist()} is not finite")
-        information = (
-            information.add_columns(columns) if len(own) == len(varied) else information.add_part(own, columns)
-        )
-        cost += float(np.sum(loss.cost(residual)))
-    if not np.abs(information.factor).max(initial=0.0) < LARGEST:  # also where it is not a number
-        raise Infeasible("the derivative is too large; scale the channels or choose a smaller order")
-    return cost, blocks, information
-
-
-def _cost(problem: Problem, theta: Array, loss: Loss) -> float:
-    with np.errstate(over="ignore", invalid="ignore"):
-        return float(sum(np.sum(loss.cost(residual)) for residual in problem.residuals(theta)))
-
-
-def trial_cost(problem: Problem, theta: Array, loss: Loss) -> float:
-    """V(θ), infinite where there is no residual."""
-    try:
-        cost = _cost(problem, theta, loss)
-    except Infeasible:
-        return np.inf
-    return cost if np.isfinite(cost) else np.inf
-
-
-def least_squares_step(information: Information) -> Array:
-    """The shortest p, in units of the columns' lengths, that minimises ‖z − Rp‖; without covariance or rank."""
-    from scipy.linalg.lapack import dtrcon, dtrtrs
-
-    triangle, projected, length = _scaled(information)
-    smallest = RANK * len(length)
-    well_conditioned = dtrcon(triangle)[0] > smallest * len(length)  # the 1-norm estimate needs a margin of n
-    solve = dtrtrs if well_conditioned else partial(np.linalg.lstsq, rcond=smallest)
-    step: Array = solve(triangle, projected)[0] / length
-    return step
-
-
-def _scaled(information: Information) -> tuple[Array, Array, Array]:
-    """R scaled to columns of unit length, z, and the lengths of the columns of R."""
-    n = information.parameters
-    triangle, projected = information.factor[:n, :n], information.factor[:n, n]
-    length = np.sqrt(np.einsum("ij,ij->j", triangle, triangle))
-    length[length == 0] = 1.0
-    return triangle / length, projected, length
-
-
-def _bounded_step(information: Information, lower: Array, upper: Array) -> Array:
-    """The p that minimises ‖z − Rp‖ within bounds, which contain zero."""
-    step = least_squares_step(information)
-    if np.all((lower <= step) & (step <= upper)):
-        return step
-    from scipy.optimize import lsq_linear  # takes a fifth of a second, and most searches meet no bound
-
-    triangle, projected, length = _scaled(information)
-    bounds = lower * length, upper * length
-    found = lsq_linear(triangle, projected, bounds, method="bvls", tol=1e-15, max_iter=10 * len(length))
-    bounded: Array = np.clip(found.x / length, lower, upper)
-    return bounded
-
-
-def promised(information: Information, step: Array) -> float:
-    """½‖z‖² − ½‖z − Rp‖²: the reduction of the linearised cost by the step."""
-    n = information.parameters
-    triangle, projected = information.factor[:n, :n], information.factor[:n, n]
-    moved = triangle @ step
-    return float(moved @ (projected - 0.5 * moved))
-
-
-def relative_offset(information: Information, step: Array, noise: float) -> float:
-    """Length of a step in standard errors, (‖Rp‖/√n)/(‖r‖/√(N − n)); infinite if only r is zero."""
-    n = information.parameters
-    moved = float(np.linalg.norm(information.factor[:n, :n] @ step))
-    residual = float(np.linalg.norm(information.factor[:, n]))
-    freedom = max(information.samples - n, 1)
-    if moved == 0.0:
-        return 0.0
-    with np.errstate(divide="ignore"):
-        return float(np.divide(moved / np.sqrt(n), max(residual / np.sqrt(freedom), noise)))
-
-
 def _finite(number: float) -> float | None:
     """The number as JSON can store it; None if it is infinite."""
     return number if np.isfinite(number) else None
@@ -632,7 +415,9 @@ def _conclude(iterate: _Iterate, box: _Box, loss: Loss | None, labels: Sequence[
         findings.append(Finding("parameter-at-bound", labels[k], {"side": side, "bound": float(theta[k])}))
     white = robust = np.diag(np.full(len(columns), np.inf))
     if loss is not None:
-        white, robust = _covariances(point, columns, information, solution, loss)
+        white, robust = covariance_matrices(
+            point.blocks, columns, solution, loss, point.penalty.rows, point.independent
+        )
     residuals = tuple(r for r, _ in point.blocks)
     samples = sum(len(r) for r in residuals)
     square = float(sum(np.sum(r**2) for r in residuals))
@@ -659,23 +444,11 @@ def _conclude(iterate: _Iterate, box: _Box, loss: Loss | None, labels: Sequence[
     )
 
 
-def undetermined(solution: Solution, labels: Sequence[str]) -> Finding:
-    """A finding that lists the parameters that a derivative without full rank does not determine.
-
-    Args:
-        solution: of the information of the parameters.
-        labels: a name for each parameter; a shared name is listed once.
-    """
-    groups = [list(dict.fromkeys(labels[k] for k in group)) for group in solution.aliases]
-    without_effect = [labels[group[0]] for group in solution.aliases if len(group) == 1]
-    inseparable = [group for group, members in zip(groups, solution.aliases, strict=True) if len(members) > 1]
-    return Finding(
-        "parameters-undetermined",
-        data={
-            "without_effect": list(dict.fromkeys(without_effect)),
-            "inseparable": [list(group) for group in dict.fromkeys(map(tuple, inseparable))],
-        },
-    )
+def _among_all(part: Array, columns: Indices, count: int) -> Array:
+    """The covariance of the parameters in ``columns``, padded with zeros for the rest."""
+    whole = np.zeros((count, count))
+    whole[np.ix_(columns, columns)] = part
+    return whole
 
 
 def _at_bounds(point: _Point, box: _Box) -> NDArray[np.bool_]:
@@ -685,49 +458,3 @@ def _at_bounds(point: _Point, box: _Box) -> NDArray[np.bool_]:
     outwards = ((point.theta <= box.low) & (pushed > 0)) | ((point.theta >= box.high) & (pushed < 0))
     at_bound: NDArray[np.bool_] = outwards & (box.low < box.high)
     return at_bound
-
-
-def _among_all(part: Array, columns: Indices, count: int) -> Array:
-    """The covariance of the parameters in ``columns``, padded with zeros for the rest."""
-    whole = np.zeros((count, count))
-    whole[np.ix_(columns, columns)] = part
-    return whole
-
-
-def _covariances(
-    point: _Point, columns: Indices, information: Information, solution: Solution, loss: Loss
-) -> tuple[Array, Array]:
-    """The covariances for white and for coloured noise, for the parameters in ``columns``.
-
-    The rows (k, p) of a penalty have the scores that they are expected to have, of variance σ² times the number of
-    samples for each independent one. With a loss other than squares the Hessian of the robust covariance is
-    mean(ℓ″)·JᵀJ and the score is Jₜℓ′(rₜ) (Huber 1981, ch. 7).
-    """
-    blocks, penalty = point.blocks, point.penalty.rows
-    determined = np.isfinite(np.diag(solution.covariance))
-    residual = np.concatenate([r for r, _ in blocks])
-    samples = len(residual)
-    mean_curvature = float(np.mean(loss.curvature(residual)))
-    spread = np.full((len(columns),) * 2, 0.0)
-    spread[~determined, ~determined] = np.inf
-    white, robust = spread.copy(), spread
-    kept = columns[determined]
-    if samples + len(penalty) <= len(kept) or not mean_curvature > 0:
-        white[determined, determined] = robust[determined, determined] = np.inf
-        return white, robust
-    bread = Information.empty(len(kept))
-    for r, jacobian in blocks:
-        bread = bread.add_columns(np.vstack([jacobian.T[kept], r]))
-    bread = bread.add(penalty[:, kept], np.zeros(len(penalty)))
-    triangle = bread.factor[:-1, :-1]
-    inverse = inverse_triangle(triangle)
-    pull = loss.weight(residual) * residual
-    rough = penalty[:, kept] @ inverse
-    slowness = samples / point.independent if len(penalty) else 1.0
-    correction = samples / (samples - len(kept) + np.sum(rough**2)) / mean_curvature**2
-    within = np.ix_(np.flatnonzero(determined), np.flatnonzero(determined))
-    white[within] = correction * np.mean(pull**2) * (inverse @ inverse.T)
-    scores = [(jacobian[:, kept] @ inverse) * (loss.weight(r) * r)[:, None] for r, jacobian in blocks]
-    spread_of_scores = long_run_variance(scores) + slowness * np.mean(pull**2) * rough.T @ rough
-    robust[within] = correction * (inverse @ spread_of_scores @ inverse.T)
-    return white, robust

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.gauss_newton import Minimum
+from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
 

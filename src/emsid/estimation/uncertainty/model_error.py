@@ -30,7 +30,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.estimation.nonlinear.gauss_newton import Infeasible, Problem
+from emsid.estimation.nonlinear.problem import Infeasible, Problem
 from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance, effective_samples
 from emsid.estimation.uncertainty.robust_covariance import automatic_window, weighted_variance

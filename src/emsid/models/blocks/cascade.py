@@ -45,7 +45,7 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import ModelError
 from emsid.estimation.linear.filtering import filter_rows
 from emsid.estimation.nonlinear.few_unknowns import few_unknowns
-from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.block import Block, block_from_data
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import StaticMap

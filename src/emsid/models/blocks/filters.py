@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.linear.filtering import filter_rows
-from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.terms import check_whole, sum_of_terms, vector
 
 Array = NDArray[np.float64]

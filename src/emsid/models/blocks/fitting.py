@@ -22,8 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton, undetermined
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.losses import SQUARES, Loss, Squares
+from emsid.estimation.nonlinear.minimum import Minimum, undetermined
 from emsid.estimation.nonlinear.restarts import begun_again
 from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.estimation.uncertainty.model_error import model_error_covariance

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.gauss_newton import Infeasible, Minimum, gauss_newton
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.minimum import Minimum
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.findings import Finding
 from emsid.models.feedback.coordinates import Visited, coordinates, normal_form, whitened

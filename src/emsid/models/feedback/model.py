@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.block import block_from_data
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.kernels import LoopSignals, Tables, derivative, run, run_reference, tables_of

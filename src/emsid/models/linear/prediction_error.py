@@ -32,7 +32,8 @@ from emsid.estimation.linear.filtering import filtered, mirrored
 from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible, gauss_newton
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.problem import Block, Infeasible
 from emsid.models.linear.polynomials import PolynomialModel, coefficient_names
 from emsid.models.regression.instruments import fit_instruments
 from emsid.models.regression.structures import arx

@@ -37,7 +37,9 @@ from emsid.estimation.linear.subspace import (
     response_rows,
 )
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible, Minimum, gauss_newton
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.minimum import Minimum
+from emsid.estimation.nonlinear.problem import Block, Infeasible
 from emsid.models.linear.state_space import StateSpaceModel, run_linear
 from emsid.record import Record, check_same_channels
 

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.estimation.linear.filtering import filtered
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible
+from emsid.estimation.nonlinear.problem import Block, Infeasible
 from emsid.estimation.threads import short_tasks
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Sizes

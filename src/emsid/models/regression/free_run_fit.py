@@ -32,7 +32,9 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import check_excitation, least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible, Minimum, gauss_newton
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.minimum import Minimum
+from emsid.estimation.nonlinear.problem import Block, Infeasible
 from emsid.estimation.nonlinear.restarts import begun_again
 from emsid.models.model import check_samples
 from emsid.models.regression.kernels import read_only

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.few_unknowns import few_unknowns
-from emsid.estimation.nonlinear.gauss_newton import Block, Infeasible
+from emsid.estimation.nonlinear.problem import Block, Infeasible
 from emsid.models.regression.sensitivities import Parts, run_with_derivative
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from scipy.special import ndtri
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending, Fit
-from emsid.estimation.nonlinear.gauss_newton import Minimum
+from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
 from emsid.models.blocks.cascade import Cascade

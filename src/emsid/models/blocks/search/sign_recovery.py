@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.linear.information import Information
-from emsid.estimation.nonlinear.gauss_newton import least_squares_step
+from emsid.estimation.nonlinear.steps import least_squares_step
 from emsid.record import Record
 
 Array = NDArray[np.float64]

@@ -45,7 +45,7 @@ from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import gather
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.frequency_response import fit_rational, frequency_response
-from emsid.estimation.nonlinear.gauss_newton import least_squares_step
+from emsid.estimation.nonlinear.steps import least_squares_step
 from emsid.models.blocks.block import Block
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.findings import Finding
 from emsid.models.blocks.static_maps.inverse import monotone_inverse, numbers_of
 from emsid.models.blocks.static_maps.static_map import Pieces, Scaling, StaticMap, closest, combination

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.static_maps import CubicSpline, StaticMap

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import Stopped
-from emsid.estimation.nonlinear.gauss_newton import Minimum
+from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.findings import Finding
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.parameters import Signal

@@ -15,7 +15,8 @@ import numpy as np
 from emsid.arguments import did_you_mean
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import Stopped
-from emsid.estimation.nonlinear.gauss_newton import Infeasible, Minimum
+from emsid.estimation.nonlinear.minimum import Minimum
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.excitation.between_samples import may_be_continuous, repeats
 from emsid.findings import Finding

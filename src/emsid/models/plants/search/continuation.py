@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from emsid.estimation.fit import Ending
 from emsid.estimation.linear.information import inverse_triangle
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
-from emsid.estimation.nonlinear.gauss_newton import Minimum, gauss_newton
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance, whitened_sandwich
 from emsid.estimation.uncertainty.identifiability import Identifiability, identifiability
 from emsid.findings import Finding

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import Stopped
-from emsid.estimation.nonlinear.gauss_newton import Minimum
+from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
 from emsid.models.plants.beginning import starts_from_samples

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.fit import Fit
-from emsid.estimation.nonlinear.gauss_newton import Minimum
+from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.identifiability import Identifiability
 from emsid.findings import Finding, plain
 from emsid.models.plants.drive import Hold

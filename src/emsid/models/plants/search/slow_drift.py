@@ -18,7 +18,7 @@ import numpy as np
 
 from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import Stopped
-from emsid.estimation.nonlinear.gauss_newton import Minimum
+from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.findings import Finding
 from emsid.models.plants.beginning import starts_from_samples
 from emsid.models.plants.free_run_error import FreeRunError, all_alike

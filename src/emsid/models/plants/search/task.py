@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import DataError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.gauss_newton import Infeasible
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.plants.by_name import as_bounds, as_signals, by_full_name, full_names
 from emsid.models.plants.datasheet import Given, as_datasheet, without_tolerances
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike

@@ -252,6 +252,22 @@ def test_the_page_draws_what_a_model_has_with_its_bands():
     assert not isinstance(measured_and_simulated(seen).plots[0].marks[0], Band)
 
 
+@pytest.mark.parametrize("why", ["biased", "undetermined"])
+def test_a_fit_without_intervals_has_curves_without_a_band(why):
+    from emsid.report.document import Line
+    from emsid.report.views import banded
+
+    known = record(8, noise=0.3)
+    fit = emsid.fit(emsid.arx(1, 1), known) if why == "biased" else arx(deviation=(np.inf, np.inf))
+    assert fit.biased == (why == "biased")
+    for band in (free_run_band(fit, known), step_response_band(fit, known), static_map_band(fit, known)):
+        assert np.isnan(band.standard_error).all()
+        assert np.isfinite(band.value).any()
+    for figure in banded(fit, known):
+        assert "no band, as this fit has no intervals" in figure.caption
+        assert all(isinstance(mark, Line) for plot in figure.plots for mark in plot.marks)
+
+
 # --- linear models with a noise model --------------------------------------------------------------------------------
 
 TWO = emsid.StateSpaceModel(

@@ -7,7 +7,8 @@ slope over the interval (the sigma points of Julier and Uhlmann). Where one side
 where neither can, the step is shortened.
 
 The bands are about the parameters: with another record of the same length, the curve would lie there. Noise, and what
-the structure lacks, come on top. Parameters that the data do not determine are kept.
+the structure lacks, come on top. Parameters that the data do not determine are kept. A fit without intervals, of a
+biased regression or of a search that stalled, has curves without a band: their standard errors are NaN.
 
 References:
     Julier, Uhlmann, *Unscented filtering and nonlinear estimation*, Proceedings of the IEEE 92 (2004). Ljung, *System
@@ -62,7 +63,7 @@ class Band:
     Attributes:
         x: (m,) time in s, frequency in Hz, or the input of a map.
         value: (m,) or (m, ny) the curve.
-        standard_error: of the same shape, to first order.
+        standard_error: of the same shape, to first order; NaN where the fit has no intervals.
         level: of the band.
     """
 
@@ -120,7 +121,8 @@ def free_run_band(fit: Fit[Any], record: Record, *, level: float = 0.95, transie
         return np.where(run.counted[:, None], run.output, np.nan)
 
     time = np.concatenate([segment.time for segment in record.segments])
-    if isinstance(fit.model, FeedbackModel):  # its derivatives are exact, and its start takes a search
+    # The derivatives of a feedback model are exact, and its start takes a search.
+    if isinstance(fit.model, FeedbackModel) and _directions(fit.covariance):
         return Band(time, curve(fit.model), feedback_run_error(fit, record, transient), level)
     return _band(fit, curve, time, level)
 
@@ -301,8 +303,10 @@ def _band(fit: Fit[Any], curve: Curve, x: Array, level: float) -> Band:
 def _with_error(fit: Fit[Any], curve: Curve) -> tuple[Array, Array]:
     """A curve and its standard error."""
     here = np.asarray(curve(fit.model), dtype=float)
-    variance = np.zeros_like(here)
     directions = _directions(fit.covariance)
+    if fit.biased or (not directions and np.isinf(fit.covariance).any()):
+        return here, np.full_like(here, np.nan)
+    variance = np.zeros_like(here)
     if directions:
         _move_of(fit.model)(fit.names, fit.estimate)  # refuses other parameters than the model's own
     for direction in directions:

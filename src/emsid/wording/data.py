@@ -203,7 +203,7 @@ def dead_zone_likely(f: Finding, argument: Spelling) -> str:
     d = f.data
     return (
         f"inputs up to {_in_unit(d['dead_zone'], d['unit'])} {how_sure(d['confidence'])} do not move the output (dead "
-        f"zone or static friction); {100 * d['inside']:.0f} % of {f.subject} is inside, and 10 % of it is above "
+        f"zone or static friction); {100 * d['inside']:.0f} % of {f.subject} is inside, and its largest 10 % begin at "
         f"{_in_unit(d['amplitude'], d['unit'])}"
     )
 

@@ -82,7 +82,8 @@ def step_response(fit: Fit[Any], record: Record, *, input: int = 0, level: float
             Plot(_marks(one, fit.model.name), TIME, _limited(one, channel_axis(output, record.output_units[k])))
         )
     of_input = f" to a step of {record.input_names[input]}" if record.input.shape[1] > 1 else ""
-    caption = f"Step response of {fit.model.name}{of_input} with {_percent(level)} band. {OF_PARAMETERS}"
+    about = f" {OF_PARAMETERS}" if _known(band) else ""
+    caption = f"Step response of {fit.model.name}{of_input}{_banded(band)}.{about}"
     return Figure(name, caption, tuple(plots))
 
 
@@ -113,7 +114,7 @@ def frequency_response(
         at = with_unit(f"{around:.4g}", record.input_units[input])
         rest = f", linearised at rest at {record.input_names[input]} = {at}"
     caption = (
-        f"Frequency response of {fit.model.name}{path} with {_percent(level)} band, up to half the sampling rate{rest}."
+        f"Frequency response of {fit.model.name}{path}{_banded(found.magnitude)}, up to half the sampling rate{rest}."
     )
     return Figure(name, caption, plots, shared_x=True)
 
@@ -128,8 +129,8 @@ def static_map(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str 
 
     band = static_map_band(fit, record, level=level)
     x, y = (channel_axis(record.input_names[0], record.input_units[0]), _output(record))
-    without = " without friction," if hasattr(fit.model, "structure") else ""
-    caption = f"Output of {fit.model.name} at rest over a constant input,{without} with {_percent(level)} band."
+    without = ", without friction" if hasattr(fit.model, "structure") else ""
+    caption = f"Output of {fit.model.name} at rest over a constant input{without}{_banded(band)}."
     return Figure(name, caption, (Plot(_marks(band, fit.model.name), x, _limited(band, y), height=1.4),))
 
 
@@ -143,9 +144,7 @@ def regression_friction(fit: Fit[Any], record: Record, *, level: float = 0.95, n
 
     band = friction_band(fit, record, level=level)
     taken = Axis(f"{record.input_names[0]} that friction takes up", record.input_units[0])
-    caption = (
-        f"Friction of {fit.model.name} with {_percent(level)} band: what its terms in past outputs take of the input."
-    )
+    caption = f"Friction of {fit.model.name}{_banded(band)}: what its terms in past outputs take of the input."
     return Figure(
         name, caption, (Plot(_marks(band, fit.model.name), _output(record), _limited(band, taken), height=1.4),)
     )
@@ -159,19 +158,30 @@ def _percent(level: float) -> str:
     return f"{100 * level:g} %"
 
 
+def _known(band: Computed) -> bool:
+    """Whether there is a band, or only a curve."""
+    return bool(np.isfinite(band.standard_error).any())
+
+
+def _banded(band: Computed) -> str:
+    return f" with {_percent(band.level)} band" if _known(band) else " (no band, as this fit has no intervals)"
+
+
 def _marks(band: Computed, label: str) -> tuple[Mark, ...]:
     """The curve over its band, which is cut off where it is much wider than the curve."""
+    line = Line(band.x, band.value, label, Stroke(Ink.BLUE, width=1.4))
+    if not _known(band):
+        return (line,)
     low, high = _reach(band)
     known = np.isfinite(band.value)
     below, above = (np.clip(edge[known], low, high) for edge in (band.low, band.high))
-    return (
-        Band(band.x[known], below, above, f"{_percent(band.level)} band" if label else ""),
-        Line(band.x, band.value, label, Stroke(Ink.BLUE, width=1.4)),
-    )
+    return Band(band.x[known], below, above, f"{_percent(band.level)} band" if label else ""), line
 
 
 def _limited(band: Computed, axis: Axis) -> Axis:
     """The axis with a range, where a band is cut off."""
+    if not _known(band):
+        return axis
     low, high = _reach(band)
     wide = np.nanmin(band.low) < low or np.nanmax(band.high) > high
     return replace(axis, range=(low, high)) if wide else axis

@@ -669,7 +669,7 @@ def test_ctrl_c_at_exit_prints_no_second_message(tmp_path):
 
 def test_ctrl_c_while_the_drawing_library_is_imported(log, tmp_path):
     status, out, err = signalled(
-        tmp_path, "matplotlib.figure", "identify", log, *IDENTIFY, *REGRESSIONS, "--out", "out"
+        tmp_path, "matplotlib.figure", "identify", log, *IDENTIFY, *REGRESSIONS, "--pdf", "--out", "out"
     )
     assert (status, err) == (130, LEFT_OUT + FOUND)
     assert "chosen: " in out

@@ -63,6 +63,7 @@ from emsid.report.document import (
     thin,
 )
 from emsid.report.figures import draw
+from emsid.report.layout import text_width
 from emsid.report.page import page, write_report
 from emsid.report.page_plots import HEIGHT, PAGE_POINTS, WIDTH, page_figure
 from emsid.report.views import cascade as cascade_views
@@ -439,6 +440,60 @@ def check_files(drawn):
     assert b"dc:date" not in svg
     links = [value for node in root.iter() for key, value in node.items() if key.endswith("href")]
     assert all(link.startswith("#") for link in links)
+
+
+def texts_of(svg):
+    """Every text of an SVG file: what it says, and its box as (left, top, right, bottom)."""
+    found = []
+
+    def visit(node, x, y):
+        place = re.search(r"translate\((\S+) (\S+)\)", node.get("transform", ""))
+        if place:
+            x, y = x + float(place[1]), y + float(place[2])
+        if node.tag.endswith("text"):
+            size = float(node.get("font-size"))
+            width = text_width(node.text, size, bold=node.get("font-weight") == "bold")
+            x, y = x + float(node.get("x", 0)), y + float(node.get("y", 0))
+            before = {"start": 0.0, "middle": 0.5, "end": 1.0}[node.get("text-anchor", "start")] * width
+            if "rotate" in node.get("transform", ""):
+                found.append((node.text, (x - 0.75 * size, y - before, x + 0.2 * size, y + before)))
+            else:
+                found.append((node.text, (x - before, y - 0.75 * size, x - before + width, y + 0.2 * size)))
+        for child in node:
+            visit(child, x, y)
+
+    root = ElementTree.fromstring(svg)
+    visit(root, 0.0, 0.0)
+    return found, [float(v) for v in root.get("viewBox").split()]
+
+
+@each_figure
+def test_texts_of_a_drawing_are_whole_and_lie_apart(figure):
+    drawn = draw(figure)["svg"]
+    found, (_, _, width, height) = texts_of(drawn)
+    said = [text for text, _ in found]
+    for plot in figure.plots:
+        wanted = [plot.title, *plot.y.names, *(mark.label for mark in plot.marks)]
+        assert {text for text in wanted if text} <= {*said}
+    assert figure.plots[-1].x.title in said
+    for k, (text, (left, top, right, bottom)) in enumerate(found):
+        assert left >= -1, text
+        assert top >= -1, text
+        assert bottom <= height + 1, text
+        assert right <= width + 2, text
+        for other, (a, b, c, d) in found[:k]:
+            assert min(right, c) - max(left, a) < 1 or min(bottom, d) - max(top, b) < 1, (text, other)
+
+
+def test_widths_of_texts_are_those_of_the_font():
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+
+    for text in ("Measured speed, 99 % band [rad/s]", "−0.0125", "wiener-hammerstein-regression", "ω² ≤ 3·σ(τ₁)"):
+        for weight in ("normal", "bold"):
+            font = FontProperties(family="DejaVu Sans", size=10, weight=weight)
+            width, _, _ = text_to_path.get_text_width_height_descent(text, font, ismath=False)
+            assert text_width(text, 10.0, bold=weight == "bold") == pytest.approx(width, rel=0.05)
 
 
 def inside(shape):

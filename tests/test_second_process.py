@@ -1,4 +1,4 @@
-"""A second process fits models and draws figures meanwhile: the results are the same, in the same order."""
+"""A second process fits models meanwhile: the results are the same, in the same order."""
 
 from __future__ import annotations
 
@@ -15,9 +15,6 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.identification import Options
 from emsid.identification.candidates import CANDIDATES
-from emsid.report.document import Axis, Figure, Line, Plot, Report, Section
-from emsid.report.figures import draw
-from emsid.report.page import report_files
 
 OPTIONS = Options(na=1, nb=1, nk=1, degree=2)
 MODELS = "polynomial-narx, arx, friction-narx"
@@ -45,11 +42,6 @@ class Elsewhere:
 
     def fitted(self, name, control):
         return self.answer(name, self, control) if self.answer else None
-
-
-def figure(name: str) -> Figure:
-    line = Line(np.arange(3.0), np.arange(3.0))
-    return Figure(name, name, (Plot((line,), Axis("time"), Axis("speed")),))
 
 
 def there(name, elsewhere, control):
@@ -100,8 +92,8 @@ def test_an_interrupted_identification_keeps_what_was_found_elsewhere() -> None:
     assert {fit.model.name for fit in found.fits} == {"arx", "polynomial-narx"}
 
 
-def test_the_second_process_finds_and_draws_the_same() -> None:
-    record, second = lagging(), SecondProcess(fits=True)
+def test_the_second_process_finds_the_same() -> None:
+    record, second = lagging(), SecondProcess()
     try:
         second.begin(("arx", "polynomial-narx"), record, OPTIONS)
         assert second.has_begun("arx") is False
@@ -110,12 +102,6 @@ def test_the_second_process_finds_and_draws_the_same() -> None:
         assert fit is not None
         assert (fit.estimate == here.estimate).all()
         assert repr(fit) == repr(here)
-        report = Report("One", (), (Section("", figures=(figure("a"),)),))
-        both = report_files(report, elsewhere=second)
-        assert second.drawn("a", FREE) == draw(figure("a"))
-        assert both == report_files(report)
-        many = [figure(name) for name in "bcdefghijklmno"]
-        assert "".join(second.begin_drawing(many, ("svg",))) == "cdfgijlmo"
     finally:
         second.close()
     second._process.join(5)
@@ -135,18 +121,16 @@ def test_each_model_is_taken_by_one_process_only(monkeypatch) -> None:
         return not taken(flags, 2)  # the other process takes the third one meanwhile
 
     monkeypatch.setattr("emsid.identification.candidates.CANDIDATES", {name: partial(fit, name) for name in names})
-    monkeypatch.setattr("emsid.report.figures.prepare", lambda: None)
     assert [name for name, _ in module.fitted(names, lagging(), OPTIONS, flags, lambda: False)] == asked == ["feedback"]
     assert list(module.fitted(names[:1], lagging(), OPTIONS, get_context("spawn").Array("b", 4), lambda: True)) == []
 
 
 def test_a_second_process_is_started_only_where_it_saves_time(monkeypatch) -> None:
-    monkeypatch.setattr(module, "SecondProcess", lambda fits: "fits and draws" if fits else "draws")
+    monkeypatch.setattr(module, "SecondProcess", lambda: "a process")
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1}, raising=False)
-    assert second_process((), alone=True) == "fits and draws"
-    assert second_process(("arx", "wiener"), alone=True) == "fits and draws"
-    assert second_process((), alone=True, searches=False) == "draws"
-    assert second_process(("wiener",), alone=True) == "draws"
+    assert second_process((), alone=True) == "a process"
+    assert second_process(("arx", "wiener"), alone=True) == "a process"
+    assert second_process(("wiener",), alone=True) is None
     assert second_process((), alone=False) is None
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0}, raising=False)
     assert second_process((), alone=True) is None

@@ -1,4 +1,4 @@
-"""A second process that fits some of the models of `emsid identify` and draws some of the figures at the same time.
+"""A second process that fits some of the models of `emsid identify` at the same time.
 
 Most searches spend their time in Python, where threads wait for each other. The process is started before
 the files are read, so that its imports take no time of their own. It computes what this process would; what it does not
@@ -8,7 +8,7 @@ first on and the other one from the slowest and the last, so both end at about t
 
 import os
 import signal
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -25,47 +25,42 @@ if TYPE_CHECKING:
     from emsid.estimation.nonlinear.control import Control
     from emsid.identification import Options
     from emsid.record import Record
-    from emsid.report.document import Diagram, Figure
 
 SLOWEST = ("feedback", "wiener-hammerstein")
 """The models that it begins with: the first often takes as long as all others together, the second in short records."""
 MOST = 64
 """Of more models it fits none."""
-MANY = 14
-"""Of fewer figures none is drawn here: the import of the library would take as long as is saved."""
 LAST = 3.0
 """Seconds that an interrupted search may take to end with its best result."""
 
 
 class SecondProcess:
-    """The process, seen from the one that started it.
+    """The process, seen from the one that started it."""
 
-    Args:
-        fits: whether it will fit models; otherwise it only draws.
-    """
-
-    def __init__(self, fits: bool) -> None:
+    def __init__(self) -> None:
         from multiprocessing import get_context, resource_tracker
 
         resource_tracker.ensure_running()  # `start` does it otherwise, and lets signals through again
         context = get_context("spawn")
         self._connection, other = context.Pipe()
         self._taken = context.Array("b", MOST)
-        self._process = context.Process(target=serve, args=(other, fits, self._taken), daemon=True)
+        self._process = context.Process(target=serve, args=(other, self._taken), daemon=True)
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # it never hears Ctrl-C
         try:
             self._process.start()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         other.close()
-        self._fits = fits
         self._names: tuple[str, ...] = ()
         self._answers: dict[str, Any] = {}
         self._stopped_at: float | None = None
 
     def begin(self, names: Sequence[str], record: "Record", options: "Options") -> None:
         """Start to fit some of the models there."""
-        if self._fits and 1 < len(names) <= MOST and self._sent((fitted, tuple(names), record, options)):
+        if not 1 < len(names) <= MOST:
+            return
+        with suppress(OSError, ValueError, TypeError, AttributeError):  # it has ended, or something cannot be sent
+            self._connection.send((tuple(names), record, options))
             self._names = tuple(names)
 
     def has_begun(self, name: str) -> bool:
@@ -95,31 +90,10 @@ class SecondProcess:
             raise answer
         return answer
 
-    def begin_drawing(self, figures: "Sequence[Figure | Diagram]", formats: Collection[str]) -> tuple[str, ...]:
-        """Start to draw the figures there, of many two of three, and return their names."""
-        chosen = [figure for k, figure in enumerate(figures) if k % 3 or len(figures) < MANY]
-        return tuple(figure.name for figure in chosen) if self._sent((drawn, chosen, tuple(formats))) else ()
-
-    def drawn(self, name: str, control: "Control") -> dict[str, bytes] | None:
-        """The content of the files of a figure by format, once they are there; None if they are not drawn there.
-
-        Raises:
-            Stopped: by ``control``.
-        """
-        files: dict[str, bytes] | None = self._answer(name, control.check)
-        return files
-
     def close(self) -> None:
         """End the process."""
         self._connection.close()
         self._process.terminate()
-
-    def _sent(self, task: tuple[Any, ...]) -> bool:
-        try:
-            self._connection.send(task)
-        except (OSError, ValueError, TypeError, AttributeError):  # it has ended, or something cannot be sent
-            return False
-        return True
 
     def _answer(self, name: str, wait: Callable[[], None]) -> Any:
         """What the process found for a name; ``wait`` is called again and again meanwhile."""
@@ -132,17 +106,16 @@ class SecondProcess:
         return self._answers.get(name)
 
 
-def second_process(models: Sequence[str], *, alone: bool, searches: bool = True) -> SecondProcess | None:
-    """A second process where there are two cores. It fits some of several models.
+def second_process(models: Sequence[str], *, alone: bool) -> SecondProcess | None:
+    """A second process where there are two cores and several models.
 
     Args:
         models: their names; none for the usual ones.
         alone: whether this process runs nothing else; otherwise the second one might repeat that.
-        searches: whether models take long.
     """
-    if not (alone and hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1):
+    if len(models) == 1 or not (alone and hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1):
         return None
-    return SecondProcess(searches and len(models) != 1)
+    return SecondProcess()
 
 
 def taken(flags: "SynchronizedArray[int]", k: int) -> bool:
@@ -152,19 +125,15 @@ def taken(flags: "SynchronizedArray[int]", k: int) -> bool:
     return free
 
 
-def serve(connection: "Connection", fits: bool, flags: "SynchronizedArray[int]") -> None:
+def serve(connection: "Connection", flags: "SynchronizedArray[int]") -> None:
     """The work of the second process, until the connection ends."""
     cancelled, tasks = Event(), SimpleQueue[Any]()
     Thread(target=_listen, args=(connection, tasks, cancelled), daemon=True).start()
-    if fits:  # while the first process reads the files
-        import emsid.identification  # noqa: F401
-    else:
-        from emsid.report.figures import prepare
+    import emsid.identification  # noqa: F401  (while the first process reads the files)
 
-        prepare()
     while True:
-        task, *about = tasks.get()
-        for answer in task(*about, flags, cancelled.is_set):
+        names, record, options = tasks.get()
+        for answer in fitted(names, record, options, flags, cancelled.is_set):
             connection.send(answer)
 
 
@@ -180,7 +149,6 @@ def fitted(
     from emsid.estimation.fit import fit_or_problem
     from emsid.estimation.nonlinear.control import Control, Stopped
     from emsid.identification.candidates import CANDIDATES
-    from emsid.report.figures import prepare
 
     record = replace(record)  # whose arrays cannot be written to
     first = [name for name in SLOWEST if name in names]
@@ -193,18 +161,6 @@ def fitted(
             yield name, problem
         except (Stopped, Exception):  # the first process meets it too
             yield name, None
-    prepare()
-
-
-def drawn(figures: "Sequence[Figure | Diagram]", formats: Collection[str], *_: object) -> Iterable[Any]:
-    """The name of every figure with its files, or None."""
-    from emsid.report.figures import draw
-
-    for figure in figures:
-        try:
-            yield figure.name, draw(figure, formats)
-        except Exception:
-            yield figure.name, None
 
 
 def _listen(connection: "Connection", tasks: "SimpleQueue[Any]", cancelled: Event) -> None:

@@ -14,7 +14,6 @@ from emsid.errors import DataError
 if TYPE_CHECKING:
     from emsid.identification import Identification
     from emsid.report import Report
-    from emsid.report.page import DrawnElsewhere
     from emsid.study import Study
 
 LEFT_OUT = "the report is left out"
@@ -80,7 +79,6 @@ def draw(
     pdf: bool = False,
     *,
     interrupted: bool = False,
-    elsewhere: "DrawnElsewhere | None" = None,
 ) -> bool:
     """Draw the report with its figures, with PDF on request, and write it; false if Ctrl-C was pressed meanwhile.
 
@@ -89,7 +87,6 @@ def draw(
         report: what to draw.
         pdf: whether figures are written as PDF too.
         interrupted: whether Ctrl-C has stopped the search; then it is said that there is more to wait for.
-        elsewhere: where some of the figures are drawn at the same time.
     """
     try:
         INTERRUPTION.raise_again()
@@ -99,7 +96,7 @@ def draw(
             content = report()
             if interrupted:
                 tell(f"drawing the report with {len(list(content.figures))} figures (Ctrl-C: leave it out)")
-            files = report_files(content, control, ("svg", "pdf") if pdf else ("svg",), elsewhere)
+            files = report_files(content, control, ("svg", "pdf") if pdf else ("svg",))
     except BaseException as problem:
         if not (INTERRUPTION.pressed or isinstance(problem, KeyboardInterrupt)) or isinstance(problem, SystemExit):
             raise

@@ -1,22 +1,21 @@
-"""Figures for print. Only this module uses Matplotlib.
+"""Figures for print and in Python. Only this module uses Matplotlib: for PDF, and for figures that can be changed.
 
 `emsid.report.document` defines figures; here is a function that draws each kind of mark. Global settings of Matplotlib
 are not changed. The same figure gives the same bytes. Text is never read as mathematics, so a column may be called
-``$u$``.
+``$u$``. SVG is written without a library, see `emsid.report.svg`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from functools import cache, partial, singledispatch
+from functools import partial, singledispatch
 from io import BytesIO
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.report.document import (
-    Axis,
     Band,
     Bars,
     Box,
@@ -35,7 +34,23 @@ from emsid.report.document import (
     Wire,
     thin,
 )
+from emsid.report.layout import (
+    LABEL,
+    PRINT_POINTS,
+    SIZE,
+    SMALL,
+    TICK,
+    WIDTH,
+    Place,
+    beside,
+    legend_columns,
+    name_range,
+    places,
+    sides,
+    text_width,
+)
 from emsid.report.numbers import tick
+from emsid.report.svg import svg
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -45,14 +60,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Sheet
 
 Array = NDArray[np.float64]
-
-# Points of a line: more than a printer's dots across it.
-PRINT_POINTS = 2000
-
-# A printed figure, in points: its width, the height of an ordinary plot, the space for labels below, left and right of
-# it (without tick labels at the left), the size of small letters.
-_WIDTH, _ROW, _FOOT, _LABEL, _RIGHT, _SMALL = 520.0, 120.0, 32.0, 16.0, 12.0, 7.5
-_TICK = 4.0  # from an axis to the labels of its ticks
 
 _SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",  # part of Matplotlib, so that figures are the same on all machines
@@ -73,9 +80,9 @@ _SETTINGS: dict[Any, Any] = {
     "ytick.color": "#8a8f98",
     "xtick.labelcolor": "#22262e",
     "ytick.labelcolor": "#22262e",
-    "xtick.labelsize": _SMALL,
-    "ytick.labelsize": _SMALL,
-    "legend.fontsize": _SMALL,
+    "xtick.labelsize": SMALL,
+    "ytick.labelsize": SMALL,
+    "legend.fontsize": SMALL,
     "legend.frameon": False,
     "legend.handlelength": 2.2,
     "legend.columnspacing": 1.4,
@@ -85,19 +92,12 @@ _SETTINGS: dict[Any, Any] = {
     "lines.solid_capstyle": "butt",
     "text.color": "#22262e",
     "text.parse_math": False,
-    "svg.hashsalt": "emsid",
-    "svg.fonttype": "path",
     "pdf.fonttype": 3,
 }
 
 
-def prepare() -> None:
-    """Import what `draw` needs, which takes a third of a second."""
-    import matplotlib.backends.backend_svg  # noqa: F401
-
-
 def draw(figure: Figure | Diagram, formats: Collection[str] = ("svg",)) -> dict[str, bytes]:
-    """Draw a figure or a diagram once and write it in these vector formats. The same figure gives the same bytes.
+    """Draw a figure or a diagram in these vector formats. The same figure gives the same bytes.
 
     Args:
         figure: what to draw.
@@ -106,35 +106,27 @@ def draw(figure: Figure | Diagram, formats: Collection[str] = ("svg",)) -> dict[
     Returns:
         By format, the content of a file.
     """
-    from matplotlib import rc_context
+    return {name: _WRITERS[name](figure) for name in formats}
 
+
+def _pdf(figure: Figure | Diagram) -> bytes:
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
+
+    file = BytesIO()
     with rc_context(_SETTINGS):
         if isinstance(figure, Diagram):
             sheet = _diagram(figure)
         else:
             sheet = _sheet(figure)
             _fix_ticks(sheet.axes)
-        return {name: _WRITERS[name](sheet, {"Creator": "emsid", "Title": figure.name}) for name in formats}
-
-
-def _svg(sheet: Sheet, about: dict[str, str]) -> bytes:
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
-    # The canvas writes directly: Figure.savefig would draw everything twice for automatic layouts.
-    file = BytesIO()
-    FigureCanvasSVG(sheet).print_svg(file, metadata=about | {"Date": None})  # type: ignore[no-untyped-call]
+        # The canvas writes directly: Figure.savefig would draw everything twice for automatic layouts.
+        about = {"Creator": "emsid", "Title": figure.name, "CreationDate": None}
+        FigureCanvasPdf(sheet).print_pdf(file, metadata=about)  # type: ignore[no-untyped-call]
     return file.getvalue()
 
 
-def _pdf(sheet: Sheet, about: dict[str, str]) -> bytes:
-    from matplotlib.backends.backend_pdf import FigureCanvasPdf
-
-    file = BytesIO()
-    FigureCanvasPdf(sheet).print_pdf(file, metadata=about | {"CreationDate": None})  # type: ignore[no-untyped-call]
-    return file.getvalue()
-
-
-_WRITERS: dict[str, Callable[[Sheet, dict[str, str]], bytes]] = {"svg": _svg, "pdf": _pdf}
+_WRITERS: dict[str, Callable[[Figure | Diagram], bytes]] = {"svg": svg, "pdf": _pdf}
 
 
 def sheet(figure: Figure) -> Sheet:
@@ -153,7 +145,7 @@ def _diagram(diagram: Diagram) -> Sheet:
     from matplotlib.patches import Circle as Disc
     from matplotlib.patches import Polygon, Rectangle
 
-    scale = _WIDTH / diagram.width / 72
+    scale = WIDTH / diagram.width / 72
     sheet = Sheet(figsize=(diagram.width * scale, diagram.height * scale), dpi=72)
     axes = sheet.add_axes((0, 0, 1, 1), xlim=(0, diagram.width), ylim=(diagram.height, 0))
     axes.set_axis_off()
@@ -187,18 +179,6 @@ _LINE_STYLES: dict[Dash, Any] = {
 }
 
 
-class _Place(NamedTuple):
-    """Position of a plot on the sheet; lengths in points, from the top."""
-
-    plot: Plot
-    column: int
-    top: float
-    height: float
-    head: float  # height of the titles and legends above its row
-    room: float  # largest width of its legend
-    labelled: bool  # whether the x axis has labels; otherwise the plot below has them
-
-
 def _sheet(figure: Figure) -> Sheet:
     """Draw all plots of a figure.
 
@@ -207,70 +187,23 @@ def _sheet(figure: Figure) -> Sheet:
     """
     from matplotlib.figure import Figure as Sheet
 
-    places, height = _places(figure)
-    sheet = Sheet(figsize=(_WIDTH / 72, height / 72), dpi=72)
+    set_, height = places(figure)
+    sheet = Sheet(figsize=(WIDTH / 72, height / 72), dpi=72)
     drawn: list[Axes] = []
-    for place in places:
+    for place in set_:
         bottom, share = 1 - (place.top + place.height) / height, place.height / height
         axes = sheet.add_axes((0.1, bottom, 0.8, share), sharex=drawn[0] if figure.shared_x and drawn else None)
         handles = [_draw(mark, axes) for mark in place.plot.marks]
         _set_axes(axes, place)
         _put_head(axes, place, handles)
         drawn.append(axes)
-    left = [
-        max((_tick_room(a) for a, p in zip(drawn, places, strict=True) if p.column == c), default=0.0) + _LABEL
-        for c in range(figure.columns)
-    ]
-    width = (_WIDTH - sum(left)) / figure.columns - _RIGHT
-    for axes, place in zip(drawn, places, strict=True):
-        c, span = place.column, place.plot.span
-        start = sum(left[: c + 1]) + c * (width + _RIGHT)
-        length = span * width + (span - 1) * _RIGHT + sum(left[c + 1 : c + span])
+    for axes, place, (start, length, left) in zip(
+        drawn, set_, sides(figure, set_, [_tick_room(axes) for axes in drawn]), strict=True
+    ):
         bottom = height - place.top - place.height
-        axes.set_position((start / _WIDTH, bottom / height, length / _WIDTH, place.height / height))
-        axes.yaxis.set_label_coords((_LABEL - left[c] - 2) / length, 0.5)
+        axes.set_position((start / WIDTH, bottom / height, length / WIDTH, place.height / height))
+        axes.yaxis.set_label_coords((LABEL - left - 2) / length, 0.5)
     return sheet
-
-
-def _places(figure: Figure) -> tuple[list[_Place], float]:
-    """Positions of the plots, and the height of the sheet in points."""
-    places, y = [], 2.0
-    for row in figure.rows:
-        labelled = not figure.shared_x or figure.columns > 1 or row[-1] is figure.plots[-1]
-        rooms = [_WIDTH * plot.span / figure.columns - 60.0 for plot in row]
-        head = max(_head_height(plot, room) for plot, room in zip(row, rooms, strict=True)) + 4.0
-        height, column = _ROW * max(plot.height for plot in row), 0
-        y += head
-        for plot, room in zip(row, rooms, strict=True):
-            places.append(_Place(plot, column, y, height, head, room, labelled))
-            column += plot.span
-        y += height + (_FOOT if labelled else 6.0)
-    return places, y
-
-
-def _head_height(plot: Plot, room: float) -> float:
-    """Height of title and legend above the plot, in points."""
-    texts = [mark.label for mark in plot.marks if mark.label]
-    lines = -(-len(texts) // _legend_columns(texts, room)) if texts else 0
-    return 12.5 * bool(plot.title) + 11.5 * lines
-
-
-def _legend_columns(texts: Sequence[str], room: float) -> int:
-    """How many columns of legend entries fit into ``room`` points."""
-    widths = [_text_width(text) + 34.0 for text in texts]  # with its line sample and spacing
-    fitting = (n for n in range(len(texts), 1, -1) if sum(max(widths[k::n]) for k in range(n)) <= room)
-    return next(fitting, 1)
-
-
-@cache
-def _text_width(text: str, size: float = _SMALL, weight: str = "normal") -> float:
-    """Width of a text in points."""
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import text_to_path
-
-    font = FontProperties(size=size, weight=weight)
-    width, _, _ = text_to_path.get_text_width_height_descent(text, font, ismath=False)
-    return float(width)
 
 
 def _tick_room(axes: Axes) -> float:
@@ -278,7 +211,7 @@ def _tick_room(axes: Axes) -> float:
     low, high = sorted(axes.get_ylim())
     formatter = axes.yaxis.get_major_formatter()
     texts = formatter.format_ticks([tick for tick in axes.get_yticks() if low <= tick <= high])
-    return max((_text_width(text) for text in texts), default=0.0) + 6.0
+    return max((text_width(text) for text in texts), default=0.0) + 6.0
 
 
 def _fix_ticks(several: Sequence[Axes]) -> None:
@@ -303,15 +236,15 @@ def _fix_ticks(several: Sequence[Axes]) -> None:
         axes.add_collection(LineCollection([[(x, 0), (x, 1)] for x in xs], transform=upright, **style), autolim=False)
         axes.add_collection(LineCollection([[(0, y), (1, y)] for y in ys], transform=level, **style), autolim=False)
         inches = axes.figure.dpi_scale_trans
-        below, left = (ScaledTranslation(x / 72, y / 72, inches) for x, y in ((0, -_TICK), (-_TICK, 0)))
+        below, left = (ScaledTranslation(x / 72, y / 72, inches) for x, y in ((0, -TICK), (-TICK, 0)))
         for x, text in zip(xs, x_texts if labelled else [""] * len(xs), strict=True):
-            axes.text(x, 0, text, transform=upright + below, size=_SMALL, ha="center", va="top")
+            axes.text(x, 0, text, transform=upright + below, size=SMALL, ha="center", va="top")
         for y, text in zip(ys, y_texts, strict=True):
-            axes.text(0, y, text, transform=level + left, size=_SMALL, ha="right", va="center")
+            axes.text(0, y, text, transform=level + left, size=SMALL, ha="right", va="center")
         axes.xaxis.set_major_locator(NullLocator())
         axes.yaxis.set_major_locator(NullLocator())
         height = axes.get_position().height * axes.figure.bbox.height
-        axes.xaxis.set_label_coords(0.5, -(_TICK + 1.35 * _SMALL + 3) / height)
+        axes.xaxis.set_label_coords(0.5, -(TICK + 1.35 * SMALL + 3) / height)
 
 
 def _shown_ticks(side: MplAxis) -> tuple[list[float], list[str]]:
@@ -322,7 +255,7 @@ def _shown_ticks(side: MplAxis) -> tuple[list[float], list[str]]:
     return places, list(side.get_major_formatter().format_ticks(places))
 
 
-def _set_axes(axes: Axes, place: _Place) -> None:
+def _set_axes(axes: Axes, place: Place) -> None:
     """Scales, ranges, ticks and labels."""
     from matplotlib.ticker import FuncFormatter, NullLocator
 
@@ -341,7 +274,7 @@ def _set_axes(axes: Axes, place: _Place) -> None:
         axes.set_ylim(name_range(plot.y)[::-1])
         _name_bars(axes, plot)
     else:
-        title, size = beside(plot.y, place.height, 8.0)
+        title, size = beside(plot.y, place.height, SIZE)
         axes.set_ylabel(title, size=size)
     if place.labelled:
         axes.set_xlabel(plot.x.title)
@@ -349,33 +282,17 @@ def _set_axes(axes: Axes, place: _Place) -> None:
         axes.tick_params(labelbottom=False)
 
 
-def beside(axis: Axis, height: float, size: float) -> tuple[str, float]:
-    """The title of an axis and its font size beside a plot of this height; a long name is cut."""
-    title, room = axis.title, height + 10
-    smaller = size * room / _text_width(title, size)
-    if smaller >= 0.75 * size:
-        return title, min(size, smaller)
-    unit = title[len(axis.quantity) :]
-    cut = (f"{axis.quantity[:k].rstrip()}…{unit}" for k in range(len(axis.quantity) - 1, 0, -1))
-    return next((text for text in cut if _text_width(text, 0.75 * size) <= room), unit), 0.75 * size
-
-
 def _name_bars(axes: Axes, plot: Plot) -> None:
     """The name of every bar and its remark, above it."""
     for mark in plot.marks:
         if isinstance(mark, Bars):
             for k, (name, remark) in enumerate(zip(plot.y.names, mark.remarks, strict=True)):
-                end = 2 + _text_width(name, 8.0, "bold")
+                end = 2 + text_width(name, 8.0, bold=True)
                 for text, x, weight in ((name, 2.0, "bold"), (remark, end + 6, "normal")):
                     axes.annotate(text, (0, k), (x, 7), ("axes fraction", "data"), "offset points", weight=weight)
 
 
-def name_range(axis: Axis) -> tuple[float, float]:
-    """Limits of an axis of names, from the top: half a place beyond the names, and space for the first one."""
-    return -0.75, len(axis.names) - 0.5
-
-
-def _put_head(axes: Axes, place: _Place, handles: Sequence[Artist | BarContainer]) -> None:
+def _put_head(axes: Axes, place: Place, handles: Sequence[Artist | BarContainer]) -> None:
     """Draw the title, aligned with those of the row, and the legend above the plot."""
     if place.plot.title:
         offset = (0, place.head - 11.0)
@@ -383,7 +300,7 @@ def _put_head(axes: Axes, place: _Place, handles: Sequence[Artist | BarContainer
     entries = [(handle, mark.label) for handle, mark in zip(handles, place.plot.marks, strict=True) if mark.label]
     if entries:
         shown, texts = zip(*entries, strict=True)
-        columns = _legend_columns(texts, place.room)
+        columns = legend_columns(texts, place.room)
         axes.legend(shown, texts, loc="lower left", bbox_to_anchor=(0, 1), ncols=columns)
 
 
@@ -413,7 +330,7 @@ def _(mark: Line, axes: Axes) -> Artist | BarContainer:
 @_draw.register(Points)
 def _(mark: Points, axes: Axes) -> Artist | BarContainer:
     for x, y, name in zip(mark.x, mark.y, mark.names, strict=False):
-        axes.annotate(name, (x, y), xytext=(4, 3), textcoords="offset points", fontsize=_SMALL)
+        axes.annotate(name, (x, y), xytext=(4, 3), textcoords="offset points", fontsize=SMALL)
     return axes.plot(mark.x, mark.y, "o", color=mark.ink.value, markersize=3.5, clip_on=False, zorder=4)[0]
 
 

@@ -7,9 +7,8 @@ all texts, and the content security policy of the page forbids loading anything.
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Protocol
 
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.io.files import atomic_write
@@ -20,22 +19,6 @@ FORMATS = ("svg", "pdf")
 """The formats of figures that `write_report` can write."""
 
 PAGE = "report.html"
-
-
-class DrawnElsewhere(Protocol):
-    """A place where some of the figures are drawn at the same time."""
-
-    def begin_drawing(self, figures: Sequence[Figure | Diagram], formats: Collection[str]) -> tuple[str, ...]:
-        """Start to draw some of the figures there, and return their names."""
-        ...
-
-    def drawn(self, name: str, control: Control) -> dict[str, bytes] | None:
-        """The files of one of these figures by format, once they are there; None if they are not drawn there.
-
-        Raises:
-            Stopped: by ``control``.
-        """
-        ...
 
 
 def page(report: Report) -> str:
@@ -79,7 +62,6 @@ def report_files(
     report: Report,
     control: Control = FREE,
     formats: Collection[str] = ("svg",),
-    elsewhere: DrawnElsewhere | None = None,
 ) -> dict[str, str | bytes]:
     """The content of every file of a report, by its path in the folder; the page is the last.
 
@@ -87,7 +69,6 @@ def report_files(
         report: what to draw.
         control: when to stop, and where to report progress.
         formats: as for `write_report`.
-        elsewhere: where some of the figures are drawn at the same time.
 
     Raises:
         Stopped: if ``control`` ends it.
@@ -96,14 +77,11 @@ def report_files(
 
     control.doing("writing the page")
     figures: list[Figure | Diagram] = [*report.figures, *report.diagrams] if formats else []
-    others = elsewhere.begin_drawing(figures, formats) if elsewhere else ()
     contents = page(report)
     files: dict[str, str | bytes] = {}
-    for k, figure in enumerate(sorted(figures, key=lambda each: each.name in others)):
+    for k, figure in enumerate(figures):
         control.doing(f"drawing {figure.name}", k, len(figures))
-        there = elsewhere.drawn(figure.name, control) if elsewhere and figure.name in others else None
-        drawing = there or draw(figure, formats)
-        files |= {f"figures/{figure.name}.{suffix}": content for suffix, content in drawing.items()}
+        files |= {f"figures/{figure.name}.{suffix}": content for suffix, content in draw(figure, formats).items()}
     control.check()
     return files | {PAGE: contents}
 

@@ -196,7 +196,7 @@ def identify(
       emsid identify arm.csv -u force -y x --time t --models linear-axis --free mass,offset --datasheet arm.toml
     """
     asked = names(models, "--models")
-    second = second_process(asked, alone=INTERRUPTION.own_process, searches=not (quick or budget))
+    second = None if quick or budget else second_process(asked, alone=INTERRUPTION.own_process)
     from emsid.identification import Options, candidates, workflow
 
     plants = [each.plant for each in _physical_first(asked or candidates.USUAL)]
@@ -252,7 +252,7 @@ def _run(
             say_json(as_json(result.to_data()))
         else:
             _print(result)
-    drawn = draw(out, lambda: report(result, option), pdf, interrupted=result.interrupted, elsewhere=second)
+    drawn = draw(out, lambda: report(result, option), pdf, interrupted=result.interrupted)
     if not json:
         written = [f"{fit.model.name}.json" for fit in result.fits]
         written += [] if result.on_all_data is None else [RECOMMENDED]

@@ -195,10 +195,11 @@ def test_every_experiment_has_a_piece_in_the_excerpt_of_several(monkeypatch):
     monkeypatch.setattr(long_records, "COMPARED", 300)
     u = np.random.default_rng(0).standard_normal(1_000)
     one = emsid.Record(u, u, 0.01)
-    parts = long_records.to_compare(emsid.concatenate([one] * 5), ("arx", "wiener")).segments
-    assert [len(part) for part in parts] == [100] * 5
-    assert len(long_records.to_compare(one, ("arx", "wiener"))) == 300
-    assert long_records.to_compare(one, ("arx",)) is one
+    inside, outside = long_records.to_compare(emsid.concatenate([one] * 5), ("arx", "wiener"))
+    assert [len(part) for part in inside.segments] == [100] * 5
+    assert len(outside) == 4_500
+    assert [len(part) for part in long_records.to_compare(one, ("arx", "wiener"))] == [300, 700]
+    assert long_records.to_compare(one, ("arx",)) == (one, None)
 
 
 def test_models_of_a_long_record_are_compared_on_an_excerpt_and_the_recommended_one_fitted_to_all(monkeypatch):
@@ -210,6 +211,7 @@ def test_models_of_a_long_record_are_compared_on_an_excerpt_and_the_recommended_
     first, second = several.fits
     assert finding.data == {"samples": 999, "of": 1_400, "finished": first.model.name}
     assert len(several.unseen) == len(one.unseen)
+    assert [len(each.folds) for each in several.ranking] == [4, 4]
     assert first.samples > 1_390 > 999 > second.samples
     assert (first.estimate == emsid.least_squares(first.model.structure, record[:1_400]).estimate).all()
     assert "Fitted to 1,400 samples after a comparison of fits to 999" in summary(several)

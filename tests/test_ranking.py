@@ -247,6 +247,20 @@ def test_the_held_back_part_decides_alone_where_it_is_long_or_there_is_no_time(m
     assert [len(each.folds) for each in ranked(choice, fitted, Options())] == [1, 1]
 
 
+def test_data_outside_an_excerpt_rank_models_without_another_fit(monkeypatch):
+    fitted, choice = misleading()
+    monkeypatch.setattr(ranking_module, "MANY", 600)
+    monkeypatch.delattr(ranking_module, "refitted")
+    found = ranked(choice, fitted, Options(), outside=drive(6, 900, noise=0.05))
+    assert [len(each.folds) for each in found] == [FOLDS, FOLDS]
+    assert [sum(fold.samples.sum() for fold in each.folds) > 1_400 for each in found] == [True, True]
+    assert found[0].name != "arx"
+    assert recommended(found, ()).name == found[0].name
+    assert all(fold.mean < 0.5 * other.mean for fold, other in zip(found[0].folds[1:], found[1].folds[1:], strict=True))
+    slivers = emsid.concatenate([drive(7, 9)] * 4)
+    assert [len(each.folds) for each in ranked(choice, fitted, Options(), outside=slivers)] == [1, 1]
+
+
 def test_a_model_that_some_folds_do_not_suit_is_last():
     fitted, choice = misleading()
     never = ranking_module.refitted

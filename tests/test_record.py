@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from emsid.errors import DataError
 from emsid.record import Record, check_same_channels, concatenate, hold_back, resample, segments, time_axis
-from emsid.record.excerpt import excerpt
+from emsid.record.excerpt import excerpt, outside_excerpt
 
 
 def ramp(samples: int = 10, dt: float = 0.1, **fields: object) -> Record:
@@ -67,6 +67,10 @@ def test_an_excerpt_has_pieces_from_all_of_a_record_and_its_extremes() -> None:
     for first, piece in zip(np.rint(starts).astype(int), few.segments, strict=True):
         np.testing.assert_array_equal(piece.output, record.output[first : first + 100])
     assert excerpt(record, 10_000) is record
+    assert outside_excerpt(record, 10_000) is None
+    rest = outside_excerpt(record, 800)
+    both = np.concatenate([few.input[:, 0], rest.input[:, 0]])
+    np.testing.assert_array_equal(np.sort(both), np.sort(u))
 
 
 def test_an_excerpt_of_many_experiments_has_a_piece_of_each() -> None:

@@ -52,6 +52,7 @@ class Compared:
         *,
         transient: int | None,
         divide: bool,
+        outside: Record | None = None,
     ) -> Compared:
         """Compare models.
 
@@ -63,12 +64,13 @@ class Compared:
             control: when to stop; the unseen data then decide alone.
             transient: samples at the start of every segment that start the models and are left out of every error.
             divide: whether the unseen data are divided, and the models followed over folds of all data.
+            outside: the data outside an excerpt that the models were fitted to.
         """
         on_record = compare(fits, train, transient=transient, data="identification")
         findings = about_the_fits(fits, train)
         on_choice, on_unseen = _held_back(fits, test, transient, divide=divide)
         chosen_on = on_choice or on_unseen
-        ranking = ranked(chosen_on, train if divide else None, options, excluded_models(findings), control)
+        ranking = ranked(chosen_on, train if divide else None, options, excluded_models(findings), control, outside)
         order = _order(chosen_on, ranking, findings)
         on_choice = on_choice and on_choice.in_order_of(order)
         return cls(train, on_record, on_choice, on_unseen.in_order_of(order), ranking, tuple(findings))

@@ -14,7 +14,7 @@ from emsid.identification.ranking import ranked
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.regression.search.judge import BEYOND, diverges, enlarged
 from emsid.record import Record
-from emsid.record.excerpt import excerpt
+from emsid.record.excerpt import excerpt, outside_excerpt
 from emsid.selection.improvement import better
 from emsid.validation.comparison import compare
 
@@ -25,15 +25,21 @@ by the share p/n, so more would not change which model is best. A piece is as lo
 cascade are compared on; shorter ones led some to other minima."""
 
 
-def to_compare(train: Record, names: Sequence[str]) -> Record:
+def to_compare(train: Record, names: Sequence[str]) -> tuple[Record, Record | None]:
     """The data to fit these models to: an excerpt of a long record, if there are several models to compare.
 
     Args:
         train: the data to fit.
         names: of the models.
+
+    Returns:
+        These data, and those outside the excerpt; None where all data are fitted.
     """
+    if len(names) == 1:
+        return train, None
     pieces = min(max(PIECES, len(train.segments)), MOST)
-    return train if len(names) == 1 else excerpt(train, COMPARED * pieces // PIECES, pieces)
+    size = COMPARED * pieces // PIECES, pieces
+    return excerpt(train, *size), outside_excerpt(train, *size)
 
 
 def on_all_samples(judged: Compared, train: Record, options: Options, control: Control = FREE) -> Compared:

@@ -9,8 +9,10 @@ does not, models extrapolate; their errors there are large, and weigh more in th
 neither the differences of their mean squares, stretch by stretch, nor the ratios are larger than chance explains.
 
 The part that was held back from the fits is the first fold, and needs no other fit. It selects the models that are
-followed over the other folds: those with at most `HOPELESS` times its smallest error. Where it has `MANY` samples or
-only one model is left, it decides alone.
+followed over the other folds: those with at most `HOPELESS` times its smallest error. Models that were fitted to an
+excerpt of a long record have not seen what lies outside of it; these data, in parts, are the other folds then, without
+another fit. Where there are none and the held-back part has `MANY` samples, or where only one model is left, the
+held-back part decides alone.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ from emsid.models.plants.grey_box import GreyBox
 from emsid.models.refitting import refitted
 from emsid.models.regression.search.judge import BEYOND, diverges, enlarged
 from emsid.record import Record, concatenate
-from emsid.record.holding_back import left_out_once
+from emsid.record.holding_back import left_out_once, parted
 from emsid.selection.improvement import STRETCHES, StretchErrors, better_by_ratio, front
 from emsid.validation.comparison import Assessment, Comparison
 
@@ -44,7 +46,7 @@ FOLDS = 4
 HOPELESS = 4.0
 """A model whose error on the held-back part is larger than the smallest by this factor is not followed further."""
 MANY = 5_000
-"""A held-back part of this many samples decides alone."""
+"""A held-back part of this many samples decides alone, unless models were fitted to an excerpt."""
 LEAST = 3
 """A fold has at least this many samples for each that starts a model."""
 
@@ -97,6 +99,7 @@ def ranked(
     options: Options,
     excluded: Collection[str] = (),
     control: Control = FREE,
+    outside: Record | None = None,
 ) -> tuple[Ranked, ...]:
     """The models of a comparison with their errors over the folds, the smallest first; then those not followed.
 
@@ -106,21 +109,23 @@ def ranked(
         options: how regressions are fitted.
         excluded: names of models that are not recommended whatever their error is.
         control: when to stop; the held-back part then decides.
+        outside: the data outside the excerpt that the models were fitted to, if they were.
     """
     scale = _scale(choice.best.record if fitted is None else concatenate([fitted, choice.best.record]))
     alone = [
         Ranked(each.fit, (_errors(each.simulation, each.record, scale, STRETCHES),)) for each in choice.assessments
     ]
     alone.sort(key=lambda each: each.errors.mean)
-    if fitted is None or len(choice.best.record) >= MANY:
+    if fitted is None or (outside is None and len(choice.best.record) >= MANY):
         return tuple(alone)
     usable = [each for each in choice.assessments if each.row.model not in excluded] or [choice.best]
     followed = [each for each in usable if each.row.ranked_by <= HOPELESS**2 * usable[0].row.ranked_by]
     start = int(np.argmax(choice.best.simulation.counted))
     if len(followed) < 2 or len(fitted) // (FOLDS - 1) < LEAST * start:
         return tuple(alone)
+    folds = _outside(outside, start) if outside else _left_out(fitted, choice.best.record, start)
     try:
-        over_all = _over_folds(followed, fitted, scale, options, control)
+        over_all = _over_folds(followed, folds, scale, options, control)
     except Stopped:
         return tuple(alone)
     over_all.sort(key=lambda each: each.errors.mean)
@@ -204,19 +209,37 @@ def on_all_data(
     return model if after < before and not far else None
 
 
+Fold = tuple[Record | None, Record]
+"""What models are fitted to again, None where they have not seen the part, and the part itself."""
+
+
+def _left_out(fitted: Record, held_back: Record, start: int) -> list[Fold]:
+    """The parts of the data that were fitted, each with all the rest."""
+    return [(concatenate([rest, held_back]), part) for rest, part in left_out_once(fitted, FOLDS - 1, start)]
+
+
+def _outside(outside: Record, start: int) -> list[Fold]:
+    """The parts of the data outside an excerpt, as far as they are long enough to run models on."""
+    return [
+        (None, part)
+        for part in parted(outside, FOLDS - 1)
+        if max(len(segment) for segment in part.segments) > LEAST * start
+    ]
+
+
 def _over_folds(
-    followed: Sequence[Assessment], fitted: Record, scale: Array, options: Options, control: Control
+    followed: Sequence[Assessment], folds: Sequence[Fold], scale: Array, options: Options, control: Control
 ) -> list[Ranked]:
-    """The models with their errors on the held-back part, and, fitted again to all the rest, on the other folds."""
-    held_back = followed[0].record
+    """The models with their errors on the held-back part and on the other folds."""
     start = int(np.argmax(followed[0].simulation.counted))
     found = [[_errors(each.simulation, each.record, scale, STRETCHES // FOLDS)] for each in followed]
-    for number, (rest, part) in enumerate(left_out_once(fitted, FOLDS - 1, start), 2):
-        others = concatenate([rest, held_back])
+    for number, (others, part) in enumerate(folds, 2):
         for one, errors in zip(followed, found, strict=True):
-            control.doing(f"ranking {one.row.model}", number, FOLDS)
+            control.doing(f"ranking {one.row.model}", number, len(folds) + 1)
             try:
-                model = refitted(one.fit, others, linear=options.estimate, control=control)
+                model = one.fit.model
+                if others is not None:
+                    model = refitted(one.fit, others, linear=options.estimate, control=control)
                 errors.append(_errors(free_run(model, part, start), part, scale, STRETCHES // FOLDS))
             except EmsidError:  # these data do not suit it
                 errors.append(StretchErrors.of(np.full(len(part), np.inf), STRETCHES // FOLDS))

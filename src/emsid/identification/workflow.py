@@ -151,13 +151,14 @@ def identify(
 
     train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)
     _check_sample_times(train, test, [name for name in names if name not in plants])
-    whole, train = train, to_compare(train, names)
+    whole, (train, outside) = train, to_compare(train, names)
     later = int(whole is not train)
     found = _fit_all(names, train, options, control, finished, None if budget else elsewhere, later)
     found = _with_bootstrap(found, train, bootstrap, seed, control)
     findings += [missing_models(names, found.fits, found.failed)] if found.stopped else []
     findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
-    judged = Compared.of(found.fits, train, test, options, control, transient=transient, divide=not others)
+    divide = not others
+    judged = Compared.of(found.fits, train, test, options, control, transient=transient, divide=divide, outside=outside)
     if later and not (found.stopped or bootstrap):
         judged = on_all_samples(judged, whole, options, control)
     taken = _profiles(judged.fits, () if found.stopped else options.profile, control)

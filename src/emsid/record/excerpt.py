@@ -34,6 +34,23 @@ def excerpt(record: Record, most: int, least: int = PIECES) -> Record:
     """
     if len(record) <= most:
         return record
+    starts, length = _pieces(record, most, least)
+    return concatenate([record[first : first + length] for first in starts], name=record.name)
+
+
+def outside_excerpt(record: Record, most: int, least: int = PIECES) -> Record | None:
+    """The samples that `excerpt` leaves out; None where it leaves out none."""
+    if len(record) <= most:
+        return None
+    starts, length = _pieces(record, most, least)
+    inside = np.zeros(len(record), dtype=bool)
+    for first in starts:
+        inside[first : first + length] = True
+    return record.mask(inside) if not inside.all() else None
+
+
+def _pieces(record: Record, most: int, least: int) -> tuple[Indices, int]:
+    """The first sample of every piece, and the length of all."""
     pieces = max(least, min(len(record.segments), most // SHORT))
     length = max(most // pieces, 1)
     starts = _within_segments(np.linspace(0, len(record) - length, pieces).astype(int), length, record)
@@ -50,7 +67,7 @@ def excerpt(record: Record, most: int, least: int = PIECES) -> Record:
                 after = starts[k + 1] if k + 1 < pieces else len(record)
                 starts[k] = np.clip(place - length // 2, before, after - length)
                 moved.add(k)
-    return concatenate([record[first : first + length] for first in starts], name=record.name)
+    return starts, length
 
 
 def _within_segments(starts: Indices, length: int, record: Record) -> Indices:

@@ -108,30 +108,40 @@ def folded(records: Sequence[Record]) -> tuple[list[Record], list[Split]]:
     return list(records), [_without_fold(records, k) for k in range(FOLDS)]
 
 
-def left_out_once(record: Record, folds: int, purged: int) -> list[tuple[Record, Record]]:
-    """Splits of a record in which every sample is left out once: the rest, and the part that is left out.
+def parted(record: Record, folds: int) -> list[Record]:
+    """A record in parts of about equal length that cover it.
 
-    In a series of experiments every part is every k-th experiment. Otherwise the parts are stretches of about equal
-    length, with an edge at a gap where one is near.
+    In a series of experiments every part is every k-th experiment. Otherwise the parts are stretches, with an edge at a
+    gap where one is near.
+
+    Args:
+        record: of at least ``folds`` samples.
+        folds: k, at least two.
+    """
+    if is_series(record, folds):
+        return [concatenate(record.segments[k::folds]) for k in range(folds)]
+    return [record[first:stop] for first, stop in pairwise(_edges(record, folds))]
+
+
+def left_out_once(record: Record, folds: int, purged: int) -> list[tuple[Record, Record]]:
+    """Splits of a record in which every sample is left out once: the rest, and the part that is left out, as `parted`.
 
     Args:
         record: of at least ``folds`` samples.
         folds: k, at least two.
         purged: samples on either side of a stretch that are in no part, as their noise is that of the stretch.
     """
+    parts = parted(record, folds)
     if is_series(record, folds):
         pieces = record.segments
-        return [
-            (concatenate([p for n, p in enumerate(pieces) if n % folds != k]), concatenate(pieces[k::folds]))
-            for k in range(folds)
-        ]
+        rests = [concatenate([p for n, p in enumerate(pieces) if n % folds != k]) for k in range(folds)]
+        return list(zip(rests, parts, strict=True))
     found, place = [], np.arange(len(record))
-    edges = _edges(record, folds)
-    for first, stop in pairwise(edges):
+    for (first, stop), part in zip(pairwise(_edges(record, folds)), parts, strict=True):
         out = (place >= first - (first not in record.breaks) * purged) & (
             place < stop + (stop not in record.breaks) * purged
         )
-        found.append((record.mask(out), record[first:stop]))
+        found.append((record.mask(out), part))
     return found
 
 

@@ -49,10 +49,10 @@ class Compared:
         test: Record,
         options: Options,
         control: Control,
+        outside: Record | None = None,
         *,
         transient: int | None,
         divide: bool,
-        outside: Record | None = None,
     ) -> Compared:
         """Compare models.
 
@@ -62,9 +62,9 @@ class Compared:
             test: unseen data.
             options: how they were fitted.
             control: when to stop; the unseen data then decide alone.
+            outside: the data outside an excerpt that the models were fitted to.
             transient: samples at the start of every segment that start the models and are left out of every error.
             divide: whether the unseen data are divided, and the models followed over folds of all data.
-            outside: the data outside an excerpt that the models were fitted to.
         """
         on_record = compare(fits, train, transient=transient, data="identification")
         findings = about_the_fits(fits, train)

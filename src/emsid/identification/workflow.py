@@ -157,8 +157,7 @@ def identify(
     found = _with_bootstrap(found, train, bootstrap, seed, control)
     findings += [missing_models(names, found.fits, found.failed)] if found.stopped else []
     findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
-    divide = not others
-    judged = Compared.of(found.fits, train, test, options, control, transient=transient, divide=divide, outside=outside)
+    judged = Compared.of(found.fits, train, test, options, control, outside, transient=transient, divide=not others)
     if later and not (found.stopped or bootstrap):
         judged = on_all_samples(judged, whole, options, control)
     taken = _profiles(judged.fits, () if found.stopped else options.profile, control)

@@ -662,12 +662,18 @@ def test_no_line_is_drawn_across_a_gap_after_thinning():
 def test_a_record_in_pieces_is_drawn_with_gaps():
     record = with_gaps()
     pieces = len(record.segments)
-    for figure in (views.inputs([record]), views.measured_and_simulated(COMPARISONS["with gaps"].best)):
-        for plot in figure.plots:
-            for line in plot.marks:
-                assert np.count_nonzero(np.isnan(line.y)) == pieces - 1
-                assert np.all(np.diff(line.x) > 0)
-                assert len(line.x) == len(record) + pieces - 1
+    best = COMPARISONS["with gaps"].best
+    run = views.measured_and_simulated(best).plots
+    starting = np.count_nonzero(~best.simulation.counted)
+    assert starting >= pieces
+    measured = [*(line for plot in views.inputs([record]).plots for line in plot.marks), run[0].marks[0]]
+    for line in measured:
+        assert np.count_nonzero(np.isnan(line.y)) == pieces - 1
+    for line in (run[0].marks[1], run[1].marks[0]):  # without the samples that start the model
+        assert np.count_nonzero(np.isnan(line.y)) == pieces - 1 + starting
+    for line in (*measured, run[0].marks[1], run[1].marks[0]):
+        assert np.all(np.diff(line.x) > 0)
+        assert len(line.x) == len(record) + pieces - 1
 
 
 def test_a_gap_lies_where_the_samples_are_missing():
@@ -795,10 +801,11 @@ def test_every_output_has_its_own_panels():
     ]  # fmt: skip
     for k in (0, 1):
         run, left = figure.plots[2 * k : 2 * k + 2]
-        known = np.isfinite(left.marks[0].y)
-        assert run.marks[0].y[known] == pytest.approx(two.output[:, k])
-        assert run.marks[1].y[known] == pytest.approx(near.simulation.output[:, k])
-        assert left.marks[0].y[known] == pytest.approx(error_of(near)[:, k])
+        between = np.isfinite(run.marks[0].y)
+        free = np.where(near.simulation.counted, near.simulation.output[:, k], np.nan)
+        assert run.marks[0].y[between] == pytest.approx(two.output[:, k])
+        assert run.marks[1].y[between] == pytest.approx(free, nan_ok=True)
+        assert left.marks[0].y[between] == pytest.approx(two.output[:, k] - free, nan_ok=True)
         rmse, fit = by_hand(near, k)
         assert f"fit {fit:.1f} %, RMSE {rmse:.4g} {two.output_units[k]}" in figure.caption
 

@@ -64,8 +64,13 @@ def _measured_and(assessments: Sequence[Assessment]) -> list[tuple[Array, str, S
     runs = zip(assessments, labels(assessments), cycle(MODELS), strict=False)
     return [
         (assessments[0].record.output, "measured", MEASURED),
-        *((each.simulation.output, label, stroke) for each, label, stroke in runs),
+        *((_free_run(each), label, stroke) for each, label, stroke in runs),
     ]
+
+
+def _free_run(assessment: Assessment) -> Array:
+    """(N, ny) the free run, NaN where measured samples start the model."""
+    return np.where(assessment.simulation.counted[:, None], assessment.simulation.output, np.nan)
 
 
 def _within_reach(axis: Axis, measured: Array, marks: Sequence[Line]) -> Axis:
@@ -90,7 +95,7 @@ def measured_and_simulated(assessment: Assessment, *, band: Computed | None = No
     for channel in channels(record):
         axis = output_axis(record, channel)
         measured = with_gaps(record.output[:, channel], samples)
-        simulated = with_gaps(assessment.simulation.output[:, channel], samples)
+        simulated = with_gaps(_free_run(assessment)[:, channel], samples)
         lines = (
             Line(t, measured, "measured", MEASURED),
             Line(t, simulated, f"{row.model}, free run", Stroke(Ink.RED, width=0.9)),
@@ -104,9 +109,12 @@ def measured_and_simulated(assessment: Assessment, *, band: Computed | None = No
         of: Row | OutputErrors = row.outputs[channel] if row.outputs else row
         rmse = f"RMSE {with_unit(number(of.simulation_rmse), axis.unit)}"
         errors.append(f"{of_output(record, channel, '')} fit {percent(of.fit_percent)}, {rmse}".lstrip())
+    from_measured = np.count_nonzero(~assessment.simulation.counted)
+    started = f" Measured samples that start the model: {from_measured}." if from_measured else ""
     return Figure(
         name,
-        f"{capital(record.name)}: measured and simulated by {row.model} ({row.method.upper()}), {'; '.join(errors)}.",
+        f"{capital(record.name)}: measured and simulated by {row.model} ({row.method.upper()}), {'; '.join(errors)}."
+        f"{started}",
         tuple(plots),
         shared_x=True,
     )

@@ -34,7 +34,7 @@ def between(u: Array, factor: int) -> Array:
     return fine
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _interpolated(samples: bytes, factor: int) -> Array:
     u, reach = np.frombuffer(samples), INTERPOLATION_REACH
     around = np.pad(u, reach, "reflect", reflect_type="odd") if len(u) > reach else np.pad(u, reach, "edge")

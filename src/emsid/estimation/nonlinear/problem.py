@@ -72,11 +72,12 @@ def linearised(
             )
         root = np.sqrt(loss.weight(residual))
         # Initial states of other segments have derivatives of zero, which need not be reduced.
-        own = np.flatnonzero([jacobian[:, k].any() for k in varied]) if len(blocks) > 1 else np.arange(len(varied))
+        own = np.flatnonzero((jacobian.T != 0).any(axis=1)[varied]) if len(blocks) > 1 else np.arange(len(varied))
         columns = np.empty((len(own) + 1, len(residual)))
-        for row, k in enumerate(varied[own]):
-            np.multiply(jacobian[:, k], root, out=columns[row])
-        np.multiply(residual, -root, out=columns[-1])
+        np.take(jacobian.T, varied[own], axis=0, out=columns[:-1])
+        columns[-1] = residual
+        columns[:-1] *= root
+        columns[-1] *= -root
         if not np.isfinite(columns.sum()):
             bad = varied[own][~np.isfinite(columns[:-1]).all(axis=1)]
             raise ModelError(f"the derivative with respect to parameters {bad.tolist()} is not finite")

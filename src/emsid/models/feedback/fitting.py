@@ -8,7 +8,7 @@ free.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,6 +23,7 @@ from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.findings import Finding
 from emsid.models.feedback.coordinates import Visited, coordinates, normal_form, whitened
+from emsid.models.feedback.kernels import LoopSignals
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.start import starting
 from emsid.models.one_channel import Segments, segments_longer_than
@@ -58,6 +59,7 @@ class FreeRun:
     spread: Array
     segments: Segments
     transient: int
+    _last: list[tuple[Array, FeedbackModel, list[LoopSignals]]] = field(default_factory=list)
 
     def at(self, theta: Array) -> FeedbackModel:
         """The model with these parameters."""
@@ -81,19 +83,30 @@ class FreeRun:
 
     def residuals(self, theta: Array) -> list[Array]:
         """Model minus measurement, per segment."""
-        model = self.at(theta)
-        model.check()
-        with np.errstate(all="ignore"):
-            return [
-                (model.output(u, self.state(theta, k)) - y)[self.transient :] for k, (u, y) in enumerate(self.segments)
-            ]
+        model, runs = self._run(theta)
+        return [
+            (run.y[:: model.oversampling] - y)[self.transient :]
+            for run, (_, y) in zip(runs, self.segments, strict=True)
+        ]
+
+    def _run(self, theta: Array) -> tuple[FeedbackModel, list[LoopSignals]]:
+        """The model and its runs; those of the last θ are kept, as a search linearises where it has found a residual.
+
+        Raises:
+            Infeasible: for maps outside their families, or a run that diverges.
+        """
+        if not (self._last and np.array_equal(self._last[0][0], theta)):
+            model = self.at(theta)
+            model.check()
+            runs = [model.trajectory(u, self.state(theta, k)) for k, (u, _) in enumerate(self.segments)]
+            self._last[:] = [(theta.copy(), model, runs)]
+        return self._last[0][1:]
 
     def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
         """Residual and derivative, per segment; the derivative by the states of other segments is zero."""
-        model, free, blocks = self.at(theta), self.spread.shape[1], []
+        (model, runs), free, blocks = self._run(theta), self.spread.shape[1], []
         count = len(model.parameters)
-        for k, (u, y) in enumerate(self.segments):
-            passed = model.trajectory(u, self.state(theta, k))
+        for k, ((u, y), passed) in enumerate(zip(self.segments, runs, strict=True)):
             rows = model.gradient(u, passed)[self.transient :]
             derivative = np.zeros((len(theta), len(rows)))
             with np.errstate(all="ignore"):

@@ -99,16 +99,31 @@ def run(matrix: Array, offsets: Array, tables: Tables, u: Array, state: Array, o
         The number of steps before a signal is not finite, K if there is none.
     """
     n, m = len(state), len(offsets) - 1
-    new = np.empty(n)
+    all_x, all_z, all_w, y = out.x, out.z, out.w, out.y
+    first, edges, origins, coefficients, signs = tables
+    degree = coefficients.shape[1] - 1
+    new, w = np.empty(n + 1), np.empty(m)
     for t in range(len(u)):
-        x, z, w = out.x[t], out.z[t], out.w[t]
-        x[:] = state
+        for j in range(n):
+            all_x[t, j] = state[j]
         for i in range(m):
-            total = offsets[i] + matrix[n + i, n] * u[t]
+            z = offsets[i] + matrix[n + i, n] * u[t]
             for j in range(n):
-                total += matrix[n + i, j] * state[j]
-            z[i] = total
-            w[i] = _value(tables, i, total)
+                z += matrix[n + i, j] * state[j]
+            low, high = first[i], first[i + 1] - 1
+            while low < high:  # the last piece whose edge is not above z
+                middle = (low + high + 1) // 2
+                if edges[middle] <= z:
+                    low = middle
+                else:
+                    high = middle - 1
+            h, value = z - origins[low], coefficients[low, degree]
+            for k in range(degree - 1, -1, -1):
+                value = value * h + coefficients[low, k]
+            jump, width = signs[i, 0], signs[i, 1]
+            if jump != 0.0:
+                value += jump * (np.tanh(z / width) if width > 0.0 else np.sign(z))
+            all_z[t, i], all_w[t, i], w[i] = z, value, value
         for i in range(n + 1):
             row = i if i < n else n + m
             total = matrix[row, n] * u[t]
@@ -116,37 +131,16 @@ def run(matrix: Array, offsets: Array, tables: Tables, u: Array, state: Array, o
                 total += matrix[row, j] * state[j]
             for j in range(m):
                 total += matrix[row, n + 1 + j] * w[j]
-            if i < n:
-                new[i] = total
-            else:
-                out.y[t] = total + offsets[m]
-        if not np.isfinite(out.y[t]):
+            new[i] = total
+        y[t] = new[n] + offsets[m]
+        if not np.isfinite(y[t]):
             return t
-        state[:] = new
+        for j in range(n):
+            state[j] = new[j]
     for j in range(n):
         if not np.isfinite(state[j]):
             return len(u) - 1
     return len(u)
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _value(tables: Tables, which: int, x: float) -> float:
-    """The value of one map."""
-    low, high = tables.first[which], tables.first[which + 1] - 1
-    while low < high:  # the last piece whose edge is not above x
-        middle = (low + high + 1) // 2
-        if tables.edges[middle] <= x:
-            low = middle
-        else:
-            high = middle - 1
-    h, row = x - tables.origins[low], tables.coefficients[low]
-    value = float(row[-1])
-    for k in range(len(row) - 2, -1, -1):
-        value = value * h + row[k]
-    jump, width = tables.signs[which]
-    if jump != 0.0:
-        value += jump * (np.tanh(x / width) if width > 0.0 else np.sign(x))
-    return value
 
 
 def run_reference(
@@ -201,35 +195,68 @@ def derivative(
     of_maps = to_output + width
     of_offsets = of_maps + q
     p = of_offsets + m + 1 + n
-    now, new = np.zeros((n, p)), np.zeros((n, p))
-    dw, dy = np.zeros((m, p)), np.zeros(p)
+    now, new = np.zeros((n, p)), np.empty((n + 1, p))
+    closed, back = np.empty((n + 1, n)), np.empty((m, n))
     for j in range(n):
         now[j, p - n + j] = 1.0
     for t in range(len(u)):
-        for i in range(m):
-            row = dw[i]
-            _combined(row, matrix[n + i], now)
-            base = to_maps + i * (n + 1)
+        for k in range(m):
             for j in range(n):
-                row[base + j] += x[t, j]
-            row[base + n] += u[t]
-            row[of_offsets + i] += 1.0
-            for j in range(p):
-                row[j] *= slopes[t, i]
+                back[k, j] = slopes[t, k] * matrix[n + k, j]
+        rows = n + 1 if t % every == 0 else n  # the last one is that of y
+        for i in range(rows):
+            row = i if i < n else n + m
+            for j in range(n):
+                closed[i, j] = matrix[row, j]
+                for k in range(m):
+                    closed[i, j] += matrix[row, n + 1 + k] * back[k, j]
+        multiply(closed, now, rows, new)
+        for i in range(rows):
+            row, own = (i, i * width) if i < n else (n + m, to_output)
+            for j in range(n):
+                new[i, own + j] += x[t, j]
+            new[i, own + n] += u[t]
+            for k in range(m):
+                new[i, own + n + 1 + k] += w[t, k]
+                through = matrix[row, n + 1 + k] * slopes[t, k]
+                of_z = to_maps + k * (n + 1)
+                for j in range(n):
+                    new[i, of_z + j] += through * x[t, j]
+                new[i, of_z + n] += through * u[t]
+                new[i, of_offsets + k] += through
             for j in range(q):
-                if owners[j] == i:
-                    row[of_maps + j] += gradient[t, j]
-        if t % every == 0:
-            _combined(dy, matrix[n + m], now)
-            _through(dy, matrix[n + m], dw, n)
-            _explicit(dy, to_output, x[t], u[t], w[t])
-            dy[of_offsets + m] += 1.0
-            out[t // every] = dy
+                new[i, of_maps + j] += matrix[row, n + 1 + owners[j]] * gradient[t, j]
+        if rows > n:
+            new[n, of_offsets + m] += 1.0
+            for k in range(p):
+                out[t // every, k] = new[n, k]
         for i in range(n):
-            _combined(new[i], matrix[i], now)
-            _through(new[i], matrix[i], dw, n)
-            _explicit(new[i], i * width, x[t], u[t], w[t])
-        now, new = new, now
+            for k in range(p):
+                now[i, k] = new[i, k]
+
+
+@numba.njit(cache=True, nogil=True)
+def multiply(factors: Array, states: Array, rows: int, out: Array) -> None:
+    """The first rows of factors·states: vectors of four states, of two and of one at a time."""
+    n, width = states.shape
+    for i in range(rows):
+        for k in range(width):
+            out[i, k] = 0.0
+        j = 0
+        while j + 4 <= n:
+            a, b, c, d = factors[i, j], factors[i, j + 1], factors[i, j + 2], factors[i, j + 3]
+            for k in range(width):
+                out[i, k] += a * states[j, k] + b * states[j + 1, k] + c * states[j + 2, k] + d * states[j + 3, k]
+            j += 4
+        if j + 2 <= n:
+            a, b = factors[i, j], factors[i, j + 1]
+            for k in range(width):
+                out[i, k] += a * states[j, k] + b * states[j + 1, k]
+            j += 2
+        if j < n:
+            a = factors[i, j]
+            for k in range(width):
+                out[i, k] += a * states[j, k]
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -250,17 +277,6 @@ def _through(row: Array, factors: Array, dw: Array, n: int) -> None:
         if factor != 0.0:
             for k in range(len(row)):
                 row[k] += factor * dw[i, k]
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _explicit(row: Array, base: int, x: Array, u: float, w: Array) -> None:
-    """Add the signals that the elements of one row of M multiply."""
-    n = len(x)
-    for j in range(n):
-        row[base + j] += x[j]
-    row[base + n] += u
-    for j in range(len(w)):
-        row[base + n + 1 + j] += w[j]
 
 
 @numba.njit(cache=True, nogil=True)

@@ -23,12 +23,14 @@ from emsid.models.feedback.fitting import fit_feedback, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search import choice, estimation, trials
 from emsid.models.feedback.search.choice import chosen
+from emsid.models.feedback.search.directions import Direction
 from emsid.models.feedback.search.magnitudes import as_feedback, of_magnitudes
-from emsid.models.feedback.search.starts import Direction, started_beside_line
+from emsid.models.feedback.search.starts import started_beside_line
 from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Steps, Trial
 from emsid.models.feedback.start import starting
 from emsid.models.free_run import squared_errors
 from emsid.models.one_channel import segments_longer_than
+from emsid.record import concatenate
 from emsid.selection.improvement import StretchErrors
 from test_models_contract import DT, LOOP, MAPS, TWO_LOOPS
 
@@ -432,6 +434,23 @@ def test_a_direction_explains_a_slow_residual() -> None:
     some = Direction(np.zeros(3), np.zeros(3), np.zeros(0), np.zeros(0), 0.2 * rng.normal(size=700), 1.0, 9)
     assert some.explains(700)
     assert not replace(some, left=0.9 * slow).explains(700)
+
+
+def test_no_map_is_added_to_noise() -> None:
+    """A direction explains some of the noise of one segment of eight, and nothing of the others."""
+    truth, rng = loop(), np.random.default_rng(13)
+    u = rng.normal(size=2400)
+    noisy = truth.output(u, X) + 0.02 * rng.normal(size=len(u))
+    record = concatenate([Record(u, noisy, DT)[k : k + 300] for k in range(0, 2400, 300)])
+    bench = Bench.of([record], FeedbackSearch(held_back=0.0), FREE)
+    found = searched(truth, bench.segments(truth), 0, 5)
+    trial = bench.judged(found, family_of("polynomial"), 3)
+    assert bench.leaves_noise(trial)
+    assert not list(choice._second_map(bench, trial, FeedbackSearch()))
+    linear = bench.linear(2, Steps(1, False), 0)
+    assert bench.more_than_noise(linear)
+    assert not bench.leaves_noise(replace(trial, found=linear))
+    assert all(len(way.left) == linear.minimum.samples for way in bench.directions(linear))
 
 
 def test_models_are_tried_on_a_larger_input_and_backward_in_time() -> None:

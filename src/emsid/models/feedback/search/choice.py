@@ -32,7 +32,7 @@ from emsid.models.feedback.coordinates import with_line
 from emsid.models.feedback.fitting import Found, visited
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.magnitudes import BEHIND, KNOTS, MAGNITUDE, of_magnitudes
-from emsid.models.feedback.search.starts import Direction, directions_for, started_beside_line, with_one_map_more
+from emsid.models.feedback.search.starts import started_beside_line, with_one_map_more
 from emsid.models.feedback.search.trials import LONGEST, MOST_ORDERS, Bench, FeedbackSearch, Steps, Trial
 from emsid.models.one_channel import segments_longer_than
 from emsid.record import Record
@@ -84,8 +84,8 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
         steps = (_sooner, _faster, _other_families, _second_map, _third_map, _sooner)
     for step in steps:
         begun = [best]
-        if step in (_faster, _second_map) and (other := _runner_up(tried, best)) is not None:
-            begun.append(other)
+        if step in (_faster, _second_map) and not bench.leaves_noise(best):
+            begun += _runner_up(tried, best)
         for each in begun:
             for trial in step(bench, each, settings):
                 tried.append(trial)
@@ -94,10 +94,11 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
                     yield best
 
 
-def _runner_up(tried: Sequence[Trial], best: Trial) -> Trial | None:
+def _runner_up(tried: Sequence[Trial], best: Trial) -> list[Trial]:
     """The best model with a map of another family than that of the best of all, if its error is not far larger."""
     others = [each for each in tried if each.family is not best.family and np.isfinite(each.errors.mean)]
-    return min((each for each in others if not _hopeless(each, best)), key=lambda each: each.errors.mean, default=None)
+    near = [each for each in others if not _hopeless(each, best)]
+    return sorted(near, key=lambda each: each.errors.mean)[:1]
 
 
 def _hopeless(trial: Trial, best: Trial) -> bool:
@@ -179,14 +180,13 @@ def _bent(bench: Bench, linear: Trial, families: Sequence[tuple[Family, int]]) -
     None where no direction explains more than noise, or the model diverges with each map.
     """
     found, trials = linear.found, list[Trial]()
-    ways = directions_for(found, bench.segments(found.model), found.model.edge, bench.rng)
-    if not ways or not ways[0].explains(found.minimum.samples):
+    if not bench.more_than_noise(found):
         return []
     for family, size in families:
         if family.name == RESERVE and any(bench.prefers(trial, linear) for trial in trials):
             break
         with suppress(EmsidError):
-            trials.append(_with_map(bench, found, family, size, ways))
+            trials.append(_with_map(bench, found, family, size))
     return trials
 
 
@@ -197,15 +197,15 @@ def _families(settings: FeedbackSearch) -> list[tuple[Family, int]]:
     return [(family_of(name), size) for name, size in FIRST]
 
 
-def _with_map(bench: Bench, found: Found, family: Family, size: int, ways: Sequence[Direction] | None = None) -> Trial:
-    """The trial with one map more, in the directions that explain most; these are looked for if they are not given.
+def _with_map(bench: Bench, found: Found, family: Family, size: int) -> Trial:
+    """The trial with one map more, in the directions that explain most.
 
     Raises:
         ModelError: if all directions diverge.
     """
     model = found.model
     segments, size = bench.segments(model), _size(family, size)
-    ways = directions_for(found, segments, model.edge, bench.rng) if ways is None else ways
+    ways = bench.directions(found)
     start = with_one_map_more(found, segments, model.edge, family, size, ways, control=bench.control)
     if start is None:
         raise ModelError(f"{model.name}: with a map in its feedback the model diverges; choose another order")
@@ -227,18 +227,31 @@ def _sooner(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Tri
 
 def _faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
     """With more steps per sample."""
-    order = best.found.model.states
-    fewer = [order - 1] if settings.order is None and order > 1 else []  # what made up for the steps may go
     if settings.oversampling is not None:
         return
-    for held in (False, True) if settings.held is None else (settings.held,):
-        for each in (order, *fewer):
-            bench.control.doing(f"two steps per sample, order {each}")
-            try:
-                linear = bench.linear(each, Steps(2, held), best.found.model.delay)
-                yield _with_map(bench, linear, best.family, best.size)
-            except EmsidError:
-                continue
+    order, delay = best.found.model.states, best.found.model.delay
+
+    def trial(order: int, held: bool) -> Trial | None:
+        bench.control.doing(f"two steps per sample, order {order}")
+        with suppress(EmsidError):
+            return _with_map(bench, bench.linear(order, Steps(2, held), delay), best.family, best.size)
+        return None
+
+    ways = (False, True) if settings.held is None else (settings.held,)
+    tried = [found for held in ways if (found := trial(order, held)) is not None]
+    yield from tried
+    if settings.order is not None or not tried:
+        return
+    now = min(tried, key=lambda each: each.errors.mean)
+    while order > 1:  # what made up for the steps may go
+        order -= 1
+        fewer = trial(order, now.found.model.held)
+        if fewer is None:
+            return
+        yield fewer
+        if not bench.prefers(fewer, now):
+            return
+        now = fewer
 
 
 def _other_families(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
@@ -280,16 +293,14 @@ def _one_map_more(
 ) -> Iterator[Trial]:
     """With a map more of each of these families, where samples suffice for it and more than noise is left."""
     samples, number = sum(map(len, bench.shown)), len(best.found.model.maps) + 1
-    model = best.found.model
-    ways = directions_for(best.found, bench.segments(model), model.edge, bench.rng)
-    if not ways or (settings.maps is None and not ways[0].explains(best.found.minimum.samples)):
+    if settings.maps is None and not bench.more_than_noise(best.found):
         return
     for family, size in names:
         if settings.maps is None and samples < PER_KNOT * _size(family, size):
             continue
         bench.control.doing(f"{ORDINALS[number]} map: {family.name}")
         with suppress(EmsidError):
-            yield _with_map(bench, best.found, family, size, ways)
+            yield _with_map(bench, best.found, family, size)
 
 
 def with_family(

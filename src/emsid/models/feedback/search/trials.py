@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.uncertainty.coloured_residuals import effective_samples
+from emsid.estimation.uncertainty.coloured_residuals import autoregression, effective_samples
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.feedback.fitting import Found, searched
 from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.search.directions import Direction, directions_for
 from emsid.models.feedback.search.starts import linear_start
 from emsid.models.free_run import squared_errors
 from emsid.models.one_channel import Segments, segments_longer_than
@@ -104,6 +105,7 @@ class Bench:
         rng: for directions.
         linear_models: those that were fitted, by order, steps and delay.
         folds: the errors on parts that are left out, by the identity of the trial.
+        ways: the directions in which a map more explains what a model misses, by its identity.
     """
 
     shown: Sequence[Record]
@@ -113,6 +115,7 @@ class Bench:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     linear_models: dict[tuple[int, Steps, int], Found] = field(default_factory=dict)
     folds: dict[int, tuple[Trial, StretchErrors]] = field(default_factory=dict)
+    ways: dict[int, tuple[Found, list[Direction]]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Bench:
@@ -147,13 +150,30 @@ class Bench:
             self.linear_models[order, steps, delay] = found
         return found
 
+    def directions(self, found: Found) -> list[Direction]:
+        """The directions of a map more, the best first."""
+        key = id(found)
+        if key not in self.ways:
+            self.ways[key] = found, directions_for(found, self.segments(found.model), found.model.edge, self.rng)
+        return self.ways[key][1]
+
+    def more_than_noise(self, found: Found) -> bool:
+        """Whether a map more explains more than noise."""
+        ways = self.directions(found)
+        return bool(ways) and ways[0].explains(found.minimum.samples)
+
+    def leaves_noise(self, trial: Trial) -> bool:
+        """Whether a model leaves white noise, of which a map more explains no more than chance."""
+        polynomial, _ = autoregression(trial.found.minimum.residuals)
+        return len(polynomial) == 1 and not self.more_than_noise(trial.found)
+
     def refined(self, model: FeedbackModel, states: Sequence[Array] | None, family: Family, size: int) -> Trial:
         """A model fitted from a start, and from its initial states if they are known.
 
         Raises:
             ModelError: where its run diverges.
         """
-        found = searched(model, self.segments(model), model.edge, STEPS, 0.1, self.control, states=states)
+        found = searched(model, self.segments(model), model.edge, STEPS, 0.1, self.control, SAVING, states)
         return self.judged(found, family, size)
 
     def judged(self, found: Found, family: Family, size: int) -> Trial:

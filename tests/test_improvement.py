@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.free_run import free_run_error, mean_squared_error
 from emsid.record import hold_back
 from emsid.record.holding_back import FOLDS, LEAST_PART, choice_and_headline, hold_back_records, validation_splits
-from emsid.selection.improvement import CHANCE, NEGLIGIBLE, StretchErrors, better, better_by_ratio
+from emsid.selection.improvement import CHANCE, NEGLIGIBLE, StretchErrors, better, better_by_ratio, simplest
 from source_tree import nodes_of
 
 SOURCES = Path(emsid.__file__).parent
@@ -158,3 +159,20 @@ def test_a_free_run_error_covers_all_records_after_their_transients() -> None:
     assert free_run_error(Narx(arx(1, 1), np.array([-3.0, 1.0]), 0.1), records) == np.inf
     still = Cascade((Rational([0.0]),))
     assert free_run_error(still, records[:1]) == mean_squared_error(records[0].output, np.zeros((40, 1)))
+
+
+def test_the_simplest_model_has_no_smaller_one_with_a_smaller_error():
+    class Of(NamedTuple):
+        size: int
+        errors: StretchErrors
+
+    rng = np.random.default_rng(4)
+    samples = np.full(16, 100.0)
+    means = rng.uniform(0.9, 1.1, 16)
+    best = Of(8, StretchErrors(means, samples))
+    certain = Of(4, StretchErrors(1.05 * means, samples))  # worse by little, in every stretch
+    uncertain = Of(6, StretchErrors(1.1 * means + np.tile([0.6, -0.6], 8), samples))  # worse by more, in half of them
+    assert better(best.errors, certain.errors)
+    assert not better(best.errors, uncertain.errors)
+    assert simplest([best, uncertain], size=lambda each: each.size) is uncertain
+    assert simplest([best, certain, uncertain], size=lambda each: each.size) is certain

@@ -149,7 +149,10 @@ class Compared(Protocol):
 def simplest(
     models: Sequence[T], size: Callable[[T], int], *, as_good: Callable[[T, T], bool] = lambda model, best: True
 ) -> T:
-    """The simplest model that is as good as the best, within noise.
+    """The simplest model that is as good as the best, within noise; a smaller one with a smaller error replaces it.
+
+    Noise of paired differences is not the same for every pair: against the best model, a small difference may be
+    certain and a larger one may be chance.
 
     Args:
         models: at least one.
@@ -158,7 +161,9 @@ def simplest(
     """
     best = min(models, key=lambda each: each.errors.mean)
     good = [each for each in models if each is best or (as_good(each, best) and not better(best.errors, each.errors))]
-    return min(good, key=lambda each: (size(each), each.errors.mean))
+    most = min(map(size, good))
+    small = [each for each in models if size(each) <= most and (each is best or as_good(each, best))]
+    return min(small, key=lambda each: (each.errors.mean, size(each)))
 
 
 def front(

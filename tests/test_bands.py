@@ -86,6 +86,77 @@ def test_bands_cover_the_truth_as_often_as_they_say():
     assert np.all(shares < 1.0)
 
 
+def covered(curve, truth):
+    """The share of a curve's band that contains the truth, where the band has a width."""
+    low, high = curve.low, curve.high
+    return np.mean(((low <= truth) & (truth <= high))[high > low])
+
+
+def of_cascades(seed):
+    known = record(seed, of=lambda u: np.sign(u) * np.maximum(np.abs(u) - 0.3, 0.0))
+    fit = emsid.fit(emsid.Cascade((DeadZone(-0.2, 0.2, 1, 1), Rational([0.2], [-0.8], 1))), known)
+    step = step_response_band(fit, known, size=1.0, start=0.0)
+    yield covered(step, lfilter([0.0, GAIN * (1 - POLE)], [1.0, -POLE], np.full(len(step.x), 0.7))[:, None])
+    response = frequency_response_band(fit, DT).magnitude
+    z = np.exp(-2j * np.pi * response.x * DT)
+    yield covered(response, 20 * np.log10(np.abs((1 - POLE) * z / (1 - POLE * z))))  # the gain is in the map
+
+
+def of_regressions(seed):
+    rng = np.random.default_rng(seed)
+    u, y = np.repeat(rng.uniform(-3, 3, 100), 6), np.zeros(600)
+    for k in range(599):
+        y[k + 1] = POLE * y[k] + 0.3 * u[k] - 0.1 * np.tanh(y[k] / 0.3)
+    known = emsid.Record(u, y + 0.02 * rng.standard_normal(600), DT)
+    fit = emsid.fit(emsid.Structure.parse("y(t-1)", "u(t-1)", "tanh(y(t-1)/0.3)"), known, free_run=True)
+    friction, levels = friction_band(fit, known), static_map_band(fit, known)
+    yield covered(friction, np.tanh(friction.x / 0.3) / 3)
+    yield covered(levels, levels.x * 0.3 / (1 - POLE))
+
+
+def of_feedback(seed):
+    def run(u):
+        y = np.zeros(len(u))
+        for k in range(len(u) - 1):
+            y[k + 1] = 0.5 * y[k] + 0.5 * u[k] - 0.25 * np.clip(y[k], -1, 1)
+        return y
+
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-4, 4, 100), 6)
+    known = emsid.Record(u, run(u) + 0.05 * rng.standard_normal(600), DT)
+    start = emsid.FeedbackModel([[0.55, 0.45, -0.2], [1, 0, 0], [1, 0, 0]], (emsid.blocks.Saturation(),), dt=DT)
+    fit = emsid.fit(start, known)
+    levels, step = static_map_band(fit, known), step_response_band(fit, known, size=3.0, start=0.0)
+    yield covered(levels, np.where(np.abs(levels.x) < 1.5, levels.x / 1.5, levels.x - 0.5 * np.sign(levels.x)))
+    yield covered(step, run(np.full(len(step.x) + 1, 3.0))[:-1, None])
+
+
+def of_plants(seed):
+    rng, signals = np.random.default_rng(seed), (emsid.plants.Signal.SPEED,)
+    u, plant = np.repeat(rng.uniform(-10, 10, 60), 15)[:, None], emsid.plants.rigid_motor()
+    y = plant.simulate(u, 0.005, np.zeros(2), signals)
+    noisy = y + 0.5 * rng.standard_normal(y.shape)
+    fit = emsid.fit(plant, emsid.Record(u, noisy, 0.005, input_units=("V",), output_units=("rad/s",)))
+    friction, zone = emsid.plants.friction_curve(fit), emsid.plants.dead_zone_curve(fit)
+    yield covered(friction, plant.friction_characteristic().law(friction.x))
+    yield covered(zone, plant.dead_zone_characteristic().law(zone.x))
+
+
+@pytest.mark.parametrize(
+    ("of_kind", "records"),
+    [
+        (of_cascades, 12),
+        (of_regressions, 20),
+        pytest.param(of_feedback, 40, marks=pytest.mark.long),
+        pytest.param(of_plants, 20, marks=pytest.mark.long),
+    ],
+)
+def test_bands_of_nonlinear_models_contain_the_truth(of_kind, records):
+    """The points of a curve are dependent, so each counts as one number: at least three standard errors below 0.95."""
+    shares = np.mean([list(of_kind(seed)) for seed in range(records)], axis=0)
+    assert np.all(shares > 0.95 - 3 * np.sqrt(0.95 * 0.05 / records))
+
+
 def test_a_cascade_has_the_bands_of_its_map_and_of_its_filters_in_a_row():
     known = record(3, of=lambda u: np.sign(u) * np.maximum(np.abs(u) - 0.3, 0.0))
     model = emsid.Cascade((DeadZone(-0.3, 0.3), Rational([0.1], [-POLE], 1)), name="hammerstein", dt=DT)

@@ -9,10 +9,12 @@ import pytest
 
 import emsid
 from emsid.findings import plain
+from emsid.identification.curves import curves
 from emsid.identification.options import Options
 from emsid.identification.result_format import FORMAT, VERSION, ResultFile, checked, schema
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.estimation import simulation_error
+from emsid.validation import step_response_band
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
@@ -60,6 +62,47 @@ def test_every_finding_and_profile_is_there(result, written):
     assert any(each["code"] == "model-failed" for each in written["findings"])  # wiener has one filter, not two
     (profile,) = written["profiles"]
     assert (profile["model"], profile["name"]) == ("linear-axis", "mass")
+
+
+def test_the_curves_of_the_chosen_model_are_there_with_their_bands(result, written):
+    assert result.chosen.model.name == "linear-axis"
+    found = {each["kind"]: each for each in written["curves"]}
+    assert list(found) == ["step response", "magnitude", "phase", "friction"]
+    force = found["friction"]
+    assert (force["x_name"], force["x_unit"], force["unit"]) == ("Speed v", "m/s", "N")
+    band = emsid.plants.friction_curve(result.chosen)
+    for name, values in {"x": band.x, "value": band.y, "low": band.low, "high": band.high}.items():
+        np.testing.assert_allclose(force[name], values, rtol=1e-5, atol=1e-9)
+    step = step_response_band(result.chosen, result.record)
+    np.testing.assert_allclose(found["step response"]["high"], step.high[:, 0], rtol=1e-5, atol=1e-9)
+    assert (found["step response"]["x_unit"], found["step response"]["unit"]) == ("s", "m")
+
+
+def test_every_kind_of_model_has_its_curves_and_a_fit_without_intervals_no_band():
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-1, 1, (100, 2)), 6, axis=0)
+    y = np.zeros((600, 2))
+    for k in range(599):
+        y[k + 1] = 0.9 * y[k] + 0.1 * u[k] @ [[1.0, 0.5], [0.2, 2.0]]
+    y += 0.01 * rng.standard_normal(y.shape)
+    both = emsid.Record(u, y, 0.01, input_units=("V", "V"), output_units=("rad/s", "A"))
+    several = curves(emsid.fit(emsid.state_space(order=2), both), both)
+    paths = [(each.kind, each.input, each.output, each.unit) for each in several]
+    assert paths[:4] == [("step response", f"u{k}", f"y{i}", ("rad/s", "A")[i - 1]) for k in (1, 2) for i in (1, 2)]
+    assert paths[4:6] == [("magnitude", "u1", "y1", "dB"), ("phase", "u1", "y1", "deg")]
+    assert len(paths) == 12
+    assert all(np.all(each.low <= each.high) for each in several)
+
+    one = emsid.Record(u[:, 0], y[:, 0], 0.01, input_units=("V",), output_units=("rad/s",))
+    terms = emsid.Structure.parse("y(t-1)", "u(t-1)", "sign(y(t-1))")
+    fit = emsid.fit(terms, one, free_run=True)
+    kinds = ["step response", "magnitude", "phase", "static map", "friction"]
+    assert [each.kind for each in curves(fit, one)] == kinds
+    assert curves(fit, one)[-1].unit == "V"
+    assert all(np.isfinite(each.low).any() for each in curves(fit, one))
+    without = curves(emsid.fit(terms, one), one)  # one step ahead, with noise in the output
+    assert [each.kind for each in without] == kinds
+    assert all(np.isnan(each.low).all() and np.isfinite(each.value).all() for each in without)
 
 
 def test_what_is_not_finite_is_null():

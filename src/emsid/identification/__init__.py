@@ -1,6 +1,7 @@
 """Identification: fit several models to records and rank them."""
 
 from emsid.identification.characteristics import Characteristic
+from emsid.identification.curves import BandedCurve, curves
 from emsid.identification.options import Options
 from emsid.identification.ranking import FrontRow, Ranked
 from emsid.identification.result import Identification
@@ -8,6 +9,7 @@ from emsid.identification.workflow import Elsewhere, identify
 from emsid.selection.improvement import StretchErrors
 
 __all__ = [
+    "BandedCurve",
     "Characteristic",
     "Elsewhere",
     "FrontRow",
@@ -15,5 +17,6 @@ __all__ = [
     "Options",
     "Ranked",
     "StretchErrors",
+    "curves",
     "identify",
 ]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from emsid.findings import Finding, plain
 from emsid.identification.characteristics import Characteristic, characteristics
 from emsid.identification.conclusions import next_steps, verdicts
+from emsid.identification.curves import BandedCurve, curves
 from emsid.identification.ranking import FrontRow, Ranked, front_rows
 from emsid.identification.recommendation import experiment, recommendation
 from emsid.presentation import Presented
@@ -114,6 +115,11 @@ class Identification(Presented):
         return characteristics(self.on_unseen, self.record)
 
     @cached_property
+    def curves(self) -> tuple[BandedCurve, ...]:
+        """Responses, static map, friction and dead zone of the chosen model with 95 % bands, as far as it has them."""
+        return curves(self.chosen, self.record)
+
+    @cached_property
     def verdicts(self) -> tuple[Finding, ...]:
         """Whether the residual of the best free run still depends on the input, for every output."""
         return verdicts(self.on_unseen.best)
@@ -150,6 +156,7 @@ class Identification(Presented):
             "profiles": [{"model": name} | each.to_data() for name, some in self.profiles.items() for each in some],
             "findings": [finding.to_data() for finding in self.findings],
             "characteristics": [each.to_data() for each in self.characteristics],
+            "curves": [each.to_data() for each in self.curves],
             "recommendation": [finding.to_data() for finding in self.recommendation],
             "verdicts": [finding.to_data() for finding in self.model_verdicts],
             "residual": [finding.to_data() for finding in self.verdicts],

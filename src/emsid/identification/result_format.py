@@ -13,7 +13,7 @@ import msgspec
 
 from emsid.errors import FormatError
 
-FORMAT, VERSION = "emsid result", 4
+FORMAT, VERSION = "emsid result", 5
 
 Number = float | None
 
@@ -176,6 +176,28 @@ class CharacteristicData(msgspec.Struct, forbid_unknown_fields=True):
     model: str
 
 
+class CurveData(msgspec.Struct, forbid_unknown_fields=True):
+    """A curve of the recommended model with its 95 % band; ``low`` and ``high`` are null without intervals.
+
+    ``kind`` is ``step response``, ``magnitude`` or ``phase`` (of the frequency response), ``static map``, ``friction``
+    or ``dead zone``.
+    """
+
+    model: str
+    kind: str
+    x_name: str
+    x_unit: str
+    name: str
+    unit: str
+    input: str
+    output: str
+    x: list[Number]
+    value: list[Number]
+    low: list[Number]
+    high: list[Number]
+    level: float
+
+
 class ResultFile(msgspec.Struct, forbid_unknown_fields=True):
     """All of ``result.json``."""
 
@@ -191,6 +213,7 @@ class ResultFile(msgspec.Struct, forbid_unknown_fields=True):
     profiles: list[ProfileData]
     findings: list[FindingData]
     characteristics: list[CharacteristicData]
+    curves: list[CurveData]
     recommendation: list[FindingData]
     verdicts: list[FindingData]
     residual: list[FindingData]

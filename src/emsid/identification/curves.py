@@ -1,0 +1,177 @@
+"""The curves of a fitted model with their confidence bands, as numbers for a file: what the page draws.
+
+A curve that a model does not have is left out: a static map of a model that does not come to rest, friction of a model
+without any. See `emsid.validation.bands` for the meaning of every curve and its band.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import EmsidError
+from emsid.estimation.fit import Fit
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.plants.search.diagnostics import Curve, dead_zone_curve, friction_curve
+from emsid.models.plants.search.result import GreyBoxFit
+from emsid.record import Record
+from emsid.validation.bands import (
+    Band,
+    frequency_response_band,
+    friction_band,
+    static_map_band,
+    step_response_band,
+    usual_step,
+)
+
+Array = NDArray[np.float64]
+Quantity = tuple[str, str]
+"""A name and a unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class BandedCurve:
+    """A curve of a model with its band.
+
+    Attributes:
+        model: its name.
+        kind: ``step response``, ``magnitude`` or ``phase`` (of the frequency response), ``static map``, ``friction`` or
+            ``dead zone``.
+        x_name, x_unit, name, unit: of the two axes; units are empty where they are not known.
+        input, output: channels of the record that a response leads from and to.
+        x: (m,) values on the first axis.
+        value, low, high: (m,) the curve, and the edges of its band; these are NaN for a fit without intervals.
+        level: of the band.
+    """
+
+    model: str
+    kind: str
+    x_name: str
+    x_unit: str
+    name: str
+    unit: str
+    input: str
+    output: str
+    x: Array
+    value: Array
+    low: Array
+    high: Array
+    level: float
+
+    def to_data(self) -> dict[str, Any]:
+        """By name, numbers as lists with six digits."""
+        arrays = {name: _six_digits(getattr(self, name)) for name in ("x", "value", "low", "high")}
+        return vars(self) | arrays
+
+
+def curves(fit: Fit[Any], record: Record, *, level: float = 0.95) -> tuple[BandedCurve, ...]:
+    """Step and frequency responses of all channels, static map, friction and dead zone, as far as the model has them.
+
+    Args:
+        fit: of any kind of model.
+        record: with its sample time, channels and ranges.
+        level: of the bands.
+    """
+    found: list[BandedCurve] = []
+    for view in _views(fit, record, level):
+        with suppress(EmsidError):
+            found += view()
+    return tuple(found)
+
+
+def _views(fit: Fit[Any], record: Record, level: float) -> Iterator[Callable[[], list[BandedCurve]]]:
+    inputs, outputs = range(record.input.shape[1]), range(record.output.shape[1])
+    for k in inputs:
+        yield partial(_step, fit, record, k, level)
+    for i, k in product(outputs, inputs):
+        yield partial(_frequency, fit, record, i, k, level)
+    if isinstance(fit, GreyBoxFit):
+        yield partial(_of_plant, fit, record, level)
+    else:
+        yield partial(_static_map, fit, record, level)
+        yield partial(_friction, fit, record, level)
+
+
+def _step(fit: Fit[Any], record: Record, input: int, level: float) -> list[BandedCurve]:
+    band = step_response_band(fit, record, input=input, level=level)
+    make = partial(_banded, fit, record, "step response", band, ("time", "s"), input=input)
+    return [make(_output(record, k), output=k, column=k) for k in range(band.value.shape[1])]
+
+
+def _frequency(fit: Fit[Any], record: Record, output: int, input: int, level: float) -> list[BandedCurve]:
+    around = usual_step(record.input[:, input])[1]
+    both = frequency_response_band(fit, record.dt, output=output, input=input, around=around, level=level)
+    return [
+        _banded(fit, record, kind, band, ("frequency", "Hz"), (kind, unit), input=input, output=output)
+        for kind, band, unit in (("magnitude", both.magnitude, "dB"), ("phase", both.phase, "deg"))
+    ]
+
+
+def _static_map(fit: Fit[Any], record: Record, level: float) -> list[BandedCurve]:
+    inside = ("input of the map", ""), ("output of the map", "")  # a cascade has no units between its blocks
+    x, y = inside if isinstance(fit.model, Cascade) else (_input(record, 0), _output(record, 0))
+    return [_banded(fit, record, "static map", static_map_band(fit, record, level=level), x, y)]
+
+
+def _friction(fit: Fit[Any], record: Record, level: float) -> list[BandedCurve]:
+    return [
+        _banded(fit, record, "friction", friction_band(fit, record, level=level), _output(record, 0), _input(record, 0))
+    ]
+
+
+def _of_plant(fit: GreyBoxFit, record: Record, level: float) -> list[BandedCurve]:
+    plant, found = fit.model.plant, []
+    friction, zone = plant.friction_characteristic(), plant.dead_zone_characteristic()
+    through = dead_zone_curve(fit, level=level)
+    if friction is not None:
+        found.append(
+            _of_curve(fit, record, "friction", friction_curve(fit, level=level), friction.x, friction.y, level)
+        )
+    if zone is not None and through is not None:
+        found.append(_of_curve(fit, record, "dead zone", through, zone.x, zone.y, level))
+    return found
+
+
+def _of_curve(
+    fit: GreyBoxFit, record: Record, kind: str, curve: Curve, x: Quantity, y: Quantity, level: float
+) -> BandedCurve:
+    edges = curve.x, curve.y, curve.low, curve.high
+    return BandedCurve(fit.model.name, kind, *x, *y, record.input_names[0], record.output_names[0], *edges, level)
+
+
+def _banded(
+    fit: Fit[Any],
+    record: Record,
+    kind: str,
+    band: Band,
+    x: Quantity,
+    y: Quantity,
+    *,
+    input: int = 0,
+    output: int = 0,
+    column: int | None = None,
+) -> BandedCurve:
+    known = bool(np.isfinite(band.standard_error).any())
+    edges = (band.low, band.high) if known else (np.full_like(band.value, np.nan),) * 2
+    value, low, high = (each if column is None else each[:, column] for each in (band.value, *edges))
+    channels = record.input_names[input], record.output_names[output]
+    return BandedCurve(fit.model.name, kind, *x, *y, *channels, band.x, value, low, high, band.level)
+
+
+def _input(record: Record, channel: int) -> Quantity:
+    return record.input_names[channel], record.input_units[channel]
+
+
+def _output(record: Record, channel: int) -> Quantity:
+    return record.output_names[channel], record.output_units[channel]
+
+
+def _six_digits(values: Array) -> list[float]:
+    return [float(f"{value:.6g}") for value in values.tolist()]

@@ -399,6 +399,17 @@ def test_the_proposed_command_works(run: Run, write: Write, tmp_path: Path, colu
     assert status == 0, err
 
 
+def test_reversed_leads_are_turned_in_the_proposed_command(write: Write) -> None:
+    paths = [write({"t": T, "u": U, "y": sign * Y}, f"{sign}.csv") for sign in (1, -1)]
+    right, against = map(describe, paths)
+    assert [words[-2:] == ["--scale", "u=-1"] for words in proposals([right]) + proposals([against])] == [False, True]
+    turned = describe(paths[1], scale={"u": -1})
+    assert "response-negative" not in {each.code for each in turned.findings}
+    assert proposals([turned]) == proposals([against])
+    again = describe(paths[0], scale={"u": -2})
+    assert proposals([again])[0][-2:] == ["--scale", "u=2"]
+
+
 def test_a_file_is_parsed_once(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     from emsid.io import READERS
 
@@ -428,7 +439,7 @@ def test_json_and_a_page(run: Run, write: Write, tmp_path: Path) -> None:
     assert record["guesses"]["input"]["column"] == "u"
     assert record["response"] == {"delay": 1, "sign": -1}
     assert {"response-negative", "excitation-sufficient"} <= {finding["code"] for finding in record["findings"]}
-    assert document["commands"] == [f"emsid identify {path} --input u --output y --time t"]
+    assert document["commands"] == [f"emsid identify {path} --input u --output y --time t --scale u=-1"]
     page = (tmp_path / "page" / "report.html").read_text()
     assert "<svg" in page
     assert document["commands"][0] in re.sub("<[^>]+>", "", page)

@@ -12,6 +12,7 @@ from scipy.signal import cheby1, cheby2, lfilter
 from emsid import Record, concatenate
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear.control import FREE
 from emsid.identification import candidates
 from emsid.identification.options import Options
 from emsid.models.plants.cogging import Cogging
@@ -26,7 +27,7 @@ from emsid.models.plants.search.refinements.catalogue import OF_SHAFT
 from emsid.models.plants.search.refinements.cogging import cogging
 from emsid.models.plants.search.refinements.inductance import inductance
 from emsid.models.plants.search.refinements.quadratic_viscous import quadratic_viscous
-from emsid.models.plants.search.refinements.usual import late_command, slow_sensor
+from emsid.models.plants.search.refinements.usual import coasting_bridge, late_command, slow_sensor
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.support import unsupported
 from emsid.plant import Friction, Motor
@@ -55,6 +56,21 @@ def motor(largest: float = 12.0, **changes: Any) -> Record:
     rng = np.random.default_rng(0)
     u = largest * levels(450, rng, 30)
     return Record(u, truth.run(u, 1e-2)[0][:450] + 0.2 * rng.standard_normal(450), 1e-2, output_units="rad/s")
+
+
+def test_one_mass_is_taken_where_a_shaft_does_not_help(monkeypatch):
+    one_mass = candidates.Physical("", RIGID, (coasting_bridge,))
+    monkeypatch.setitem(candidates.CANDIDATES, "rigid-motor", one_mass)
+    truth = OneMass(gain=25.0, damping=10.0, coulomb=(20.0, 20.0), coasting=1.0, full=12.0, smooth=1e-2)
+    rng = np.random.default_rng(0)
+    u = 12.0 * levels(200, rng, 20)
+    record = Record(u, truth.run(u, 1e-2)[0][:200] + 0.2 * rng.standard_normal(200), 1e-2, output_units="rad/s")
+    alone, with_shaft = one_mass(record, Options()), candidates.Physical("", PLANTS["motor"].start, ())
+    fit = with_shaft(record, Options())
+    assert (fit.model.name, fit.cost) == ("rigid-motor", alone.cost)
+    assert fit.findings[0].code == "no-shaft-needed"
+    assert fit.findings[0].data["ratio"] < 0.5
+    assert with_shaft._without_shaft(record, Options(fixed={"shaft_stiffness": 100.0}), FREE) is None
 
 
 @pytest.mark.parametrize("width", [0.0, 0.1])

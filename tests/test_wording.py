@@ -192,6 +192,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("command-may-be-duty", "rigid-motor", {"channel": "PWM", "full": 255.0}),
     Finding("codes-without-bridge", "rigid-motor", {"codes": [999.0], "nothing": "torque"}),
     Finding("no-shaft-seen", "motor", {"model": "motor", "simpler": "rigid-motor"}),
+    Finding("no-shaft-needed", "motor", {"model": "motor", "simpler": "rigid-motor", "ratio": 0.0834}),
     Finding("nothing-identifiable", "rigid-motor", {"model": "rigid-motor", "channels": ["voltage", "speed"]}),
     Finding(
         "not-identifiable",

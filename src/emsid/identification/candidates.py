@@ -7,13 +7,13 @@ data, a part of the record. Then it is fitted to the whole record.
 from __future__ import annotations
 
 from collections.abc import Iterator, MutableMapping, Sequence
-from dataclasses import dataclass
-from math import inf
+from dataclasses import dataclass, replace
+from math import inf, sqrt
 from typing import Any, ClassVar
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
-from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.findings import Finding
 from emsid.first_look.baseline import ORDERS, baseline
 from emsid.identification.linear_models import Armax, BoxJenkins, StateSpace
@@ -142,7 +142,10 @@ class Physical:
     uses: ClassVar[tuple[str, ...]] = ("fixed", "datasheet", "codes", "free", "recent", "hold", "per_record", "profile")
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
-        """Choose the refinements unless ``free`` is given, then fit to the whole record."""
+        """Choose the refinements unless ``free`` is given, then fit to the whole record.
+
+        A plant with a shaft is one mass where that, with its own refinements, has a smaller error.
+        """
         plant = self.coded(options)
         weighting: Weighting = all_alike
         if options.recent is not None:
@@ -161,19 +164,41 @@ class Physical:
                 per_record=options.per_record,
                 control=control,
             )
+        simpler = self._without_shaft(record, options, control)
         linear = baseline(record, options.nk, ORDERS)
-        return choose(
-            driven,
-            record,
-            fixed=options.fixed,
-            datasheet=options.datasheet,
-            weighting=None if options.recent is None else weighting,
-            hold=options.hold,
-            per_record=options.per_record,
-            refinements=self.refinements,
-            linear=inf if linear is None else (1 - linear.fit) ** 2,
-            control=control,
-        )
+        try:
+            fit = choose(
+                driven,
+                record,
+                fixed=options.fixed,
+                datasheet=options.datasheet,
+                weighting=None if options.recent is None else weighting,
+                hold=options.hold,
+                per_record=options.per_record,
+                refinements=self.refinements,
+                linear=inf if linear is None else (1 - linear.fit) ** 2,
+                control=control,
+            )
+        except Stopped:
+            if simpler is None:
+                raise
+            return simpler
+        if simpler is None or simpler.weighting != fit.weighting or simpler.cost >= fit.cost:
+            return fit
+        data = {"model": fit.model.name, "simpler": simpler.model.name, "ratio": sqrt(simpler.cost / fit.cost)}
+        return replace(simpler, findings=(Finding("no-shaft-needed", fit.model.name, data), *simpler.findings))
+
+    def _without_shaft(self, record: Record, options: Options, control: Control) -> GreyBoxFit | None:
+        """The plant as one mass, fitted with its own refinements; None where it has no shaft, or one that is known."""
+        shaft = self.plant.secondary
+        less = self.plant.simpler(self.plant.default_free)
+        if less is None or shaft & {*options.fixed, *options.datasheet}:
+            return None
+        try:
+            fit = CANDIDATES[less[0].name](record, options, control)
+        except (EmsidError, Stopped):
+            return None
+        return fit if isinstance(fit, GreyBoxFit) else None
 
     def continued(self, fit: Fit[Any], record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Fit the same plant to the whole record, from the estimates of the part.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -252,9 +252,3 @@ def profile_failure(model: str, parameter: str, problem: EmsidError) -> Finding:
 def out_of_time(name: str) -> Finding:
     """A model whose search found nothing within its share of the time."""
     return Finding("model-out-of-time", name, {"model": name})
-
-
-def missing_models(models: Sequence[str], fits: Sequence[Fit[Any]], failed: Sequence[Finding]) -> Finding:
-    """The models that were not reached before the identification was stopped."""
-    done = {fit.model.name for fit in fits} | {finding.model for finding in failed}
-    return Finding("interrupted", data={"missing": [name for name in models if name not in done]})

@@ -27,7 +27,6 @@ from emsid.identification.observations import (
     built_in_values,
     failure,
     fitted_to_all_data,
-    missing_models,
     observations,
     out_of_time,
     profile_failure,
@@ -155,7 +154,7 @@ def identify(
     later = int(whole is not train)
     found = _fit_all(names, train, options, control, finished, None if budget else elsewhere, later)
     found = _with_bootstrap(found, train, bootstrap, seed, control)
-    findings += [missing_models(names, found.fits, found.failed)] if found.stopped else []
+    findings += [Finding("interrupted", data={"missing": list(found.missing)})] if found.stopped else []
     findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
     judged = Compared.of(found.fits, train, test, options, control, outside, transient=transient, divide=not others)
     if later and not (found.stopped or bootstrap):
@@ -220,11 +219,15 @@ def _long_enough(record: Record) -> Record:
 
 @dataclass(frozen=True)
 class _Fits:
-    """The models that were fitted, those that could not be, and whether this was stopped before its end."""
+    """The models that were fitted, those that could not be, whether this was stopped early, and what was not begun.
+
+    What was asked for by one name may be a model of another name, as a motor whose shaft the data do not show.
+    """
 
     fits: tuple[Fit[Any], ...]
     failed: tuple[Finding, ...]
     stopped: bool
+    missing: tuple[str, ...]
 
 
 def _fit_all(
@@ -272,7 +275,9 @@ def _fit_all(
     if not fits:
         raise end or next((problems[name] for name in names if name in problems), Stopped(Ending.OUT_OF_BUDGET))
     failed = [*(failure(name, problems[name]) for name in names if name in problems), *map(out_of_time, late)]
-    return _Fits(tuple(fits[name] for name in names if name in fits), tuple(failed), end is not None)
+    by_model = {fits[name].model.name: fits[name] for name in names if name in fits}
+    missing = [name for name in names if name not in (*fits, *problems, *late)]
+    return _Fits(tuple(by_model.values()), tuple(failed), end is not None, tuple(missing))
 
 
 def _in_turn(names: Sequence[str], elsewhere: Elsewhere | None) -> Iterator[tuple[str, Elsewhere | None]]:
@@ -307,10 +312,10 @@ def _with_bootstrap(found: _Fits, record: Record, count: int, seed: int, control
         try:
             fits[k] = drawn_again(fit, record, count, rng=np.random.default_rng(seed), control=own)
         except Stopped as stop:
-            return _Fits(tuple(fits), tuple(failed), stop.ending is Ending.INTERRUPTED)
+            return _Fits(tuple(fits), tuple(failed), stop.ending is Ending.INTERRUPTED, found.missing)
         except EmsidError as problem:
             failed.append(Finding("no-bootstrap", fit.model.name, {"model": fit.model.name, "problem": str(problem)}))
-    return _Fits(tuple(fits), tuple(failed), stopped=False)
+    return _Fits(tuple(fits), tuple(failed), stopped=False, missing=())
 
 
 def _of_one_model(control: Control, name: str) -> Control:

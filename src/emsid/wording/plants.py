@@ -145,6 +145,15 @@ def no_shaft_seen(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("no-shaft-needed", Severity.WARNING)
+def no_shaft_needed(f: Finding, argument: Spelling) -> str:
+    """Subject: the plant with a shaft. Data: simpler (one mass), ratio (of their errors)."""
+    return (
+        f"one mass ({f.data['simpler']}) with its refinements has {f.data['ratio']:.2g} times the error of a motor "
+        "with a shaft, so it is taken instead"
+    )
+
+
 @words("nothing-identifiable", Severity.PROBLEM)
 def nothing_identifiable(f: Finding, argument: Spelling) -> str:
     return (

@@ -110,8 +110,18 @@ def proposals(looks: "Sequence[FirstLook]") -> list[list[str]]:
         if not USELESS & {finding.code for finding in look.findings}:
             kinds.setdefault((look.kind, look.system), []).append(look)
     return [
-        ["emsid", "identify", *(look.path for look in alike), *as_options(alike[0].reading)] for alike in kinds.values()
+        ["emsid", "identify", *(look.path for look in alike), *as_options(_turned(alike))] for alike in kinds.values()
     ]
+
+
+def _turned(looks: "Sequence[FirstLook]") -> dict[str, Any]:
+    """The reading of files that are read alike, with the sign of the input turned where all answer against it."""
+    reading = dict(looks[0].reading)
+    against = [f.data["input"] for look in looks for f in look.findings if f.code == "response-negative"]
+    if len(against) == len(looks):
+        scale = reading.get("scale", {})
+        reading["scale"] = {**scale, against[0]: -scale.get(against[0], 1)}
+    return reading
 
 
 def as_document(look: "FirstLook") -> dict[str, Any]:

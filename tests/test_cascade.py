@@ -21,7 +21,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.fitting import FreeRun, fit_cascade, freedom, search, static_band
 from emsid.models.blocks.gain import fixed_gains, normalised, unit_gain, unit_slope
-from emsid.models.blocks.search.choice import FINISHED, Plan, promising, unseen_errors
+from emsid.models.blocks.search.choice import FINISHED, Plan, promising, refined_first, unseen_errors
 from emsid.models.blocks.search.cross_validation import Round
 from emsid.models.blocks.search.diagnostics import advice
 from emsid.models.blocks.static_maps import (
@@ -444,6 +444,15 @@ def test_several_starts_at_once_are_those_one_by_one(name: str) -> None:
     cascade, u = CASCADES[name], excitation(50)
     states = np.random.default_rng(3).standard_normal((3, cascade.states))
     np.testing.assert_array_equal(cascade.outputs(u, states), [cascade.output(u, each) for each in states])
+
+
+def test_of_every_pair_of_orders_one_start_is_refined() -> None:
+    def start(first: int, second: int) -> Cascade:
+        filters = [Rational(np.eye(order + 1)[0], np.zeros(order)) for order in (first, second)]
+        return Cascade((filters[0], Saturation(1.0, -1.0, 1.0), filters[1]))
+
+    starts = [start(4, 2) for _ in range(8)] + [start(3, 4), start(3, 3), start(3, 3)]
+    assert refined_first(starts) == [starts[0], starts[8], starts[9], *starts[1:4]]
 
 
 def test_of_many_starts_those_that_are_far_after_a_few_steps_are_given_up() -> None:

@@ -15,7 +15,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import search
 from emsid.models.blocks.process_noise import ErrorPiece, ProcessNoise, dependence, error_pieces, estimated_noise
-from emsid.models.blocks.search.process_noise import Corrected, without_process_noise
+from emsid.models.blocks.search.process_noise import Corrected, in_turn, without_process_noise
 from emsid.models.blocks.search.topologies import Orders
 from emsid.models.blocks.static_maps import CubicSpline, DeadZone, Polynomial, Saturation
 from emsid.models.blocks.static_maps.expected import ExpectedMap
@@ -119,6 +119,14 @@ def test_a_fit_is_corrected_for_noise_before_its_map(noisy: Circuit) -> None:
     judges = list(noisy.unseen.values())
     before, after = (np.sqrt(free_run_error(each, judges)) for each in (plain, found.fit.model))
     assert np.sqrt(after**2 - noisy.noise**2) < 0.9 * np.sqrt(before**2 - noisy.noise**2)
+
+
+def test_noise_that_is_taken_for_far_larger_is_estimated_again_with_the_model() -> None:
+    made = circuit(2, 4096, seed=3)
+    far = ProcessNoise(2.5 * made.process, (-0.2, 0.2), made.noise, 0.0)
+    _, found = in_turn(TRUTH, far, pieces_of(made), made.fitted, 1.0, {"transient": 200})
+    assert found.spread == pytest.approx(made.process, rel=0.2)
+    assert found.output == pytest.approx(made.noise, rel=0.1)
 
 
 def test_a_fit_with_states_from_its_transient_is_corrected_on_the_same_samples(noisy: Circuit) -> None:

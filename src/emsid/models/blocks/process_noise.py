@@ -16,6 +16,7 @@ squared output explains is removed from d² first, so noise in proportion to the
 
 **The size.** With w and v autoregressive, of order two and one, e is the output of a linear system that d makes vary
 with time. A Kalman filter gives its likelihood, which is maximised over the two variances and the three coefficients.
+The correlation of successive values of w is not negative: noise at high frequencies that G₂ stops is not seen.
 
 **The fit.** The same filter makes the residual white. The fit minimises the squares of that white residual for the
 model with the map E f(x + w): least squares weighted with the covariance of the noise. The parameters of f and of the
@@ -231,7 +232,7 @@ def estimated_noise(pieces: Sequence[ErrorPiece], behind: Rational, oversampling
     scale = size / max(steepest * through, 1e-300)
 
     def noise(theta: Array) -> ProcessNoise:
-        first, second, pole = np.tanh(theta[2:])
+        first, (second, pole) = 1 / (1 + np.exp(-theta[2])), np.tanh(theta[3:])
         spread, output = np.exp(np.clip(theta[:2], np.log(LEAST), 5.0))
         return ProcessNoise(float(spread * scale), (float(first), float(second)), float(output * size), float(pole))
 
@@ -243,7 +244,7 @@ def estimated_noise(pieces: Sequence[ErrorPiece], behind: Rational, oversampling
             total += float(np.sum(np.log(weighting.spreads) + 0.5 * white**2))
         return total if np.isfinite(total) else 1e300
 
-    start = np.array([0.0, 0.5 * np.log(max(powers.min() / powers.mean(), LEAST)), -0.5, 0.0, 0.0])
+    start = np.array([0.0, 0.5 * np.log(max(powers.min() / powers.mean(), LEAST)), -1.0, 0.0, 0.0])
     return noise(minimize(cost, start, method="BFGS", options={"gtol": 1e-4 * len(parts) * share, "maxiter": 40}).x)
 
 

@@ -49,7 +49,7 @@ T = TypeVar("T")
 
 # Candidates refined per oversampling, without and with random starts.
 REFINED, REFINED_RANDOM = 4, 24
-# In a short record more starts than this take `FIRST_STEPS` steps each, and only the best so many are refined further.
+# More starts than this take `FIRST_STEPS` steps each, and only the best so many are refined further.
 FINISHED, FIRST_STEPS = 12, 5
 # The number of these that continue with a map of the required family; fits to a short record take little time.
 REFINED_MAPS, REFINED_MAPS_SHORT = 2, 6
@@ -247,12 +247,7 @@ def _starts(
     level = float(np.std(np.concatenate([y for _, y in segments])))
     enough = SUFFICES_SHORT if sum(len(y) for _, y in segments) < SHORT else LINEAR_SUFFICES
     if (found and found[0].error < enough * level) or template.oversampling > 1:
-        best_of_order = {_order(candidate.cascade): candidate for candidate in reversed(found)}
-        ahead = [candidate for candidate in found if candidate in best_of_order.values()]
-        behind_them = [candidate for candidate in found if candidate not in ahead]
-        # With two filters an order needs several starts, because its poles can be divided in several ways.
-        lower = len(ahead) - 1 if topology.first and topology.second else 0
-        return [candidate.cascade for candidate in (ahead + behind_them)[: REFINED + lower]]
+        return refined_first([candidate.cascade for candidate in found])
     if topology.first:  # a map that is even about some level looks like no linear relation at all
         found += _sign_recovery_starts(topology, segments, orders, settings, template, rng, control)
     draws: list[Filters] = []
@@ -288,8 +283,20 @@ def _kind(cascade: Cascade) -> tuple[tuple[str, int], ...]:
     return tuple((type(block).__name__, len(block.parameters)) for block in cascade.blocks)
 
 
-def _order(cascade: Cascade) -> int:
-    return sum(len(block.denominator) for block in cascade.blocks if isinstance(block, Rational))
+def refined_first(starts: Sequence[Cascade]) -> list[Cascade]:
+    """The starts to refine, best first: the best of every pair of orders, and the best others, `REFINED` at least.
+
+    Poles and zeros of a measured response are not exact, so the filters that divide them as the system does may rank
+    behind others until all are refined.
+
+    Args:
+        starts: best first, with one filter or two.
+    """
+    orders = [tuple(len(b.denominator) for b in start.blocks if isinstance(b, Rational)) for start in starts]
+    ahead = [k for k, each in enumerate(orders) if each not in orders[:k]]
+    behind = [k for k in range(len(starts)) if k not in ahead]
+    several = len(ahead) - 1 if orders and len(orders[0]) > 1 else 0
+    return [starts[k] for k in (ahead + behind)[: REFINED + several]]
 
 
 def _refined(
@@ -323,7 +330,7 @@ def _refined(
         return replace(choice, unseen=unseen_errors(choice.model, rounds, control, best))
 
     problems: list[Exception] = []
-    if len(rounds) > 1 and len(plans) > FINISHED:
+    if len(plans) > FINISHED:
         plans = promising(plans, part, budget, threads, control)
     refined = _successes(refine, plans, threads, control, problems)
     ranked: list[Choice] = []

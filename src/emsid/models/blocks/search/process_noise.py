@@ -35,6 +35,7 @@ from emsid.models.blocks.search.starts import grown
 from emsid.models.blocks.search.topologies import Orders
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.blocks.static_maps.expected import ExpectedMap
+from emsid.models.one_channel import segments_longer_than
 from emsid.record import Record
 from emsid.selection.improvement import NEGLIGIBLE
 
@@ -48,6 +49,8 @@ SMALL = 0.02
 """Noise of a smaller part of the signal before the map does not change the map visibly."""
 STEPS, SAVING = 40, 1e-5
 """Steps of a fit that chooses orders; it ends where four together lower the cost by less than this part."""
+TURNS, CLOSE = 6, 0.02
+"""The most turns of model and noise; they end where the spread of the noise changes by less than this part."""
 ORDER_SAMPLES = 12_000
 """Samples that the orders are chosen on."""
 
@@ -106,14 +109,16 @@ def without_process_noise(
         orders = (0, 0)
     fit: Fit[Cascade] | None = None
     with suppress(EmsidError):
-        larger = _grown(_expecting(model, times * noise.spread), pieces, noise, records, orders, how)
+        start, noise = in_turn(model, noise, pieces, _first_segments(records, model, how), times, how)
+        larger = _grown(start, noise, records, orders, how)
         if len(larger.parameters) > len(model.parameters):
-            states = [larger.starting(u, y[: larger.memory]) for u, y in segments]
-            pieces = error_pieces(larger, segments, states, problem.transient)
-            noise = estimated_noise(pieces, after_map(larger), model.oversampling)
-        start = _expecting(_plain(larger), times * noise.spread)
-        limits = Search(weightings=_weightings(start, pieces, noise), restarts=True)
-        again, weighted = search(start, records, **(how | limits))
+            part = _first_segments(records, larger, how)
+            start, noise = in_turn(larger, noise, _from_the_start(larger, part, how), part, times, how)
+        again, weighted = search(
+            start,
+            records,
+            **(how | Search(weightings=_weightings(start, _from_the_start(start, records, how), noise), restarts=True)),
+        )
         if again.ending is Ending.CONVERGED and _describes(again, replace(weighted, weightings=()), minimum):
             fit = conclude(again, weighted)
             fit = replace(fit, model=_plain(fit.model), noise_variance=minimum.noise_variance)
@@ -123,26 +128,62 @@ def without_process_noise(
     return Corrected(fit, (found,))
 
 
-def _grown(
+def in_turn(
     model: Cascade,
-    pieces: Sequence[ErrorPiece],
     noise: ProcessNoise,
-    records: Sequence[Record],
-    orders: Orders,
+    pieces: Sequence[ErrorPiece],
+    part: Sequence[Record],
+    times: float,
     how: Search,
-) -> Cascade:
+) -> tuple[Cascade, ProcessNoise]:
+    """The model with the expectation of its map, and the noise, each estimated for the other in turn.
+
+    A fit that ignores the noise has poles and zeros beside those of the system, and through them the noise may look
+    far larger than it is. Every turn raises the likelihood of both.
+
+    Args:
+        model: any fit.
+        noise: that it shows.
+        pieces: its error over segments that begin with the part.
+        part: of the records, each one segment.
+        times: the spread of the noise that the map shows, as a multiple of that in the records.
+        how: of fits, as in `fit_cascade`.
+    """
+    for _ in range(TURNS):
+        start = _expecting(_plain(model), times * noise.spread)
+        limits = Search(max_iterations=STEPS, least_saving=SAVING, covariances=False)
+        weighted = Search(weightings=_weightings(start, pieces[: len(part)], noise))
+        minimum, problem = search(start, part, **(how | limits | weighted))
+        model, before = problem.model(minimum.estimate), noise
+        pieces = error_pieces(model, problem.segments, problem.states(minimum.estimate), problem.transient)
+        noise = estimated_noise(pieces, after_map(model), model.oversampling)
+        if abs(noise.spread - before.spread) < CLOSE * before.spread:
+            break
+    return _expecting(_plain(model), times * noise.spread), noise
+
+
+def _from_the_start(model: Cascade, records: Sequence[Record], how: Search) -> list[ErrorPiece]:
+    """The error of a model over the segments that a fit uses, from the states that it starts with."""
+    transient = how.get("transient")
+    needed = model.memory if transient is None else transient
+    segments = segments_longer_than(needed, model, records)
+    states = [model.starting(u, y[: model.memory]) for u, y in segments]
+    return error_pieces(model, segments, states, max(transient or 0, model.edge))
+
+
+def _grown(model: Cascade, noise: ProcessNoise, records: Sequence[Record], orders: Orders, how: Search) -> Cascade:
     """The model with filters of larger orders, where Schwarz's criterion prefers them on a part of the records."""
+    if not _one_larger(model, orders):
+        return model
     part = _first_segments(records, model, how)
     samples = sum(len(record) for record in part)
-    weightings = _weightings(model, pieces[: len(part)], noise)
+    weightings = _weightings(model, _from_the_start(model, part, how), noise)
     limits = Search(max_iterations=STEPS, least_saving=SAVING, weightings=weightings)
 
     def fitted(start: Cascade) -> tuple[float, Cascade]:
         minimum, problem = search(start, part, **(how | limits))
         return minimum.cost, problem.model(minimum.estimate)
 
-    if not _one_larger(model, orders):
-        return model
     cost, best = fitted(model)
     while True:
         least, larger = min(

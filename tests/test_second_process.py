@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
@@ -10,6 +12,7 @@ import numpy as np
 
 import emsid
 from emsid.cli import second_process as module
+from emsid.cli.imports import without_collection
 from emsid.cli.second_process import SecondProcess, second_process, taken
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control
@@ -134,3 +137,15 @@ def test_a_second_process_is_started_only_where_it_saves_time(monkeypatch) -> No
     assert second_process((), alone=False) is None
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0}, raising=False)
     assert second_process((), alone=True) is None
+
+
+def test_garbage_is_collected_again_after_the_imports() -> None:
+    before = gc.get_freeze_count()
+    for problem in (None, KeyError):
+        with suppress(KeyError), without_collection():
+            assert not gc.isenabled()
+            if problem:
+                raise problem
+        assert gc.isenabled()
+    assert gc.get_freeze_count() > before
+    gc.unfreeze()

@@ -17,6 +17,8 @@ from threading import Event, Thread
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
+from emsid.cli.imports import load_identification, without_collection
+
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
     from multiprocessing.sharedctypes import SynchronizedArray
@@ -129,8 +131,8 @@ def serve(connection: "Connection", flags: "SynchronizedArray[int]") -> None:
     """The work of the second process, until the connection ends."""
     cancelled, tasks = Event(), SimpleQueue[Any]()
     Thread(target=_listen, args=(connection, tasks, cancelled), daemon=True).start()
-    import emsid.identification  # noqa: F401  (while the first process reads the files)
-
+    with without_collection():  # while the first process reads the files
+        load_identification()
     while True:
         names, record, options = tasks.get()
         for answer in fitted(names, record, options, flags, cancelled.is_set):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from emsid.cli.app import app
+from emsid.cli.imports import load_identification, without_collection
 from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.options import (
     Json,
@@ -195,27 +196,29 @@ def identify(
       emsid identify arm.mat -u vir -y "d(qm)" --time t --scale vir=35.15065 --models friction-narx --knots 8
       emsid identify arm.csv -u force -y x --time t --models linear-axis --free mass,offset --datasheet arm.toml
     """
-    asked = names(models, "--models")
-    second = None if quick or budget else second_process(asked, alone=INTERRUPTION.own_process)
-    from emsid.identification import Options, candidates, workflow
+    with without_collection():
+        asked = names(models, "--models")
+        second = None if quick or budget else second_process(asked, alone=INTERRUPTION.own_process)
+        load_identification()
+        from emsid.identification import Options, candidates, workflow
 
-    plants = [each.plant for each in _physical_first(asked or candidates.USUAL)]
-    options = Options(
-        na=na, nb=nb, nk=nk, degree=degree, taps=taps, knots=knots, forgetting=forgetting,
-        orders=counts(orders, "--orders"),
-        static=_family(static),
-        period=period, ridge=ridge, recent=recent, hold=hold,
-        fixed=physical_values([*fix, *(["sensor.average=1"] if average else [])], "--fix", plants),
-        datasheet=_sheet(datasheet),
-        codes=_codes(brake, coast),
-        free=physical_names(free, "--free", plants),
-        per_record=physical_names(per_record, "--per-record", plants),
-        profile=physical_names(profile, "--profile", plants),
-    )  # fmt: skip
-    check_folder(out)
-    records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
-    search = partial(workflow.identify, records, tests or _fraction(unseen), models=asked or None, options=options)
-    search = partial(search, transient=transient, quick=quick, budget=budget, bootstrap=bootstrap, seed=seed)
+        plants = [each.plant for each in _physical_first(asked or candidates.USUAL)]
+        options = Options(
+            na=na, nb=nb, nk=nk, degree=degree, taps=taps, knots=knots, forgetting=forgetting,
+            orders=counts(orders, "--orders"),
+            static=_family(static),
+            period=period, ridge=ridge, recent=recent, hold=hold,
+            fixed=physical_values([*fix, *(["sensor.average=1"] if average else [])], "--fix", plants),
+            datasheet=_sheet(datasheet),
+            codes=_codes(brake, coast),
+            free=physical_names(free, "--free", plants),
+            per_record=physical_names(per_record, "--per-record", plants),
+            profile=physical_names(profile, "--profile", plants),
+        )  # fmt: skip
+        check_folder(out)
+        records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
+        search = partial(workflow.identify, records, tests or _fraction(unseen), models=asked or None, options=options)
+        search = partial(search, transient=transient, quick=quick, budget=budget, bootstrap=bootstrap, seed=seed)
     _run(search, reader, out, json, pdf, second)
 
 

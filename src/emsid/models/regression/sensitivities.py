@@ -70,7 +70,8 @@ def run_with_derivative(
         The first sample that is not finite, where the run ends, or the number of samples.
     """
     count, rows, turns = len(theta), len(derivative), memory + 1
-    products = len(regressors.outputs.signs)
+    _, offsets, factors, parameters = regressors.outputs  # no tuple and no view in a loop: each would count references
+    places, products = regressors.places, len(offsets) - 1
     past = y.copy()
     product, block = np.empty((TILE, count)), np.empty((TILE, rows))
     weight, psi, gain = np.empty((TILE, products)), np.empty(products), np.empty(turns)
@@ -83,22 +84,32 @@ def run_with_derivative(
         _input_parts(product, weight, u, regressors, theta, first, height)
         for i in range(height):
             t = first + i
-            total = _output_parts(psi, gain, weight[i], past, regressors.outputs, t, rows > 0)
+            total = 0.0
+            for k in range(products):
+                value = 1.0
+                for f in range(offsets[k], offsets[k + 1]):
+                    value *= _power(past[t - factors[f, 1]], factors[f, 2], factors[f, 3], parameters[f])
+                psi[k] = value
+                total += weight[i, k] * value
             if not np.isfinite(total):
                 return t
+            if rows:
+                _output_gains(gain, weight, i, past, t, offsets, factors, parameters)
             past[t] += share * (total - past[t])
             y[t] = total
             if rows:
-                newest = recent[t % turns]
+                newest = t % turns
                 for j in range(count):
-                    newest[j] = product[i, j] * psi[regressors.places[j]]
-                newest[count:] = 0.0
+                    recent[newest, j] = product[i, j] * psi[places[j]]
+                for j in range(count, rows):
+                    recent[newest, j] = 0.0
                 for lag in range(1, turns):
                     if gain[lag] != 0.0:
-                        by, older = share * gain[lag], recent[(t - lag) % turns]
+                        by, older = share * gain[lag], (t - lag) % turns
                         for j in range(rows):
-                            newest[j] += by * older[j]
-                block[i] = newest
+                            recent[newest, j] += by * recent[older, j]
+                for j in range(rows):
+                    block[i, j] = recent[newest, j]
         for j in range(rows):
             for i in range(height):
                 derivative[j, first + i] = block[i, j]
@@ -124,23 +135,18 @@ def _input_parts(
             weight[i, place] += theta[j] * row[i]
 
 
-@numba.njit(cache=True, nogil=True)
-def _output_parts(psi: Array, gain: Array, weight: Array, past: Array, outputs: Tables, t: int, wanted: bool) -> float:
-    """Σ weightₖψₖ(t), with ψ and, where wanted, the gains gₗ written in place."""
-    _, offsets, factors, parameters = outputs
-    total = 0.0
-    gain[:] = 0.0
-    for k in range(len(psi)):
-        value = 1.0
-        for f in range(offsets[k], offsets[k + 1]):
-            value *= _power(past[t - factors[f, 1]], factors[f, 2], factors[f, 3], parameters[f])
-        psi[k] = value
-        total += weight[k] * value
-        if not wanted or weight[k] == 0.0:
+@numba.njit(cache=True, nogil=True, inline="always")
+def _output_gains(
+    gain: Array, weight: Array, i: int, past: Array, t: int, offsets: Integers, factors: Integers, parameters: Array
+) -> None:
+    """Write the gains gₗ(t) = ∂(Σ weightₖψₖ)/∂x(t − l), with the weights of row i."""
+    for lag in range(len(gain)):
+        gain[lag] = 0.0
+    for k in range(len(offsets) - 1):
+        if weight[i, k] == 0.0:
             continue
         for f in range(offsets[k], offsets[k + 1]):
-            lag, power, code = factors[f, 1], factors[f, 2], factors[f, 3]
-            x = past[t - lag]
+            power, code, x = factors[f, 2], factors[f, 3], past[t - factors[f, 1]]
             inner = power * slope(code, x, parameters[f])
             if power > 1:
                 inner *= _power(x, power - 1, code, parameters[f])
@@ -149,8 +155,7 @@ def _output_parts(psi: Array, gain: Array, weight: Array, past: Array, outputs: 
                     inner *= _power(
                         past[t - factors[other, 1]], factors[other, 2], factors[other, 3], parameters[other]
                     )
-            gain[lag] += weight[k] * inner
-    return total
+            gain[factors[f, 1]] += weight[i, k] * inner
 
 
 @numba.njit(cache=True, nogil=True, inline="always")

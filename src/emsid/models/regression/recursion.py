@@ -118,9 +118,8 @@ def _advance(y: Array, coefficient: Array, recursion: Recursion, start: int, col
         for k in range(len(offsets) - 1):
             product = coefficient[1 + len(lags) + k, column + i]
             for f in range(offsets[k], offsets[k + 1]):
-                _, lag, power, code = factors[f]
-                value = transformed(code, y[t - lag], parameters[f])
-                for _ in range(power):
+                value = transformed(factors[f, 3], y[t - factors[f, 1]], parameters[f])  # no view of a row in a loop
+                for _ in range(factors[f, 2]):
                     product *= value
             total += product
         for k in range(len(lags)):

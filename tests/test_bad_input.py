@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -90,3 +91,29 @@ def test_a_dictionary_whose_terms_the_data_do_not_distinguish() -> None:
         record(300, sign_only=True), models="polynomial-narx", options=Options(na=1, nb=1, nk=1, degree=2)
     )
     assert "dictionary-rank-deficient" in codes(result)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "said"),
+    [
+        ("still", (), "output 'y' is constant at 0, so nothing can be identified from it; record while it changes"),
+        ("few", (), "15 samples are too few to fit a model and to test it; record at least 20 (--rows)"),
+        ("log", ("--unseen", "log.csv"), "log.csv: give a fraction between 0 and 1; name files of unseen data with"),
+    ],
+)
+def test_the_command_line_says_it_in_one_sentence(
+    name: str,
+    options: tuple[str, ...],
+    said: str,
+    tmp_path: Path,
+    command: Callable[..., int],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    known = record(300)
+    columns = {"still": 0 * known.output, "few": known.output[:15], "log": known.output}[name]
+    table = np.column_stack([known.input[: len(columns)], columns])
+    np.savetxt(tmp_path / f"{name}.csv", table, delimiter=",", header="u,y", comments="")
+    words = ("-u", "u", "-y", "y", "--dt", "0.01", "--out", tmp_path / "out")
+    assert command("identify", tmp_path / f"{name}.csv", *words, *options) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line

@@ -353,6 +353,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("intervals-by-bootstrap", "armax", {"model": "armax", "count": 199, "pieces": 30, "samples": 1200}),
     Finding("no-bootstrap", "armax", {"model": "armax", "problem": "armax: 3 pieces of at least 30 samples"}),
     Finding("few-unseen-samples", "log.csv, unseen part", {"samples": 6, "needed": 50}),
+    Finding("few-unseen-samples", "log.csv, unseen part", {"samples": 1, "needed": 50}),
     Finding("delay-from-data", "speed", {"input": "u", "delay": 36, "time": 0.036}),
     # the verdict on a model
     Finding("model-supported", "arx", {"model": "arx", "reasons": [], "tests": []}),

@@ -38,6 +38,17 @@ def with_options(problem: EmsidError) -> str:
 # --- values on the command line --------------------------------------------------------------------------------------
 
 
+def fraction(text: str | float) -> float:
+    """The share of the data to keep unseen, for the parser of options."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not 0 < value < 1:
+        raise typer.BadParameter(f"{text}: give a fraction between 0 and 1; name files of unseen data with --validate")
+    return value
+
+
 def quantity(unit: str) -> Callable[[str | float], float]:
     """A parser of numbers in this unit or with their own unit: ``0.01``, ``10ms``, ``10 ms``."""
 

@@ -124,8 +124,9 @@ def data_not_unseen(f: Finding, argument: Spelling) -> str:
 @words("few-unseen-samples", Severity.WARNING)
 def few_unseen_samples(f: Finding, argument: Spelling) -> str:
     """Subject: the unseen data. Data: samples, needed."""
+    samples = "1 sample" if f.data["samples"] == 1 else f"{f.data['samples']} samples"
     return (
-        f"{f.subject} leaves {f.data['samples']} samples to rank the models on, too few to choose by; record longer, "
+        f"{f.subject} leaves {samples} to rank the models on, too few to choose by; record longer, "
         f"or give a second record of at least {f.data['needed']} samples ({argument('unseen')})"
     )
 

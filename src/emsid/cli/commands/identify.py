@@ -16,6 +16,7 @@ from emsid.cli.options import (
     Pdf,
     Transient,
     counts,
+    fraction,
     names,
     option,
     physical_names,
@@ -36,7 +37,6 @@ from emsid.cli.terminal import (
     working,
 )
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
-from emsid.errors import DataError
 
 if TYPE_CHECKING:
     from emsid.identification import Identification
@@ -64,7 +64,11 @@ Budget = Annotated[
 ]
 Unseen = Annotated[
     float,
-    typer.Option(metavar="FRACTION", help="Without --validate, keep this part unseen: the end, or some of many files."),
+    typer.Option(
+        metavar="FRACTION",
+        parser=fraction,
+        help="Without --validate, keep this part unseen: the end, or some of many files.",
+    ),
 ]
 Na = Annotated[int | None, typer.Option(metavar="N", help="Coefficients of past outputs.", min=0)]
 Nb = Annotated[int | None, typer.Option(metavar="N", help="Coefficients of past inputs.", min=1)]
@@ -217,15 +221,9 @@ def identify(
         )  # fmt: skip
         check_folder(out)
         records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
-        search = partial(workflow.identify, records, tests or _fraction(unseen), models=asked or None, options=options)
+        search = partial(workflow.identify, records, tests or unseen, models=asked or None, options=options)
         search = partial(search, transient=transient, quick=quick, budget=budget, bootstrap=bootstrap, seed=seed)
     _run(search, reader, out, json, pdf, second)
-
-
-def _fraction(unseen: float) -> float:
-    if 0 < unseen < 1:
-        return unseen
-    raise DataError(f"--unseen {unseen:g}: give a fraction between 0 and 1")
 
 
 def _run(

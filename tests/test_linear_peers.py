@@ -1,6 +1,6 @@
 """Linear models beside published estimates, and beside numbers of other programs on the same data.
 
-``python bench/linear.py`` prints the numbers of SIPPY 1.0.1 and of SLICOT (ctrlsys 1.1.1) anew.
+``python bench/linear.py`` prints the numbers of SIPPY 1.0.1, of SLICOT (ctrlsys 1.1.1) and of statsmodels 0.15.0 anew.
 """
 
 from __future__ import annotations
@@ -114,6 +114,21 @@ def test_instruments_have_the_gas_furnace_of_box_and_jenkins() -> None:
     assert np.abs((fit.estimate[:4] - published) / fit.standard_error[:4]).max() < 2.0
     gain = fit.estimate[1:4].sum() / (1 + fit.estimate[0])
     assert gain == pytest.approx(published[1:].sum() / (1 + published[0]), rel=0.02)
+
+
+INSTRUMENTED = {
+    "output-error, white noise": (-1.503769, 0.702134, 0.999998, 0.478466),
+    "output-error, coloured noise": (-1.503829, 0.703859, 0.994597, 0.455930),
+}
+"""Refined instruments by two-stage least squares of statsmodels (IV2SLS), repeated with the new filter and free run."""
+
+
+@pytest.mark.parametrize("name", INSTRUMENTED)
+def test_instruments_have_the_estimates_of_statsmodels_and_of_output_error(name: str) -> None:
+    """For white noise they are as good as output error, and close to it for other noise (Young 2011, ch. 7)."""
+    fit = emsid.fit(CASES[name].structure, centred(CASES[name].record()), instruments=True)
+    for peer in (INSTRUMENTED[name], CASES[name].estimate):
+        assert np.abs((fit.estimate - peer) / fit.standard_error).max() < 0.25
 
 
 def test_refined_instruments_solve_their_equation() -> None:

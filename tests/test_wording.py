@@ -631,7 +631,8 @@ def test_every_code_with_words_is_used_in_the_program() -> None:
 
 
 def test_every_code_is_triggered_by_a_test() -> None:
-    tests = [path for path in TESTS.glob("test_*.py") if path.name != Path(__file__).name]
+    not_here = (Path(__file__).name, "test_findings_absent.py")  # which name codes that they do not trigger
+    tests = [path for path in TESTS.glob("test_*.py") if path.name not in not_here]
     named = {text for path in tests for text in strings(path)}
     assert set(CATALOGUE) - named == set()
 

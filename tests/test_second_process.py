@@ -9,6 +9,7 @@ from functools import partial
 from multiprocessing import get_context
 
 import numpy as np
+import pytest
 
 import emsid
 from emsid.cli import second_process as module
@@ -16,7 +17,7 @@ from emsid.cli.imports import without_collection
 from emsid.cli.second_process import SecondProcess, second_process, taken
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.identification import Options
+from emsid.identification import Options, workflow
 from emsid.identification.candidates import CANDIDATES
 
 OPTIONS = Options(na=1, nb=1, nk=1, degree=2)
@@ -64,6 +65,23 @@ def test_models_fitted_elsewhere_are_reported_like_the_others() -> None:
     assert all((a.estimate == b.estimate).all() for a, b in zip(here.fits, both.fits, strict=True))
     marked = [fit.model.name for fit in both.fits if any(each.code == "fitted-there" for each in fit.findings)]
     assert marked == ["polynomial-narx"]
+
+
+@pytest.mark.parametrize(("samples", "first"), [(100, "friction-motor"), (3000, "arx")])
+def test_the_searches_of_a_short_record_come_first_beside_another_process(samples, first, monkeypatch) -> None:
+    taken = []
+
+    def fit(name, record, options, control):
+        taken.append(name)
+        raise emsid.ModelError("not now")
+
+    names = ("arx", "friction-narx", "friction-motor")
+    monkeypatch.setattr("emsid.identification.workflow.CANDIDATES", {name: partial(fit, name) for name in names})
+    for elsewhere in (Elsewhere(), None):
+        with pytest.raises(emsid.ModelError, match="not now"):
+            workflow._fit_all(names, lagging(samples), OPTIONS, FREE, elsewhere=elsewhere)
+    assert taken[0] == first
+    assert taken[3:] == [*names]
 
 
 def test_a_model_that_is_not_known_elsewhere_is_fitted_here() -> None:

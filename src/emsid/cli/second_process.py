@@ -3,7 +3,8 @@
 Most searches spend their time in Python, where threads wait for each other. The process is started before
 the files are read, so that its imports take no time of their own. It computes what this process would; what it does not
 answer is computed here. Each of the two takes the next model as soon as it is done with one, this process from the
-first on and the other one from the slowest and the last, so both end at about the same time. It ends with this process.
+first on, of a short record from the first search on, and the other one from the slowest and the last, so both end at
+about the same time. It ends with this process.
 """
 
 import os

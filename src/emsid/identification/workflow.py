@@ -34,6 +34,7 @@ from emsid.identification.observations import (
 from emsid.identification.options import Options
 from emsid.identification.ranking import on_all_data
 from emsid.identification.records import Records, given_records
+from emsid.identification.regressions import REGRESSIONS
 from emsid.identification.requests import (
     check_physics,
     codes_of_channel,
@@ -79,6 +80,8 @@ class Elsewhere(Protocol):
 
 NAMED = 4
 """Name at most this many records in a title; of more give the number."""
+SHORT = 2000
+"""To at most so many samples every model is fitted in seconds."""
 FEWEST = 20
 """With fewer samples nothing is left to test a model on after it is fitted."""
 
@@ -253,7 +256,7 @@ def _fit_all(
     end: BaseException | None = None
     if elsewhere:
         elsewhere.begin(names, record, options)
-    for number, (name, there) in enumerate(_in_turn(names, elsewhere), 1):
+    for number, (name, there) in enumerate(_in_turn(_order(names, record, elsewhere), elsewhere), 1):
         if end is not None and there is None:  # what has begun elsewhere may have a result
             continue
         try:
@@ -278,6 +281,17 @@ def _fit_all(
     by_model = {fits[name].model.name: fits[name] for name in names if name in fits}
     missing = [name for name in names if name not in (*fits, *problems, *late)]
     return _Fits(tuple(by_model.values()), tuple(failed), end is not None, tuple(missing))
+
+
+def _order(names: Sequence[str], record: Record, elsewhere: Elsewhere | None) -> Sequence[str]:
+    """The models in the order in which they are taken.
+
+    Beside another place the searches of a short record come first, so that both end at about the same time. In a long
+    record they come last, so that an interruption leaves the regressions.
+    """
+    if elsewhere is None or len(record) > SHORT:
+        return names
+    return sorted(names, key=lambda name: name in REGRESSIONS)
 
 
 def _in_turn(names: Sequence[str], elsewhere: Elsewhere | None) -> Iterator[tuple[str, Elsewhere | None]]:

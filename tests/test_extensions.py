@@ -137,7 +137,9 @@ def test_a_datasheet_names_the_law_whose_parameters_it_gives():
     assert sheet["rotor_friction.rise"].limits == pytest.approx((4e-3, 6e-3))
     with pytest.raises(ModelError, match=r"no parameter 'rotor_friction\.rise'"):
         datasheet("motor", {"rotor_friction": {"rise": 1.0}})
-    with pytest.raises(ModelError, match="no friction law 'dahl'; there are coulomb-stribeck, exponential"):
+    with pytest.raises(
+        ModelError, match="no friction law 'dahl'; there are coulomb-stribeck, gaussian-stribeck, exponential"
+    ):
         datasheet("motor", {"rotor_friction": {"law": "dahl"}})
     motor = emsid.Motor.from_dict({"rotor_friction": {"law": "exponential", "rise": "5 mN*m"}})
     assert motor.rotor_friction == Exponential(rise=5e-3)

@@ -27,10 +27,11 @@ from emsid.models.plants.search.refinements.catalogue import OF_SHAFT
 from emsid.models.plants.search.refinements.cogging import cogging
 from emsid.models.plants.search.refinements.inductance import inductance
 from emsid.models.plants.search.refinements.quadratic_viscous import quadratic_viscous
-from emsid.models.plants.search.refinements.usual import coasting_bridge, late_command, slow_sensor
+from emsid.models.plants.search.refinements.stribeck_shape import gaussian_stribeck
+from emsid.models.plants.search.refinements.usual import coasting_bridge, late_command, slow_sensor, stribeck
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.support import unsupported
-from emsid.plant import Friction, Motor
+from emsid.plant import Friction, GaussianStribeck, Motor
 from emsid.study.demonstration import axis_record
 from independent import armature, two_masses
 from independent.cases import CASES, levels
@@ -56,6 +57,23 @@ def motor(largest: float = 12.0, **changes: Any) -> Record:
     rng = np.random.default_rng(0)
     u = largest * levels(450, rng, 30)
     return Record(u, truth.run(u, 1e-2)[0][:450] + 0.2 * rng.standard_normal(450), 1e-2, output_units="rad/s")
+
+
+@pytest.mark.parametrize("gaussian", [True, pytest.param(False, marks=pytest.mark.long)])
+def test_the_shape_in_which_friction_fades_is_found(gaussian):
+    truth = OneMass(
+        gain=25.0, damping=10.0, coulomb=(20.0, 20.0), stribeck=(60.0, 60.0), stribeck_speed=8.0, gaussian=gaussian,
+        smooth=1e-2,
+    )  # fmt: skip
+    time, rng = np.arange(450), np.random.default_rng(0)
+    u = 6 * np.sin(2 * np.pi * time / 150) * (1 + 0.5 * np.sin(2 * np.pi * time / 450))
+    speed = truth.run(u, 1e-2)[0][:450] + 0.1 * rng.standard_normal(450)
+    fit = choose(RIGID, Record(u, speed, 1e-2, output_units="rad/s"), refinements=(stribeck, gaussian_stribeck))
+    law = fit.model.plant.motor.rotor_friction
+    assert isinstance(law, GaussianStribeck if gaussian else Friction)
+    assert law.stribeck_rate[0] == pytest.approx(1 / 8.0, rel=0.02 if gaussian else 0.2)
+    assert ("friction-fades-as-gaussian" in {each.code for each in fit.findings}) == gaussian
+    assert plant_from_data(plant_to_data(fit.model.plant)).motor.rotor_friction == law
 
 
 def test_one_mass_is_taken_where_a_shaft_does_not_help(monkeypatch):

@@ -187,6 +187,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("input-between-samples", "voltage", {"straight": 1, "held": 0}),
     Finding("input-between-samples", "voltage", {"straight": 2, "held": 1}),
     Finding("speed-is-a-mean", "speed"),
+    Finding("friction-fades-as-gaussian", "rigid-motor"),
     Finding("unit-assumed", "rigid-motor", {"channel": "y", "signal": "speed", "unit": "rad/s"}),
     Finding("command-unit-assumed", "rigid-motor", {"channel": "u", "unit": "volts"}),
     Finding("command-may-be-duty", "rigid-motor", {"channel": "PWM", "full": 255.0}),

@@ -26,6 +26,7 @@ from emsid.models.plants.search.trials import Trial
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
 from emsid.plant.friction import FrictionLaw, LawParameter, friction_law
+from emsid.plant.gaussian_stribeck import GaussianStribeck
 from emsid.plant.parameter import Measure, Parameter
 
 __all__ = [
@@ -42,6 +43,7 @@ __all__ = [
     "Estimate",
     "Feed",
     "FrictionLaw",
+    "GaussianStribeck",
     "Given",
     "GreyBox",
     "GreyBoxFit",

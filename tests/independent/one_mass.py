@@ -31,6 +31,7 @@ class OneMass:
         gain: acceleration per unit of command.
         damping: in 1/s, while the bridge conducts.
         coulomb, stribeck: levels of friction; the second fades over ``stribeck_speed``.
+        gaussian: whether it fades as exp(−(v/v_s)²), and not as exp(−|v|/v_s).
         viscous: in 1/s.
         quadratic: friction by the square of the speed.
         cogging: period P, a and b.
@@ -50,6 +51,7 @@ class OneMass:
     coulomb: Pair = (0.0, 0.0)
     stribeck: Pair = (0.0, 0.0)
     stribeck_speed: float = 1.0
+    gaussian: bool = False
     viscous: Pair = (0.0, 0.0)
     quadratic: float = 0.0
     cogging: tuple[float, float, float] = (1.0, 0.0, 0.0)
@@ -88,8 +90,8 @@ class OneMass:
         speed, position = np.empty(len(command) + 1), np.empty(len(command) + 1)
         speed[0], position[0] = state
         _integrate(
-            self.gain * through, self.damping * conducting, offset, friction, self.stribeck_speed, self.smooth,
-            self.quadratic, np.array(self.cogging),
+            self.gain * through, self.damping * conducting, offset, friction,
+            np.array([self.stribeck_speed, 1.0 + self.gaussian]), self.smooth, self.quadratic, np.array(self.cogging),
             dt / FINE / steps, steps, speed, position,
         )  # fmt: skip
         return speed[::FINE], position[::FINE]
@@ -98,7 +100,8 @@ class OneMass:
 @numba.njit(cache=True)
 def _acceleration(v, x, force, damping, offset, friction, fading, smooth, quadratic, cogging):  # type: ignore[no-untyped-def]
     side = 0 if v >= 0 else 1
-    level = friction[0, side] + friction[1, side] * np.exp(-abs(v) / fading)
+    ratio = abs(v) / fading[0]
+    level = friction[0, side] + friction[1, side] * np.exp(-ratio * ratio if fading[1] == 2.0 else -ratio)
     turn = 2 * np.pi * x / cogging[0]
     force -= cogging[1] * np.cos(turn) + cogging[2] * np.sin(turn) + quadratic * abs(v) * v
     return force - (damping + friction[2, side]) * v - np.tanh(v / smooth) * level - offset

@@ -3,6 +3,7 @@
 from emsid.plant.bench import Bench, Encoder, SpeedSensor, Tachometer, VoltageSource
 from emsid.plant.dead_zone import DeadZoneLaw
 from emsid.plant.friction import FRICTION_LAWS, Friction, FrictionLaw, LawParameter, OneDirection, friction_law
+from emsid.plant.gaussian_stribeck import GaussianStribeck
 from emsid.plant.motor import Motor, StateSpace
 from emsid.plant.parameter import Measure, Parameter
 from emsid.plant.simulation import Energy, Events, State, Taylor, Trajectory, simulate
@@ -16,6 +17,7 @@ __all__ = [
     "Events",
     "Friction",
     "FrictionLaw",
+    "GaussianStribeck",
     "LawParameter",
     "Measure",
     "Motor",

@@ -75,6 +75,15 @@ def speed_is_a_mean(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("friction-fades-as-gaussian")
+def friction_fades_as_gaussian(f: Finding, argument: Spelling) -> str:
+    """Subject: the plant."""
+    return (
+        f"the excess of the friction of {f.subject} near rest fades with the speed as exp(−(rate·speed)²), and not as "
+        "exp(−rate·speed), for which the error is larger"
+    )
+
+
 @words("alternatives-fit-as-well")
 def alternatives_fit_as_well(f: Finding, argument: Spelling) -> str:
     """Data: instead (other parameters), of (the parameter that they replace; None if the plant has none of them)."""

@@ -188,9 +188,11 @@ def loop_for(law: Level) -> Callable[..., None]:
     names = {**move.py_func.__globals__, "level": law}
     if not compiled:
         names |= {"_phi": _phi.py_func, "_ripple": _ripple.py_func}
-    with_law = FunctionType(move.py_func.__code__, names, "move_with_law")
+    with_law = FunctionType(move.py_func.__code__, names, f"move_with_{law.__name__}")
     if compiled:
-        loop: Callable[..., None] = njit(nogil=True, error_model="numpy")(with_law)
+        with_law.__qualname__ = with_law.__name__  # all that the cache on disk knows of a law
+        ours = law.__module__.startswith("emsid.")
+        loop: Callable[..., None] = njit(cache=ours, nogil=True, error_model="numpy")(with_law)
         return loop
 
     def slow(*arguments: Any) -> None:

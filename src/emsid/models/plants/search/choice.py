@@ -57,6 +57,7 @@ from emsid.models.plants.search.refinements.catalogue import (
     simplified,
 )  # fmt: skip
 from emsid.models.plants.search.refinements.contract import Refined, Refinement
+from emsid.models.plants.search.refinements.stribeck_shape import usual_shape
 from emsid.models.plants.search.refinements.usual import by_direction, stribeck
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
@@ -85,6 +86,8 @@ RESTARTS = 2
 SCREENED, PIECES, CONFIRMED = 10_000, 4, 5
 """Where trials see more than twice so many samples, refinements are fitted to an excerpt of so many samples and pieces
 first, and only the last number of them, the best, to all."""
+POSITIVE = 2.0
+"""By how much Schwarz's criterion prefers an unusual friction, at least: positive evidence (Kass, Raftery 1995)."""
 PASSES = 3
 """How often refinements are added and removed at most, as another structure may ask for another weighting."""
 UNEXPLAINED, WORSE = 0.1, 4.0
@@ -360,6 +363,9 @@ class _Choice:
                     exchanged = self._tried([other(plain, without, self._record)])[0]
                     if exchanged is not None and exchanged.cost < self.trial.cost:
                         self._take(exchanged)
+        shaped = self._tried([usual_shape(self.trial.plant, self.trial.names)])[0]
+        if shaped is not None and gain(shaped, self.trial) < POSITIVE:
+            self._take(shaped)
         if self._may_be_straight:
             for hold in (Hold.ZERO, Hold.RECORD, Hold.FIRST):
                 self._exchange_hold(hold)

@@ -23,6 +23,7 @@ from emsid.models.plants.plant import Plant, Quantity
 from emsid.models.plants.search.between_samples import holds_in
 from emsid.models.plants.search.conditions import Conditions
 from emsid.models.plants.search.task import Task
+from emsid.plant import GaussianStribeck
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -213,7 +214,7 @@ def findings_of(
 
 
 def _as_simulated(task: Task, plant: Plant) -> list[Finding]:
-    """What was decided about the input between its samples and about the sensor, which is not among the parameters."""
+    """What was decided about the input between its samples, sensor and friction, which is not among the parameters."""
     found = []
     if plant.hold is not task.plant.hold and not task.hold_given:
         held = holds_in(plant, task.segments).count(Hold.ZERO)
@@ -225,6 +226,10 @@ def _as_simulated(task: Task, plant: Plant) -> list[Finding]:
         and "sensor.average" not in task.fixed
     ):
         found.append(Finding("speed-is-a-mean", task.segments[0].output_names[0]))
+    driven = plant.of_record(0).driven
+    laws = () if driven is None else driven.frictions.values()
+    if any(isinstance(law, GaussianStribeck) and law.varies.any() for law in laws):
+        found.append(Finding("friction-fades-as-gaussian", plant.name))
     return found
 
 

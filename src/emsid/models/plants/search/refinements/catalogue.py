@@ -26,6 +26,7 @@ from emsid.models.plants.search.refinements.inductance import INDUCTANCE, induct
 from emsid.models.plants.search.refinements.knee import knee
 from emsid.models.plants.search.refinements.quadratic_viscous import QUADRATIC, quadratic_viscous
 from emsid.models.plants.search.refinements.stribeck_by_direction import stribeck_by_direction
+from emsid.models.plants.search.refinements.stribeck_shape import gaussian_stribeck
 from emsid.models.plants.search.refinements.supply_limit import supply_limit
 from emsid.models.plants.search.refinements.switching_loss import switching_loss
 from emsid.models.plants.search.refinements.usual import (
@@ -42,7 +43,7 @@ from emsid.models.plants.search.refinements.usual import (
 REFINEMENTS: tuple[Refinement, ...] = (
     coasting_bridge, late_command, slow_sensor, averaging_sensor, stribeck, by_direction, viscous_by_direction,
     constant_load, supply_limit, knee, gain_by_direction, gain_and_friction_by_direction,
-    stribeck_by_direction, switching_loss, current_rise, quadratic_viscous, inductance,
+    stribeck_by_direction, gaussian_stribeck, switching_loss, current_rise, quadratic_viscous, inductance,
 )  # fmt: skip
 OF_SHAFT: tuple[Refinement, ...] = (backlash,)
 """Refinements of a motor with an elastic shaft, which is too slow to simulate for all others."""

@@ -28,6 +28,7 @@ from emsid.cli.structures import structure_of
 from emsid.estimation import Control, Directional, Forgetting
 from emsid.estimation.linear.change_detection import ChangeDetector
 from emsid.excitation import SIGNALS
+from emsid.findings import Finding
 from emsid.live.board import Board, MotorChange, read_change
 from emsid.live.driving import Limits, drive
 from emsid.live.log import Log, read_from
@@ -38,6 +39,7 @@ from emsid.live.session import Session, Settings, messages, read_log
 from emsid.live.sources import Disconnected, connect, open_source
 from emsid.live.tracking import Tracker
 from emsid.plant import Bench
+from emsid.wording import sentence
 
 DT = 1e-3
 PLAIN = Motor().rigid()
@@ -478,10 +480,12 @@ def test_a_tracker_that_is_too_slow_skips_samples_that_the_log_has(tmp_path: Pat
     receiver = Receiver(Bytes(*parts[:10]), log, most_waiting=2000)
     receiver._thread.join()  # everything has come before the tracker begins
     session = Session(Tracker(RecursiveLeastSquares(arx(1, 1))), "board")
-    list(messages(session, receiver, LineParser(), Settings(0.01), log))
+    found = list(messages(session, receiver, LineParser(), Settings(0.01), log))
     receiver.close()
     log.close()
-    assert 50 <= session.counts["samples"] < 500
+    assert 50 <= session.counts["samples"] < 499
+    assert session.counts["samples"] + session.counts["skipped"] == 499  # also where nothing comes after them
+    assert "samples-not-tracked" in findings(found)
     assert len(read_log(log.path)) == 499
 
 
@@ -780,6 +784,18 @@ def test_bench_run_drives_a_server_and_writes_a_record(tmp_path: Path, run: obje
         status, _, err = run("bench", "run", *wrong, "--out", tmp_path / "none.csv")
         assert (status, err.count("\n")) == (2, 1)
         assert message in err
+
+
+def test_bench_run_says_that_zero_volts_are_not_confirmed(
+    tmp_path: Path, run: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stuck = SentBoard(b"t,u,y\n", *(b"%.2f,1,0\n" % (0.01 * k) for k in range(40)))
+    monkeypatch.setattr("emsid.live.sources.open_source", lambda *_: stuck)
+    monkeypatch.setattr("emsid.live.driving.PATIENCE", 0.2)
+    monkeypatch.setattr("emsid.live.driving.CONFIRM", 0.1)
+    words = ("--limit", "4V", "--out", tmp_path / "record.csv")
+    status, out, _ = run("bench", "run", "--source", "socket://127.0.0.1:1", *words)
+    assert (status, out.count(sentence(Finding("motor-not-at-zero", "socket://127.0.0.1:1")))) == (1, 1)
 
 
 def test_a_killed_tracker_leaves_a_log_that_reads(tmp_path: Path) -> None:

@@ -125,14 +125,15 @@ class Receiver:
         if self._waiting > self._most:
             self._skipping += data.count(b"\n")
             return
-        if self._skipping:
-            self._put(Piece("skipped", lines=self._skipping))
-            self._skipping = 0
         with self._lock:
             self._waiting += len(data)
         self._put(Piece("data", data))
 
     def _put(self, piece: Piece) -> None:
+        """Pass a piece on, after what was skipped before it."""
+        if self._skipping:
+            self._pieces.append(Piece("skipped", lines=self._skipping))
+            self._skipping = 0
         self._pieces.append(piece)
         self._arrived.set()
 

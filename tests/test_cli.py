@@ -477,6 +477,21 @@ def test_errors_on_identification_data_are_reported_as_such(run, log, tmp_path):
     assert "say nothing about unseen data" not in run("identify", log, *words)[1]
 
 
+@pytest.mark.parametrize(("spent", "left"), [(3.0, 14.0), (8.0, 10.0)])
+def test_a_budget_is_of_the_whole_command(run, log, tmp_path, monkeypatch, spent, left):
+    asked, clock = [], iter([0.0, spent])
+
+    def searched(*_, budget, **__):
+        asked.append(budget)
+        raise emsid.ModelError("enough")
+
+    monkeypatch.setattr("emsid.identification.workflow.identify", searched)
+    monkeypatch.setattr(sys.modules["emsid.cli.commands.identify"], "monotonic", lambda: next(clock))
+    status, _, err = run("identify", log, *IDENTIFY, "--budget", "20s", "--out", tmp_path)
+    assert (status, err) == (2, "emsid: enough\n")
+    assert asked == [left]
+
+
 @pytest.mark.parametrize("fraction", [0, 1, 2, -0.5, "nan"])
 def test_fractions_kept_unseen_lie_between_none_and_all(run, log, tmp_path, fraction):
     words = ("-u", "u", "-y", "y", "--dt", 0.01, "--out", tmp_path / "out", "--unseen", fraction)

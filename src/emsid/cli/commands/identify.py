@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -60,7 +61,12 @@ Models = Annotated[
 Quick = Annotated[bool, typer.Option("--quick", help="Fit linear models and regressions only, in seconds.")]
 Budget = Annotated[
     float | None,
-    typer.Option(metavar="S", parser=quantity("s"), help="Time for all searches (20s); each model gets its share."),
+    typer.Option(
+        metavar="S",
+        parser=quantity("s"),
+        help="Time for the whole command (20s). Reading takes its part, and as much is kept for tables and page; each "
+        "model gets its share of the rest, which is at least half.",
+    ),
 ]
 Unseen = Annotated[
     float,
@@ -200,6 +206,7 @@ def identify(
       emsid identify arm.mat -u vir -y "d(qm)" --time t --scale vir=35.15065 --models friction-narx --knots 8
       emsid identify arm.csv -u force -y x --time t --models linear-axis --free mass,offset --datasheet arm.toml
     """
+    begun = monotonic()
     with without_collection():
         asked = names(models, "--models")
         second = None if quick or budget else second_process(asked, alone=INTERRUPTION.own_process)
@@ -222,8 +229,22 @@ def identify(
         check_folder(out)
         records, tests = [reader(path) for path in reader.files(files)], [reader(path) for path in validate]
         search = partial(workflow.identify, records, tests or unseen, models=asked or None, options=options)
+        budget = None if budget is None else _for_searches(budget, monotonic() - begun)
         search = partial(search, transient=transient, quick=quick, budget=budget, bootstrap=bootstrap, seed=seed)
     _run(search, reader, out, json, pdf, second)
+
+
+def _for_searches(budget: float, spent: float) -> float:
+    """The part of the time in s for the whole command that searches may take.
+
+    What follows them takes about as long as imports and reading did, on any machine and under any load: both consist of
+    Python, and of work on every sample.
+
+    Args:
+        budget: for the whole command.
+        spent: before the searches.
+    """
+    return max(budget - 2 * spent, budget / 2) if budget > 0 else budget
 
 
 def _run(

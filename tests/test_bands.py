@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 import emsid
 from emsid.blocks import DeadZone, Rational
 from emsid.estimation.fit import Fit
+from emsid.identification import curves
 from emsid.validation import (
     free_run_band,
     frequency_response_band,
@@ -129,6 +130,8 @@ def of_feedback(seed):
     levels, step = static_map_band(fit, known), step_response_band(fit, known, size=3.0, start=0.0)
     yield covered(levels, np.where(np.abs(levels.x) < 1.5, levels.x / 1.5, levels.x - 0.5 * np.sign(levels.x)))
     yield covered(step, run(np.full(len(step.x) + 1, 3.0))[:-1, None])
+    inner = next(each for each in curves(fit, known) if each.kind == "map in feedback")
+    assert np.all(inner.high - inner.low > 0)
 
 
 def of_plants(seed):
@@ -292,6 +295,9 @@ def test_a_feedback_model_has_the_bands_of_its_responses_and_of_its_rest():
     assert 10 ** (outer.value[0] / 20) == pytest.approx(1.0, rel=1e-3)
     assert np.all(inner.standard_error > 0)
     assert np.all(step_response_band(fit, known).standard_error[2:] > 0)
+    (inner,) = (each for each in curves(fit, known) if each.kind == "map in feedback")
+    assert inner.value == pytest.approx(np.clip(inner.x, -1, 1))
+    assert np.isnan(inner.low).all()  # no parameter of the map is estimated
     run = free_run_band(fit, known)
     above, below = (
         model.with_estimates(fit.names, fit.estimate + step).simulate(known).output for step in (1e-3, -1e-3)

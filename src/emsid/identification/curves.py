@@ -19,10 +19,12 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
 from emsid.models.blocks.cascade import Cascade
+from emsid.models.feedback.model import FeedbackModel
 from emsid.models.plants.search.diagnostics import Curve, dead_zone_curve, friction_curve
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record
 from emsid.validation.bands import (
+    POINTS,
     Band,
     frequency_response_band,
     friction_band,
@@ -30,6 +32,7 @@ from emsid.validation.bands import (
     step_response_band,
     usual_step,
 )
+from emsid.validation.feedback_curves import map_error, visited
 
 Array = NDArray[np.float64]
 Quantity = tuple[str, str]
@@ -42,8 +45,8 @@ class BandedCurve:
 
     Attributes:
         model: its name.
-        kind: ``step response``, ``magnitude`` or ``phase`` (of the frequency response), ``static map``, ``friction`` or
-            ``dead zone``.
+        kind: ``step response``, ``magnitude`` or ``phase`` (of the frequency response), ``static map``, ``map in
+            feedback``, ``friction`` or ``dead zone``.
         x_name, x_unit, name, unit: of the two axes; units are empty where they are not known.
         input, output: channels of the record that a response leads from and to.
         x: (m,) values on the first axis.
@@ -97,6 +100,8 @@ def _views(fit: Fit[Any], record: Record, level: float) -> Iterator[Callable[[],
     else:
         yield partial(_static_map, fit, record, level)
         yield partial(_friction, fit, record, level)
+    if isinstance(fit.model, FeedbackModel):
+        yield partial(_in_feedback, fit, record, level)
 
 
 def _step(fit: Fit[Any], record: Record, input: int, level: float) -> list[BandedCurve]:
@@ -124,6 +129,18 @@ def _friction(fit: Fit[Any], record: Record, level: float) -> list[BandedCurve]:
     return [
         _banded(fit, record, "friction", friction_band(fit, record, level=level), _output(record, 0), _input(record, 0))
     ]
+
+
+def _in_feedback(fit: Fit[FeedbackModel], record: Record, level: float) -> list[BandedCurve]:
+    """The maps of a feedback model over their inputs in the record, in the coordinates of the model."""
+    model, found = fit.model, []
+    seen = visited(model, record).z
+    for k, (each, z, w) in enumerate(zip(model.maps, model.numbered("z"), model.numbered("w"), strict=True)):
+        x = np.linspace(float(seen[:, k].min()), float(seen[:, k].max()), POINTS)
+        error = map_error(fit, k, x)
+        band = Band(x, each.value(x), error if error.any() else np.full(len(x), np.nan), level)
+        found.append(_banded(fit, record, "map in feedback", band, (z, ""), (w, "")))
+    return found
 
 
 def _of_plant(fit: GreyBoxFit, record: Record, level: float) -> list[BandedCurve]:

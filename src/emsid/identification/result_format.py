@@ -179,8 +179,8 @@ class CharacteristicData(msgspec.Struct, forbid_unknown_fields=True):
 class CurveData(msgspec.Struct, forbid_unknown_fields=True):
     """A curve of the recommended model with its 95 % band; ``low`` and ``high`` are null without intervals.
 
-    ``kind`` is ``step response``, ``magnitude`` or ``phase`` (of the frequency response), ``static map``, ``friction``
-    or ``dead zone``.
+    ``kind`` is ``step response``, ``magnitude`` or ``phase`` (of the frequency response), ``static map``, ``map in
+    feedback``, ``friction`` or ``dead zone``.
     """
 
     model: str

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.problem import Infeasible
+from emsid.models.feedback.coordinates import Visited
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.start import starting
 from emsid.record import Record
@@ -87,3 +88,22 @@ def feedback_run_error(fit: Fit[Any], record: Record, transient: int | None) -> 
             error[first:, 0] = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slopes, covariance, slopes), 0.0))
         errors.append(error)
     return np.concatenate(errors)
+
+
+def visited(model: FeedbackModel, record: Record) -> Visited:
+    """The signals of the model over the record, from rest at the first input."""
+    u = [segment.input[:, 0] for segment in record.segments]
+    return Visited.of(
+        [model.entering(each) for each in u], [model.trajectory(each, model.resting(float(each[0]))) for each in u]
+    )
+
+
+def map_error(fit: Fit[Any], k: int, x: Array) -> Array:
+    """(m,) the standard error of a map at its inputs x, to first order; undetermined parameters are left out."""
+    model = fit.model
+    names = list(model.names[model.spans[k]])
+    columns = [j for j, name in enumerate(fit.names) if name in names]
+    rows = model.maps[k].parameter_gradient(x)[[names.index(fit.names[j]) for j in columns]]
+    part = fit.covariance[np.ix_(columns, columns)]
+    variance = np.einsum("im,ij,jm->m", rows, np.where(np.isfinite(part), part, 0.0), rows)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from emsid.models.feedback.coordinates import Visited
 from emsid.models.feedback.model import FeedbackModel
 from emsid.report.document import Axis, Band, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
+from emsid.validation.feedback_curves import map_error, visited
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
@@ -38,13 +38,13 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str, level: float = 
     model = fit.model
     if not isinstance(model, FeedbackModel) or not model.maps:
         return None
-    seen, plots = _visited(model, record), []
+    seen, plots = visited(model, record), []
     z, w = model.numbered("z"), model.numbered("w")
     for k, each in enumerate(model.maps):
         low, high = float(seen.z[:, k].min()), float(seen.z[:, k].max())
         room = BEYOND * (high - low) or 1.0
         x = np.unique(np.concatenate([np.linspace(low - room, high + room, DRAWN), each.breaks(low, high)]))
-        value, half = each.value(x), float(ndtri(0.5 + level / 2)) * _deviation(fit, k, x)
+        value, half = each.value(x), float(ndtri(0.5 + level / 2)) * map_error(fit, k, x)
         edges = np.linspace(x[0], x[-1], 81)
         counts = np.histogram(seen.z[:, k], edges)[0].astype(float)
         span = float(np.ptp(value)) or 1.0
@@ -73,7 +73,7 @@ def poles_by_level(fit: Fit[Any], record: Record, prefix: str) -> Figure | None:
     model = fit.model
     if not isinstance(model, FeedbackModel) or not model.maps or not model.states:
         return None
-    seen, n = _visited(model, record), model.states
+    seen, n = visited(model, record), model.states
     turn = np.linspace(0, 2 * np.pi, 200)
     marks: list[Mark] = [Line(np.cos(turn), np.sin(turn), "unit circle", Stroke(Ink.GREY, Dash.DASHED, 0.8))]
     middle = [float(each.slope(np.array([np.median(seen.z[:, k])]))[0]) for k, each in enumerate(model.maps)]
@@ -88,22 +88,3 @@ def poles_by_level(fit: Fit[Any], record: Record, prefix: str) -> Figure | None:
         "(other maps at the middle of theirs).",
         (Plot(tuple(marks), Axis("Real part", "1"), Axis("Imaginary part", "1"), "Poles"),),
     )
-
-
-def _visited(model: FeedbackModel, record: Record) -> Visited:
-    """The signals of the model over the record, from rest at the first input."""
-    u = [segment.input[:, 0] for segment in record.segments]
-    return Visited.of(
-        [model.entering(each) for each in u], [model.trajectory(each, model.resting(float(each[0]))) for each in u]
-    )
-
-
-def _deviation(fit: Fit[Any], k: int, x: Array) -> Array:
-    """(m,) the standard error of a map at its inputs x, to first order; undetermined parameters are left out."""
-    model = fit.model
-    names = list(model.names[model.spans[k]])
-    columns = [j for j, name in enumerate(fit.names) if name in names]
-    rows = model.maps[k].parameter_gradient(x)[[names.index(fit.names[j]) for j in columns]]
-    part = fit.covariance[np.ix_(columns, columns)]
-    variance = np.einsum("im,ij,jm->m", rows, np.where(np.isfinite(part), part, 0.0), rows)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))

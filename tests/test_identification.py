@@ -410,16 +410,20 @@ def test_a_page_of_the_command_line_names_options():
 
 
 @pytest.mark.parametrize(
-    ("units", "plants"),
+    ("units", "output", "plants"),
     [
-        (("V", "rad/s"), ["rigid-motor"]),
-        (("", ""), ["rigid-motor"]),
-        (("N", "m"), ["linear-axis"]),
-        (("Pa", "K"), []),
+        (("V", "rad/s"), "y", ["rigid-motor"]),
+        (("V", "rad"), "angle", ["rigid-motor"]),
+        (("", ""), "y", ["rigid-motor"]),
+        (("", ""), "speed", ["rigid-motor"]),
+        (("", ""), "position", ["linear-axis"]),
+        (("N", "m"), "y", ["linear-axis"]),
+        (("Pa", "K"), "y", []),
     ],
 )
-def test_a_motor_or_an_axis_is_tried_by_default_where_the_units_allow_it(units, plants):
-    record = emsid.Record(np.zeros(400), np.zeros(400), 0.01, input_units=units[0], output_units=units[1])
+def test_a_motor_or_an_axis_is_tried_by_default_where_units_and_names_allow_it(units, output, plants):
+    nothing = np.zeros(400)
+    record = emsid.Record(nothing, nothing, 0.01, "u", output, input_units=units[0], output_units=units[1])
     assert usual_for(record) == (*USUAL, *plants)
 
 

@@ -15,6 +15,7 @@ from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.findings import Finding
+from emsid.first_look.advice import is_position
 from emsid.first_look.baseline import ORDERS, baseline
 from emsid.identification.linear_models import Armax, BoxJenkins, StateSpace
 from emsid.identification.options import ModelKind, Options
@@ -300,15 +301,18 @@ def usual_for(record: Record) -> tuple[str, ...]:
     that shows absolute values does.
 
     Units decide that, as far as there are any: a voltage and a speed are those of a motor, a force and a position those
-    of an axis. A feedback model has too many parameters for fewer samples than `FOR_FEEDBACK`, or
-    `OF_MAGNITUDES` where the input has both signs and the output one.
+    of an axis; without a unit, the name of the output does. A feedback model has too many parameters for fewer samples
+    than `FOR_FEEDBACK`, or `OF_MAGNITUDES` where the input has both signs and the output one.
     """
     one_each = record.input.shape[1] == record.output.shape[1] == 1
     starts = {name: kind.start for name, kind in PLANTS.items() if one_each and kind.refined}
     folded = ("wiener",) if one_each and keeps_its_sign(record.output[:, 0]) else ()
     least = OF_MAGNITUDES if folded and may_be_magnitudes([record]) else FOR_FEEDBACK
     usual = tuple(name for name in USUAL if name != "feedback" or len(record) >= least)
-    return (*usual, *folded, *[name for name, start in starts.items() if _may_be_of(start, record)][:1])
+    plants = [name for name, start in starts.items() if _may_be_of(start, record)]
+    wanted = Signal.POSITION if is_position(record) else Signal.SPEED
+    plants.sort(key=lambda name: wanted not in signals_of(starts[name], record))
+    return (*usual, *folded, *plants[:1])
 
 
 def _may_be_of(plant: Plant, record: Record) -> bool:

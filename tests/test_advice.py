@@ -138,6 +138,11 @@ def test_a_filter_hides_feedback() -> None:
     assert "feedback-likely" not in findings(u, y, output_names=("d(q)",))
 
 
+def test_a_position_on_one_side_of_its_zero_is_no_magnitude() -> None:
+    u, y = CASES["output-without-sign"]()
+    assert "output-without-sign" not in findings(u, y, output_names=("position",))
+
+
 def test_jitter() -> None:
     t = 0.01 * np.arange(N) + 2e-4 * np.random.default_rng(0).uniform(-1, 1, N)
     found = findings(U, motor(U), time_axis=time_axis(t))

@@ -160,7 +160,9 @@ def _looks_ahead(data: _Data) -> bool:
 
 
 def _without_sign(data: _Data) -> Iterable[Finding]:
-    """An output that has one sign although the input has both."""
+    """An output that has one sign although the input has both; a position may be on one side of its zero."""
+    if is_position(data.record):
+        return
     positive = float(np.mean(data.u > 0.1 * np.max(np.abs(data.u))))
     negative = float(np.mean(data.u < -0.1 * np.max(np.abs(data.u))))
     low, high = float(data.y.min()), float(data.y.max())

@@ -305,12 +305,13 @@ def usual_for(record: Record) -> tuple[str, ...]:
     than `FOR_FEEDBACK`, or `OF_MAGNITUDES` where the input has both signs and the output one.
     """
     one_each = record.input.shape[1] == record.output.shape[1] == 1
+    position = is_position(record)
     starts = {name: kind.start for name, kind in PLANTS.items() if one_each and kind.refined}
-    folded = ("wiener",) if one_each and keeps_its_sign(record.output[:, 0]) else ()
+    folded = ("wiener",) if one_each and not position and keeps_its_sign(record.output[:, 0]) else ()
     least = OF_MAGNITUDES if folded and may_be_magnitudes([record]) else FOR_FEEDBACK
     usual = tuple(name for name in USUAL if name != "feedback" or len(record) >= least)
     plants = [name for name, start in starts.items() if _may_be_of(start, record)]
-    wanted = Signal.POSITION if is_position(record) else Signal.SPEED
+    wanted = Signal.POSITION if position else Signal.SPEED
     plants.sort(key=lambda name: wanted not in signals_of(starts[name], record))
     return (*usual, *folded, *plants[:1])
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
+import tomllib
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -13,7 +15,7 @@ import polars as pl
 import pytest
 
 import emsid
-from emsid.errors import FormatError
+from emsid.errors import EmsidError, FormatError
 from emsid.io import READERS, packing
 from emsid.io.arrow import read_arrow
 from emsid.io.clocks import on_one_clock
@@ -179,15 +181,27 @@ def test_a_file_of_each_kind(
     assert look.record.dt == pytest.approx(0.01)
 
 
-NEEDS = {".xlsx": "excel", ".tdms": "tdms", ".mf4": "mdf", ".wpilog": "wpilog", ".mcap": "ros", ".bag": "ros"}
+EXTRAS = {
+    "excel": (".xlsx", ".xls", ".ods"),
+    "tdms": (".tdms",),
+    "mdf": (".mf4", ".mdf"),
+    "wpilog": (".wpilog",),
+    "ros": (".mcap", ".bag"),
+}
+NEEDS = {suffix: extra for extra, suffixes in EXTRAS.items() for suffix in suffixes}
 
 
-@pytest.mark.parametrize("suffix", NEEDS)
+@pytest.mark.parametrize("suffix", sorted(READERS))
 def test_a_package_that_is_missing_is_named(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of every reader: it says which extra to install, which the project has, or needs none."""
     monkeypatch.setattr(packing, "find_spec", lambda name: None)
     (tmp_path / f"log{suffix}").write_bytes(b"anything")
-    with pytest.raises(FormatError, match=rf"install \w+: pip install 'emsid\[{NEEDS[suffix]}\]'"):
+    with pytest.raises(EmsidError) as refused:
         emsid.read(tmp_path / f"log{suffix}", input="u", output="y")
+    asked = re.search(r"install \w+: pip install 'emsid\[(\w+)\]'", str(refused.value))
+    assert (asked and asked[1]) == NEEDS.get(suffix)
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8"))["project"]
+    assert asked is None or asked[1] in project["optional-dependencies"]
 
 
 def bag_folder(path: Path) -> Path:

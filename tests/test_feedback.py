@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,8 @@ from scipy.signal import lfilter
 
 import emsid
 from emsid import ModelError, Record
-from emsid.estimation.nonlinear.control import FREE
+from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear.control import FREE, Stopped
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.map_families import family_of
@@ -498,17 +500,37 @@ def test_the_last_steps_of_a_fit_never_lose_what_was_found(monkeypatch: pytest.M
     assert np.isfinite(after.covariance).all()
 
 
-def test_a_long_record_is_fitted_from_the_minimum_of_a_part(monkeypatch) -> None:
+def _begun_on_a_long_record() -> tuple[Record, Trial]:
     model = loop()
     u = np.random.default_rng(5).normal(size=2000)
     y = model.output(u, X)
     record = Record(u, y + 0.01 * np.std(y) * np.random.default_rng(6).normal(size=2000), DT)
     segments = segments_longer_than(model.memory, model, [record])
     start = model.with_parameters(1.02 * model.parameters)
-    begun = Trial(searched(start, segments, model.edge, 0), StretchErrors.of(np.ones(16)), family_of("polynomial"), 3)
+    found = searched(start, segments, model.edge, 0)
+    return record, Trial(found, StretchErrors.of(np.ones(16)), family_of("polynomial"), 3)
+
+
+def test_a_long_record_is_fitted_from_the_minimum_of_a_part(monkeypatch) -> None:
+    record, begun = _begun_on_a_long_record()
     whole = estimation._fitted(begun, [record], FREE)
     monkeypatch.setattr(estimation, "LONG", 800)
     quick = estimation._fitted(begun, [record], FREE)
     errors = [float(np.nanmean(squared_errors(fit.model, [record]))) for fit in (whole, quick)]
     assert errors[1] == pytest.approx(errors[0], rel=1e-3)
     assert quick.samples == whole.samples  # all of them, in the end
+
+
+def test_a_search_of_a_long_record_that_is_stopped_ends_with_a_part_of_it(monkeypatch) -> None:
+    record, begun = _begun_on_a_long_record()
+
+    def stopped(*_: object) -> Iterator[Trial]:
+        yield begun
+        raise Stopped(Ending.INTERRUPTED)
+
+    monkeypatch.setattr(estimation, "chosen", stopped)
+    monkeypatch.setattr(estimation, "LONG", 800)
+    fit = emsid.feedback().fit(record)
+    assert (fit.ending, fit.samples < 900) == (Ending.INTERRUPTED, True)
+    same = [float(np.nanmean(squared_errors(model, [record]))) for model in (begun.found.model, fit.model)]
+    assert same[1] == pytest.approx(same[0], rel=1e-3)

@@ -59,7 +59,7 @@ class FeedbackStructure:
         Args:
             records: one input and one output each.
             control: cancellation, time limit and progress reports. If it ends the search, the best model so far is
-                kept.
+                kept; its intervals are those of an excerpt of a long record.
 
         Raises:
             ModelError: for records of other channels or too short, or where no model can be fitted.
@@ -83,6 +83,8 @@ class FeedbackStructure:
         except Stopped as stopped:
             if best is None:
                 raise
+            if sum(map(len, several)) > LONG:  # the user waits: intervals of all samples would take seconds
+                several, best = _part_of(several), replace(best, found=replace(best.found, states=[]))
             fit = _fitted(best, several, FREE, 0)
             cut_short = Finding("choices-cut-short", self.name, {"cancelled": stopped.ending is Ending.INTERRUPTED})
             return replace(fit, ending=stopped.ending, findings=(cut_short,))
@@ -178,11 +180,14 @@ def _minimum(
     if sum(map(len, records)) <= LONG or not iterations:
         here = searched(model, segments, edge, iterations, 0.05, control, states=begun)
         return conclude(here, segments, edge, 0.05, control, iterations)
-    few = [excerpt(record, max(LONG // len(records), 1)) for record in records]
-    found = searched(
-        model, segments_longer_than(model.memory, model, few), edge, iterations, 0.05, control, LAST_SAVING
-    )
+    few = segments_longer_than(model.memory, model, _part_of(records))
+    found = searched(model, few, edge, iterations, 0.05, control, LAST_SAVING)
     return _in_few_steps(found.model, found.settled, segments, control)
+
+
+def _part_of(records: Sequence[Record]) -> list[Record]:
+    """Excerpts of long records."""
+    return [excerpt(record, max(LONG // len(records), 1)) for record in records]
 
 
 def _in_few_steps(model: FeedbackModel, settled: bool, segments: Segments, control: Control) -> Fit[Any]:

@@ -22,9 +22,10 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.choice import STARTS, choose
 from emsid.models.plants.search.diagnostics import likelihood_profile
-from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.estimation import begun_again, simulation_error
 from emsid.models.plants.search.refinements.usual import late_command, slow_sensor
 from emsid.models.plants.search.result import Status
+from emsid.models.plants.search.task import prepare
 from emsid.models.plants.sensor import Sensor
 from emsid.plant import Motor
 from emsid.plant.motor import Parameter
@@ -690,6 +691,22 @@ OWN = OwnPlant(decay, whole, (Parameter("a", "a", "1/s", "rate"),), (2.0,), 1, n
 def tank():
     """A record of a plant that is not compiled."""
     return Record(LEVELS, OWN.simulate(LEVELS[:, None], DT, np.zeros(1), ()), DT)
+
+
+def test_a_search_of_an_own_plant_that_stalls_is_begun_again(tank):
+    noise = 0.01 * np.random.default_rng(0).standard_normal(tank.output.shape)
+    task = prepare(OWN.with_values({"a": 5.0}), replace(tank, output=tank.output + noise))
+    stall = Finding("search-stalled", "", {"steps": 1, "offset": 5.0})
+    early, found = (continuation.search(task, task.plant, steps) for steps in (1, 30))
+    again = [
+        begun_again(task, each._replace(minimum=replace(each.minimum, ending=Ending.STALLED, findings=(stall,))), 30)
+        for each in (early, found)
+    ]
+    assert early.minimum.cost > 2 * found.minimum.cost
+    assert again[0].minimum.cost == pytest.approx(found.minimum.cost, rel=1e-6)
+    assert [each.minimum.ending for each in again] == [Ending.CONVERGED] * 2
+    (said,) = again[1].minimum.findings
+    assert (said.code, said.data) == ("minimum-not-smooth", {"starts": 4, "agreeing": 4})
 
 
 def test_a_plant_of_plain_functions_is_fitted(tank):

@@ -20,7 +20,10 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear import restarts
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.restarts import RESTARTS, SLOW, confirmed
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
@@ -218,8 +221,10 @@ def off_zero(task: Task, reached: Reached, max_iterations: int) -> Reached:
 def begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
     """The best of a search that stalled and of some that begin around its end: free runs have narrow, bent valleys."""
     driven = reached.problem.plant.driven
-    if reached.minimum.ending is not Ending.STALLED or driven is None:
+    if reached.minimum.ending is not Ending.STALLED:
         return reached
+    if driven is None:
+        return _own_begun_again(task, reached, max_iterations)
     states = reached.problem.states(reached.problem.start)
     residuals = reached.problem.residuals(reached.problem.start)
     here = Trial(driven, tuple(reached.names), states, reached.minimum.cost, residuals)
@@ -230,4 +235,25 @@ def begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
             reached = again if again.minimum.cost < reached.minimum.cost else reached
         if reached.minimum.ending is Ending.STALLED and tuple(reached.names) == there.names:
             return reached._replace(minimum=confirmed(reached.minimum, there.ends))
+    return reached
+
+
+def _own_begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
+    """The same for a plant without a drive, such as a user's own."""
+    problem = reached.problem
+    lower, upper = problem.within({name: task.limits[name] for name in reached.names})
+
+    def search(theta: Array, **options: Any) -> Minimum:
+        with problem.under(task.control):
+            return gauss_newton(
+                problem, np.clip(theta, lower, upper), lower=lower, upper=upper, noise=problem.precision,
+                names=problem.names, control=task.control, **options,
+            )  # fmt: skip
+
+    with suppress(Stopped):
+        minimum = restarts.begun_again(reached.minimum, search, len(reached.names), task.control)
+        if minimum.cost >= reached.minimum.cost:
+            return reached._replace(minimum=minimum)
+        again = continuation.search(task, problem.plant_at(minimum.estimate), max_iterations)
+        return again if again.minimum.cost < reached.minimum.cost else reached
     return reached

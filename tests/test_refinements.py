@@ -24,7 +24,7 @@ from emsid.models.plants.search import choice
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.refinements.catalogue import OF_SHAFT
-from emsid.models.plants.search.refinements.cogging import cogging
+from emsid.models.plants.search.refinements.cogging import cogging, cogging_of_speed
 from emsid.models.plants.search.refinements.inductance import inductance
 from emsid.models.plants.search.refinements.quadratic_viscous import quadratic_viscous
 from emsid.models.plants.search.refinements.stribeck_shape import gaussian_stribeck
@@ -74,6 +74,31 @@ def test_the_shape_in_which_friction_fades_is_found(gaussian):
     assert law.stribeck_rate[0] == pytest.approx(1 / 8.0, rel=0.02 if gaussian else 0.2)
     assert ("friction-fades-as-gaussian" in {each.code for each in fit.findings}) == gaussian
     assert plant_from_data(plant_to_data(fit.model.plant)).motor.rotor_friction == law
+
+
+def turning(amplitude: float, seed: int) -> Record:
+    """The speed of a motor whose torque repeats every half radian, with 1 % noise."""
+    rng = np.random.default_rng(seed)
+    cogging_of = (0.5, 0.6 * amplitude, 0.8 * amplitude)
+    truth = OneMass(gain=25.0, damping=10.0, coulomb=(10.0, 10.0), smooth=1e-2, cogging=cogging_of)
+    u = lfilter([0.05], [1, -0.95], 3 * levels(800, rng, 100))
+    speed = truth.run(u, 5e-3)[0][:800] + 0.1 * rng.standard_normal(800)
+    return Record(u, speed, 5e-3, output_units="rad/s")
+
+
+def test_cogging_is_found_in_a_speed():
+    record = turning(15.0, 2)
+    plant = choose(RIGID, record, refinements=(cogging_of_speed,)).model.plant
+    wave = np.array([plant.cogging.cosine_1, plant.cogging.sine_1]) / plant.value("rotor_inertia")
+    assert plant.cogging.period == pytest.approx(0.5, rel=5e-3)
+    assert wave == pytest.approx([9.0, 12.0], abs=1.0)
+    assert cogging_of_speed(RIGID, RIGID.default_free, concatenate([record[:400], record[:400]])) == []
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(1, 5))])
+def test_no_cogging_is_found_in_a_speed_without(seed):
+    fit = choose(RIGID, turning(0.0, seed), refinements=(cogging_of_speed,))
+    assert "cogging.period" not in fit.names
 
 
 def test_one_mass_is_taken_where_a_shaft_does_not_help(monkeypatch):

@@ -14,7 +14,7 @@ from emsid.errors import ModelError
 from emsid.models.plants.parameters import parts
 from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.search.refinements.backlash import BACKLASH, backlash
-from emsid.models.plants.search.refinements.cogging import FIRST, SECOND, cogging
+from emsid.models.plants.search.refinements.cogging import FIRST, SECOND, cogging, cogging_of_speed
 from emsid.models.plants.search.refinements.contract import Refined, Refinement
 from emsid.models.plants.search.refinements.current_rise import RISE, current_rise
 from emsid.models.plants.search.refinements.gain_by_direction import (
@@ -43,13 +43,15 @@ from emsid.models.plants.search.refinements.usual import (
 REFINEMENTS: tuple[Refinement, ...] = (
     coasting_bridge, late_command, slow_sensor, averaging_sensor, stribeck, by_direction, viscous_by_direction,
     constant_load, supply_limit, knee, gain_by_direction, gain_and_friction_by_direction,
-    stribeck_by_direction, gaussian_stribeck, switching_loss, current_rise, quadratic_viscous, inductance,
+    stribeck_by_direction, gaussian_stribeck, switching_loss, current_rise, quadratic_viscous, cogging_of_speed,
+    inductance,
 )  # fmt: skip
 OF_SHAFT: tuple[Refinement, ...] = (backlash,)
 """Refinements of a motor with an elastic shaft, which is too slow to simulate for all others."""
 ON_REQUEST: tuple[Refinement, ...] = (cogging,)
-"""Refinements that are tried only where somebody asks for them: along a short way, drift looks like cogging."""
-EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge, current_rise, quadratic_viscous, cogging)
+"""Refinements that are tried only where somebody asks for them: along a short way, the drift of a position looks like
+cogging."""
+EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge, current_rise, quadratic_viscous, cogging, cogging_of_speed)
 """Refinements that do great harm on another record where they are wrong: they are judged on kinds left out."""
 BREAKS: dict[Refinement, str] = {supply_limit: "drive.supply", knee: "drive.knee"}
 """Refinements that break the range of voltages in two, each with the parameter that says where; both must be seen."""

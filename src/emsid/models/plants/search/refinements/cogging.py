@@ -4,6 +4,9 @@ Its period is found without a simulation. With all signals smoothed, the acceler
 command, the speed and the direction. What this regression leaves is correlated with exp(2πi·x/P) for many periods P,
 of which the travel has many; those that stand out most are the starts, with the motion that a regression with
 the wave finds: a free run that is off by a period does not find it.
+
+Of a measured speed the position is the integral, from zero at the start of the record. So the record must be one
+segment, as the position at the start of another one is not known.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ Array = NDArray[np.float64]
 
 FIRST, SECOND = (("cogging.period", "cogging.cosine_1", "cogging.sine_1"), ("cogging.cosine_2", "cogging.sine_2"))
 """The parameters of the harmonics; the period comes with the first."""
+SPEEDS = (Signal.SPEED, Signal.ROTOR_SPEED)
 SMOOTH = 3.0
 """Time constant of the filter, in samples."""
 TURNS = np.arange(8.0, 120.0, 0.25)
@@ -40,9 +44,16 @@ FEWEST = 100
 """Samples in motion that a spectrum is made of, at least."""
 
 
+def cogging_of_speed(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
+    """A force repeats with the integral of the measured speed."""
+    return cogging(plant, free, record) if signals_of(plant, record)[0] in SPEEDS else []
+
+
 def cogging(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Sequence[Refined]:
-    """A force repeats with the measured position: with one harmonic, then with two."""
-    if FIRST[0] not in plant.handles or signals_of(plant, record)[0] is not Signal.POSITION:
+    """A force repeats with the position, measured or integrated: with one harmonic, then with two."""
+    shown = signals_of(plant, record)[0]
+    known = shown is Signal.POSITION or (shown in SPEEDS and len(record.segments) == 1)
+    if FIRST[0] not in plant.handles or not known:
         return []
     if FIRST[0] in free:
         return [] if SECOND[0] in free else [(plant, (*free, *SECOND))]
@@ -73,11 +84,13 @@ def _wave(plant: DrivenPlant, record: Record) -> tuple[Motion, tuple[float, floa
     segments = after_drive(plant.drive, [segment for segment in record.segments if len(segment) > 12])
     zone = next((plant.value(name) for name in plant.handles if name.endswith(".half_width")), 0.0)
     width = zone / abs(plant.drive.gain)
-    tables = [motion_rows(segment, 0, True, SMOOTH, width, plant.drive.offset) for segment in segments]
+    is_position = signals_of(plant, record)[0] is Signal.POSITION
+    tables = [motion_rows(segment, 0, is_position, SMOOTH, width, plant.drive.offset) for segment in segments]
     kept = [mask for _, mask in tables]
     if sum(int(mask.sum()) for mask in kept) < FEWEST:
         return None
-    rows, positions = np.concatenate([table for table, _ in tables]), [segment.output[:, 0] for segment in segments]
+    rows = np.concatenate([table for table, _ in tables])
+    positions = [segment.output[:, 0] if is_position else _integral(segment) for segment in segments]
     left = rows[:, -1] - rows[:, :-1] @ np.array(solved(rows[:, :-1], rows[:, -1]))
     position = np.concatenate([x[mask] for x, mask in zip(positions, kept, strict=True)])
     travel = float(np.ptp(position))
@@ -98,6 +111,12 @@ def _wave(plant: DrivenPlant, record: Record) -> tuple[Motion, tuple[float, floa
         return None
     mass = plant.largest_force(record.input) / largest / abs(gain)
     return Motion(gain, max(damping, 0.0), coulomb, offset, width), (travel / best, mass * cosine, mass * sine)
+
+
+def _integral(segment: Record) -> Array:
+    """(N,) the position that a measured speed leads to, from zero."""
+    speed = segment.output[:, 0]
+    return np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))]) * segment.dt
 
 
 def _with_wave(

@@ -306,12 +306,19 @@ def test_maps_and_poles_are_drawn() -> None:
     truth, rng = FeedbackModel(TWO_LOOPS, (MAPS["saturation"], MAPS["polynomial"]), dt=DT), np.random.default_rng(1)
     u = rng.normal(size=400)
     record = Record(u, truth.output(u, X) + 0.01 * rng.normal(size=len(u)), DT)
-    section = model_section(fit_feedback(truth, record), record)
-    maps, poles = section.figures[:2]
+    fit = fit_feedback(truth, record)
+    maps, poles = model_section(fit, record).figures[:2]
     assert len(maps.plots) == 2
     band = next(mark for mark in maps.plots[0].marks if hasattr(mark, "lower"))
     assert np.all(band.lower <= band.upper)
     assert np.any(band.upper - band.lower > 0)
+    # The linear part may have any line of a polynomial, so the band is that of its shape.
+    line = np.array([fit.names.index(name) for name in truth.names[truth.spans[1]][:2]])
+    looser = fit.covariance.copy()
+    looser[np.ix_(line, line)] += 100.0
+    other = model_section(replace(fit, covariance=looser), record).figures[0]
+    bands = [mark for each in (maps, other) for mark in each.plots[1].marks if hasattr(mark, "lower")]
+    np.testing.assert_allclose(bands[1].upper, bands[0].upper, rtol=1e-6)
     # A saturated map has no slope: the loop is open there, and its poles are those of A.
     groups = {mark.label: mark for mark in poles.plots[0].marks}
     assert {"small z", "middle", "large z"} <= groups.keys()

@@ -137,7 +137,7 @@ def _in_feedback(fit: Fit[FeedbackModel], record: Record, level: float) -> list[
     seen = visited(model, record).z
     for k, (each, z, w) in enumerate(zip(model.maps, model.numbered("z"), model.numbered("w"), strict=True)):
         x = np.linspace(float(seen[:, k].min()), float(seen[:, k].max()), POINTS)
-        error = map_error(fit, k, x)
+        error = map_error(fit, k, x, seen[:, k])
         band = Band(x, each.value(x), error if error.any() else np.full(len(x), np.nan), level)
         found.append(_banded(fit, record, "map in feedback", band, (z, ""), (w, "")))
     return found

@@ -24,6 +24,9 @@ from emsid.validation.frequency_responses import about_rest, output_at_rest
 
 Array = NDArray[np.float64]
 
+# At most this many inputs of a map, between these quantiles, show a line in it; beyond them a curve may be unknown.
+COMPARED, MIDDLE = 2_000, (0.1, 0.9)
+
 SHOWN = 1e-2
 """A direction of the initial state is estimated if the first samples show it by this share of the best one."""
 
@@ -98,12 +101,30 @@ def visited(model: FeedbackModel, record: Record) -> Visited:
     )
 
 
-def map_error(fit: Fit[Any], k: int, x: Array) -> Array:
-    """(m,) the standard error of a map at its inputs x, to first order; undetermined parameters are left out."""
+def map_error(fit: Fit[Any], k: int, x: Array, seen: Array) -> Array:
+    """(m,) the standard error of a map at its inputs x, to first order; undetermined parameters are left out.
+
+    A line beside a map is a part of the linear system, so the data may determine the sum of both only, as where the
+    linear part alone hardly comes to rest. Of a map that contains lines the error of its shape is given: of what
+    differs from a line over most of the inputs that the map has seen.
+
+    Args:
+        fit: of the model.
+        k: the map.
+        x: (m,) inputs.
+        seen: (K,) inputs of the map in a record.
+    """
     model = fit.model
     names = list(model.names[model.spans[k]])
     columns = [j for j, name in enumerate(fit.names) if name in names]
-    rows = model.maps[k].parameter_gradient(x)[[names.index(fit.names[j]) for j in columns]]
+    kept = [names.index(fit.names[j]) for j in columns]
+    rows = model.maps[k].parameter_gradient(x)[kept]
+    if model.maps[k].owns_level:
+        low, high = np.quantile(seen, MIDDLE)
+        at = seen[(low <= seen) & (seen <= high)][:: max(1, len(seen) // COMPARED)]
+        lines = [np.stack([np.ones_like(each), each - at.mean()]) for each in (x, at)]
+        rows = rows - model.maps[k].parameter_gradient(at)[kept] @ np.linalg.pinv(lines[1]) @ lines[0]
     part = fit.covariance[np.ix_(columns, columns)]
     variance = np.einsum("im,ij,jm->m", rows, np.where(np.isfinite(part), part, 0.0), rows)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+

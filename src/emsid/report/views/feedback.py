@@ -44,7 +44,7 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str, level: float = 
         low, high = float(seen.z[:, k].min()), float(seen.z[:, k].max())
         room = BEYOND * (high - low) or 1.0
         x = np.unique(np.concatenate([np.linspace(low - room, high + room, DRAWN), each.breaks(low, high)]))
-        value, half = each.value(x), float(ndtri(0.5 + level / 2)) * map_error(fit, k, x)
+        value, half = each.value(x), float(ndtri(0.5 + level / 2)) * map_error(fit, k, x, seen.z[:, k])
         edges = np.linspace(x[0], x[-1], 81)
         counts = np.histogram(seen.z[:, k], edges)[0].astype(float)
         span = float(np.ptp(value)) or 1.0
@@ -61,6 +61,8 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str, level: float = 
         axes = Axis(f"{z[k]}, into the map", range=(float(x[0]), float(x[-1]))), Axis(f"{w[k]}, out of the map")
         plots.append(Plot(tuple(marks), *axes, f"Static map {k + 1}" if len(z) > 1 else "Static map", height=1.6))
     text = f"Static {'map' if len(plots) == 1 else 'maps'} in the feedback of {model.name} with {100 * level:g} % band"
+    if any(each.owns_level for each in model.maps):
+        text += " of the shape: a line beside a map is a part of the linear system"
     return Figure(f"{prefix}-maps", f"{text}; grey: histogram of its input in {record.name}.", tuple(plots), columns=2)
 
 

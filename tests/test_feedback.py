@@ -18,7 +18,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.map_families import family_of
 from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
-from emsid.models.blocks.static_maps import STATIC_MAPS, CubicSpline, DeadZone, Polynomial, Saturation, UserMap
+from emsid.models.blocks.static_maps import STATIC_MAPS, Abs, CubicSpline, DeadZone, Polynomial, Saturation, UserMap
 from emsid.models.feedback import fitting
 from emsid.models.feedback.coordinates import Visited, coordinates, directions, normal_form, whitened, with_line
 from emsid.models.feedback.fitting import fit_feedback, searched
@@ -109,9 +109,9 @@ def test_a_cascade_is_a_case_of_it(case) -> None:
 def test_a_cascade_of_two_filters_becomes_a_feedback_model() -> None:
     """Also with an offset of its input."""
     cascade = replace(wiener_hammerstein()[0], input_offset=0.4)
-    model = as_feedback(cascade)
-    rest = cascade.run(cascade.at_rest(0.4)._replace(blocks=np.zeros(2)), U[:, None])[0]
-    np.testing.assert_allclose(model.output(U, np.zeros(2))[100:], rest[100:, 0], rtol=1e-9, atol=1e-9)
+    model, moved = as_feedback(cascade)
+    run = cascade.output(U, np.array([0.3, -0.2]))
+    np.testing.assert_allclose(model.output(U, np.array([0.3, -0.2]) + moved), run, rtol=1e-9, atol=1e-9)
 
 
 def magnitudes(samples: int = 200, seed: int = 3) -> Record:
@@ -131,12 +131,23 @@ def test_a_sensor_that_loses_the_sign_is_a_start() -> None:
     assert may_be_magnitudes([record])
     assert not may_be_magnitudes([replace(record, input=record.input + 2.0)])
     assert not may_be_magnitudes([replace(record, output=record.output - 1.0)])
-    found = of_magnitudes([record], 3, FREE)
-    assert [type(each) for each in found.model.maps] == [CubicSpline]
-    assert found.error < 0.03  # 0.074 is the best of models that start without signs
+    found = of_magnitudes([record], 4, FREE)
+    assert [[type(each) for each in model.model.maps] for model, _ in found] == [[Abs], [CubicSpline]]
+    assert min(model.error for model, _ in found) < 0.03  # 0.074 is the best of models that start without signs
     fit = emsid.fit(emsid.feedback(order=4), record)
     assert fit.noise_variance < 0.01**2
-    assert emsid.compare([fit], magnitudes(300, seed=50)).best.row.simulation_rmse < 0.03
+    assert emsid.compare([fit], magnitudes(300, seed=50)).best.row.simulation_rmse < 0.02
+
+
+def test_a_sensor_that_loses_the_sign_is_no_spline() -> None:
+    """A spline rounds the corner of |z|; the fit begins at the recovered signs, as either fits the start."""
+    rng = np.random.default_rng(14)
+    matrix = np.array([[1.6, 1.0, 0.1, 0.0], [-0.7, 0.0, 0.1, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    truth, u = FeedbackModel(matrix, (MAPS["abs"],)), np.repeat(rng.normal(size=40), 5)
+    record = Record(u, truth.output(u, X) + 0.01 * rng.normal(size=len(u)), DT)
+    (found, knots), _ = of_magnitudes([record], 2, FREE)
+    assert knots == 0
+    assert found.error < 0.0105
 
 
 def test_a_motor_with_friction_is_a_case_of_it() -> None:

@@ -31,7 +31,7 @@ from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
 from emsid.models.feedback.coordinates import with_line
 from emsid.models.feedback.fitting import Found, visited
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search.magnitudes import BEHIND, KNOTS, MAGNITUDE, of_magnitudes
+from emsid.models.feedback.search.magnitudes import MAGNITUDE, of_magnitudes
 from emsid.models.feedback.search.starts import started_beside_line, with_one_map_more
 from emsid.models.feedback.search.trials import LONGEST, MOST_ORDERS, Bench, FeedbackSearch, Steps, Trial
 from emsid.models.one_channel import segments_longer_than
@@ -40,8 +40,9 @@ from emsid.selection.improvement import matters
 
 Array = NDArray[np.float64]
 
-# Orders that are tried, if none is given; the order of the linear models that show a delay.
-ORDERS, OF_DELAY = (1, 2, 3), 2
+# Orders that are tried, if none is given, and before a sensor that loses the sign; the order of the linear models that
+# show a delay.
+ORDERS, OF_MAGNITUDES, OF_DELAY = (1, 2, 3), (2, 3, 4), 2
 # A family whose error on the fitted data is larger than that of another one by this factor is not tried with higher
 # orders, more steps or more maps.
 HOPELESS = 2.0
@@ -95,10 +96,17 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
 
 
 def _runner_up(tried: Sequence[Trial], best: Trial) -> list[Trial]:
-    """The best model with a map of another family than that of the best of all, if its error is not far larger."""
-    others = [each for each in tried if each.family is not best.family and np.isfinite(each.errors.mean)]
-    near = [each for each in others if not _hopeless(each, best)]
+    """The best model with a map of another family than that of the best of all, if its error is not far larger.
+
+    Of a sensor that loses the sign, |z| and a spline count as two families.
+    """
+    others = [each for each in tried if each.family is not best.family or _other_sensor(each, best)]
+    near = [each for each in others if np.isfinite(each.errors.mean) and not _hopeless(each, best)]
     return sorted(near, key=lambda each: each.errors.mean)[:1]
+
+
+def _other_sensor(trial: Trial, best: Trial) -> bool:
+    return trial.family is MAGNITUDE and len(trial.found.model.maps) == 1 and trial.size != best.size
 
 
 def _hopeless(trial: Trial, best: Trial) -> bool:
@@ -153,11 +161,11 @@ def _of_magnitudes(bench: Bench, settings: FeedbackSearch) -> Iterator[Trial]:
     """Models of one step per sample whose output loses the sign, where that of the records may have."""
     if settings.static or settings.delay or (settings.oversampling or 1) > 1 or not may_be_magnitudes(bench.shown):
         return
-    for order in ORDERS if settings.order is None else (settings.order - BEHIND,):
+    for order in OF_MAGNITUDES if settings.order is None else (settings.order,):
         bench.control.doing(f"magnitudes of order {order}")
         with suppress(EmsidError):
-            found = of_magnitudes(bench.shown, order, bench.control)
-            yield bench.judged(found, MAGNITUDE, KNOTS)
+            for found, knots in of_magnitudes(bench.shown, order, bench.control):
+                yield bench.judged(found, MAGNITUDE, knots)
 
 
 def _delays(bench: Bench, settings: FeedbackSearch, steps: Steps) -> tuple[int, ...]:

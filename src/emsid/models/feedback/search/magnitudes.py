@@ -2,16 +2,19 @@
 
 Such an output is no linear function of the input, so neither a linear model nor a direction found from one is a start.
 Sign recovery (`emsid.models.blocks.search.sign_recovery`) gives the filter before the sensor; with the sensor's curve
-and a filter of first order behind it this is a Wiener–Hammerstein model, which is a feedback model too. There the curve
-acts on all states as well, so that what it shows of friction in the loop is fitted.
+and a filter behind it this is a Wiener–Hammerstein model, which is a feedback model too. There the curve
+acts on all states as well, so that what it shows of friction in the loop is fitted. A spline rounds the corner of |z|,
+so that is tried too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.nonlinear.control import Control
@@ -28,49 +31,71 @@ from emsid.models.feedback.search.starts import in_observer_form
 from emsid.models.one_channel import segments_longer_than
 from emsid.record import Record
 
+Array = NDArray[np.float64]
+
 MAGNITUDE = family_of("abs")
-KNOTS = 6
-"""Of the sensor's curve."""
-BEHIND = 1
-"""Order of the filter behind the sensor."""
+KINDS = ((0, 0), (6, 1))
+"""Knots of the sensor's curve, without any |z|, and the order of the filter behind it."""
 TRIED, STEPS = 3, 40
 """The number of starts of an order that are refined, and the steps of each."""
 
 
-def of_magnitudes(records: Sequence[Record], order: int, control: Control) -> Found:
-    """The best model of one curve that loses the sign, refined from the filters that sign recovery finds.
+def of_magnitudes(records: Sequence[Record], states: int, control: Control) -> list[tuple[Found, int]]:
+    """Models of one curve that loses the sign, refined from the filters that sign recovery finds.
 
     Args:
         records: one input and one output each.
-        order: of the filter before the curve; the model has `BEHIND` more states.
+        states: of the model.
         control: when to stop.
+
+    Returns:
+        For each of `KINDS`, the best model and the number of its knots.
 
     Raises:
         ModelError: where no start leads to a model.
     """
     segments, dt = as_arrays(records), records[0].dt
     found = []
-    for pair, level in sign_recovery_candidates(segments, (order, BEHIND), np.random.default_rng(0), control):
-        template = Cascade((Rational(np.ones(1)),), input_offset=level, dt=dt)
-        with suppress(ModelError):
-            found += scanned([pair], segments, MAGNITUDE.trial, template, 1)
-    best: Found | None = None
-    for candidate in sorted(found, key=lambda each: each.error)[:TRIED]:
-        with suppress(EmsidError):
-            cascade = started(candidate.cascade, lambda x, z: MAGNITUDE.start(x, z, KNOTS), segments)
-            minimum, problem = search(
-                cascade, records, max_iterations=STEPS, tolerance=0.2, covariances=False, control=control.quietly()
-            )
-            model = as_feedback(problem.model(minimum.estimate))
-            new = searched(model, segments_longer_than(model.memory, model, records), 0, STEPS, 0.1, control)
-            best = new if best is None or new.error < best.error else best
-    if best is None:
-        raise ModelError(f"feedback: no model of order {order} whose output loses the sign")
-    return best
+    for knots, behind in KINDS:
+        candidates = []
+        orders = (states - behind, behind)
+        for pair, level in sign_recovery_candidates(segments, orders, np.random.default_rng(0), control):
+            template = Cascade((Rational(np.ones(1)),), input_offset=level, dt=dt)
+            with suppress(ModelError):
+                candidates += scanned([pair], segments, MAGNITUDE.trial, template, 1)
+        refined = list[Found]()
+        for candidate in sorted(candidates, key=lambda each: each.error)[:TRIED]:
+            with suppress(EmsidError):
+                begun = started(candidate.cascade, partial(_curve, knots), segments)
+                refined.append(_refined(begun, records, control))
+        if refined:
+            found.append((min(refined, key=lambda each: each.error), knots))
+    if not found:
+        raise ModelError(f"feedback: no model of order {states} whose output loses the sign")
+    return found
 
 
-def as_feedback(cascade: Cascade) -> FeedbackModel:
-    """A Wiener–Hammerstein model as a feedback model with the same output.
+def _curve(knots: int, x: Array, z: Array) -> StaticMap:
+    return MAGNITUDE.start(x, z, knots)
+
+
+def _refined(start: Cascade, records: Sequence[Record], control: Control) -> Found:
+    """The feedback model near a cascade that is fitted first, from its initial states.
+
+    The first samples of a magnitude fit states of either sign, and the search leaves neither.
+    """
+    minimum, problem = search(
+        start, records, max_iterations=STEPS, tolerance=0.2, covariances=False, control=control.quietly()
+    )
+    cascade = problem.model(minimum.estimate)
+    model, moved = as_feedback(cascade)
+    segments = segments_longer_than(model.memory, model, records)
+    states = [x + moved for x in problem.states(minimum.estimate)]
+    return searched(model, segments, 0, STEPS, 0.1, control, states=states if len(states) == len(segments) else None)
+
+
+def as_feedback(cascade: Cascade) -> tuple[FeedbackModel, Array]:
+    """A Wiener–Hammerstein model as a feedback model with the same output, and by how much its states are larger.
 
     Args:
         cascade: filter, map, filter, each filter with as many numerator coefficients behind the first as poles.
@@ -86,7 +111,9 @@ def as_feedback(cascade: Cascade) -> FeedbackModel:
     matrix[np.ix_([*range(n1), n], [*range(n1), n])] = before
     own = [*range(n1, n), n + 1]
     matrix[np.ix_(own, own)] = behind
-    offset = -cascade.input_offset * first.resting(1.0)[1]
-    return FeedbackModel(
-        matrix, (curve,), np.array([offset]), cascade.output_offset, cascade.delay, cascade.oversampling, dt=cascade.dt
+    rest, gain = first.resting(1.0)
+    offset, moved = np.array([-cascade.input_offset * gain]), cascade.input_offset * np.append(rest, np.zeros(n2))
+    model = FeedbackModel(
+        matrix, (curve,), offset, cascade.output_offset, cascade.delay, cascade.oversampling, dt=cascade.dt
     )
+    return model, moved

@@ -192,7 +192,7 @@ class Bench:
         Schwarz's criterion on the fitted data, for the number of independent errors, if it is better on unseen data
         too. In a short record no part shows all that the whole does, so that criterion alone decides, on the free run
         from the state that the first samples show; where it counts too few samples for every parameter, the errors on
-        parts that are left out decide.
+        parts that are left out decide whether it may, if its error is smaller.
 
         Args:
             trial: the new one.
@@ -209,7 +209,7 @@ class Bench:
         if compared:
             wins = better(rich.errors, simple.errors) or (gain > 0 and rich.errors.mean < simple.errors.mean)
         elif extra and minimum.samples < PER_PARAMETER * rich.parameters:
-            wins = matters(self.left_out(rich).mean, self.left_out(simple).mean)
+            wins = error < than and matters(self.left_out(rich).mean, self.left_out(simple).mean)
         else:
             wins = gain > 0
         return wins if richer else not wins

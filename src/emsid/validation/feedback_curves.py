@@ -127,4 +127,3 @@ def map_error(fit: Fit[Any], k: int, x: Array, seen: Array) -> Array:
     part = fit.covariance[np.ix_(columns, columns)]
     variance = np.einsum("im,ij,jm->m", rows, np.where(np.isfinite(part), part, 0.0), rows)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
-

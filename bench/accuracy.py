@@ -3,8 +3,8 @@
 Simulated plants come from a simulator that is not the program's own (``tests/independent``). Real recordings are read
 from the folder that the environment variable EMSID_RECORDINGS names, as in the tests; those that are missing are left
 out. ``python bench/accuracy.py "simulated=axis with drift 100-109"`` takes plants of other seeds. The part
-``regressions`` is that of ``bench/regressions.py``. The part ``pairs`` takes several CPU minutes, ``steps`` eight,
-``rules`` and ``starts`` ten each; name parts to print only these: ``python bench/accuracy.py emps``.
+``regressions`` is that of ``bench/regressions.py``. The parts ``pairs`` and ``cascades`` take several CPU minutes,
+``steps`` eight, ``rules`` and ``starts`` ten each; name parts to print only these: ``python bench/accuracy.py emps``.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from emsid.plants import choose, linear_axis, rigid_motor
 
 HOME = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(HOME / "tests"))
+import cascades  # noqa: E402
 import rules  # noqa: E402  (after the path of the tests)
 import starts  # noqa: E402
 from independent.cases import Case, named  # noqa: E402
@@ -191,6 +192,7 @@ PARTS: dict[str, Callable[[str], None]] = {
     "pairs": lambda begins: pairs([name for name in BRIDGE if name.startswith(begins)]),
     "steps": lambda _: steps(),
     "regressions": lambda _: regressions.main([]),
+    "cascades": lambda seeds: cascades.main(seeds, console),
     "rules": lambda begins: rules.main(begins, console),
     "starts": lambda begins: starts.main(RECORDINGS, begins, console),
 }

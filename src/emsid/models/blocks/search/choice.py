@@ -53,6 +53,8 @@ REFINED, REFINED_RANDOM = 4, 24
 FINISHED, FIRST_STEPS = 12, 5
 # The number of these that continue with a map of the required family; fits to a short record take little time.
 REFINED_MAPS, REFINED_MAPS_SHORT = 2, 6
+# Filters are the same if no coefficient differs by more than this part of the largest.
+SAME = 1e-3
 # Limits of a refinement for a choice: steps, distance to the minimum in standard errors, and relative reduction of the
 # cost over a few steps.
 CHOICE_STEPS, CHOICE_TOLERANCE, CHOICE_SAVING = 25, 0.2, 1e-3
@@ -287,16 +289,26 @@ def refined_first(starts: Sequence[Cascade]) -> list[Cascade]:
     """The starts to refine, best first: the best of every pair of orders, and the best others, `REFINED` at least.
 
     Poles and zeros of a measured response are not exact, so the filters that divide them as the system does may rank
-    behind others until all are refined.
+    behind others until all are refined. A zero far from the unit circle may be in either filter; that start is taken
+    once.
 
     Args:
         starts: best first, with one filter or two.
     """
+    starts = [start for k, start in enumerate(starts) if not k or not _same_filters(start, starts[k - 1])]
     orders = [tuple(len(b.denominator) for b in start.blocks if isinstance(b, Rational)) for start in starts]
     ahead = [k for k, each in enumerate(orders) if each not in orders[:k]]
     behind = [k for k in range(len(starts)) if k not in ahead]
     several = len(ahead) - 1 if orders and len(orders[0]) > 1 else 0
     return [starts[k] for k in (ahead + behind)[: REFINED + several]]
+
+
+def _same_filters(start: Cascade, other: Cascade) -> bool:
+    """Whether two starts have the same filters, up to rounding."""
+    one, two = ([each for b in c.blocks if isinstance(b, Rational) for each in b.transfer] for c in (start, other))
+    return len(one) == len(two) and all(
+        len(a) == len(b) and np.abs(a - b).max() < SAME * np.abs(a).max() for a, b in zip(one, two, strict=True)
+    )
 
 
 def _refined(

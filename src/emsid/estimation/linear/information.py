@@ -144,8 +144,11 @@ class Information:
             weight: (n,) or a number, not negative.
             mean: (n,) or a number.
         """
-        root = np.sqrt(np.broadcast_to(np.asarray(weight, dtype=float), self.parameters))
-        return Information(self.add(np.diag(root), root * np.broadcast_to(mean, self.parameters)).factor, self.samples)
+        n, root = self.parameters, np.sqrt(weight)
+        columns = np.zeros((n + 1, n))
+        columns.flat[:: n + 1] = root
+        columns[n] = root * mean
+        return Information(self.add_columns(columns).factor, self.samples)
 
     def solve(self, rank_tolerance: float | None = None) -> Solution:
         """The least-squares estimate (3.10) with covariance, rank and condition.

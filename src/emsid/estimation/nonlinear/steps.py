@@ -6,6 +6,7 @@ The problem is the triangular factor [R z] of `Information`: min over p ‖z −
 from __future__ import annotations
 
 from functools import partial
+from math import inf, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ def _scaled(information: Information) -> tuple[Array, Array, Array]:
 def bounded_step(information: Information, lower: Array, upper: Array) -> Array:
     """The p that minimises ‖z − Rp‖ within bounds, which contain zero."""
     step = least_squares_step(information)
-    if np.all((lower <= step) & (step <= upper)):
+    if (lower <= step).all() and (step <= upper).all():
         return step
     from scipy.optimize import lsq_linear  # takes a fifth of a second, and most searches meet no bound
 
@@ -64,10 +65,9 @@ def promised(information: Information, step: Array) -> float:
 def relative_offset(information: Information, step: Array, noise: float) -> float:
     """Length of a step in standard errors, (‖Rp‖/√n)/(‖r‖/√(N − n)); infinite if only r is zero."""
     n = information.parameters
-    moved = float(np.linalg.norm(information.factor[:n, :n] @ step))
-    residual = float(np.linalg.norm(information.factor[:, n]))
-    freedom = max(information.samples - n, 1)
-    if moved == 0.0:
+    moved, residual = information.factor[:n, :n] @ step, information.factor[:, n]
+    length = sqrt(moved @ moved)
+    if length == 0.0:
         return 0.0
-    with np.errstate(divide="ignore"):
-        return float(np.divide(moved / np.sqrt(n), max(residual / np.sqrt(freedom), noise)))
+    error = max(sqrt(residual @ residual) / sqrt(max(information.samples - n, 1)), noise)
+    return length / sqrt(n) / error if error else inf

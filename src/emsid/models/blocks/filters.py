@@ -18,7 +18,7 @@ References:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from math import sqrt
@@ -127,12 +127,12 @@ class Rational:
 
     def amplified(self, factor: float) -> Rational:
         """The filter with its gain multiplied by a factor."""
-        return replace(self, numerator=self.numerator * factor)
+        return Rational(self.numerator * factor, self.denominator, self.delay)
 
     def with_parameters(self, theta: Array) -> Rational:
         """The filter with other coefficients."""
         split = len(self.numerator)
-        return replace(self, numerator=theta[:split], denominator=theta[split:])
+        return Rational(theta[:split], theta[split:], self.delay)
 
     def check(self) -> None:
         """Refuse an unstable filter.

@@ -247,11 +247,12 @@ class FreeRunError:
         here, plant = self.residuals(theta), self.plant_at(theta)
         step = 1e-5 * np.maximum(np.abs(theta), 1e-2 * self.sizes)
         rounding = LOST * self.precision
-        moves = self._moved_together(theta + step <= self.upper)
+        lower, upper = self.lower, self.upper
+        moves = self._moved_together(theta + step <= upper)
 
         def moved(move: list[int], by: Array) -> tuple[Array, list[Array], str]:
             there = theta.copy()
-            there[move] = np.clip(theta + by, self.lower, self.upper)[move]
+            there[move] = np.clip(theta + by, lower, upper)[move]
             try:
                 return there, self._simulated(there, plant, move) if (there != theta).any() else here, ""
             except Infeasible as problem:
@@ -267,7 +268,7 @@ class FreeRunError:
         def difference(move: list[int]) -> tuple[Array, list[Array]]:
             above, after, below, before, why = sides(move, step)
             if not (above > below).any():
-                if np.all((theta[move] <= self.lower[move]) | (theta[move] >= self.upper[move])):
+                if np.all((theta[move] <= lower[move]) | (theta[move] >= upper[move])):
                     return np.ones(len(theta)), [np.zeros(len(b)) for b in here]
                 raise Infeasible(f"{self.names[move[0]]} cannot be moved from {theta[move[0]]:g}: {why}")
             if 0 < max(np.max(np.abs(b - a), initial=0.0) for a, b in zip(before, after, strict=True)) < rounding:

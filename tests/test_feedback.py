@@ -422,6 +422,8 @@ def test_parts_that_are_left_out_decide_between_models_of_many_parameters(monkey
     monkeypatch.setitem(bench.folds, id(bent), (bent, better))
     assert bench.prefers(bent, straight)
     assert not bench.prefers(straight, bent)
+    monkeypatch.setattr(trials, "FEWEST", 1 + len(u) // bent.parameters)
+    assert not bench.prefers(bent, straight)  # too few samples for every parameter
 
 
 @pytest.mark.parametrize("line", [0.0, -1.0, 2.0])

@@ -6,7 +6,7 @@ import pytest
 import scipy.linalg  # noqa: F401
 from threadpoolctl import threadpool_info
 
-from emsid.estimation.threads import one_blas_thread
+from emsid.estimation.threads import cores, one_blas_thread, sharing_cores
 
 
 def blas_threads() -> list[int]:
@@ -47,3 +47,14 @@ def test_an_error_restores_it() -> None:
     with pytest.raises(ZeroDivisionError), one_blas_thread():
         _ = 1 / 0
     assert blas_threads() == before
+
+
+def test_cores_are_shared_with_other_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: 4)
+    assert cores() == 4
+    with sharing_cores(2):
+        assert cores() == 2
+        with sharing_cores(8):
+            assert cores() == 1
+        assert cores() == 2
+    assert cores() == 4

@@ -134,10 +134,13 @@ def serve(connection: "Connection", flags: "SynchronizedArray[int]") -> None:
     Thread(target=_listen, args=(connection, tasks, cancelled), daemon=True).start()
     with without_collection():  # while the first process reads the files
         load_identification()
+    from emsid.estimation.threads import sharing_cores
+
     while True:
         names, record, options = tasks.get()
-        for answer in fitted(names, record, options, flags, cancelled.is_set):
-            connection.send(answer)
+        with sharing_cores(2):
+            for answer in fitted(names, record, options, flags, cancelled.is_set):
+                connection.send(answer)
 
 
 def fitted(

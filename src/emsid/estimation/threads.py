@@ -1,4 +1,4 @@
-"""Threads of searches: a pool for short tasks, and one thread for BLAS and LAPACK while searches run in parallel.
+"""Threads of searches: how many, a pool for short tasks, and one for BLAS and LAPACK while searches run in parallel.
 
 Searches run in one thread per core and use small matrices. If a linear-algebra library starts more threads in each of
 them, everything becomes several times slower.
@@ -6,6 +6,7 @@ them, everything becomes several times slower.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -16,6 +17,23 @@ from typing import Any
 _lock = Lock()
 _inside = 0
 _limiter: Any = None
+_processes = 1
+
+
+def cores() -> int:
+    """The number of threads for the searches of this process: its share of the cores."""
+    return max((os.cpu_count() or 1) // _processes, 1)
+
+
+@contextmanager
+def sharing_cores(processes: int) -> Iterator[None]:
+    """Within this context, the cores are shared with other processes of the program. Enter it from the main thread."""
+    global _processes
+    before, _processes = _processes, processes
+    try:
+        yield
+    finally:
+        _processes = before
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
+from emsid.estimation.threads import cores
 from emsid.findings import Finding
 from emsid.first_look.advice import is_position
 from emsid.first_look.baseline import ORDERS, baseline
@@ -75,7 +76,12 @@ class Blocks:
     def _structure(self, options: Options) -> CascadeStructure:
         rate = 1 if options.hold is Hold.ZERO else None  # more steps per sample are for inputs that go on in between
         settings = CascadeSearch(
-            static=options.static, size=options.knots, delay=options.nk, oversampling=rate, period=options.period
+            static=options.static,
+            size=options.knots,
+            delay=options.nk,
+            oversampling=rate,
+            period=options.period,
+            threads=min(cores(), CascadeSearch.threads),
         )
         return CascadeStructure(self.topology, self._orders(options), settings)
 

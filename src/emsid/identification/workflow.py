@@ -17,6 +17,7 @@ import numpy as np
 from emsid.errors import DataError, EmsidError, ModelError
 from emsid.estimation.fit import Ending, Fit, fit_or_problem
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
+from emsid.estimation.threads import sharing_cores
 from emsid.findings import Finding
 from emsid.first_look.advice import questions, responses_of
 from emsid.identification.candidates import CANDIDATES, QUICK, usual_for
@@ -263,7 +264,8 @@ def _fit_all(
             own = _of_one_model(control.sharing(len(names) - number + 1 + later), f"{name} ({number} of {len(names)})")
             own.report(Activity("fitting"))
             fit = there.fitted(name, own) if there else None
-            fits[name] = fit or _fitted_here(name, record, options, own)
+            with sharing_cores(2 if elsewhere else 1):
+                fits[name] = fit or _fitted_here(name, record, options, own)
             if finished is not None:
                 finished(fits[name])
         except Stopped as stop:

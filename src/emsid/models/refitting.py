@@ -7,7 +7,6 @@ of a fit.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -20,6 +19,7 @@ from emsid.estimation.fit import Ending, Fit, fit_or_problem
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.threads import cores
 from emsid.models.blocks import fitting as cascades
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.feedback import fitting as feedback
@@ -116,7 +116,7 @@ def _plant(fit: Fit[GreyBox], records: Sequence[Record], _: Linear, control: Con
     segments = [segment for record in records for segment in record.segments if len(segment) > fit.model.memory]
     states = [plant.first_state(signals, segment) for segment in segments]
     unknown = [plant.free_states(signals, segment) for segment in segments]
-    threads = os.cpu_count() or 1
+    threads = cores()
     problem = FreeRunError(plant, signals, segments, fit.names, states, unknown, fit.weighting, threads)
     lower, upper = problem.within(fit.limits)
     found = gauss_newton(

@@ -9,7 +9,6 @@ precision, including the rounding errors of the products in Φ, and the existing
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -25,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.information import Information, Solution
+from emsid.estimation.threads import cores
 from emsid.findings import Finding
 from emsid.record import Record, check_same_channels
 
@@ -161,7 +161,7 @@ def gather(
     """
     first: Record | None = None
     information = Information.empty(len(structure.parameter_names))
-    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+    with ThreadPoolExecutor(threads or cores()) as pool:
         for record in (records,) if isinstance(records, Record) else records:
             structure.check(record)
             check_excitation(record)

@@ -28,7 +28,6 @@ References:
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -42,7 +41,7 @@ from emsid.estimation.linear.forward_selection import DEPENDENT, forward_selecti
 from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import check_excitation, gather
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.threads import one_blas_thread, short_tasks
+from emsid.estimation.threads import cores, one_blas_thread, short_tasks
 from emsid.findings import Finding
 from emsid.models.regression.kernels import fill
 from emsid.models.regression.narx import Structure
@@ -194,7 +193,7 @@ class _Signals:
             return result
 
         several = len(self.windows) > 1 and len(self.dictionary) > SMALL
-        in_turn = short_tasks(os.cpu_count() or 1).map if several else map
+        in_turn = short_tasks(cores()).map if several else map
         total: Array = np.sum(list(in_turn(of_part, self.windows, self.slices)), axis=0)
         return total
 

@@ -23,7 +23,6 @@ parameter without effect is often why it has not.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -35,7 +34,7 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
-from emsid.estimation.threads import one_blas_thread
+from emsid.estimation.threads import cores, one_blas_thread
 from emsid.findings import Finding
 from emsid.models.plants.datasheet import Given, applicable
 from emsid.models.plants.drive import Hold
@@ -442,7 +441,7 @@ class _Choice:
             plants = [plant for plant, _ in starts]
             return self._trials.fitted(plants, names, self.trial.states) if few is None else few.fitted(plants, names)
 
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
+        with ThreadPoolExecutor(cores()) as pool:
             return list(pool.map(tried, groups))
 
     def _take(self, trial: Trial) -> None:

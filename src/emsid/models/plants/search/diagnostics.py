@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -15,7 +14,7 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
-from emsid.estimation.threads import one_blas_thread
+from emsid.estimation.threads import cores, one_blas_thread
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.result import GreyBoxFit
@@ -225,7 +224,7 @@ def _problem(fit: GreyBoxFit, plant: Plant, free: Sequence[str], states: Sequenc
     """That of the fit, begun elsewhere, with some of its parameters."""
     signals = fit.model.signals
     unknown = [plant.free_states(signals, segment) for segment in fit.segments]
-    return FreeRunError(plant, signals, fit.segments, free, states, unknown, fit.weighting, os.cpu_count() or 1)
+    return FreeRunError(plant, signals, fit.segments, free, states, unknown, fit.weighting, cores())
 
 
 def _profile(costs: Mapping[float, float], unit: float) -> tuple[Array, Array]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from emsid.errors import DataError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.problem import Infeasible
+from emsid.estimation.threads import cores
 from emsid.models.plants.by_name import as_bounds, as_signals, by_full_name, full_names
 from emsid.models.plants.datasheet import Given, as_datasheet, without_tolerances
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
@@ -124,7 +124,7 @@ def prepare(
     _check_start(start, asked, limits)
     return Task(
         given, start, segments, shown, asked, values, sheet, unresolved, limits, weighting,
-        threads or os.cpu_count() or 1, control,
+        threads or cores(), control,
     )  # fmt: skip
 
 

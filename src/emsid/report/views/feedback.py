@@ -66,6 +66,10 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str, level: float = 
     return Figure(f"{prefix}-maps", f"{text}; grey: histogram of its input in {record.name}.", tuple(plots), columns=2)
 
 
+SQUARE = 1.83
+"""Height of a plot that takes half the width of a figure and is as high as wide."""
+
+
 def poles_by_level(fit: Fit[Any], record: Record, prefix: str) -> Figure | None:
     """The poles of a feedback model, linearised at the levels that the input of its first map has in the record.
 
@@ -78,15 +82,19 @@ def poles_by_level(fit: Fit[Any], record: Record, prefix: str) -> Figure | None:
     seen, n = visited(model, record), model.states
     turn = np.linspace(0, 2 * np.pi, 200)
     marks: list[Mark] = [Line(np.cos(turn), np.sin(turn), "unit circle", Stroke(Ink.GREY, Dash.DASHED, 0.8))]
+    reach = 1.1
     middle = [float(each.slope(np.array([np.median(seen.z[:, k])]))[0]) for k, each in enumerate(model.maps)]
     for label, (quantiles, ink) in LEVELS.items():
         slopes = model.maps[0].slope(np.asarray(np.quantile(seen.z[:, 0], quantiles), dtype=float))
         found = np.concatenate([np.linalg.eigvals(model.linearised([s, *middle[1:]])[:n, :n]) for s in slopes])
         marks.append(Points(found.real.copy(), found.imag.copy(), label, ink))
+        reach = max(reach, 1.05 * float(np.abs(found).max()))
+    real, imaginary = (Axis(part, "1", range=(-reach, reach)) for part in ("Real part", "Imaginary part"))
     step = "step" if model.oversampling > 1 else "sample"
     return Figure(
         f"{prefix}-poles",
         f"Poles of {model.name} per {step}, linearised at the levels of {model.numbered('z')[0]} in {record.name} "
         "(other maps at the middle of theirs).",
-        (Plot(tuple(marks), Axis("Real part", "1"), Axis("Imaginary part", "1"), "Poles"),),
+        (Plot(tuple(marks), real, imaginary, "Poles", height=SQUARE),),
+        columns=2,
     )

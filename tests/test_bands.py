@@ -345,6 +345,15 @@ def test_a_fit_without_intervals_has_curves_without_a_band(why):
         assert all(isinstance(mark, Line) for plot in figure.plots for mark in plot.marks)
 
 
+def test_a_cascade_whose_search_stalled_has_a_map_without_a_band():
+    known = record(9, of=lambda u: np.sign(u) * np.maximum(np.abs(u) - 0.3, 0.0))
+    fit = emsid.fit(emsid.Cascade((DeadZone(-0.2, 0.2, 1, 1), Rational([0.2], [-0.8], 1))), known)
+    assert np.isfinite(static_map_band(fit, known).standard_error).all()
+    stalled = replace(fit, covariance=np.diag(np.full(len(fit.names), np.inf)))
+    assert not stalled.has_intervals
+    assert np.isnan(static_map_band(stalled, known).standard_error).all()
+
+
 # --- linear models with a noise model --------------------------------------------------------------------------------
 
 TWO = emsid.StateSpaceModel(

@@ -85,6 +85,12 @@ class Fit(Presented, Generic[M]):
         return any(finding.code == "regression-biased" for finding in self.findings)
 
     @property
+    def has_intervals(self) -> bool:
+        """Whether its estimates have intervals: not those of a biased regression, or of a search that stalled."""
+        spread = self.standard_error
+        return not self.biased and bool(not np.isinf(spread).any() or (np.isfinite(spread) & (spread > 0)).any())
+
+    @property
     def status(self) -> str:
         """Whether its estimates are those of the system, or only of the best one-step predictor."""
         return "of the one-step predictor" if self.biased else "estimated"

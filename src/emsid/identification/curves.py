@@ -175,9 +175,7 @@ def _banded(
     output: int = 0,
     column: int | None = None,
 ) -> BandedCurve:
-    known = bool(np.isfinite(band.standard_error).any())
-    edges = (band.low, band.high) if known else (np.full_like(band.value, np.nan),) * 2
-    value, low, high = (each if column is None else each[:, column] for each in (band.value, *edges))
+    value, low, high = (each if column is None else each[:, column] for each in (band.value, band.low, band.high))
     channels = record.input_names[input], record.output_names[output]
     return BandedCurve(fit.model.name, kind, *x, *y, *channels, band.x, value, low, high, band.level)
 

@@ -82,7 +82,7 @@ def _band(best: Assessment) -> Band | None:
     """The band of a free run, if it can be computed in a moment."""
     from emsid.validation.bands import free_run_band
 
-    if best.fit.biased or len(best.record) * max(len(best.fit.estimate), 1) > MOST:
+    if not best.fit.has_intervals or len(best.record) * max(len(best.fit.estimate), 1) > MOST:
         return None
     try:
         return free_run_band(best.fit, best.record, transient=int(np.argmax(best.simulation.counted)))

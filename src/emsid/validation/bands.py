@@ -122,7 +122,7 @@ def free_run_band(fit: Fit[Any], record: Record, *, level: float = 0.95, transie
 
     time = np.concatenate([segment.time for segment in record.segments])
     # The derivatives of a feedback model are exact, and its start takes a search.
-    if isinstance(fit.model, FeedbackModel) and _directions(fit.covariance):
+    if isinstance(fit.model, FeedbackModel) and fit.has_intervals:
         return Band(time, curve(fit.model), feedback_run_error(fit, record, transient), level)
     return _band(fit, curve, time, level)
 
@@ -238,7 +238,7 @@ def static_map_band(fit: Fit[Any], record: Record, *, level: float = 0.95) -> Ba
         entering = np.concatenate([model.signals(each, model.resting(float(each[0])))[k] for each in u])
         x = np.linspace(float(entering.min()), float(entering.max()), POINTS)
         value, error = static_band(fit, k, x).T
-        return Band(x, value, error, level)
+        return Band(x, value, error if fit.has_intervals else np.full(len(x), np.nan), level)
     low, high = float(record.input.min()), float(record.input.max())
     if isinstance(model, GreyBox):
         raise ModelError(f"{model.name} is a plant; it has curves of its drive and of its friction")
@@ -303,10 +303,9 @@ def _band(fit: Fit[Any], curve: Curve, x: Array, level: float) -> Band:
 def _with_error(fit: Fit[Any], curve: Curve) -> tuple[Array, Array]:
     """A curve and its standard error."""
     here = np.asarray(curve(fit.model), dtype=float)
-    directions = _directions(fit.covariance)
-    if fit.biased or (not directions and np.isinf(fit.covariance).any()):
+    if not fit.has_intervals:
         return here, np.full_like(here, np.nan)
-    variance = np.zeros_like(here)
+    variance, directions = np.zeros_like(here), _directions(fit.covariance)
     if directions:
         _move_of(fit.model)(fit.names, fit.estimate)  # refuses other parameters than the model's own
     for direction in directions:

@@ -354,6 +354,20 @@ def test_a_cascade_whose_search_stalled_has_a_map_without_a_band():
     assert np.isnan(static_map_band(stalled, known).standard_error).all()
 
 
+@pytest.mark.parametrize("variance", [1e-6, np.inf])
+def test_the_maps_of_a_feedback_model_have_a_band_where_the_fit_has_intervals(variance):
+    from emsid.report.document import Band
+    from emsid.report.views.feedback import maps_in_feedback
+
+    count = len(LOOP.parameters)
+    fit = Fit(LOOP, LOOP.names, LOOP.parameters, np.diag(np.full(count, variance)), 1.0, 600.0, 1.0, count)
+    figure = maps_in_feedback(fit, record(3), "feedback")
+    drawn = any(isinstance(mark, Band) for plot in figure.plots for mark in plot.marks)
+    assert drawn == fit.has_intervals == np.isfinite(variance)
+    assert ("with 95 % band" in figure.caption) == drawn
+    assert ("no band, as this fit has no intervals" in figure.caption) != drawn
+
+
 # --- linear models with a noise model --------------------------------------------------------------------------------
 
 TWO = emsid.StateSpaceModel(

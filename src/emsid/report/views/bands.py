@@ -66,6 +66,11 @@ def banded(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = ""
     return tuple(figures)
 
 
+def with_band(level: float, *, known: bool) -> str:
+    """The part of a caption about the band."""
+    return f" with {_percent(level)} band" if known else " (no band, as this fit has no intervals)"
+
+
 def step_response(fit: Fit[Any], record: Record, *, input: int = 0, level: float = 0.95, name: str = "step") -> Figure:
     """The response from rest to a step of an input, with its band, for every output.
 
@@ -164,7 +169,7 @@ def _known(band: Computed) -> bool:
 
 
 def _banded(band: Computed) -> str:
-    return f" with {_percent(band.level)} band" if _known(band) else " (no band, as this fit has no intervals)"
+    return with_band(band.level, known=_known(band))
 
 
 def _marks(band: Computed, label: str) -> tuple[Mark, ...]:

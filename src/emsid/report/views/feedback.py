@@ -11,6 +11,7 @@ from scipy.special import ndtri
 
 from emsid.models.feedback.model import FeedbackModel
 from emsid.report.document import Axis, Band, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
+from emsid.report.views.bands import with_band
 from emsid.validation.feedback_curves import map_error, visited
 
 if TYPE_CHECKING:
@@ -49,19 +50,20 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str, level: float = 
         counts = np.histogram(seen.z[:, k], edges)[0].astype(float)
         span = float(np.ptp(value)) or 1.0
         shown = float(value.min()) - 0.4 * span, float(value.max()) + 0.4 * span
-        marks: list[Mark] = [
-            Histogram(edges, counts, "signal in this record", backdrop=True),
-            Band(x, np.maximum(value - half, shown[0]), np.minimum(value + half, shown[1]), f"{100 * level:g} % band"),
-            Line(x, value, each.kind, Stroke(Ink.BLUE, width=1.4)),
-        ]
+        marks: list[Mark] = [Histogram(edges, counts, "signal in this record", backdrop=True)]
+        if fit.has_intervals:
+            below, above = np.maximum(value - half, shown[0]), np.minimum(value + half, shown[1])
+            marks.append(Band(x, below, above, f"{100 * level:g} % band"))
+        marks.append(Line(x, value, each.kind, Stroke(Ink.BLUE, width=1.4)))
         corners, what = each.marks()
         corners = corners[(corners >= x[0]) & (corners <= x[-1])]
         if len(corners):
             marks.append(Points(corners, each.value(corners), what, Ink.NAVY))
         axes = Axis(f"{z[k]}, into the map", range=(float(x[0]), float(x[-1]))), Axis(f"{w[k]}, out of the map")
         plots.append(Plot(tuple(marks), *axes, f"Static map {k + 1}" if len(z) > 1 else "Static map", height=1.6))
-    text = f"Static {'map' if len(plots) == 1 else 'maps'} in the feedback of {model.name} with {100 * level:g} % band"
-    if any(each.owns_level for each in model.maps):
+    of = f"Static {'map' if len(plots) == 1 else 'maps'} in the feedback of {model.name}"
+    text = of + with_band(level, known=fit.has_intervals)
+    if fit.has_intervals and any(each.owns_level for each in model.maps):
         text += " of the shape: a line beside a map is a part of the linear system"
     return Figure(f"{prefix}-maps", f"{text}; grey: histogram of its input in {record.name}.", tuple(plots), columns=2)
 

@@ -19,6 +19,7 @@ from emsid.validation import (
     static_map_band,
     step_response_band,
 )
+from emsid.validation.comparison import as_fit
 
 DT, POLE, GAIN = 0.01, 0.9, 3.0
 
@@ -346,12 +347,35 @@ def test_a_fit_without_intervals_has_curves_without_a_band(why):
 
 
 def test_a_cascade_whose_search_stalled_has_a_map_without_a_band():
+    from emsid.report.document import Band
+    from emsid.report.views.cascade import frequency_responses, static_maps
+
     known = record(9, of=lambda u: np.sign(u) * np.maximum(np.abs(u) - 0.3, 0.0))
     fit = emsid.fit(emsid.Cascade((DeadZone(-0.2, 0.2, 1, 1), Rational([0.2], [-0.8], 1))), known)
     assert np.isfinite(static_map_band(fit, known).standard_error).all()
     stalled = replace(fit, covariance=np.diag(np.full(len(fit.names), np.inf)))
     assert not stalled.has_intervals
     assert np.isnan(static_map_band(stalled, known).standard_error).all()
+    for one in (fit, stalled):
+        figures = (static_maps(one, known), frequency_responses(one, known.dt))
+        drawn = {any(isinstance(mark, Band) for plot in figure.plots for mark in plot.marks) for figure in figures}
+        assert drawn == {one.has_intervals}
+        assert {("with 95 % band" in figure.caption) for figure in figures} == drawn
+        assert {("no band, as this fit has no intervals" in figure.caption) for figure in figures} == {
+            not one.has_intervals
+        }
+
+
+def test_every_static_map_of_a_cascade_is_among_its_curves():
+    blocks = (DeadZone(-0.2, 0.2, 1, 1), Rational([0.2], [-0.8], 1), emsid.blocks.Saturation(-0.5, 0.5, 1))
+    model = emsid.Cascade(blocks, dt=DT)
+    known = record(9)
+    found = [each for each in curves(as_fit(model), known) if each.kind == "static map"]
+    assert [(each.x_name, each.name) for each in found] == [(f"input of map {k}", f"output of map {k}") for k in (1, 2)]
+    for each, map_ in zip(found, (blocks[0], blocks[2]), strict=True):
+        np.testing.assert_allclose(each.value, map_.value(each.x))
+    with pytest.raises(emsid.ModelError, match="no static map 2"):
+        static_map_band(as_fit(model), known, map=2)
 
 
 @pytest.mark.parametrize("variance", [1e-6, np.inf])

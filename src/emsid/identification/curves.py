@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
 from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.plants.search.diagnostics import Curve, dead_zone_curve, friction_curve
 from emsid.models.plants.search.result import GreyBoxFit
@@ -120,9 +121,15 @@ def _frequency(fit: Fit[Any], record: Record, output: int, input: int, level: fl
 
 
 def _static_map(fit: Fit[Any], record: Record, level: float) -> list[BandedCurve]:
-    inside = ("input of the map", ""), ("output of the map", "")  # a cascade has no units between its blocks
-    x, y = inside if isinstance(fit.model, Cascade) else (_input(record, 0), _output(record, 0))
-    return [_banded(fit, record, "static map", static_map_band(fit, record, level=level), x, y)]
+    make = partial(_banded, fit, record, "static map")
+    if not isinstance(fit.model, Cascade):
+        return [make(static_map_band(fit, record, level=level), _input(record, 0), _output(record, 0))]
+    maps = sum(isinstance(block, StaticMap) for block in fit.model.blocks)
+    which = [f"map {k + 1}" for k in range(maps)] if maps > 1 else ["the map"]
+    return [  # a cascade has no units between its blocks
+        make(static_map_band(fit, record, map=k, level=level), (f"input of {each}", ""), (f"output of {each}", ""))
+        for k, each in enumerate(which)
+    ]
 
 
 def _friction(fit: Fit[Any], record: Record, level: float) -> list[BandedCurve]:

@@ -96,8 +96,8 @@ class Identification(Presented):
 
     @cached_property
     def by_region(self) -> tuple[RegionError, ...]:
-        """The errors of the models on the unseen data by operating region, the recommended one first."""
-        return by_region(self.on_unseen)
+        """The errors of the models on the unseen data by operating region, the smallest error of all first."""
+        return by_region(self.on_unseen.by_error)
 
     @cached_property
     def seen(self) -> bool:

@@ -159,22 +159,26 @@ def _fact(each: Characteristic, best: str) -> Fact:
 
 def which_model(result: Identification) -> Section:
     """All models with their errors."""
-    unit, chosen = _unit(result), result.on_choice is not None
+    unit, recommended = _unit(result), result.chosen.model.name
     return Section(
         "Which model",
         terms=(terms.ONE_STEP, terms.MSE, terms.METHOD),
         tables=(
             *(
                 views.results_table(
-                    on.rows, unit=unit, caption=f"On the unseen data that chose, {on.best.record.name}."
+                    on.by_error.rows,
+                    unit=unit,
+                    caption=f"On the unseen data that chose, {on.best.record.name}.",
+                    emphasised=recommended,
                 )
                 for on in (result.on_choice,)
                 if on is not None
             ),
             views.results_table(
-                result.on_unseen.rows,
+                result.on_unseen.by_error.rows,
                 unit=unit,
-                caption=f"On {result.ranked_on}, {result.unseen.name}{', in the order of the choice' * chosen}.",
+                caption=f"On {result.ranked_on}, {result.unseen.name}; the recommended model is in bold.",
+                emphasised=recommended,
             ),
             views.results_table(
                 result.on_record.rows, unit=unit, caption="On the data that the models were fitted to."

@@ -131,7 +131,9 @@ def _(look: FirstLook) -> str:
 
 @text.register
 def _(result: Identification) -> str:
-    return "\n".join([f"Free run on {result.ranked_on}:", text(result.on_unseen), *map(worded, _problems(result))])
+    return "\n".join(
+        [f"Free run on {result.ranked_on}:", text(result.on_unseen.by_error), *map(worded, _problems(result))]
+    )
 
 
 def _problems(result: Identification) -> list[Finding]:
@@ -287,7 +289,7 @@ def _(comparison: Comparison) -> tuple[list[str], Table | None, list[str]]:
 
 @tables.register
 def _(result: Identification) -> tuple[list[str], Table | None, list[str]]:
-    _, table, notes = tables(result.on_unseen)
+    _, table, notes = tables(result.on_unseen.by_error)
     after = [*notes, *map(worded, _problems(result))]
     return [f"Free run on {result.ranked_on}: {worded(result.recommendation[0])}"], table, after
 

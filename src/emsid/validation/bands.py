@@ -214,26 +214,28 @@ def frequency_response_band(
     )
 
 
-def static_map_band(fit: Fit[Any], record: Record, *, level: float = 0.95) -> Band:
+def static_map_band(fit: Fit[Any], record: Record, *, map: int = 0, level: float = 0.95) -> Band:
     """The static map of a model over its input.
 
-    Of a cascade it is the first static map, over the signal that enters it in the record. Of other models it is the
+    Of a cascade it is one of its static maps, over the signal that enters it in the record. Of other models it is the
     output at rest over a constant input; of a regression without products of input and output, from all terms but those
     that are nonlinear in past outputs (friction).
 
     Args:
         fit: of a model of one input and one output; not of a plant, whose drive and friction have curves of their own.
         record: with the inputs to show.
+        map: which static map of a cascade, from 0.
         level: of the band.
 
     Raises:
-        ModelError: for a model without a static map, or one that does not come to rest at every input.
+        ModelError: for a model without this static map, or one that does not come to rest at every input.
     """
     model = fit.model
     if isinstance(model, Cascade):
-        k = next((k for k, block in enumerate(model.blocks) if isinstance(block, StaticMap)), None)
-        if k is None:
-            raise ModelError(f"{model.name} has no static map")
+        found = [k for k, block in enumerate(model.blocks) if isinstance(block, StaticMap)]
+        if not 0 <= map < len(found):
+            raise ModelError(f"{model.name} has no static map {map}; it has {len(found)}, counted from 0")
+        k = found[map]
         u = [segment.input[:, 0] for segment in record.segments]
         entering = np.concatenate([model.signals(each, model.resting(float(each[0])))[k] for each in u])
         x = np.linspace(float(entering.min()), float(entering.max()), POINTS)

@@ -150,6 +150,11 @@ class Comparison(Presented):
         place = {id(fit): k for k, fit in enumerate(fits)}
         return Comparison(tuple(sorted(self.assessments, key=lambda each: place[id(each.fit)])))
 
+    @property
+    def by_error(self) -> Comparison:
+        """The same assessments in the order of their own free-run errors, `Row.ranked_by`, for tables of these."""
+        return Comparison(tuple(sorted(self.assessments, key=lambda each: each.row.ranked_by)))
+
     def with_fit(self, fit: Fit[Any]) -> Comparison:
         """The same with another fit of the model of its name, run over the same samples."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import cycle
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from emsid.models.blocks.static_maps import Scaling, StaticMap
 from emsid.models.one_channel import check_one_channel
 from emsid.report.document import Axis, Band, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.numbers import capital, slug
+from emsid.report.views.bands import with_band
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
@@ -62,11 +64,12 @@ def static_maps(fit: Fit[Cascade], record: Record, *, level: float = 0.95, name:
     check_one_channel(model.name, record)
     entering = _entering(model, record, at)
     plots = [_map_plot(fit, k, x, record, level) for k, x in zip(at, entering, strict=True)]
-    lost = [n for n, v in zip(fit.names, np.diag(fit.covariance), strict=True) if n[0] == "f" and not np.isfinite(v)]
+    spread = zip(fit.names, np.diag(fit.covariance) if fit.has_intervals else (), strict=fit.has_intervals)
+    lost = [n for n, v in spread if n[0] == "f" and not np.isfinite(v)]
     unknown = f" The band excludes {listed(lost)}, which the data do not determine." if lost else ""
     return Figure(
         name or f"{slug(model.name)}-static-maps",
-        f"Static {'map' if len(at) == 1 else 'maps'} of {model.name} with {100 * level:g} % confidence band; grey: "
+        f"Static {'map' if len(at) == 1 else 'maps'} of {model.name}{with_band(level, known=fit.has_intervals)}; grey: "
         f"histogram of the input signal of the map in {record.name}.{unknown}",
         tuple(plots),
         columns=min(len(at), 2),
@@ -99,7 +102,9 @@ def frequency_responses(fit: Fit[Cascade], dt: float, *, level: float = 0.95, na
         label = f"filter {block_name(model, k)} (block {k + 1})"
         response = block.response(f, inside)
         relative = float(ndtri(0.5 + level / 2)) * _relative_deviation(fit, k, f, inside)
-        if np.all(relative[0] > UNTOLD):  # the rest is only rounding
+        if not fit.has_intervals:
+            relative = np.full_like(relative, np.nan)
+        elif np.all(relative[0] > UNTOLD):  # the rest is only rounding
             relative = np.full_like(relative, np.nan)
             without_band.append(block_name(model, k))
         with np.errstate(divide="ignore"):
@@ -125,8 +130,8 @@ def frequency_responses(fit: Fit[Cascade], dt: float, *, level: float = 0.95, na
     frequency = Axis("Frequency", "Hz", log=True, range=(float(f[0]), float(f[-1])))
     return Figure(
         name or f"{slug(model.name)}-filters",
-        f"Frequency {'response of the filter' if len(filters) == 1 else 'responses of the filters'} of {model.name} "
-        f"with {100 * level:g} % confidence band, up to half the sampling rate.{late}",
+        f"Frequency {'response of the filter' if len(filters) == 1 else 'responses of the filters'} of {model.name}"
+        f"{with_band(level, known=fit.has_intervals)}, up to half the sampling rate.{late}",
         (
             Plot(tuple(magnitudes), frequency, Axis("Magnitude", "dB", range=_reach(magnitudes, curves[0], 20.0))),
             Plot(tuple(phases), frequency, Axis("Phase", "deg", range=_reach(phases, curves[1], 45.0))),
@@ -199,19 +204,21 @@ def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record, level: flo
     x = np.unique(np.concatenate([np.linspace(low, high, POINTS), corners, block.breaks(low, high)]))
     value, error = static_band(fit, k, x).T
     half = float(ndtri(0.5 + level / 2)) * error
+    band = [Band(x, value - half, value + half, f"{100 * level:g} % band")] if fit.has_intervals else []
+    reach = _reach(band, [value], 0.0)
+    if reach is not None:  # a very wide band would leave the plot
+        band = [
+            replace(each, lower=np.maximum(each.lower, reach[0]), upper=np.minimum(each.upper, reach[1]))
+            for each in band
+        ]
     edges = np.linspace(low, high, 81)
     marks: list[Mark] = [
         Histogram(edges, np.histogram(seen, edges)[0].astype(float), "signal in this record", backdrop=True),
-        Band(x, value - half, value + half, f"{100 * level:g} % band"),
+        *band,
         Line(x, value, f"{block_name(model, k)}: {block.kind}", Stroke(Ink.BLUE, width=1.4)),
     ]
     if len(corners):
         marks.append(Points(corners, block.value(corners), what, Ink.NAVY))
-    reach = _reach(marks, [value], 0.0)
-    if reach is not None:  # a very wide band would leave the plot
-        marks[1] = Band(
-            x, np.maximum(value - half, reach[0]), np.minimum(value + half, reach[1]), f"{100 * level:g} % band"
-        )
     into, out = _units(model, k, record)
     first, last = k == 0, k == len(model.blocks) - 1
     return Plot(

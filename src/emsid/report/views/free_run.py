@@ -133,8 +133,8 @@ def ranking(comparison: Comparison, *, name: str = "ranking") -> Figure:
 
     An axis is logarithmic where the errors differ by more than a factor of twenty.
     """
-    rows = comparison.rows
-    record = comparison.best.record
+    comparison = comparison.by_error
+    rows, record = comparison.rows, comparison.best.record
     several = len(channels(record)) > 1
     data = "the data used in the fit" if rows[0].data == "identification" else "unseen data"
     relative = "; with several outputs, by the mean of MSE divided by variance" * several

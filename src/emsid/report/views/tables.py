@@ -34,9 +34,14 @@ class Reference:
 
 
 def results_table(
-    rows: Sequence[Row], reference: Reference | None = None, *, unit: str = "", caption: str = ""
+    rows: Sequence[Row],
+    reference: Reference | None = None,
+    *,
+    unit: str = "",
+    caption: str = "",
+    emphasised: str = "",
 ) -> Table:
-    """Free-run and one-step errors of models (Tables 1 and 2); the best free run on unseen data is emphasised.
+    """Free-run and one-step errors of models (Tables 1 and 2).
 
     Each output has a line, in its own unit.
 
@@ -45,20 +50,21 @@ def results_table(
         reference: published errors, for a further column.
         unit: of the output, where it is the only one.
         caption: of the table; the units are added to it.
+        emphasised: the name of the model to emphasise; by default that of the best free run on unseen data.
     """
     several, outputs = len({row.experiment for row in rows}) > 1, any(row.outputs for row in rows)
     words = ("Experiment",) * several + ("Model", "Method", "Data") + ("Output", "Unit") * outputs
     numbers = ("Free-run fit %", "Free-run RMSE", "Free-run MSE", "One-step MSE", "Parameters")
     cells: list[tuple[str, ...]] = []
-    emphasised: set[int] = set()
-    best = _best_unseen(rows)
+    bold: set[int] = set()
+    best = {k for k, row in enumerate(rows) if row.model == emphasised} or _best_unseen(rows)
     for k, row in enumerate(rows):
         named = (row.experiment,) * several + (row.model, row.method.upper(), row.data_label)
         lines: list[tuple[Row | OutputErrors, tuple[str, ...]]] = [
             (each, (each.output, readable_unit(each.unit))) for each in row.outputs
         ]
         for errors, of in lines or [(row, ("", "") * outputs)]:
-            emphasised |= {len(cells)} if k in best else set()
+            bold |= {len(cells)} if k in best else set()
             cells.append(
                 (
                     *named,
@@ -83,7 +89,7 @@ def results_table(
         f"{' MSE in the unit of the output squared, RMSE in that unit.' if outputs else _in_units(unit)}",
         " ".join([*((f"{reference.source}: {reference.note.rstrip('.')}.",) if reference else ()), *notes]),
         text_columns=len(words),
-        emphasised=frozenset(emphasised),
+        emphasised=frozenset(bold),
     )
 
 

@@ -47,6 +47,13 @@ def test_files_are_as_the_page_says(folder):
     assert all((folder / f"{name}-result" / "result.json").exists() for name in ("motor", "axis", "circuit"))
 
 
+@pytest.mark.parametrize(("folder_name", "enter"), [("two words", "cd 'two words' && "), (".", "")])
+def test_the_first_command_works_from_where_one_is(folder_name, enter, tmp_path, monkeypatch, command, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert command("demo", folder_name) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"  {enter}emsid {COMMANDS['motor'][0][0]}"
+
+
 @pytest.mark.parametrize(
     ("name", "best", "fit"),
     [("motor", "rigid-motor", 99), ("axis", "linear-axis", 99.5), ("circuit", "wiener-hammerstein", 98.5)],

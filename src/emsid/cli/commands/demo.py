@@ -1,6 +1,7 @@
 """``emsid demo``."""
 
 from pathlib import Path
+from shlex import quote
 from typing import Annotated
 
 import typer
@@ -64,7 +65,8 @@ def demo(
         say(f"{folder / example.name}.csv: {example.title}, {len(record)} samples")
     atomic_write(folder / PAGE, commands_page().encode())
     say(f"{folder / PAGE}: commands to try, from within the folder; the first is")
-    say(f"  cd {folder} && emsid {COMMANDS[EXAMPLES[0].name][0][0]}")
+    enter = "" if folder == Path() else f"cd {quote(str(folder))} && "
+    say(f"  {enter}emsid {COMMANDS[EXAMPLES[0].name][0][0]}")
 
 
 def commands_page() -> str:

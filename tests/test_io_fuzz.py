@@ -26,6 +26,7 @@ VALID = {
         TABLE.replace(b",", b"\t"),
         TABLE.replace(b",", b";").replace(b".", b","),
         TABLE.decode().encode("utf-16"),
+        b"".join(b"12:00:%04.1f -> t:%.1f u=%d, y: %.3f V\n" % (k / 10, k / 10, k, k * k) for k in range(30)),
     ],
     ".mat": [
         mat_5({"t": K / 10, "u": K, "y": K**2, "gain": 3.0, "run": {"u": K}}),

@@ -169,6 +169,8 @@ class TestTime:
             ("Timestamp [us]", {}, 2e-6),
             ("time_ms", {}, 0.002),
             ("t_s", {}, 2.0),
+            ("millis", {}, 0.002),
+            ("Micros", {}, 2e-6),
             ("Time (ms)", {"time_unit": "s"}, 2.0),
             ("t", {"time_unit": "min"}, 120.0),
         ],
@@ -224,6 +226,19 @@ class TestTime:
         path = write("t,u,y\n" + "".join(f"{t},{k},0\n" for k, t in enumerate([0, 1, 2, 2, 3, 50, 51, 52])))
         record = read(path, input="u", output="y", time="t", mask="u IN (3, 4)")
         assert (record.dt, record.breaks, record.times) == (1.0, (3,), (0.0, 50.0))
+
+    @pytest.mark.parametrize("turn", [2**16, 2**32])
+    def test_a_counter_that_begins_at_zero_again_goes_on(self, write: Write, turn: int) -> None:
+        steps = [turn - 40, turn - 20, 0, 20, 60, 80, 100, 120, 140, 160, 180]
+        path = write("millis,u,y\n" + "".join(f"{t % turn},{k},0\n" for k, t in enumerate(steps)))
+        record = read(path, input="u", output="y", time="millis", resample=True)
+        assert (record.dt, record.breaks, len(record)) == (0.02, (), 12)
+        assert "1 gap" in failure(path, input="u", output="y", time="millis")
+
+    def test_a_clock_that_begins_again_elsewhere_does_not(self, write: Write) -> None:
+        path = write("millis,u,y\n" + "".join(f"{20 * (k % 15)},{k},0\n" for k in range(30)))
+        record = read(path, input="u", output="y", time="millis")
+        assert (record.breaks, [found.code for found in record.findings]) == ((15,), ["clock-reset"])
 
     def test_text_in_it(self, write: Write) -> None:
         path = write("t,u,y\n0,1,1\nlater,2,2\n2,3,3\n")

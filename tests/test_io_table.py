@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emsid.errors import FormatError
-from emsid.io.columns import Columns
+from emsid.io.columns import Columns, as_numbers
 from emsid.io.table import read_table
 
 ROWS = [[0.0, 1.5, -2.25], [0.5, 0.0, 1e-3], [1.0, -7.0, 3.125]]
@@ -49,6 +49,11 @@ DIALECTS = {
     "row of units": "t,u,y\n(s),[V],rad/s\n0,1.5,-2.25\n0.5,0,1e-3\n1,-7,3.125\n",
     "separator at the end of the data": "t,u,y\n0,1.5,-2.25,\n0.5,0,1e-3,\n1,-7,3.125,\n",
     "separator at the end of the header": "t,u,y,\n0,1.5,-2.25\n0.5,0,1e-3\n1,-7,3.125\n",
+    "labels": "boot mode:(3,6)\nReady.\nt:0,u:1.5,y:-2.25\nt:0.5,u:0,y:1e-3\nt:1,u:-7,y:3.125,\n",
+    "labels, blanks": "t=0 u=1.5 y=-2.25\nt=.5 u=0 y=1e-3\nt=1. u=-7 y=+3.125 \n",
+    "labels, tab": "t: 0\tu: 1.5\ty: -2.25\nt: 0.5\tu: 0\ty: 1e-3\nt: 1\tu: -7\ty: 3.125\n",
+    "labels and units": "t: 0 s, u: 1.5 V, y: -2.25\nt: 0.5 s, u: 0V, y: 1e-3\nt: 1 s, u: -7 V, y: 3.125\n",
+    "JSON lines": '{"t": 0, "u": 1.5, "y": -2.25}\n{"t":0.5,"u":0,"y":1e-3}\n{"t": 1, "u": -7, "y": 3.125}\n',
 }
 
 
@@ -57,6 +62,31 @@ def test_every_dialect_gives_the_same_columns(text: str) -> None:
     columns = columns_of(text)
     assert list(columns.series)[:3] == ["t", "u", "y"]
     assert [row[:3] for row in numbers(columns)] == ROWS
+
+
+def test_lines_of_a_serial_monitor_have_labels_units_and_times() -> None:
+    columns = columns_of(
+        "12:00:00.010 -> Ready.\n12:00:00.020 -> PWM:120 motor speed:3.5 rad/s\n"
+        "12:00:00.030 -> PWM:-4 motor speed:nan\n12:00:00.040 -> PWM:7 mot\n12:00:00.050 -> PWM:6 motor speed:1 rad/s\n"
+    )
+    assert list(columns.series) == ["time", "PWM", "motor speed"]
+    assert columns.units == {"motor speed": "rad/s"}
+    assert [str(row) for row in columns.damaged] == [
+        "row 4 of the file has 2 values where the others have 3 ('12:00:00.040 PWM:7 mot')"
+    ]
+    np.testing.assert_allclose(as_numbers(columns.series["time"]), [0, 0.01, 0.03])
+    np.testing.assert_array_equal(as_numbers(columns.series["PWM"]), [120, -4, 6])
+    np.testing.assert_array_equal(as_numbers(columns.series["motor speed"]), [3.5, np.nan, 1])
+
+
+@pytest.mark.parametrize("separator", ["\t", ",", " "])
+def test_times_before_an_arrow_are_a_column(separator: str) -> None:
+    rows = [["pwm", "speed"], ["1", "2.5"], ["3", "4.5"]]
+    lines = [f"23:59:5{k}.5 -> {separator.join(row)}" for k, row in enumerate(rows, 7)]
+    columns = columns_of("\n".join(lines))
+    assert list(columns.series) == ["time", "pwm", "speed"]
+    np.testing.assert_allclose(as_numbers(columns.series["time"]), [0, 1])
+    np.testing.assert_array_equal(as_numbers(columns.series["speed"]), [2.5, 4.5])
 
 
 def test_other_encodings() -> None:

@@ -342,6 +342,14 @@ def test_resampling_holds_inputs_and_interpolates_outputs() -> None:
     assert record.dt == 1.0
 
 
+def test_resampling_times_of_many_digits_neither_delays_nor_loses_samples() -> None:
+    k = np.delete(np.arange(3000.0), [700, 701])
+    record = resample(1.7e9 + 0.01 * k, Record(k, k, 0.01))
+    assert record.dt == 0.01
+    np.testing.assert_array_equal(record.input[:, 0], np.where(np.isin(np.arange(3000), [700, 701]), 699, range(3000)))
+    np.testing.assert_allclose(record.output[:, 0], range(3000), atol=1e-4)
+
+
 @pytest.mark.parametrize("start", [-7.3, 0.0, 1e4])
 def test_resampling_a_regular_axis_changes_nothing(start: float) -> None:
     t = start + 0.1 * np.arange(200)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from emsid.errors import DataError
 from emsid.first_look.columns import Column
 from emsid.first_look.names import ColumnQuantity
-from emsid.io.reading import SECONDS, clock_resets
+from emsid.io.sampling import SECONDS, clock_resets, counted_on
 from emsid.record.time_axis import TimeAxis, time_axis
 
 Array = NDArray[np.float64]
@@ -41,7 +41,6 @@ class Clock:
         unit: of the time column or of the number found; empty for dates and times.
         unit_confidence: of the unit.
         axis: the regularity of the time column, in seconds and without resets.
-        resets: the rows at which the clock begins again.
     """
 
     dt: float
@@ -51,7 +50,6 @@ class Clock:
     unit: str = "s"
     unit_confidence: float = 1.0
     axis: TimeAxis | None = None
-    resets: tuple[int, ...] = ()
 
 
 def find_clock(columns: Sequence[Column], preamble: Sequence[str], file: str, wanted: str = "") -> Clock:
@@ -95,8 +93,9 @@ def _like_time(column: Column) -> float:
 
 def _of_column(column: Column, confidence: float) -> Clock | None:
     """The clock of a time column, with a plausible unit."""
-    resets = clock_resets(column.values)
-    steps = np.delete(np.diff(column.values), resets - 1)
+    values = counted_on(column.values)
+    resets = clock_resets(values)
+    steps = np.delete(np.diff(values), resets - 1)
     steps = steps[np.isfinite(steps)]
     forward = steps[steps > 0]
     if not len(forward):
@@ -108,7 +107,7 @@ def _of_column(column: Column, confidence: float) -> Clock | None:
     except DataError:
         return None
     axis = axis._replace(samples=column.rows - column.missing)
-    return Clock(axis.dt, "column", confidence, column.name, unit, sure, axis, tuple(map(int, resets)))
+    return Clock(axis.dt, "column", confidence, column.name, unit, sure, axis)
 
 
 def _unit(column: Column, step: float) -> tuple[str, float]:

@@ -29,7 +29,8 @@ from emsid.first_look.roles import Roles, find_roles, is_difference, with_respon
 from emsid.first_look.systems import Source, systems
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, as_numbers
-from emsid.io.reading import SECONDS, ParsedFile, read, read_columns
+from emsid.io.reading import ParsedFile, read, read_columns
+from emsid.io.sampling import SECONDS
 from emsid.presentation import Presented
 from emsid.record import Record
 

@@ -10,6 +10,8 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
+from emsid.io.sampling import CLOCK_NAMES
+
 
 class ColumnQuantity(StrEnum):
     """What a column may hold."""
@@ -129,6 +131,8 @@ _UNITS = {unit.lower(): unit for _, units in _BY_UNIT for unit in units.split()}
 _BRACKETED = re.compile(r"\s*[(\[{<]\s*([^)\]}>]*?)\s*[)\]}>]\s*$")
 _SUFFIX = re.compile(r"[_ ](ns|us|ms|s|V|mV|A|mA|rpm|rad|deg|rads|dps|Nm|pct)$")
 _SUFFIXES = {"rads": "rad/s", "pct": "percent"}
+_UNIT_NAMES = {"rpm": "rpm", **CLOCK_NAMES}
+"""Words of a name that say the unit."""
 _WORD = re.compile(r"[A-Z]+(?![a-zäöü])|[A-ZÄÖÜ]?[a-zäöüß]+|[A-Z]+|[α-ωΑ-Ω]+")
 _GREEK = {"ω": "omega", "θ": "theta", "φ": "phi", "τ": "tau"}
 
@@ -152,8 +156,7 @@ def meaning(name: str, unit: str = "") -> Meaning:
     digits = re.search(r"\d+$", bare)
     number = digits[0] if digits else ""
     words = [_GREEK.get(word, word.lower()) for word in _WORD.findall(bare)]
-    if not unit and "rpm" in words:  # a name that is its unit
-        unit = "rpm"
+    unit = unit or next((_UNIT_NAMES[word] for word in words if word in _UNIT_NAMES), "")
     by_word = next(((q, sure) for q, sure, known in _WORDS if set(words) & set(known.split())), None)
     by_unit = next(((q, WEAK) for q, units in _BY_UNIT if unit in units.split()), None)
     if by_word is None or (by_unit is not None and by_word[1] < WEAK):

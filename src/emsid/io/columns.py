@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import some
+
 if TYPE_CHECKING:
     import polars as pl
 
@@ -100,6 +102,13 @@ class Columns:
     def placed(self) -> str:
         """How to say where such a number is: ``row {} of the file`` where lines are counted, else ``row {}``."""
         return "row {}" if self.lines is None else "row {} of the file"
+
+    @property
+    def besides(self) -> str:
+        """What else is in the file, in brackets, for the end of a sentence; empty where there is nothing."""
+        if not self.others:
+            return ""
+        return f" (and, no columns: {some(f'{name}, {reason}' for name, reason in self.others.items())})"
 
     def place(self, row: int) -> str:
         """Where the user finds row ``row`` (counted from 0)."""

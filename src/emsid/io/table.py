@@ -4,8 +4,9 @@ The dialect is recognised. Blank lines and lines that begin with ``#`` or ``%`` 
 are always data; they give the separator (semicolon, tab, comma, blanks) and the number of columns. The data begin with
 the first line of this width that contains a number and is followed by similar lines. The line above is the header if it
 has a name for every column (a row of units may stand between); the lines above it are the preamble. Without a header
-the columns are called ``c1``, ``c2``, …. Decimal commas, dates with a time of day, and times of day are recognised in
-each column.
+the columns are called ``c1``, ``c2``, …. Labels before the values of a line, and times before an arrow, as a serial
+monitor shows them, are taken off (`emsid.io.serial_monitor`). Decimal commas, dates with a time of day, and times of
+day are recognised in each column.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from emsid.errors import FormatError
 from emsid.io.columns import Columns, DamagedRow
 from emsid.io.files import looks_like
+from emsid.io.serial_monitor import monitor_lines
 
 if TYPE_CHECKING:
     import polars as pl
@@ -58,6 +60,8 @@ _MOMENTS = [
     for zone in ("", "Z", "%z")
 ]
 _TIME_OF_DAY = "%H:%M:%S%.f"
+TIME = "time"
+"""The name of the column with the times before an arrow."""
 _CELL = "\x1f"  # separates the cells of a split line; a file that contains it is refused as binary
 _TAIL = 100  # lines at the end of the file that determine its structure
 _BETWEEN_BLANKS = re.compile(r'"[^"]*"|[^\s"]+')
@@ -95,18 +99,24 @@ def read_table(content: bytes) -> Columns:
     if not texts:
         raise FormatError("there is no table in this file, only comments or blank lines; check how it was exported")
 
+    texts, times, labels, units = monitor_lines(texts)
     tail = [text for text in texts[-_TAIL:] if _DIGIT.search(text)]
-    separator = _separator(tail[len(tail) // 2 :])
+    separator = "\t" if labels else _separator(tail[len(tail) // 2 :])
     texts = _with_marks(numbers, texts, separator)
+    if times:
+        texts = [f"{time}{_CELL}{text}" for time, text in zip(times, texts, strict=True)]
+        labels, units = labels and ("", *labels), units and ("", *units)
     width = _width(texts[-_TAIL:])
     start = _first_data_line(texts, width)
-    header = _header(texts, start, width) or _commented_header(comments, numbers[start], separator, width)
+    header = _Header(None, list(labels), list(units)) if len(labels) == width else _header(texts, start, width)
+    header = header or _commented_header(comments, numbers[start], separator, width)
     above = header.at if header and header.at is not None else start
     preamble = sorted(
         [*map(_Line, numbers[:above], texts[:above]), *(c for c in comments if c.number < numbers[start])]
     )
     numbers, texts, damaged = _without_messages(numbers[start:], texts[start:], width)
-    names = _distinct(header.names if header else [""] * width)
+    names = header.names if header else [""] * width
+    names = _distinct([TIME, *names[1:]] if times else names)
     return Columns(
         series=_parse(texts, names),
         units={name: unit for name, unit in zip(names, header.units, strict=True) if unit} if header else {},

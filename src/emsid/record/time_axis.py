@@ -93,10 +93,10 @@ def time_axis(time: ArrayLike) -> TimeAxis:
             "the time, or give dt in its place",
             arguments=("time", "dt"),
         )
-    dt = float(np.median(forward))
+    rounding = _rounding(t)
+    dt = _simplest(float(np.median(forward)), rounding)
     gap, back = steps > 1.5 * dt, steps <= 0
     ordinary = steps[~gap & ~back]
-    rounding = 4 * np.finfo(float).eps * float(np.max(np.abs(t)))
 
     def deviation(dt: float) -> float:
         largest = float(np.max(np.abs(ordinary - dt), initial=0.0))
@@ -132,10 +132,19 @@ def _simplest_step(t: Array) -> float:
     if np.array_equal(t[0] + first * k, t):
         return first
     mean = float(t[-1] - t[0]) / (len(t) - 1)
-    scatter = float(np.max(np.abs(t - t[0] - mean * k))) + 4 * np.finfo(float).eps * float(np.max(np.abs(t)))
-    allowed = min(scatter, mean / 2) / (len(t) - 1)
-    candidates = (float(f"{mean:.{digits}g}") for digits in range(1, 17))
-    return next((step for step in candidates if abs(step - mean) <= allowed), mean)
+    scatter = float(np.max(np.abs(t - t[0] - mean * k))) + _rounding(t)
+    return _simplest(mean, min(scatter, mean / 2) / (len(t) - 1))
+
+
+def _simplest(value: float, allowed: float) -> float:
+    """The decimal number of fewest digits that is at most so far from a value."""
+    candidates = (float(f"{value:.{digits}g}") for digits in range(1, 17))
+    return next((number for number in candidates if abs(number - value) <= allowed), value)
+
+
+def _rounding(t: Array) -> float:
+    """How far the difference of two times (N,) may be off because they are stored with limited digits."""
+    return 4 * float(np.finfo(float).eps) * float(np.max(np.abs(t)))
 
 
 def resample(time: ArrayLike, record: Record, dt: float | None = None) -> Record:
@@ -164,8 +173,9 @@ def resample(time: ArrayLike, record: Record, dt: float | None = None) -> Record
     t, u, y = t[last], record.input[last], record.output[last]
     if np.any(np.diff(t) <= 0):
         raise DataError(f"{record.name}: the time column goes back; sort the file by time first")
-    grid = t[0] + step * np.arange(int(np.floor((t[-1] - t[0]) / step * (1 + 1e-12))) + 1)
-    held = np.searchsorted(t, grid + 1e-9 * step, side="right") - 1  # tolerates rounding of the times
+    late = 1e-9 * step + _rounding(t)  # by how much rounding may make a time later than the grid
+    grid = t[0] + step * np.arange(int(np.floor((t[-1] - t[0] + late) / step)) + 1)
+    held = np.searchsorted(t, grid + late, side="right") - 1
     columns = [np.interp(grid, t, y[:, k]) for k in range(y.shape[1])]
     return replace(
         record,

@@ -68,8 +68,7 @@ def lines(look: FirstLook, argument: Spelling = as_python) -> list[str]:
     clock, record = look.clock, look.record
     found = []
     if clock.column and clock.axis is not None:
-        again = f", begins again {len(clock.resets)} times" if clock.resets else ""
-        found.append(f"time column {clock.column}: {clock.axis}{again}")
+        found.append(f"time column {clock.column}: {clock.axis}")
     if record is not None:
         found.append(str(record))
     return [*found, *(f"- {sentence(finding, argument)}" for finding in look.findings)]

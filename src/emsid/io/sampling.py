@@ -1,0 +1,192 @@
+"""The sample time of a record, and where its segments begin: from a time column, or as it is given.
+
+A column that goes back begins again there, in a new segment, unless it is a counter of 16 or 32 bits whose numbers are
+used up: such a counter goes on from zero, and so does the segment.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import DataError
+from emsid.findings import Finding
+from emsid.io.columns import Columns
+from emsid.io.selection import Selection
+from emsid.record import Record, concatenate, time_axis
+from emsid.record import resample as resampled
+
+Array = NDArray[np.float64]
+
+BRIDGED = 10
+"""Resampling interpolates over gaps shorter than this many sample times; a longer gap ends a segment."""
+
+SHORTEST, LONGEST = 1e-6, 1.0
+"""Sample times in seconds outside this range are questioned."""
+
+_RESET = 10
+"""A time column that goes back has been reset if at least this many rows follow each other between the resets."""
+
+COUNTERS = (2.0**16, 2.0**32)
+"""Where counters of 16 and 32 bits, such as the milliseconds or microseconds of a board, begin at zero again."""
+
+_AGREEMENT = 0.01  # allowed relative difference between a given sample time and that of the time column
+
+SECONDS = {
+    "ns": 1e-9,
+    "us": 1e-6,
+    "µs": 1e-6,  # the micro sign
+    "μs": 1e-6,  # the Greek letter
+    "ms": 1e-3,
+    "msec": 1e-3,
+    "s": 1.0,
+    "sec": 1.0,
+    "seconds": 1.0,
+    "min": 60.0,
+    "h": 3600.0,
+}
+CLOCK_NAMES = {"millis": "ms", "micros": "us"}
+"""Units of columns that are called like the function of a board that they come from."""
+_UNIT_IN_NAME = re.compile(r"[\s_]*(?:[(\[{]\s*(?P<bracketed>[^)\]}]+?)\s*[)\]}]|_(?P<suffix>ns|us|ms|s))$")
+_LIKE_TIME = re.compile(r"t|time|timestamp|zeit|sec|seconds", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class SampleTime:
+    """The options of `read` that determine the sample time."""
+
+    dt: float | None
+    time: str | None
+    time_unit: str | None
+    resample: bool
+
+
+def about_sample_time(dt: float, name: str) -> list[Finding]:
+    """A finding where a sample time is implausible for an electromechanical system."""
+    if SHORTEST <= dt <= LONGEST:
+        return []
+    return [Finding("sample-time-implausible", name, {"dt": float(dt)})]
+
+
+def sampled(selection: Selection, clock: SampleTime, record: Record) -> Record:
+    """Determine sample time and segments of the record."""
+    breaks = 1 + np.flatnonzero(~selection.follows)
+    if clock.time is None:
+        if clock.dt is None:
+            raise DataError(_no_sample_time(selection.columns), arguments=("dt", "time"))
+        if clock.resample:
+            raise DataError("resampling needs a time column; name it", arguments=("time",))
+        starts = selection.rows[[0, *breaks]] * clock.dt
+        return replace(record, dt=clock.dt, breaks=tuple(map(int, breaks)), times=tuple(map(float, starts)))
+
+    column = f"time column {clock.time!r}"
+    seconds = _time_unit(clock, selection.columns) * counted_on(selection.numbers(clock.time))
+    resets = clock_resets(seconds)
+    breaks = np.union1d(breaks, resets).astype(int)
+    follows = selection.follows & ~np.isin(np.arange(1, len(seconds)), resets)
+    rows = np.arange(1, len(seconds))[follows]  # rows whose time step is used
+    try:
+        axis = time_axis(
+            seconds if len(rows) == len(seconds) - 1 else np.append(0.0, np.cumsum(np.diff(seconds)[follows]))
+        )
+    except DataError as problem:
+        raise DataError(f"{column}: {problem}", arguments=problem.arguments) from None
+    axis = axis._replace(
+        samples=len(seconds),
+        gaps=tuple(selection.number(rows[k - 1]) for k in axis.gaps),
+        duplicates=tuple(selection.number(rows[k - 1]) for k in axis.duplicates),
+        place=selection.columns.placed,
+    )
+
+    if len(resets):
+        data = {"count": len(resets), "column": clock.time, "line": selection.number(resets[0])}
+        record = replace(record, findings=(*record.findings, Finding("clock-reset", record.name, data)))
+    if clock.resample:
+        return replace(_resampled(record, seconds, breaks, axis.dt, clock.dt), time_axis=axis)
+    if not axis.regular:
+        raise DataError(
+            f"{column} is not regular: {axis}; give resample to interpolate it to an equidistant one, or "
+            "dt in its place to take the samples as equidistant",
+            arguments=("resample", "dt"),
+        )
+    if clock.dt is not None and abs(clock.dt - axis.dt) > _AGREEMENT * axis.dt:
+        raise DataError(
+            f"{column} says a sample time of {axis.dt:.6g} s and dt is {clock.dt:g} s; leave one of them out, or "
+            "give the unit of the column with time_unit",
+            arguments=("time_unit",),
+        )
+    starts = seconds[[0, *breaks]]
+    return replace(
+        record,
+        dt=axis.dt if clock.dt is None else clock.dt,
+        breaks=tuple(map(int, breaks)),
+        times=tuple(map(float, starts)),
+        time_axis=axis,
+    )
+
+
+def _resampled(record: Record, seconds: Array, breaks: NDArray[np.intp], step: float, dt: float | None) -> Record:
+    """The samples at the given times (N,), brought to equidistant ones; a long gap ends a segment."""
+    gaps = 1 + np.flatnonzero(np.diff(seconds) >= BRIDGED * step)
+    breaks = np.union1d(breaks, gaps)
+    edges = (0, *breaks, len(seconds))
+    pieces = replace(record, breaks=tuple(map(int, breaks)), times=()).segments
+    return concatenate(
+        resampled(seconds[a:b], piece, dt or step) for (a, b), piece in zip(pairwise(edges), pieces, strict=True)
+    )
+
+
+def counted_on(counter: Array) -> Array:
+    """A time column (N,) that goes on where it is a counter that began at zero again, as its numbers were used up.
+
+    >>> counted_on(np.array([65533.0, 65535.0, 1.0, 3.0]))
+    array([65533., 65535., 65537., 65539.])
+    """
+    steps = np.diff(counter)
+    forward, back = steps[steps > 0], steps < 0
+    known = counter[np.isfinite(counter)]
+    if not (back.any() and len(forward) and known.min() >= 0 and np.array_equal(known, np.floor(known))):
+        return counter
+    longest = BRIDGED * float(np.median(forward))
+    for turn in COUNTERS:
+        if known.max() < turn and np.all((steps[back] + turn > 0) & (steps[back] + turn < longest)):
+            return counter + turn * np.concatenate(([0], np.cumsum(back)))
+    return counter
+
+
+def clock_resets(time: Array) -> NDArray[np.intp]:
+    """The samples (M,) at which a time column (N,) begins again; none where it goes back for another reason."""
+    resets = 1 + np.flatnonzero(np.diff(time) < 0)
+    pieces = np.diff([0, *resets, len(time)])
+    return resets if np.all(pieces >= _RESET) else resets[:0]
+
+
+def _time_unit(clock: SampleTime, columns: Columns) -> float:
+    """Seconds in one unit of the time column."""
+    assert clock.time is not None
+    if columns.series[clock.time].dtype.is_temporal():
+        return 1.0
+    if clock.time_unit is not None:
+        if clock.time_unit not in SECONDS:
+            raise DataError(f"time unit {clock.time_unit!r} is not understood; give one of {', '.join(SECONDS)}")
+        return SECONDS[clock.time_unit]
+    written = _UNIT_IN_NAME.search(clock.time)
+    in_name = written["bracketed"] or written["suffix"] if written else CLOCK_NAMES.get(clock.time.lower(), "s")
+    unit = columns.units.get(clock.time) or in_name
+    return SECONDS.get(unit, 1.0)
+
+
+def _no_sample_time(columns: Columns) -> str:
+    """The error for a missing sample time, with a hint from the file."""
+    candidates = [name for name in columns.series if _LIKE_TIME.fullmatch(_UNIT_IN_NAME.sub("", name))]
+    hint = f"; {candidates[0]!r} looks like the time column" if candidates else ""
+    for k, line in enumerate(columns.preamble):
+        if re.search(r"\bdt\b", line):
+            says = line if re.search(r"\bdt\W*\d", line) else " / ".join(columns.preamble[k : k + 2])
+            hint += f"; the file says {' '.join(says.split())!r} above its header (mind the unit)"
+            break
+    return f"no sample time; give dt in seconds, or time, the column that holds it{hint}"

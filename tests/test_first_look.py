@@ -268,6 +268,21 @@ def test_a_position_is_differentiated_and_a_difference_is_recognised(write: Writ
     assert "position-differentiated" in codes(look)
 
 
+def test_an_input_without_sign_takes_that_of_its_direction(write: Write) -> None:
+    columns = {"t": T, "pwm": np.abs(U), "dir": np.where(U > 0, 1, 0), "lamp": np.arange(N) // 50 % 2}
+    for name, output in (("speed", Y), ("enc", np.cumsum(np.rint(Y)))):
+        look = describe(write(columns | {name: output}))
+        assert data(look, "direction-column") == {"column": "dir", "output": name}
+        assert look.reading["direction"] == {"pwm": "dir"}
+        assert look.record is not None
+        np.testing.assert_array_equal(look.record.input[:, 0], np.where(U > 0, np.abs(U), -np.abs(U)))
+        assert "--direction pwm=dir" in " ".join(proposals([look])[0])
+    signed = describe(write(columns | {"pwm": U, "speed": Y}))
+    assert "direction-column" not in codes(signed)
+    one_way = describe(write({"t": T, "pwm": np.abs(U), "lamp": columns["lamp"], "speed": np.abs(Y)}))
+    assert "direction-column" not in codes(one_way)
+
+
 def test_codes_are_masked_and_what_the_output_does_there_is_said(write: Write) -> None:
     u, y = U.copy(), Y.copy()
     for start in (100, 300, 500):

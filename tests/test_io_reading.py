@@ -97,6 +97,27 @@ def test_scale_and_offset_then_unit(log: Path) -> None:
     assert (record.input_units, record.output_units) == (("V",), ("V",))
 
 
+@pytest.mark.parametrize(
+    ("direction", "signs"), [("0 0 1 1", [-1, -1, 1, 1]), ("-1 1 1 0", [-1, 1, 1, 0]), ("2 2 2 2", [1, 1, 1, 1])]
+)
+def test_a_column_takes_the_sign_of_its_direction_before_gain_and_offset(
+    write: Write, direction: str, signs: list[int]
+) -> None:
+    rows = "".join(f"{k + 1},{k},{sign}\n" for k, sign in enumerate(direction.split()))
+    record = read(
+        write("u,y,dir\n" + rows), input="u", output="y", dt=1, direction={"u": "dir"}, scale={"u": 2}, offset={"u": 3}
+    )
+    np.testing.assert_array_equal(record.input[:, 0], 2 * np.multiply(signs, [1, 2, 3, 4]) + 3)
+
+
+def test_a_direction_is_a_column_of_few_values(log: Path) -> None:
+    kwargs = {"input": "u", "output": "y", "dt": 1}
+    assert "column 't' has" in failure(log, **kwargs, direction={"u": "t"})
+    assert "which is no direction" in failure(log, **kwargs, direction={"u": "t"})
+    assert "there is no column 'dir'" in failure(log, **kwargs, direction={"u": "dir"})
+    assert "direction is given for 't', which is neither" in failure(log, **kwargs, direction={"t": "u"})
+
+
 def test_counts_and_pwm_have_their_meaning(log: Path) -> None:
     record = read(
         log,

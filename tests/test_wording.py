@@ -513,6 +513,7 @@ EXAMPLES: tuple[Finding, ...] = (
     ),
     Finding("value-stuck", "y", {"row": 400, "length": 120, "value": 3.5}),
     Finding("position-differentiated", "qm"),
+    Finding("direction-column", "pwm", {"column": "dir", "output": "rpm"}),
     Finding("difference-of-position", "mVel", {"position": "mStep"}),
     Finding("sample-time-implausible", "log.csv", {"dt": 10.048}),
     Finding("sample-time-implausible", "log.csv", {"dt": 1e-8}),

@@ -111,6 +111,10 @@ TimeUnit = Annotated[
 Resample = Annotated[bool, typer.Option("--resample", help="Interpolate an irregular time axis to a regular one.")]
 Rows = Annotated[str | None, typer.Option(metavar="A:B", help="Data rows to take, from A up to but not B.")]
 Mask = Annotated[str | None, typer.Option(metavar="EXPR", help='Samples to leave out, as in "abs(PWM) > 255".')]
+Direction = Annotated[
+    list[str],
+    typer.Option(metavar="COL=DIR", help="Column with the sign of a column: negative where it is not above 0."),
+]
 Scale = Annotated[list[str], typer.Option(metavar="COL=GAIN", help="Multiply a column by a gain.")]
 Offset = Annotated[list[str], typer.Option(metavar="COL=X", help="Add to a column, after its gain.")]
 Unit = Annotated[
@@ -155,6 +159,7 @@ def _reader(
     resample: Resample = False,
     rows: Rows = None,
     mask: Mask = None,
+    direction: Direction = [],  # noqa: B006
     scale: Scale = [],  # noqa: B006
     offset: Offset = [],  # noqa: B006
     unit: Unit = [],  # noqa: B006
@@ -176,6 +181,7 @@ def _reader(
         "time_unit": time_unit,
         "rows": None if rows is None else _rows(rows),
         "mask": mask,
+        "direction": pairs(direction, "--direction"),
         "scale": numbers(scale, "--scale"),
         "offset": numbers(offset, "--offset"),
         "units": pairs(unit, "--unit"),

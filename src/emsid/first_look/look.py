@@ -25,7 +25,7 @@ from emsid.first_look.clock import Clock, find_clock
 from emsid.first_look.columns import Column, Stretch, column_of_numbers
 from emsid.first_look.dynamics import Response, influence, response
 from emsid.first_look.names import ColumnQuantity, Meaning, known_unit, meaning
-from emsid.first_look.roles import Roles, find_roles, is_difference, with_responses
+from emsid.first_look.roles import Roles, find_direction, find_roles, is_difference, with_responses
 from emsid.first_look.systems import Source, systems
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, as_numbers
@@ -126,6 +126,10 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
             found[roles.input] = replace(column, codes=with_responses(column.codes, column.values, y))
     columns = tuple(found.values())
     proposal = {**_proposal(raw, found, clock, roles), **reading}
+    direction = "" if "direction" in reading else find_direction(table, roles)
+    if direction:
+        proposal["direction"] = {roles.input: direction}
+        noticed.append(Finding("direction-column", roles.input, {"column": direction, "output": roles.output}))
     proposal = {name: value for name, value in proposal.items() if value not in (None, {}, "")}
     if "dt" in reading and "time" not in reading:
         proposal = {name: value for name, value in proposal.items() if name not in ("time", "time_unit", "resample")}

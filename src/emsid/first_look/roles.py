@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 MOST_COMPARED = 8
 """The signals of at most this many columns are compared with each other."""
+CLEARER, LEAST = 1.5, 0.05
+"""A direction is believed where the output answers the input so many times more, and by so much more, with its sign."""
 
 _AS_INPUT = {
     ColumnQuantity.VOLTAGE: 1.0,
@@ -112,6 +114,27 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
             and (a.name, b.name) != (u, y)
         ),
     )
+
+
+def find_direction(columns: Sequence[Column], roles: Roles) -> str:
+    """The column with the sign of an input that has none; empty where the output does not answer to that more clearly.
+
+    Args:
+        columns: of the file, equally long.
+        roles: which of them are input and output.
+    """
+    named = {column.name: column for column in columns}
+    u, y = named.get(roles.input), named.get(roles.output)
+    if u is None or y is None or not u.low >= 0:
+        return ""
+    answer = np.gradient(y.signal) if y.meaning.quantity is ColumnQuantity.POSITION else y.signal
+    shares = {
+        column.name: influence(np.where(column.values > 0, 1.0, -1.0) * u.signal, answer)
+        for column in columns
+        if column.kind == "numbers" and column.distinct == 2 and column not in (u, y)
+    }
+    best = max(shares, key=shares.__getitem__, default="")
+    return best if best and shares[best] > CLEARER * influence(u.signal, answer) + LEAST else ""
 
 
 def _first_of_its_kind(

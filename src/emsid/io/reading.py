@@ -1,8 +1,8 @@
 """Reading of a file to a `Record`: selection of columns and samples, sample time, units.
 
-The steps have a fixed order. ``rows`` are selected. ``mask`` is evaluated on the columns of the file. A column becomes
-``scale·x + offset``. Masked samples are removed; the others are checked and divided into segments. Derivatives are
-computed within each segment. Units are converted to SI.
+The steps have a fixed order. ``rows`` are selected. ``mask`` is evaluated on the columns of the file. A column takes
+the sign of its ``direction`` and becomes ``scale·x + offset``. Masked samples are removed; the others are checked and
+divided into segments. Derivatives are computed within each segment. Units are converted to SI.
 """
 
 from __future__ import annotations
@@ -120,6 +120,7 @@ def read(
     time_unit: str | None = None,
     rows: slice | None = None,
     mask: str | None = None,
+    direction: Mapping[str, str] | None = None,
     scale: Mapping[str, float] | None = None,
     offset: Mapping[str, float] | None = None,
     units: Mapping[str, str] | None = None,
@@ -152,6 +153,8 @@ def read(
         rows: the data rows to take, counted from 0, as in ``slice(5200, 105200)``.
         mask: an SQL condition on the columns of the file, true for the samples to leave out, as in ``abs(PWM) > 255``;
             the others form segments. A sample with a missing value, for which it cannot be evaluated, is left out.
+        direction: by column without sign, such as the duty of a bridge, the column that says its direction: the sign is
+            negative where that is not above 0 (0 and 1, or −1 and 1).
         scale, offset: by column; ``scale·x + offset`` replaces x.
         units: by column, the unit it is in after that; the channel is then converted to SI. A derivative has
             the unit of its column per second, if not given under its own name.
@@ -184,6 +187,7 @@ def read(
             rows=rows or slice(None),
             mask=mask,
             skip_bad_rows=skip_bad_rows,
+            direction=direction or {},
             scale=scale or {},
             offset=offset or {},
             units=units or {},
@@ -217,6 +221,7 @@ def _record(
     rows: slice,
     mask: str | None,
     skip_bad_rows: bool,
+    direction: Mapping[str, str],
     scale: Mapping[str, float],
     offset: Mapping[str, float],
     units: Mapping[str, str],
@@ -229,14 +234,22 @@ def _record(
     if columns.clocks and clock.dt is None and clock.time is None:
         clock = replace(clock, time=columns.clocks.get(used[-1]))
     if clock.time is not None and clock.time in columns.clocks.values():
-        wanted = {*used, clock.time, *(columns.clocks[name] for name in used if name in columns.clocks)}
+        wanted = {
+            *used,
+            *direction.values(),
+            clock.time,
+            *(columns.clocks[name] for name in used if name in columns.clocks),
+        }
         few = replace(columns, clocks={name: each for name, each in columns.clocks.items() if name in wanted})
-        columns = on_one_clock(few, clock.time, used[: len(inputs)])
-    _check_options({"scale": scale, "offset": offset, "units": units}, signals)
-    used = [*(s.column for s in signals), *([clock.time] if clock.time else [])]
+        columns = on_one_clock(few, clock.time, {*used[: len(inputs)], *direction.values()})
+    _check_options({"direction": direction, "scale": scale, "offset": offset, "units": units}, signals)
+    used = [*(s.column for s in signals), *direction.values(), *([clock.time] if clock.time else [])]
     selection = select(columns, used, rows, mask, skip_bad_rows, name)
     with np.errstate(all="ignore"):  # a number that overflows is refused below, or by the record
-        values = [selection.scaled(s.column, scale.get(s.column, 1.0), offset.get(s.column, 0.0)) for s in signals]
+        values = [
+            selection.scaled(s.column, scale.get(s.column, 1.0), offset.get(s.column, 0.0), direction.get(s.column))
+            for s in signals
+        ]
         record = sampled(
             selection,
             clock,

@@ -68,9 +68,28 @@ class Selection:
             )
         return values
 
-    def scaled(self, name: str, gain: float, offset: float) -> Array:
-        """The values of a column as gain·x + offset."""
-        values = gain * self.numbers(name) + offset
+    def signs(self, name: str) -> Array:
+        """The sign of another column that a direction column gives: negative where that is not above 0.
+
+        Of a direction that is negative somewhere, 0 is neither.
+
+        Raises:
+            DataError: where the column has more values than a direction.
+        """
+        values = self.numbers(name)
+        levels = np.unique(values)
+        if len(levels) > 3:
+            raise DataError(
+                f"column {name!r} has {len(levels):,} different values, which is no direction; name one with two, "
+                "such as 0 and 1 or −1 and 1",
+                arguments=("direction",),
+            )
+        return np.sign(values) if levels[0] < 0 else np.where(values > 0, 1.0, -1.0)
+
+    def scaled(self, name: str, gain: float, offset: float, direction: str | None = None) -> Array:
+        """The values of a column as gain·x + offset, where x has the sign that another column gives, if one does."""
+        values = self.numbers(name) if direction is None else self.signs(direction) * self.numbers(name)
+        values = gain * values + offset
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             raise DataError(

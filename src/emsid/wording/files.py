@@ -174,6 +174,15 @@ def position_differentiated(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("direction-column")
+def direction_column(f: Finding, argument: Spelling) -> str:
+    """Subject: the input. Data: column (with its sign), output."""
+    return (
+        f"{f.subject} has no sign, and {f.data['output']} answers it more clearly with that of {f.data['column']}, "
+        f"which is taken as its direction ({argument('direction')})"
+    )
+
+
 @words("difference-of-position")
 def difference_of_position(f: Finding, argument: Spelling) -> str:
     """Subject: the column. Data: position."""

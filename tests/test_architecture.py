@@ -332,7 +332,7 @@ def test_nobody_asks_for_the_type_or_the_name_of_a_plant() -> None:
 
 # Functions may be this long, without their docstring.
 LONGEST = 60
-LONG = {"plant.simulation._run": "one compiled loop, in which every branch is a state of the motor"}
+LONG = {"plant.taylor.run": "one compiled loop, in which every branch is a state of the motor"}
 
 
 def test_functions_are_short_enough_to_be_read() -> None:

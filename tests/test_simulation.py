@@ -13,7 +13,7 @@ from scipy.signal import cont2discrete
 from emsid.errors import DataError, ModelError
 from emsid.plant import DeadZoneLaw, Friction, Motor, State, Taylor, simulate
 from emsid.plant.reference import simulate_reference
-from emsid.plant.simulation import _first_zero
+from emsid.plant.taylor import _first_zero
 from independent.two_masses import load_speed
 
 CHANNELS = tuple(field.name for field in fields(State))
@@ -257,7 +257,7 @@ def test_more_events_than_the_arrays_hold(capacity, monkeypatch):
     voltage = two_sines(500, 2e-3)
     expected = simulate(KINKED, voltage, 2e-3, energy=True)
     assert len(expected.events.time) > 30
-    monkeypatch.setattr("emsid.plant.simulation._SPARE_EVENTS", capacity - len(voltage))
+    monkeypatch.setattr("emsid.plant.simulation.SPARE_EVENTS", capacity - len(voltage))
     result = simulate(KINKED, voltage, 2e-3, energy=True)
     for mine, theirs in zip(result.events, expected.events, strict=True):
         np.testing.assert_array_equal(mine, theirs)

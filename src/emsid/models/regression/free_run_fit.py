@@ -12,7 +12,8 @@ The outputs at the start of every segment are estimated too, unless there are ma
 which a slow or lightly damped model would keep for long.
 
 The search starts from least squares. Where the free run of that estimate diverges or explains nothing, it goes from
-prediction to simulation in steps, see `SHARES`. A trial step whose free run is not finite is shortened.
+prediction to simulation in steps, see `SHARES`. A trial step whose free run is not finite is shortened. Signs of past
+outputs make the free run jump; a search that may begin again then uses `wide_differences` first.
 
 References:
     Ljung, *System Identification*, 2nd ed., sec. 4.2 and 10.2. Piroddi, Spinelli, *An identification algorithm for
@@ -34,12 +35,14 @@ from emsid.estimation.linear.least_squares import check_excitation, least_square
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import Block, Infeasible
+from emsid.estimation.nonlinear.problem import Block, Infeasible, Problem
 from emsid.estimation.nonlinear.restarts import begun_again
+from emsid.estimation.nonlinear.wide_differences import WIDTHS, Widened
 from emsid.models.model import check_samples
 from emsid.models.regression.kernels import read_only
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.sensitivities import largest_output_lag, parts, run_with_derivative
+from emsid.models.regression.transforms import Transform
 from emsid.record import Record, check_same_channels
 
 Array = NDArray[np.float64]
@@ -50,6 +53,8 @@ SHARES = (0.5, 0.8, 0.9, 0.95, 0.98, 1.0)
 STEPS = 15
 # Samples for each past output from which the fitted model estimates its state at the start of a run.
 SAMPLES_PER_STATE = 8
+# Effort of every search with wide differences.
+WIDE: dict[str, Any] = {"max_iterations": 20, "tolerance": 0.05, "least_saving": 1e-3, "covariances": False}
 # The largest number of initial outputs that are estimated.
 MOST_STATES = 40
 
@@ -143,7 +148,8 @@ def fit_free_run(
         tolerance, least_saving: see `gauss_newton`.
         control: when to stop.
         covariances: whether they are computed; otherwise they are infinite.
-        restarts: whether a search that does not converge is begun again, see `begun_again`.
+        restarts: whether a search that does not converge is begun again, see `begun_again`, and one over signs of past
+            outputs begins with wide differences.
 
     Returns:
         A fit with intervals that allow for coloured residuals and model error.
@@ -172,19 +178,27 @@ def fit_free_run(
         begin = _towards_free_run(structure, segments, skipped, begin, control)
     states = largest_output_lag(structure.regressors) * len(segments)
     problem = FreeRunError(structure, segments, skipped, states=states <= MOST_STATES)
-    same: dict[str, Any] = {"tolerance": tolerance, "names": problem.names, "control": control}
-    usual = {"max_iterations": max_iterations, "least_saving": least_saving, "covariances": covariances}
+    usual: dict[str, Any] = {"max_iterations": max_iterations, "tolerance": tolerance, "least_saving": least_saving}
+    usual |= {"names": problem.names, "control": control, "covariances": covariances}
 
-    def search(theta: Array, **others: Any) -> Minimum:
-        return gauss_newton(problem, theta, **same, **(usual | others))
+    def search(theta: Array, of: Problem = problem, **others: Any) -> Minimum:
+        return gauss_newton(of, theta, **(usual | others))
 
-    found = search(problem.with_states(begin))
+    first = problem.with_states(begin)
+    for width in WIDTHS if restarts and _jumps(structure) else ():
+        first = search(first, Widened(problem, width), **WIDE).estimate
+    found = search(first)
     if restarts:
         found = begun_again(found, search, len(structure), control)
     shortest = min(map(len, segments))
     samples = min(SAMPLES_PER_STATE * largest_output_lag(structure.regressors), shortest // 4)
     model = replace(structure.model(found.estimate[: len(structure)], several[0]), start=samples)
     return found.fit(model, structure.parameter_names)
+
+
+def _jumps(structure: Structure) -> bool:
+    """Whether the free run of a structure jumps: a sign of a past output is among its regressors."""
+    return any(f.channel == 0 and f.transform is Transform.SIGN for r in structure.regressors for f in r.factors)
 
 
 def _explains_something(problem: FreeRunError, theta: Array) -> bool:

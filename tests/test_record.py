@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from emsid.errors import DataError
 from emsid.record import Record, check_same_channels, concatenate, hold_back, resample, segments, time_axis
-from emsid.record.excerpt import excerpt, outside_excerpt
+from emsid.record.excerpt import _pieces, excerpt, outside_excerpt
 
 
 def ramp(samples: int = 10, dt: float = 0.1, **fields: object) -> Record:
@@ -76,6 +79,26 @@ def test_an_excerpt_has_pieces_from_all_of_a_record_and_its_extremes() -> None:
 def test_an_excerpt_of_many_experiments_has_a_piece_of_each() -> None:
     series = concatenate([Record(np.full(2_000, float(n)), np.zeros(2_000), 0.1) for n in range(20)])
     assert set(excerpt(series, 10_000).input[:, 0]) == set(map(float, range(20)))
+
+
+@pytest.mark.parametrize("sizes", [(3_000, 2_500, 4_500), (60,) * 150, (5_000, *(50,) * 100), (4_990, 10, 5_000)])
+def test_no_piece_of_an_excerpt_contains_a_gap(sizes: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(0)
+    series = concatenate([Record(rng.normal(size=(n, 1)), rng.normal(size=(n, 1)), 0.1) for n in sizes])
+    edges = np.array([0, *series.breaks, len(series)])
+    for place in (10, 2_990, 3_003, 4_985, 4_993, 5_005, len(series) - 3):
+        u = series.input.copy()
+        u[place] = 50.0
+        record = replace(series, input=u)
+        pieces = _pieces(record, 800, 8)
+        assert all(stop - first > 0 for first, stop in pieces)
+        assert all(stop <= first for (_, stop), (first, _) in pairwise(pieces))
+        for first, stop in pieces:
+            assert stop <= edges[np.searchsorted(edges, first, side="right")]
+        few = excerpt(record, 800)
+        assert 400 <= len(few) <= 800
+        assert few.input.max() == 50.0
+        assert len(few.segments) == len(pieces)
 
 
 def test_an_input_without_output_is_a_record() -> None:

@@ -533,9 +533,10 @@ def _begun_on_a_long_record() -> tuple[Record, Trial]:
 
 def test_a_long_record_is_fitted_from_the_minimum_of_a_part(monkeypatch) -> None:
     record, begun = _begun_on_a_long_record()
-    whole = estimation._fitted(begun, [record], FREE)
+    whole = estimation._fitted([begun], [record], FREE)
     monkeypatch.setattr(estimation, "LONG", 800)
-    quick = estimation._fitted(begun, [record], FREE)
+    monkeypatch.setattr(estimation, "PART", 800)
+    quick = estimation._fitted([begun, estimation._in_part(begun, [record], FREE)], [record], FREE)
     errors = [float(np.nanmean(squared_errors(fit.model, [record]))) for fit in (whole, quick)]
     assert errors[1] == pytest.approx(errors[0], rel=1e-3)
     assert quick.samples == whole.samples  # all of them, in the end
@@ -550,6 +551,7 @@ def test_a_search_of_a_long_record_that_is_stopped_ends_with_a_part_of_it(monkey
 
     monkeypatch.setattr(estimation, "chosen", stopped)
     monkeypatch.setattr(estimation, "LONG", 800)
+    monkeypatch.setattr(estimation, "SEARCHED", 800)
     fit = emsid.feedback().fit(record)
     assert (fit.ending, fit.samples < 900) == (Ending.INTERRUPTED, True)
     same = [float(np.nanmean(squared_errors(model, [record]))) for model in (begun.found.model, fit.model)]

@@ -36,7 +36,7 @@ class Elsewhere:
     """Answers that are there at once."""
 
     def __init__(self, *names, answer=None):
-        self.names, self.answer = names, answer
+        self.names, self.answer, self.stopped = names, answer, False
 
     def begin(self, names, record, options):
         self.record, self.options = record, options
@@ -46,6 +46,9 @@ class Elsewhere:
 
     def fitted(self, name, control):
         return self.answer(name, self, control) if self.answer else None
+
+    def stop(self):
+        self.stopped = True
 
 
 def there(name, elsewhere, control):
@@ -103,6 +106,7 @@ def test_an_interrupted_identification_keeps_what_was_found_elsewhere() -> None:
 
     def cut_short(name, elsewhere, control):
         assert control.ending is Ending.INTERRUPTED
+        assert elsewhere.stopped  # by the first search that is stopped here, not only now
         return there(name, elsewhere, control)
 
     found = emsid.identify(

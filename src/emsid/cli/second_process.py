@@ -13,14 +13,16 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from math import inf
 from queue import SimpleQueue
-from threading import Event, Thread
+from threading import Thread
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from emsid.cli.imports import load_identification, without_collection
 
 if TYPE_CHECKING:
+    from ctypes import c_byte
     from multiprocessing.connection import Connection
     from multiprocessing.sharedctypes import SynchronizedArray
 
@@ -33,7 +35,7 @@ SLOWEST = ("feedback", "wiener-hammerstein")
 """The models that it begins with: the first often takes as long as all others together, the second in short records."""
 MOST = 64
 """Of more models it fits none."""
-LAST = 3.0
+LAST = 1.0
 """Seconds that an interrupted search may take to end with its best result."""
 
 
@@ -46,8 +48,8 @@ class SecondProcess:
         resource_tracker.ensure_running()  # `start` does it otherwise, and lets signals through again
         context = get_context("spawn")
         self._connection, other = context.Pipe()
-        self._taken = context.Array("b", MOST)
-        self._process = context.Process(target=serve, args=(other, self._taken), daemon=True)
+        self._taken, self._ending = context.Array("b", MOST), context.RawValue("b")
+        self._process = context.Process(target=serve, args=(other, self._taken, self._ending), daemon=True)
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # it never hears Ctrl-C
         try:
             self._process.start()
@@ -56,7 +58,7 @@ class SecondProcess:
         other.close()
         self._names: tuple[str, ...] = ()
         self._answers: dict[str, Any] = {}
-        self._stopped_at: float | None = None
+        self._stopped_at = inf
 
     def begin(self, names: Sequence[str], record: "Record", options: "Options") -> None:
         """Start to fit some of the models there."""
@@ -81,10 +83,8 @@ class SecondProcess:
         def wait() -> None:
             if control.ending is None:
                 return
-            if self._stopped_at is None:
-                self._stopped_at = monotonic()
-                self._connection.send(None)
-            elif monotonic() > self._stopped_at + LAST:
+            self.stop()
+            if monotonic() > self._stopped_at + LAST:
                 self.close()
                 control.check()
 
@@ -92,6 +92,11 @@ class SecondProcess:
         if isinstance(answer, Exception):
             raise answer
         return answer
+
+    def stop(self) -> None:
+        """End its search with the best result so far."""
+        if not self._ending.value:
+            self._stopped_at, self._ending.value = monotonic(), 1
 
     def close(self) -> None:
         """End the process."""
@@ -128,10 +133,10 @@ def taken(flags: "SynchronizedArray[int]", k: int) -> bool:
     return free
 
 
-def serve(connection: "Connection", flags: "SynchronizedArray[int]") -> None:
+def serve(connection: "Connection", flags: "SynchronizedArray[int]", ending: "c_byte") -> None:
     """The work of the second process, until the connection ends."""
-    cancelled, tasks = Event(), SimpleQueue[Any]()
-    Thread(target=_listen, args=(connection, tasks, cancelled), daemon=True).start()
+    tasks = SimpleQueue[Any]()
+    Thread(target=_listen, args=(connection, tasks), daemon=True).start()
     with without_collection():  # while the first process reads the files
         load_identification()
     from emsid.estimation.threads import sharing_cores
@@ -139,7 +144,7 @@ def serve(connection: "Connection", flags: "SynchronizedArray[int]") -> None:
     while True:
         names, record, options = tasks.get()
         with sharing_cores(2):
-            for answer in fitted(names, record, options, flags, cancelled.is_set):
+            for answer in fitted(names, record, options, flags, lambda: bool(ending.value)):
                 connection.send(answer)
 
 
@@ -169,14 +174,10 @@ def fitted(
             yield name, None
 
 
-def _listen(connection: "Connection", tasks: "SimpleQueue[Any]", cancelled: Event) -> None:
+def _listen(connection: "Connection", tasks: "SimpleQueue[Any]") -> None:
     """Pass tasks on, and end this process with the other one."""
     try:
         while True:
-            message = connection.recv()
-            if message is None:
-                cancelled.set()
-            else:
-                tasks.put(message)
+            tasks.put(connection.recv())
     except (EOFError, OSError):
         os._exit(0)

@@ -78,6 +78,10 @@ class Elsewhere(Protocol):
         """
         ...
 
+    def stop(self) -> None:
+        """End the search there with its best result so far."""
+        ...
+
 
 NAMED = 4
 """Name at most this many records in a title; of more give the number."""
@@ -257,6 +261,7 @@ def _fit_all(
     end: BaseException | None = None
     if elsewhere:
         elsewhere.begin(names, record, options)
+        control = _stopping(elsewhere, control)
     for number, (name, there) in enumerate(_in_turn(_order(names, record, elsewhere), elsewhere), 1):
         if end is not None and there is None:  # what has begun elsewhere may have a result
             continue
@@ -283,6 +288,18 @@ def _fit_all(
     by_model = {fits[name].model.name: fits[name] for name in names if name in fits}
     missing = [name for name in names if name not in (*fits, *problems, *late)]
     return _Fits(tuple(by_model.values()), tuple(failed), end is not None, tuple(missing))
+
+
+def _stopping(elsewhere: Elsewhere, control: Control) -> Control:
+    """The same control; a search that it cancels here, stops at once elsewhere too."""
+
+    def cancelled() -> bool:
+        stopped = control.cancelled()
+        if stopped:
+            elsewhere.stop()
+        return stopped
+
+    return replace(control, cancelled=cancelled)
 
 
 def _order(names: Sequence[str], record: Record, elsewhere: Elsewhere | None) -> Sequence[str]:

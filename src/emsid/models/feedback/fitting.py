@@ -7,7 +7,7 @@ free.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -53,12 +53,14 @@ class FreeRun:
         spread: (p, f) C.
         segments: (u, y) of each.
         transient: samples at the start of every segment that are left out of the residual.
+        check: called again and again while the derivative by a long segment is computed; what it raises ends that.
     """
 
     model: FeedbackModel
     spread: Array
     segments: Segments
     transient: int
+    check: Callable[[], None] = FREE.check
     _last: list[tuple[Array, FeedbackModel, list[LoopSignals]]] = field(default_factory=list)
 
     def at(self, theta: Array) -> FeedbackModel:
@@ -107,7 +109,7 @@ class FreeRun:
         (model, runs), free, blocks = self._run(theta), self.spread.shape[1], []
         count = len(model.parameters)
         for k, ((u, y), passed) in enumerate(zip(self.segments, runs, strict=True)):
-            rows = model.gradient(u, passed)[self.transient :]
+            rows = model.gradient(u, passed, self.check)[self.transient :]
             derivative = np.zeros((len(theta), len(rows)))
             with np.errstate(all="ignore"):
                 derivative[:free] = self.spread.T @ rows[:, :count].T
@@ -203,6 +205,9 @@ def searched(
     """The minimum near a start, in rounds of new coordinates; no covariances.
 
     The initial states begin as given, or as the first samples show them.
+
+    Raises:
+        Stopped: by ``control``, within a long segment.
     """
     model, cost, left = start, np.inf, max_iterations
     if states is None:
@@ -212,7 +217,7 @@ def searched(
         same = whitened(model, visited(model, segments, states))
         states = [same.state(x) for x in states]
         spread = coordinates(same.model, visited(same.model, segments, states))
-        problem = FreeRun(same.model, spread, segments, transient)
+        problem = FreeRun(same.model, spread, segments, transient, control.check)
         minimum = _gauss_newton(problem, states, min(STEPS, left), tolerance, control, False, least_saving)
         left -= max(minimum.iterations, 1)
         model = problem.at(minimum.estimate)
@@ -233,12 +238,16 @@ def conclude(
     control: Control = FREE,
     max_iterations: int = 2 * STEPS,
 ) -> Fit[FeedbackModel]:
-    """The fit at a minimum, in the normal form, with covariances."""
+    """The fit at a minimum, in the normal form, with covariances.
+
+    Raises:
+        Stopped: by ``control``, within a long segment.
+    """
     model, states = found.model, found.states
     same, held = normal_form(model, visited(model, segments, states))
     states = [same.state(x) for x in states]
     spread = coordinates(same.model, visited(same.model, segments, states), held)
-    problem = FreeRun(same.model, spread, segments, transient)
+    problem = FreeRun(same.model, spread, segments, transient, control.check)
     minimum = _gauss_newton(problem, states, max_iterations if found.settled else 0, tolerance, control, True)
     worse = _root_mean_square(minimum) > WORSE * found.error
     if worse:  # the weights of the penalties began too heavy in this form

@@ -171,9 +171,10 @@ def derivative(
     x: Array,
     w: Array,
     every: int,
+    now: Array,
     out: Array,
 ) -> None:
-    """The derivative of the output with respect to M, the maps, the offsets and the initial state.
+    """The derivative of the output with respect to M, the maps, the offsets and the initial state, over a block.
 
     Its columns are the elements of M row by row without the block D_zw = 0, the parameters of the maps, the offsets of
     z and y, and the initial state.
@@ -186,6 +187,7 @@ def derivative(
         u: (K,) input.
         x, w: (K, n), (K, m) of the run.
         every: one in so many steps has an output.
+        now: (n, p) the derivative of the state before the first step; overwritten by that after the last one.
         out: (⌈K/every⌉, p) receives the derivative.
     """
     n, m = x.shape[1], w.shape[1]
@@ -195,10 +197,8 @@ def derivative(
     of_maps = to_output + width
     of_offsets = of_maps + q
     p = of_offsets + m + 1 + n
-    now, new = np.zeros((n, p)), np.empty((n + 1, p))
+    new = np.empty((n + 1, p))
     closed, back = np.empty((n + 1, n)), np.empty((m, n))
-    for j in range(n):
-        now[j, p - n + j] = 1.0
     for t in range(len(u)):
         for k in range(m):
             for j in range(n):

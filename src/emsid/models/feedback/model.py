@@ -27,7 +27,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -57,6 +57,8 @@ SAMPLES_PER_STATE = 8
 SETTLING, NEWTON = 2_000, 50
 # Newton steps below this share of the state end when they no longer shrink.
 ROUNDING = 1e-9
+# Samples of a block, between which a derivative can be stopped.
+BLOCK = 8192
 # Digits of a coefficient: poles close to one another need more than a gain does.
 DIGITS = 10
 
@@ -244,27 +246,36 @@ class FeedbackModel(OneChannelMethods):
         """(N,) the free run from an input (N,) and an initial state (n,)."""
         return self.trajectory(u, x).y[:: self.oversampling]
 
-    def gradient(self, u: Array, passed: LoopSignals) -> Array:
+    def gradient(self, u: Array, passed: LoopSignals, check: Callable[[], None] = lambda: None) -> Array:
         """(N, p + n) the derivative of the output with respect to parameters and initial state.
 
         Args:
             u: (N,) input.
             passed: the result of `trajectory`.
+            check: called between blocks of samples; what it raises ends the computation.
         """
-        v, m = self.entering(u), len(self.maps)
-        slopes, rows, owners = np.empty((len(v), m)), [], []
-        for i, each in enumerate(self.maps):
-            z = np.ascontiguousarray(passed.z[:, i])
-            slopes[:, i] = each.slope(z)
-            rows.append(each.parameter_gradient(z))
-            owners += [i] * len(rows[-1])
-        gradient = np.ascontiguousarray(np.concatenate([np.empty((0, len(v))), *rows]).T)
-        out = np.empty((len(u), len(self.parameters) + self.states))
-        derivative(
-            self.matrix, slopes, gradient, np.array(owners, dtype=np.int64), v, passed.x, passed.w,
-            self.oversampling, out,
-        )  # fmt: skip
+        v, rate, width = self.entering(u), self.oversampling, len(self.parameters) + self.states
+        out, now = np.empty((len(u), width)), np.eye(self.states, width, width - self.states)
+        for first in range(0, len(u), BLOCK):
+            if first:
+                check()
+            steps = slice(first * rate, (first + BLOCK) * rate)
+            slopes, gradient, owners = self._of_maps(passed.z[steps])
+            derivative(
+                self.matrix, slopes, gradient, owners, v[steps], passed.x[steps], passed.w[steps], rate, now,
+                out[first : first + BLOCK],
+            )  # fmt: skip
         return out
+
+    def _of_maps(self, z: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+        """The slopes (K, m) of the maps at their inputs (K, m), ∂f/∂θ (K, q), and the map of each of its columns."""
+        slopes, rows, owners = np.empty(z.shape), [np.empty((0, len(z)))], []
+        for i, each in enumerate(self.maps):
+            own = np.ascontiguousarray(z[:, i])
+            slopes[:, i] = each.slope(own)
+            rows.append(each.parameter_gradient(own))
+            owners += [i] * len(rows[-1])
+        return slopes, np.ascontiguousarray(np.concatenate(rows).T), np.array(owners, dtype=np.int64)
 
     def entering(self, u: Array) -> Array:
         """(NL,) the input interpolated and delayed; its first value holds before the start."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,10 +18,10 @@ from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.static_maps import StaticMap
-from emsid.models.feedback.fitting import conclude, searched
+from emsid.models.feedback.fitting import Found, conclude, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.choice import chosen
-from emsid.models.feedback.search.trials import FeedbackSearch, Trial, runs_away
+from emsid.models.feedback.search.trials import SEARCHED, FeedbackSearch, Trial, runs_away
 from emsid.models.feedback.start import starting
 from emsid.models.one_channel import Segments, check_one_channel, segments_longer_than
 from emsid.models.terms import check_whole
@@ -31,9 +32,11 @@ Array = NDArray[np.float64]
 
 # A record needs this many samples for every element of the smallest model.
 SAMPLES = 60
-# Longer records are fitted in a few steps from the minimum of an excerpt of this length, the last in the normal form.
-# Steps that together lower the cost by a smaller share than the last number are the last.
-LONG, LAST_STEPS, LAST_SAVING = 20_000, (5, 15), 1e-4
+# Longer records are fitted in a few steps from the minimum of an excerpt of the second length, the last in the normal
+# form. Steps that together lower the cost by a smaller share than the last number are the last.
+LONG, PART, LAST_STEPS, LAST_SAVING = 20_000, 10_000, (5, 15), 1e-4
+# Steps of the fit to all data, at most.
+ITERATIONS = 300
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,19 +76,24 @@ class FeedbackStructure:
             check_excitation(record)
         if sum(map(len, several)) < SAMPLES:
             raise ModelError(f"feedback: fewer than {SAMPLES} samples; record longer")
-        best: Trial | None = None
+        begun: list[Trial] = []
         try:
             for trial in chosen(several, self.search, control):
-                best = trial
-            assert best is not None
+                begun = [trial]
             control.doing("fitting feedback to all data")
-            return _fitted(best, several, control.during("fitting feedback"))
+            during = control.during("fitting feedback")
+            if _are_long(several):
+                with suppress(ModelError):
+                    begun.append(_in_part(begun[0], several, during))
+                control.check()
+            return _fitted(begun, several, during)
         except Stopped as stopped:
-            if best is None:
+            if not begun:
                 raise
-            if sum(map(len, several)) > LONG:  # the user waits: intervals of all samples would take seconds
-                several, best = _part_of(several), replace(best, found=replace(best.found, states=[]))
-            fit = _fitted(best, several, FREE, 0)
+            if _are_long(several):  # the user waits: a fit to all samples would take seconds
+                several = _part_of(several, SEARCHED)
+                begun = [replace(each, found=replace(each.found, states=[])) for each in begun]
+            fit = _fitted(begun, several, FREE, 0)
             cut_short = Finding("choices-cut-short", self.name, {"cancelled": stopped.ending is Ending.INTERRUPTED})
             return replace(fit, ending=stopped.ending, findings=(cut_short,))
 
@@ -96,7 +104,10 @@ class FeedbackStructure:
         Args:
             fit: of the part.
             record: one input and one output.
-            control: as in `fit`.
+            control: when to stop.
+
+        Raises:
+            Stopped: by ``control``.
         """
         segments = segments_longer_than(fit.model.memory, fit.model, [record])
         return _in_few_steps(fit.model, fit.ending is not Ending.OUT_OF_BUDGET, segments, control)
@@ -142,52 +153,66 @@ def feedback(
     return FeedbackStructure(FeedbackSearch(order, maps, family, size, delay, oversampling, held))
 
 
-def _fitted(best: Trial, records: Sequence[Record], control: Control, iterations: int = 300) -> Fit[Any]:
-    """The model of a trial, fitted to all data; where that leads to one that runs away, the model of the trial.
+def _are_long(records: Sequence[Record]) -> bool:
+    return sum(map(len, records)) > LONG
+
+
+def _part_of(records: Sequence[Record], samples: int) -> list[Record]:
+    """Excerpts with so many samples in all."""
+    return [excerpt(record, max(samples // len(records), 1)) for record in records]
+
+
+def _in_part(trial: Trial, records: Sequence[Record], control: Control) -> Trial:
+    """The trial with its model fitted to a part of long records.
+
+    Raises:
+        ModelError: where its run diverges.
+    """
+    model = trial.found.model
+    few = segments_longer_than(model.memory, model, _part_of(records, PART))
+    return replace(trial, found=searched(model, few, model.edge, ITERATIONS, 0.05, control, LAST_SAVING))
+
+
+def _fitted(
+    begun: Sequence[Trial], records: Sequence[Record], control: Control, iterations: int = ITERATIONS
+) -> Fit[Any]:
+    """The last trial, fitted to all data; where that leads to a model that runs away, the model of the first one.
 
     Args:
-        best: the trial.
-        records: all data; to long ones the model is fitted in a few steps from the minimum of a part of them.
+        begun: the trial that is chosen, and of long records the same in a part of them.
+        records: all data; to long ones the model is fitted in a few steps.
         control: when to stop.
         iterations: at most.
+
+    Raises:
+        ModelError: where the run of every model diverges.
+        Stopped: by ``control``, in long records.
     """
-    model, states = best.found.model, best.found.states
-    segments, fits = segments_longer_than(model.memory, model, records), []
-    known = states if len(states) == len(segments) else None
-    for most in (iterations, 0) if iterations else (0,):
+    fits: list[Fit[Any]] = []
+    ways = [(begun[-1], iterations), (begun[0], 0)] if iterations or len(begun) > 1 else [(begun[0], 0)]
+    for k, (trial, most) in enumerate(ways, 1):
         try:
-            fits.append(_minimum(model, known, segments, records, control, most))
+            fits.append(_minimum(trial.found, records, control, most))
         except ModelError:
-            if not (most or fits):
+            if k == len(ways) and not fits:
                 raise
             continue
         last = fits[-1].model
+        segments = segments_longer_than(last.memory, last, records)
         if not runs_away(last, segments, [starting(last, u, y[: last.memory]) for u, y in segments]):
             return fits[-1]
     return fits[0]
 
 
-def _minimum(
-    model: FeedbackModel,
-    begun: Sequence[Array] | None,
-    segments: Segments,
-    records: Sequence[Record],
-    control: Control,
-    iterations: int,
-) -> Fit[Any]:
-    """The fit from a model, and its initial states if they are those of all segments."""
-    edge = model.edge
-    if sum(map(len, records)) <= LONG or not iterations:
-        here = searched(model, segments, edge, iterations, 0.05, control, states=begun)
-        return conclude(here, segments, edge, 0.05, control, iterations)
-    few = segments_longer_than(model.memory, model, _part_of(records))
-    found = searched(model, few, edge, iterations, 0.05, control, LAST_SAVING)
-    return _in_few_steps(found.model, found.settled, segments, control)
-
-
-def _part_of(records: Sequence[Record]) -> list[Record]:
-    """Excerpts of long records."""
-    return [excerpt(record, max(LONG // len(records), 1)) for record in records]
+def _minimum(begun: Found, records: Sequence[Record], control: Control, iterations: int) -> Fit[Any]:
+    """The fit that begins at a model, and at its initial states if they are those of all segments."""
+    model, states = begun.model, begun.states
+    segments = segments_longer_than(model.memory, model, records)
+    if _are_long(records) and iterations:
+        return _in_few_steps(model, begun.settled, segments, control)
+    known = states if len(states) == len(segments) else None
+    here = searched(model, segments, model.edge, iterations, 0.05, control, states=known)
+    return conclude(here, segments, model.edge, 0.05, control, iterations)
 
 
 def _in_few_steps(model: FeedbackModel, settled: bool, segments: Segments, control: Control) -> Fit[Any]:
@@ -198,6 +223,10 @@ def _in_few_steps(model: FeedbackModel, settled: bool, segments: Segments, contr
         settled: whether the search for it has converged.
         segments: of all data.
         control: when to stop.
+
+    Raises:
+        Stopped: by ``control``.
     """
     here = searched(model, segments, model.edge, LAST_STEPS[0], 0.05, control, LAST_SAVING)
+    control.check()
     return conclude(replace(here, settled=settled), segments, model.edge, 0.05, control, LAST_STEPS[1])

@@ -154,9 +154,14 @@ class Bench:
         return found
 
     def directions(self, found: Found) -> list[Direction]:
-        """The directions of a map more, the best first."""
+        """The directions of a map more, the best first.
+
+        Raises:
+            Stopped: by the control.
+        """
         key = id(found)
         if key not in self.ways:
+            self.control.check()
             self.ways[key] = found, directions_for(found, self.segments(found.model), found.model.edge, self.rng)
         return self.ways[key][1]
 

@@ -25,7 +25,7 @@ import numpy as np
 
 import emsid
 from emsid.estimation import Directional, Drift, Forgetting, Frozen, Gradient, Window
-from emsid.estimation.linear.recursive import update
+from emsid.estimation.linear.recursive_kernels import update
 from emsid.live.log import Log
 from emsid.live.protocol import LineParser
 from emsid.live.receiver import Receiver

@@ -13,7 +13,7 @@ import emsid
 from emsid import ModelError, Record, RecursiveLeastSquares, RecursiveState, arx, friction_narx
 from emsid.estimation import Directional, Drift, Forgetting, Frozen, Gradient, Rule, Window
 from emsid.estimation.linear.adaptation import adaptation_reference
-from emsid.estimation.linear.recursive import update
+from emsid.estimation.linear.recursive_kernels import update
 from emsid.models.regression.sample_by_sample import SampleBySample
 
 Array = NDArray[np.float64]

@@ -23,7 +23,9 @@ from emsid import (
     recursive_least_squares,
     wiener_hammerstein_regression,
 )
-from emsid.estimation.linear.recursive import GROWTH, WINDUP, RecursiveState, paper_recursion, update_by_tiles
+from emsid.estimation.linear.recursive import paper_recursion
+from emsid.estimation.linear.recursive_kernels import GROWTH, WINDUP, update_by_tiles
+from emsid.estimation.linear.recursive_state import RecursiveState
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from .linear.least_squares import LinearStructure as LinearStructure
 from .linear.least_squares import least_squares as least_squares
 from .linear.least_squares import solve_rows as solve_rows
 from .linear.recursive import RecursiveLeastSquares as RecursiveLeastSquares
-from .linear.recursive import RecursiveState as RecursiveState
 from .linear.recursive import recursive_least_squares as recursive_least_squares
+from .linear.recursive_state import RecursiveState as RecursiveState
 from .nonlinear.control import Activity as Activity
 from .nonlinear.control import Control as Control
 from .nonlinear.control import Stopped as Stopped

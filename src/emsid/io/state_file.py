@@ -15,7 +15,7 @@ import msgspec
 
 from emsid.errors import FormatError, ModelError
 from emsid.estimation.linear.least_squares import LinearStructure
-from emsid.estimation.linear.recursive import RecursiveState
+from emsid.estimation.linear.recursive_state import RecursiveState
 from emsid.io.files import atomic_write, read_bytes
 
 FORMAT, SCHEMA = "emsid state", 1

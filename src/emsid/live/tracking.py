@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.change_detection import Alarm, ChangeDetector
-from emsid.estimation.linear.recursive import RecursiveLeastSquares, RecursiveState
+from emsid.estimation.linear.recursive import RecursiveLeastSquares
+from emsid.estimation.linear.recursive_state import RecursiveState
 from emsid.models.model import Model
 from emsid.models.regression.figures import of_regression
 from emsid.models.regression.narx import Narx

@@ -14,7 +14,9 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emsid.estimation.linear.recursive import RecursiveLeastSquares, RecursiveState, update
+from emsid.estimation.linear.recursive import RecursiveLeastSquares
+from emsid.estimation.linear.recursive_kernels import update
+from emsid.estimation.linear.recursive_state import RecursiveState
 from emsid.models.regression.kernels import fill
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.regressors import Integers, Tables

@@ -343,7 +343,8 @@ def test_functions_are_short_enough_to_be_read() -> None:
                 first = node.body[0]
                 documented = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant)
                 text = first.end_lineno - first.lineno + 1 if documented else 0
-                long[f"{module}.{node.name}"] = node.end_lineno - node.lineno + 1 - text
+                name, lines = f"{module}.{node.name}", node.end_lineno - node.lineno + 1 - text
+                long[name] = max(lines, long.get(name, 0))
     assert {name: lines for name, lines in long.items() if lines > LONGEST and name not in LONG} == {}
 
 

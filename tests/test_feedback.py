@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 import emsid
 from emsid import ModelError, Record
 from emsid.estimation.fit import Ending
-from emsid.estimation.nonlinear.control import FREE, Stopped
+from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.map_families import family_of
@@ -540,6 +540,29 @@ def test_a_long_record_is_fitted_from_the_minimum_of_a_part(monkeypatch) -> None
     errors = [float(np.nanmean(squared_errors(fit.model, [record]))) for fit in (whole, quick)]
     assert errors[1] == pytest.approx(errors[0], rel=1e-3)
     assert quick.samples == whole.samples  # all of them, in the end
+
+
+def test_a_fit_to_a_long_record_stops_within_a_step_and_within_its_covariances(monkeypatch) -> None:
+    record, begun = _begun_on_a_long_record()
+    monkeypatch.setattr("emsid.models.feedback.model.BLOCK", 500)
+    monkeypatch.setattr(fitting, "BLOCK", 500)
+    model, asked = begun.found.model, 0
+    segments = segments_longer_than(model.memory, model, [record])
+    for most in (0, 2, 3, 6):  # asked three times in the derivative and four times in the covariances
+
+        def late(most: int = most) -> bool:
+            nonlocal asked
+            asked += 1
+            return asked > most
+
+        asked = 0
+        with pytest.raises(Stopped):
+            fitting.conclude(begun.found, segments, model.edge, control=Control(cancelled=late), max_iterations=0)
+        assert asked == most + 1
+    parts = [rows for _, rows in model.gradients(record.input[:, 0], model.trajectory(record.input[:, 0], X))]
+    monkeypatch.setattr("emsid.models.feedback.model.BLOCK", 10_000)
+    whole = model.gradient(record.input[:, 0], model.trajectory(record.input[:, 0], X))
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
 def test_a_search_of_a_long_record_that_is_stopped_ends_with_a_part_of_it(monkeypatch) -> None:

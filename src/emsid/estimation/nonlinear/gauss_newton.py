@@ -44,7 +44,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -327,6 +327,7 @@ def gauss_newton(
     names: Sequence[str] = (),
     control: Control = FREE,
     covariances: bool = True,
+    interruptible: bool = False,
     penalties: Sequence[Penalty] = (),
     correlated: bool = False,
 ) -> Minimum:
@@ -348,6 +349,7 @@ def gauss_newton(
         control: checked before every trial step; if it ends the search, the best θ so far is returned. It gets a
             report of every step.
         covariances: whether they are computed; otherwise they are infinite.
+        interruptible: whether ``control`` may end their computation too, which takes seconds for a long record.
         penalties: on roughness, in all parameters; the weight of each is chosen from the data.
         correlated: whether a slow residual counts as fewer samples there. Searches that begin far from their minimum,
             where every residual is slow, may keep too stiff a curve then.
@@ -355,7 +357,7 @@ def gauss_newton(
     Raises:
         ModelError: for a start outside its bounds or without a finite residual, bounds that cross, blocks of other
             shapes, fewer residuals than free parameters.
-        Stopped: by ``problem``, at the start.
+        Stopped: by ``problem``, at the start; by ``control`` during the covariances, where these are interruptible.
     """
     theta, box = _check_start(start, lower, upper, names)
     search = _Search(problem, box, loss, max_iterations, tolerance, least_saving, noise, control, penalties, correlated)
@@ -371,7 +373,8 @@ def gauss_newton(
             break
         iterate = following
     labels = tuple(names) or tuple(f"θ{k + 1}" for k in range(len(theta)))
-    return _conclude(iterate, box, loss if covariances else None, labels, end)
+    check = control.check if interruptible else FREE.check
+    return _conclude(iterate, box, loss if covariances else None, labels, end, check)
 
 
 def _check_start(start: ArrayLike, lower: ArrayLike, upper: ArrayLike, names: Sequence[str]) -> tuple[Array, _Box]:
@@ -398,8 +401,14 @@ def _finite(number: float) -> float | None:
     return number if np.isfinite(number) else None
 
 
-def _conclude(iterate: _Iterate, box: _Box, loss: Loss | None, labels: Sequence[str], end: _End) -> Minimum:
-    """The result of the search, with covariances if a loss is given."""
+def _conclude(
+    iterate: _Iterate, box: _Box, loss: Loss | None, labels: Sequence[str], end: _End, check: Callable[[], None]
+) -> Minimum:
+    """The result of the search, with covariances if a loss is given.
+
+    Raises:
+        Stopped: by ``check``, during the covariances.
+    """
     point, theta = iterate.point, iterate.point.theta
     at_bound = _at_bounds(point, box)
     free = (box.low < box.high) & ~at_bound
@@ -416,7 +425,7 @@ def _conclude(iterate: _Iterate, box: _Box, loss: Loss | None, labels: Sequence[
     white = robust = np.diag(np.full(len(columns), np.inf))
     if loss is not None:
         white, robust = covariance_matrices(
-            point.blocks, columns, solution, loss, point.penalty.rows, point.independent
+            point.blocks, columns, solution, loss, point.penalty.rows, point.independent, check
         )
     residuals = tuple(r for r, _ in point.blocks)
     samples = sum(len(r) for r in residuals)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -121,7 +121,13 @@ def undetermined(solution: Solution, labels: Sequence[str]) -> Finding:
 
 
 def covariance_matrices(
-    blocks: Sequence[Block], columns: Indices, solution: Solution, loss: Loss, penalty: Array, independent: float
+    blocks: Sequence[Block],
+    columns: Indices,
+    solution: Solution,
+    loss: Loss,
+    penalty: Array,
+    independent: float,
+    check: Callable[[], None] = lambda: None,
 ) -> tuple[Array, Array]:
     """The covariances for white and for coloured noise, for the parameters in ``columns``.
 
@@ -136,6 +142,7 @@ def covariance_matrices(
         loss: that was minimised.
         penalty: (k, p) rows of the penalties, in all parameters.
         independent: the number of samples that the residual is worth.
+        check: called between steps; what it raises ends the computation.
     """
     determined = np.isfinite(np.diag(solution.covariance))
     residual = np.concatenate([r for r, _ in blocks])
@@ -151,6 +158,7 @@ def covariance_matrices(
     bread = Information.empty(len(kept))
     for r, jacobian in blocks:
         bread = bread.add_columns(np.vstack([jacobian.T[kept], r]))
+        check()
     bread = bread.add(penalty[:, kept], np.zeros(len(penalty)))
     triangle = bread.factor[:-1, :-1]
     inverse = inverse_triangle(triangle)
@@ -161,6 +169,7 @@ def covariance_matrices(
     within = np.ix_(np.flatnonzero(determined), np.flatnonzero(determined))
     white[within] = correction * np.mean(pull**2) * (inverse @ inverse.T)
     scores = [(jacobian[:, kept] @ inverse) * (loss.weight(r) * r)[:, None] for r, jacobian in blocks]
-    spread_of_scores = long_run_variance(scores) + slowness * np.mean(pull**2) * rough.T @ rough
+    check()
+    spread_of_scores = long_run_variance(scores, check) + slowness * np.mean(pull**2) * rough.T @ rough
     robust[within] = correction * (inverse @ spread_of_scores @ inverse.T)
     return white, robust

@@ -32,7 +32,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,17 +45,20 @@ LARGEST_POLE = 0.97
 SAMPLES_PER_DIRECTION = 20
 
 
-def long_run_variance(scores: Sequence[Array]) -> Array:
+def long_run_variance(scores: Sequence[Array], check: Callable[[], None] = lambda: None) -> Array:
     """Ω, the variance of the sum of all scores: whitened, weighted and coloured again.
 
     Args:
         scores: (Nᵢ, p) of every experiment, in coordinates where J has orthonormal columns; experiments are
             independent of each other.
+        check: called between steps; what it raises ends the computation.
     """
     size = scores[0].shape[1]
     memory = _autoregression(scores)
+    check()
     white = [np.concatenate([block[:1], block[1:] - block[:-1] @ memory.T]) for block in scores]
     colour = np.linalg.inv(np.eye(size) - memory)
+    check()
     coloured: Array = colour @ weighted_variance(white, automatic_window(white)) @ colour.T
     return coloured
 
@@ -77,10 +80,11 @@ def weighted_variance(scores: Sequence[Array], window: int) -> Array:
 def _autoregression(scores: Sequence[Array]) -> Array:
     """(p, p) A of the vector autoregression; zero if there are too few samples."""
     size = scores[0].shape[1]
-    past, now = (np.concatenate([block[cut] for block in scores]) for cut in (slice(None, -1), slice(1, None)))
-    if len(past) < SAMPLES_PER_DIRECTION * size:
+    if sum(max(len(block) - 1, 0) for block in scores) < SAMPLES_PER_DIRECTION * size:
         return np.zeros((size, size))
-    left, singular, right = np.linalg.svd(np.linalg.lstsq(past, now, rcond=None)[0].T)
+    # Scores have orthonormal directions, so that the products of many rows are exact enough.
+    square, lagged = (sum(block[:-1].T @ block[first : len(block) - 1 + first] for block in scores) for first in (0, 1))
+    left, singular, right = np.linalg.svd(np.linalg.lstsq(square, lagged, rcond=None)[0].T)
     stable: Array = (left * np.minimum(singular, LARGEST_POLE)) @ right
     return stable
 

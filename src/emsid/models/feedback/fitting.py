@@ -24,7 +24,7 @@ from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.findings import Finding
 from emsid.models.feedback.coordinates import Visited, coordinates, normal_form, whitened
 from emsid.models.feedback.kernels import LoopSignals
-from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.model import BLOCK, FeedbackModel
 from emsid.models.feedback.start import starting
 from emsid.models.one_channel import Segments, segments_longer_than
 from emsid.models.terms import check_whole
@@ -106,20 +106,20 @@ class FreeRun:
 
     def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
         """Residual and derivative, per segment; the derivative by the states of other segments is zero."""
-        (model, runs), free, blocks = self._run(theta), self.spread.shape[1], []
-        count = len(model.parameters)
+        (model, runs), free, found = self._run(theta), self.spread.shape[1], []
+        count, skipped = len(model.parameters), self.transient
         for k, ((u, y), passed) in enumerate(zip(self.segments, runs, strict=True)):
-            rows = model.gradient(u, passed, self.check)[self.transient :]
-            derivative = np.zeros((len(theta), len(rows)))
-            with np.errstate(all="ignore"):
-                derivative[:free] = self.spread.T @ rows[:, :count].T
-            first = free + k * model.states
-            derivative[first : first + model.states] = rows[:, count:].T
-            if not np.isfinite(derivative).all():
+            derivative, own = np.zeros((len(theta), len(y))), free + k * model.states
+            for samples, rows in model.gradients(u, passed):
+                if samples.start:
+                    self.check()
+                with np.errstate(all="ignore"):
+                    derivative[:free, samples] = self.spread.T @ rows[:, :count].T
+                derivative[own : own + model.states, samples] = rows[:, count:].T
+            if not np.isfinite(derivative[:, skipped:]).all():
                 raise Infeasible(f"the derivative of {model.name} is not finite")
-            residual = (passed.y[:: model.oversampling] - y)[self.transient :]
-            blocks.append((residual, derivative.T))
-        return blocks
+            found.append(((passed.y[:: model.oversampling] - y)[skipped:], derivative[:, skipped:].T))
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,6 +314,7 @@ def _gauss_newton(
         ),
         control=control,
         covariances=covariances,
+        interruptible=max(len(y) for _, y in problem.segments) > BLOCK,
         penalties=problem.penalties,
     )
 

@@ -27,7 +27,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -57,7 +57,7 @@ SAMPLES_PER_STATE = 8
 SETTLING, NEWTON = 2_000, 50
 # Newton steps below this share of the state end when they no longer shrink.
 ROUNDING = 1e-9
-# Samples of a block, between which a derivative can be stopped.
+# Samples of a block of a derivative.
 BLOCK = 8192
 # Digits of a coefficient: poles close to one another need more than a gain does.
 DIGITS = 10
@@ -246,26 +246,27 @@ class FeedbackModel(OneChannelMethods):
         """(N,) the free run from an input (N,) and an initial state (n,)."""
         return self.trajectory(u, x).y[:: self.oversampling]
 
-    def gradient(self, u: Array, passed: LoopSignals, check: Callable[[], None] = lambda: None) -> Array:
+    def gradient(self, u: Array, passed: LoopSignals) -> Array:
         """(N, p + n) the derivative of the output with respect to parameters and initial state.
 
         Args:
             u: (N,) input.
             passed: the result of `trajectory`.
-            check: called between blocks of samples; what it raises ends the computation.
         """
+        blocks = [rows for _, rows in self.gradients(u, passed)]
+        return blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
+
+    def gradients(self, u: Array, passed: LoopSignals) -> Iterator[tuple[slice, Array]]:
+        """`gradient` by blocks of samples, each with its samples; of a long record, all together take much memory."""
         v, rate, width = self.entering(u), self.oversampling, len(self.parameters) + self.states
-        out, now = np.empty((len(u), width)), np.eye(self.states, width, width - self.states)
+        now = np.eye(self.states, width, width - self.states)
         for first in range(0, len(u), BLOCK):
-            if first:
-                check()
-            steps = slice(first * rate, (first + BLOCK) * rate)
+            steps, out = slice(first * rate, (first + BLOCK) * rate), np.empty((min(BLOCK, len(u) - first), width))
             slopes, gradient, owners = self._of_maps(passed.z[steps])
             derivative(
-                self.matrix, slopes, gradient, owners, v[steps], passed.x[steps], passed.w[steps], rate, now,
-                out[first : first + BLOCK],
-            )  # fmt: skip
-        return out
+                self.matrix, slopes, gradient, owners, v[steps], passed.x[steps], passed.w[steps], rate, now, out
+            )
+            yield slice(first, first + len(out)), out
 
     def _of_maps(self, z: Array) -> tuple[Array, Array, NDArray[np.int64]]:
         """The slopes (K, m) of the maps at their inputs (K, m), ∂f/∂θ (K, q), and the map of each of its columns."""

@@ -227,7 +227,11 @@ def _starts(
     template: Cascade,
     control: Control,
 ) -> list[Cascade]:
-    """The cascades to refine, from all sources, best first; the best of every order precede the rest."""
+    """The cascades to refine, from all sources, best first; the best of every order precede the rest.
+
+    Raises:
+        Stopped: by ``control``.
+    """
     segments = delayed(records, template.delay)
     rng = np.random.default_rng(0) if settings.rng is None else settings.rng
     leading = settings.families[0]
@@ -239,12 +243,14 @@ def _starts(
     pairs: list[Filters] = []
     for total in totals:
         for first, second in order_shares(topology, orders, total):
+            control.check()
             with suppress(ModelError):  # too short for a frequency response: the other sources remain
                 pairs += linear_candidates(segments, (first, second), total, template.oversampling, settings.period)
             if topology.second and template.oversampling == 1:
                 with suppress(ModelError):
                     _, behind = regression_candidate(records, second or 0, 3, max(template.delay, 0))
                     pairs.append((_through(first) if topology.first else None, behind))
+    control.check()
     found = scanned(pairs, segments, leading.trial, template, settings.threads)
     level = float(np.std(np.concatenate([y for _, y in segments])))
     enough = SUFFICES_SHORT if sum(len(y) for _, y in segments) < SHORT else LINEAR_SUFFICES

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
 
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
+from emsid.estimation.linear.information import Information
 from emsid.estimation.nonlinear import gauss_newton as module
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.estimation.nonlinear.few_unknowns import few_unknowns
@@ -20,6 +21,7 @@ from emsid.estimation.nonlinear.losses import SQUARES, Cauchy, Huber, Loss
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.estimation.nonlinear.smoothing import Penalty
+from emsid.estimation.nonlinear.steps import bounded_step
 from emsid.estimation.uncertainty.robust_covariance import automatic_window, long_run_variance, weighted_variance
 
 Array = NDArray[np.float64]
@@ -128,6 +130,24 @@ def test_equal_bounds_fix_a_parameter_and_the_rest_is_the_smaller_problem() -> N
     y = -decay().residual(np.zeros(3))[0]
     linear = np.linalg.lstsq(np.column_stack([np.exp(-1.3 * x), np.ones_like(x)]), y)[0]
     np.testing.assert_allclose(found.estimate[[0, 2]], linear, rtol=1e-10)
+
+
+@pytest.mark.parametrize("together", [0.0, 0.5, 30.0])
+def test_a_step_within_bounds_is_that_of_scipy(together: float) -> None:
+    """``together`` makes the columns similar, so that several bounds take turns."""
+    rng = np.random.default_rng(8)
+    reached = 0
+    for n in rng.integers(1, 10, 40):
+        phi = (rng.standard_normal((30, n)) + together * rng.standard_normal((30, 1))) * 10.0 ** rng.uniform(-4, 4, n)
+        y = rng.standard_normal(30)
+        size = np.abs(np.linalg.lstsq(phi, y)[0])
+        lower, upper = -size * rng.uniform(0, 2, n), size * rng.choice([0.1, 0.5, 2.0, np.inf], n)
+        lower[rng.random(n) < 0.2] = 0.0
+        step = bounded_step(Information.from_rows(phi, y), lower, upper)
+        expected = lsq_linear(phi * size, y, (lower / size, upper / size), "bvls", tol=1e-15).x
+        np.testing.assert_allclose(step / size, expected, rtol=1e-6, atol=1e-7)
+        reached += int(np.sum((step == lower) | (step == upper)))
+    assert reached > 40
 
 
 def test_a_linear_problem_is_solved_as_least_squares_with_its_covariance() -> None:

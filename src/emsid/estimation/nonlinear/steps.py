@@ -45,13 +45,40 @@ def bounded_step(information: Information, lower: Array, upper: Array) -> Array:
     step = least_squares_step(information)
     if (lower <= step).all() and (step <= upper).all():
         return step
-    from scipy.optimize import lsq_linear  # takes a fifth of a second, and most searches meet no bound
-
     triangle, projected, length = _scaled(information)
-    bounds = lower * length, upper * length
-    found = lsq_linear(triangle, projected, bounds, method="bvls", tol=1e-15, max_iter=10 * len(length))
-    bounded: Array = np.clip(found.x / length, lower, upper)
-    return bounded
+    within = _within(triangle, projected, lower * length, upper * length, step * length)
+    return np.clip(within / length, lower, upper)
+
+
+def _within(triangle: Array, projected: Array, lower: Array, upper: Array, start: Array) -> Array:
+    """The q that minimises ‖z − Rq‖ within bounds, by an active set; Stark and Parker, Comput. Stat. 10 (1995).
+
+    The elements at a bound are fixed, and the others minimise. Where one of these leaves its bounds, q moves until the
+    first one is at its bound. Where none does, the element at a bound with the steepest slope inwards is released.
+    `scipy.optimize` has such a solver, but takes a tenth of a second to import.
+    """
+    q = np.clip(start, lower, upper)
+    side = (q == upper).astype(int) - (q == lower)  # 1 at the upper bound, −1 at the lower one
+    for _ in range(10 * len(q)):
+        free = side == 0
+        rest = projected - triangle[:, ~free] @ q[~free]
+        minimum = q.copy()
+        minimum[free] = np.linalg.lstsq(triangle[:, free], rest, rcond=None)[0]
+        beyond = np.flatnonzero((minimum < lower) | (minimum > upper))
+        if len(beyond):
+            bound = np.where(minimum > upper, upper, lower)[beyond]
+            shares = (bound - q[beyond]) / (minimum - q)[beyond]
+            first = int(np.argmin(shares))
+            q = np.clip(q + shares[first] * (minimum - q), lower, upper)
+            q[beyond[first]] = bound[first]
+            side[beyond[first]] = 1 if minimum[beyond[first]] > bound[first] else -1
+            continue
+        q = minimum
+        slope = -side * (triangle.T @ (projected - triangle @ q))
+        if slope.max() <= RANK * np.linalg.norm(projected):
+            break
+        side[np.argmax(slope)] = 0
+    return q
 
 
 def promised(information: Information, step: Array) -> float:

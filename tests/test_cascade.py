@@ -108,6 +108,17 @@ def test_the_free_coordinates_are_differentiated_exactly(name: str) -> None:
             np.testing.assert_allclose(jacobian[:, k], (a - b) / 2e-6, rtol=1e-5, atol=1e-6)
 
 
+def test_a_derivative_uses_the_run_of_the_residual_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    cascade, u, runs = unit_gain(CASCADES["wiener-hammerstein"]), excitation(100), []
+    problem = FreeRun(cascade, freedom(cascade), ((u, u), (-u, u)), 5)
+    start, run = problem.start, Cascade.signals
+    monkeypatch.setattr(Cascade, "signals", lambda *some: runs.append(1) or run(*some))
+    for theta, count in ((start, 2), (start, 2), (start + 1e-3, 4), (start, 6)):
+        residuals = problem.residuals(theta)
+        assert all(np.array_equal(r, found) for r, (found, _) in zip(residuals, problem.linearised(theta), strict=True))
+        assert len(runs) == count
+
+
 @pytest.mark.parametrize("name", CASCADES)
 def test_the_free_parameters_are_identifiable(name: str) -> None:
     cascade = unit_gain(CASCADES[name])

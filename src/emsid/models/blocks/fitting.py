@@ -11,7 +11,7 @@ option, the first samples are left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, TypedDict, Unpack
@@ -142,6 +142,7 @@ class FreeRun:
     segments: Segments
     transient: int
     weightings: tuple[Weighting, ...] = ()
+    _last: dict[bytes, tuple[Cascade, list[list[Array]]]] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def start(self) -> Array:
@@ -189,19 +190,15 @@ class FreeRun:
 
     def residuals(self, theta: Array) -> list[Array]:
         """Model minus measurement, per segment."""
-        model = self.model(theta)
-        model.check()
-        errors = [
-            (model.output(u, self._states(theta, k)) - y)[self.transient :] for k, (u, y) in enumerate(self.segments)
-        ]
+        model, runs = self._run(theta)
+        errors = [(model.sampled(run) - y)[self.transient :] for run, (_, y) in zip(runs, self.segments, strict=True)]
         return [self._weighted(k, error[None])[0] for k, error in enumerate(errors)] if self.weightings else errors
 
     def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
         """Residual and derivative, per segment; the derivative with respect to the states of other segments is zero."""
-        model, count = self.model(theta), len(self.freedom.free)
+        count, (model, runs) = len(self.freedom.free), self._run(theta)
         parameters, blocks = len(self.freedom.start), []
-        for k, (u, y) in enumerate(self.segments):
-            signals = model.signals(u, self._states(theta, k))
+        for k, (signals, (u, y)) in enumerate(zip(runs, self.segments, strict=True)):
             rows = model.gradient(signals)
             self.freedom.tie(rows)
             derivative = np.zeros((len(theta), len(u) - self.transient))
@@ -218,6 +215,21 @@ class FreeRun:
     def states(self, theta: Array) -> list[Array]:
         """(s,) the initial states of every segment."""
         return [self._states(theta, k) for k in range(len(self.segments))]
+
+    def _run(self, theta: Array) -> tuple[Cascade, list[list[Array]]]:
+        """The cascade and its signals in every segment; the last ones are kept, as a derivative follows its residual.
+
+        Raises:
+            Infeasible: for an unstable filter.
+        """
+        key = theta.tobytes()
+        if key not in self._last:
+            model = self.model(theta)
+            model.check()
+            runs = [model.signals(u, self._states(theta, k)) for k, (u, _) in enumerate(self.segments)]
+            self._last.clear()
+            self._last[key] = model, runs
+        return self._last[key]
 
     def _weighted(self, k: int, rows: Array) -> Array:
         return self.weightings[k].whitened(rows)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from threading import Barrier
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from hypothesis.extra.numpy import arrays
 
 from emsid.errors import DataError, FormatError
 from emsid.io import WRITERS, atomic_write, read, write_record
+from emsid.io.files import write_several
 from emsid.record import Record
 
 
@@ -62,6 +64,19 @@ class TestAtomicWrite:
             with pytest.raises(FormatError, match="cannot be written"):
                 atomic_write(path, "x")
         assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file", "folder"]
+
+    def test_several_files_are_written_at_once_and_the_first_problem_raised(self, tmp_path: Path) -> None:
+        both = Barrier(2)
+
+        def write(path: Path, content: str) -> None:
+            both.wait(5)  # a second one that is not written meanwhile breaks it
+            atomic_write(path, content)
+
+        write_several(write, [tmp_path / "a", tmp_path / "b"], "12")
+        assert [(tmp_path / name).read_text() for name in "ab"] == ["1", "2"]
+        with pytest.raises(FormatError, match="cannot be written"):
+            write_several(atomic_write, [tmp_path / "c", tmp_path], ["3", "4"])
+        assert (tmp_path / "c").read_text() == "3"
 
 
 values = arrays(

@@ -46,9 +46,9 @@ def write(
         reading: arguments with which that record was read.
     """
     from emsid.io import atomic_write, save
+    from emsid.io.files import write_several
 
-    for fit in fits:
-        save(fit.model, folder / f"{fit.model.name}.json", origin, reading)
+    write_several(lambda fit: save(fit.model, folder / f"{fit.model.name}.json", origin, reading), fits)
     for name, content in documents.items():  # after the model files, which it names
         atomic_write(folder / name, as_json(content))
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import stat
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from difflib import get_close_matches
 from importlib.resources import files
@@ -29,6 +31,8 @@ _SIGNATURES = (
     (b"SQLite", "a database"),
 )
 
+AT_ONCE = 8
+"""So many files are written at the same time."""
 _OPEN_FILES = ("/proc/", "/dev/fd/")  # the open files of this program
 
 
@@ -100,6 +104,20 @@ def atomic_write(path: str | os.PathLike[str], content: bytes | str) -> None:
         raise FormatError(
             f"{path}: cannot be written ({_reason(problem)}); choose another place or free this one"
         ) from None
+
+
+def write_several(write: Callable[..., object], *arguments: Iterable[Any]) -> None:
+    """Call a function that writes a file for each of several arguments, at once: it mostly waits for the disk.
+
+    Args:
+        write: such as `atomic_write`.
+        arguments: as for `map`.
+
+    Raises:
+        FormatError: where a file cannot be written.
+    """
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        list(pool.map(write, *arguments))
 
 
 def _reason(problem: Exception) -> str:

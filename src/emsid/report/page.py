@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.io.files import atomic_write
+from emsid.io.files import atomic_write, write_several
 from emsid.report.document import Diagram, Figure, Report
 from emsid.report.page_plots import page_figure
 
@@ -93,6 +93,7 @@ def write_files(files: Mapping[str, str | bytes], folder: str | os.PathLike[str]
         FormatError: where the folder cannot be written to.
     """
     folder = Path(folder)
-    for name, content in files.items():
-        atomic_write(folder / name, content)
+    figures = {folder / name: content for name, content in files.items() if name != PAGE}
+    write_several(atomic_write, figures, figures.values())
+    atomic_write(folder / PAGE, files[PAGE])
     return folder / PAGE

@@ -6,8 +6,9 @@ import pytest
 import emsid
 from conftest import try_few_refinements
 from emsid.errors import DataError, ModelError
-from emsid.estimation.nonlinear.control import Control
+from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
+from emsid.identification import regressions
 from emsid.identification.candidates import CANDIDATES, USUAL, usual_for
 from emsid.identification.options import Options
 from emsid.identification.regressions import REGRESSIONS, stribeck_speeds
@@ -45,6 +46,18 @@ def test_ranks_by_free_run_on_unseen_data():
     assert result.chosen.model.name in ("friction-narx", "friction-narx-free-run")
     assert result.on_unseen.best.row.fit_percent > 97
     assert {row.samples for row in result.on_unseen.rows} == {500 - max(f.model.memory for f in result.on_unseen.fits)}
+
+
+def test_orders_are_searched_once_for_the_fits_one_step_ahead_and_to_the_free_run(monkeypatch):
+    searched = []
+    monkeypatch.setattr(regressions, "coordinate_search", lambda *a, **how: searched.append(a) or search(*a, **how))
+    record, search = system(300, 1), coordinate_search
+    one, free = (CANDIDATES[name](record, Options(), FREE) for name in ("friction-narx", "friction-narx-free-run"))
+    assert len(searched) == 1
+    assert set(free.model.structure.labels) <= set(one.model.structure.labels)
+    CANDIDATES["friction-narx"](record, Options(ridge=1.0), FREE)
+    CANDIDATES["friction-narx"](system(300, 1), Options(), FREE)
+    assert len(searched) == 3
 
 
 def test_without_validation_the_end_of_the_record_is_kept_unseen():

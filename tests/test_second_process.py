@@ -87,6 +87,19 @@ def test_the_searches_of_a_short_record_come_first_beside_another_process(sample
     assert taken[3:] == [*names]
 
 
+@pytest.mark.parametrize(
+    ("samples", "order"),
+    [
+        (100, ("friction-motor", "arx", "polynomial-narx", "output-error", "wiener-hammerstein", "feedback")),
+        (3000, ("arx", "output-error", "polynomial-narx", "friction-motor", "wiener-hammerstein", "feedback")),
+    ],
+)
+def test_the_other_process_begins_with_the_slowest_and_what_shares_a_search(samples, order) -> None:
+    usual = ("arx", "output-error", "polynomial-narx", "wiener-hammerstein", "feedback", "friction-motor")
+    assert tuple(workflow._order(usual, lagging(samples), Elsewhere())) == order
+    assert workflow._order(usual, lagging(samples), None) == usual
+
+
 def test_a_model_that_is_not_known_elsewhere_is_fitted_here() -> None:
     found = emsid.identify(lagging(), models=MODELS, options=OPTIONS, elsewhere=Elsewhere("polynomial-narx"))
     assert {fit.model.name for fit in found.fits} == {"polynomial-narx", "arx", "friction-narx"}
@@ -138,12 +151,12 @@ def test_the_second_process_finds_the_same() -> None:
 
 def test_each_model_is_taken_by_one_process_only(monkeypatch) -> None:
     flags, asked = get_context("spawn").Array("b", 4), []
-    names = ("arx", "feedback", "friction-narx")
+    names = ("arx", "friction-narx", "feedback")
     assert taken(flags, 0)
 
     def fit(name, record, options, control):
         asked.append(name)
-        return not taken(flags, 2)  # the other process takes the third one meanwhile
+        return not taken(flags, 1)  # the other process takes the second one meanwhile
 
     monkeypatch.setattr("emsid.identification.candidates.CANDIDATES", {name: partial(fit, name) for name in names})
     assert [name for name, _ in module.fitted(names, lagging(), OPTIONS, flags, lambda: False)] == asked == ["feedback"]

@@ -3,8 +3,7 @@
 Most searches spend their time in Python, where threads wait for each other. The process is started before
 the files are read, so that its imports take no time of their own. It computes what this process would; what it does not
 answer is computed here. Each of the two takes the next model as soon as it is done with one, this process from the
-first on, of a short record from the first search on, and the other one from the slowest and the last, so both end at
-about the same time. It ends with this process.
+first on and the other one from the last on, so both end at about the same time. It ends with this process.
 """
 
 import os
@@ -31,8 +30,6 @@ if TYPE_CHECKING:
     from emsid.identification import Options
     from emsid.record import Record
 
-SLOWEST = ("feedback", "wiener-hammerstein")
-"""The models that it begins with: the first often takes as long as all others together, the second in short records."""
 MOST = 64
 """Of more models it fits none."""
 LAST = 1.0
@@ -162,8 +159,7 @@ def fitted(
     from emsid.identification.candidates import CANDIDATES
 
     record = replace(record)  # whose arrays cannot be written to
-    first = [name for name in SLOWEST if name in names]
-    for name in (*first, *(name for name in reversed(names) if name not in first)):
+    for name in reversed(names):
         if cancelled() or not taken(flags, names.index(name)):
             continue
         try:

@@ -76,7 +76,7 @@ class Regression:
 
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose options that are not given on selection data, then fit to the whole record."""
-        structure = chosen_structure(self.build, self.choices, record, options, options.estimate, control)
+        structure = chosen_structure(self.build, self.choices, record, options, control)
         return self._estimated(structure, record, options)
 
     def continued(self, fit: Fit[Narx], record: Record, options: Options, control: Control = FREE) -> Fit[Narx]:
@@ -99,8 +99,8 @@ class _OfFreeRun:
         return replace(found, findings=(*found.findings, *about_terms))
 
 
-# The orders that were chosen for a record, as long as it lives.
-_CHOSEN: WeakKeyDictionary[Record, dict[tuple[Any, ...], Fit[Narx]]] = WeakKeyDictionary()
+# What was chosen for a record, as long as it lives: models that begin with the same orders ask for them again.
+_CHOSEN: WeakKeyDictionary[Record, dict[tuple[Any, ...], Any]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -120,12 +120,9 @@ class OutputError(_OfFreeRun):
         return refit_to(self.chosen(record, options, control), record, control)
 
     def chosen(self, record: Record, options: Options, control: Control) -> Fit[Narx]:
-        """The fit to selection data of the structure whose free run is best.
-
-        Models that begin with these orders ask for them again; the last answer is kept.
-        """
+        """The fit to selection data of the structure whose free run is best."""
         given = {name: getattr(options, name, None) for name in self.choices}
-        key = (*given.values(), options.held_back)
+        key = ("free run", *given.values(), options.held_back)
         known = _CHOSEN.setdefault(record, {})
         if key not in known:
             tried = [values if (one := given[name]) is None else (one,) for name, values in self.choices.items()]
@@ -133,7 +130,8 @@ class OutputError(_OfFreeRun):
             fit = output_error_orders(record, grid, options.held_back, control)
             structure = replace(fit.model.structure, name="output-error")
             known[key] = replace(fit, model=replace(fit.model, structure=structure))
-        return known[key]
+        chosen: Fit[Narx] = known[key]
+        return chosen
 
 
 @dataclass(frozen=True)
@@ -158,8 +156,7 @@ class FreeRunRegression(_OfFreeRun):
     def __call__(self, record: Record, options: Options, control: Control = FREE) -> Fit[Any]:
         """Choose options that are not given on selection data, then fit to the free run over the whole record."""
         plain = replace(options, ridge=0.0, forgetting=None)
-        like = self.like
-        structure = chosen_structure(like.build, like.choices, record, options, plain.estimate, control)
+        structure = chosen_structure(self.like.build, self.like.choices, record, plain, control)
         structure = replace(structure, name=self.name)
         judge = Judge.of(record, options.held_back, structure.memory, control)
         fit = fit_to_compare(structure, judge.fitted, None, control)
@@ -240,28 +237,24 @@ def refit_to(fit: Fit[Narx], record: Record, control: Control) -> Fit[Narx]:
     return fit_free_run(fit.model.structure, record, start=fit.estimate, control=control, restarts=short)
 
 
-def chosen_structure(
-    build: Build,
-    choices: Choices,
-    record: Record,
-    options: Options,
-    estimate: Callable[[Structure, Sequence[Record]], Fit[Narx]],
-    control: Control,
-) -> Structure:
+def chosen_structure(build: Build, choices: Choices, record: Record, options: Options, control: Control) -> Structure:
     """The structure with the best free run on selection data.
 
     Args:
         build: the structure for a record and choices.
         choices: the values to try for every option, from simple to complex; an option that is given has one value.
         record: all data.
-        options: what is given.
-        estimate: fits a structure to a part of the data.
+        options: what is given, and how structures are fitted.
         control: when to stop.
     """
     given: dict[str, int | None] = {name: getattr(options, name, None) for name in choices}
     tried = {name: values if (one := given[name]) is None else (one,) for name, values in choices.items()}
     if all(len(values) == 1 for values in tried.values()):
         return build(record, {name: values[0] for name, values in tried.items()})
+    key = (build, *map(tuple, tried.values()), options.held_back, options.ridge, options.forgetting)
+    known = _CHOSEN.setdefault(record, {})
+    if key in known:
+        return build(record, known[key])
     start = build(record, {name: values[-1] for name, values in tried.items()}).memory
     judge = Judge.of(record, options.held_back, start, control)
     exact = 1e-20 * float(np.var(record.output))  # smaller differences are rounding
@@ -271,16 +264,16 @@ def chosen_structure(
             structure = build(record, choice)
         except EmsidError:  # leave out a choice that is no structure
             return StretchErrors.of(np.full(STRETCHES, np.inf))
-        return judge.errors(structure, lambda each, records: estimate(each, records).model, exact)
+        return judge.errors(structure, lambda each, records: options.estimate(each, records).model, exact)
 
     total = ROUNDS * sum(map(len, tried.values()))
-    chosen = coordinate_search(
+    known[key] = coordinate_search(
         errors,
         tried,
         ROUNDS,
         progress=lambda fraction: control.doing("choosing orders", round(fraction * total), total),
     )
-    return build(record, chosen)
+    return build(record, known[key])
 
 
 def _options_among(choices: Choices) -> tuple[str, ...]:
@@ -378,3 +371,6 @@ REGRESSIONS: dict[str, Regression | OutputError | FreeRunRegression | Polynomial
     ),
 }
 """Every regression by name."""
+
+OF_OUTPUT_ERROR = ("polynomial-narx", "output-error")
+"""The regressions that begin with the orders of an output-error model, for which there is one search."""

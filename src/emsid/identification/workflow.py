@@ -35,7 +35,7 @@ from emsid.identification.observations import (
 from emsid.identification.options import Options
 from emsid.identification.ranking import on_all_data
 from emsid.identification.records import Records, given_records
-from emsid.identification.regressions import REGRESSIONS
+from emsid.identification.regressions import OF_OUTPUT_ERROR, REGRESSIONS
 from emsid.identification.requests import (
     check_physics,
     codes_of_channel,
@@ -87,6 +87,8 @@ NAMED = 4
 """Name at most this many records in a title; of more give the number."""
 SHORT = 2000
 """To at most so many samples every model is fitted in seconds."""
+SLOWEST = ("wiener-hammerstein", "feedback")
+"""The last often takes as long as all others together, the other one in short records."""
 FEWEST = 20
 """With fewer samples nothing is left to test a model on after it is fitted."""
 
@@ -259,10 +261,11 @@ def _fit_all(
     problems: dict[str, EmsidError] = {}
     late: list[str] = []
     end: BaseException | None = None
+    order = _order(names, record, elsewhere)
     if elsewhere:
-        elsewhere.begin(names, record, options)
+        elsewhere.begin(order, record, options)
         control = _stopping(elsewhere, control)
-    for number, (name, there) in enumerate(_in_turn(_order(names, record, elsewhere), elsewhere), 1):
+    for number, (name, there) in enumerate(_in_turn(order, elsewhere), 1):
         if end is not None and there is None:  # what has begun elsewhere may have a result
             continue
         try:
@@ -303,14 +306,17 @@ def _stopping(elsewhere: Elsewhere, control: Control) -> Control:
 
 
 def _order(names: Sequence[str], record: Record, elsewhere: Elsewhere | None) -> Sequence[str]:
-    """The models in the order in which they are taken.
+    """The models in the order in which they are taken here; the other place takes them from the last one on.
 
-    Beside another place the searches of a short record come first, so that both end at about the same time. In a long
-    record they come last, so that an interruption leaves the regressions.
+    The slowest come last. Of a short record the other searches come first, so that both places end at about the same
+    time, and models that share a search late, so that one place fits both; of a long one the regressions come first, so
+    that an interruption leaves them.
     """
-    if elsewhere is None or len(record) > SHORT:
+    if elsewhere is None:
         return names
-    return sorted(names, key=lambda name: name in REGRESSIONS)
+    short = len(record) <= SHORT
+    late = (*OF_OUTPUT_ERROR, *SLOWEST) if short else SLOWEST
+    return sorted(names, key=lambda name: (name in late and 1 + late.index(name), (name in REGRESSIONS) == short))
 
 
 def _in_turn(names: Sequence[str], elsewhere: Elsewhere | None) -> Iterator[tuple[str, Elsewhere | None]]:

@@ -18,6 +18,7 @@ from __future__ import annotations
 from abc import ABC
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from math import isfinite
 from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
@@ -143,7 +144,7 @@ class FrictionLaw(ABC):
         """The largest speed in rad/s in a figure of the law."""
         return 100.0
 
-    @property
+    @cached_property
     def breakaway(self) -> tuple[float, float]:
         """(forward, backward) in N·m: the net torque up to which a body stays at rest."""
         numbers, level = self.numbers, type(self).level
@@ -273,7 +274,7 @@ class Friction(FrictionLaw):
         """The parameters for ω < 0."""
         return self._sliding(1)
 
-    @property
+    @cached_property
     def breakaway(self) -> tuple[float, float]:
         """α₀ + α₁ (forward, backward) in N·m: the net torque up to which a body stays at rest."""
         forward, backward = self.forward, self.backward

@@ -40,6 +40,8 @@ LONG_STEPS = Taylor(order=20, most_steps=100)
 
 A motor that needs more steps is refused, so that a search stays clear of it.
 """
+_Samples = tuple[Callable[[], Array], Array, Array, Array, Array]
+"""The current, computed where it is asked for, speed of rotor and load, and position of both (N,)."""
 QUICKEST = 0.05
 """The shortest electrical time constant in samples; records do not show a shorter one, and it is slow to simulate."""
 STIFFEST = 60.0
@@ -291,24 +293,27 @@ class DrivenMotor(Driven):
             Signal.SPEED: lambda kept: sensor.speed(speeds, positions, dt, kept),
             Signal.POSITION: lambda kept: sensor.position(positions, dt, kept),
             Signal.ROTOR_SPEED: lambda kept: sensor.speed(rotor_speeds, rotor_positions, dt, kept),
-            Signal.CURRENT: lambda kept: (current, kept),
+            Signal.CURRENT: lambda kept: (current(), kept),
         }
         columns = [shown[signal](kept) for signal, kept in zip(signals, state.sensed, strict=True)]
         sensed = np.array([kept for _, kept in columns])
         return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, on.left, sensed)
 
-    def _one_mass(self, on: Acting, motion: Array) -> tuple[tuple[Array, ...], Array]:
-        """Current, rotor and load speed, rotor and load position (N,) at the samples, and the motion after the run."""
+    def _one_mass(self, on: Acting, motion: Array) -> tuple[_Samples, Array]:
+        """What is at the samples, and the motion after the run."""
         begin = float(motion[0]), float(motion[1])
         torque, braking = self._torque(on.voltage, on.conducts)
         speeds, positions = moved(*self._sliding(torque, braking), on.dt, on.late, self.steps, *begin)
         motion = np.array([speeds[-1], positions[-1]])
         speeds, positions = speeds[on.samples], positions[on.samples]
-        if on.now is None:
-            torque, braking = (on.late * each[:-1] + (1 - on.late) * each[1:] for each in (torque, braking))
-        else:
-            torque, braking = self._torque(*on.now)
-        current = (torque - braking * speeds) / self.motor.motor_constant
+
+        def current() -> Array:
+            if on.now is None:
+                pull, drag = (on.late * each[:-1] + (1 - on.late) * each[1:] for each in (torque, braking))
+            else:
+                pull, drag = self._torque(*on.now)
+            return np.asarray((pull - drag * speeds) / self.motor.motor_constant)
+
         return (current, speeds, speeds, positions, positions), motion
 
     def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass | None:
@@ -322,7 +327,7 @@ class DrivenMotor(Driven):
         mass = motor.rotor_inertia + motor.load_inertia
         return OneMass(mass, type(law).level, friction, torque - self.load_torque, braking + viscous)
 
-    def _two_masses(self, on: Acting, motion: Array) -> tuple[tuple[Array, ...], Array]:
+    def _two_masses(self, on: Acting, motion: Array) -> tuple[_Samples, Array]:
         """The same for a motor that one mass does not describe."""
         if np.any(on.conducts != 1.0):
             raise ModelError(
@@ -347,7 +352,7 @@ class DrivenMotor(Driven):
             rows = (whole.current, whole.rotor_speed, whole.load_speed, whole.twist, whole.load_angle)
             ends = np.column_stack([np.array(rows)[:, every], motion])
         current, rotor_speeds, speeds, twist, positions = ends[:, on.samples]
-        return (current, rotor_speeds, speeds, positions + twist, positions), motion
+        return (lambda: current, rotor_speeds, speeds, positions + twist, positions), motion
 
     @property
     def _fastest(self) -> float:

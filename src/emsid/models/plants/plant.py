@@ -575,16 +575,19 @@ def parameters_of(plant: Plant) -> dict[str, float]:
     }
 
 
+_PLAUSIBLE: dict[Measure, Callable[[float, Sizes], float]] = {
+    Measure.FORCE: lambda force, sizes: 0.1 * force,
+    Measure.DAMPING: lambda force, sizes: 0.1 * force / sizes.output,
+    Measure.QUADRATIC: lambda force, sizes: 0.1 * force / sizes.output**2,
+    Measure.PER_SPEED: lambda force, sizes: 10 / sizes.output,
+    Measure.SPEED: lambda force, sizes: 0.1 * sizes.output,
+    Measure.COMMAND: lambda force, sizes: 0.1 * sizes.command,
+    Measure.TIME: lambda force, sizes: sizes.dt,
+    Measure.FACTOR: lambda force, sizes: 1.0,
+    Measure.OTHER: lambda force, sizes: 0.0,
+}
+
+
 def plausible(measure: Measure, force: float, sizes: Sizes) -> float:
     """The plausible size of a parameter for the largest force ``force``; 0 if unknown."""
-    return {
-        Measure.FORCE: 0.1 * force,
-        Measure.DAMPING: 0.1 * force / sizes.output,
-        Measure.QUADRATIC: 0.1 * force / sizes.output**2,
-        Measure.PER_SPEED: 10 / sizes.output,
-        Measure.SPEED: 0.1 * sizes.output,
-        Measure.COMMAND: 0.1 * sizes.command,
-        Measure.TIME: sizes.dt,
-        Measure.FACTOR: 1.0,
-        Measure.OTHER: 0.0,
-    }[measure]
+    return _PLAUSIBLE[measure](force, sizes)

@@ -249,6 +249,8 @@ def test_an_inductance_is_found_where_the_sample_time_shows_it(henry, found):
     if found:
         assert fit.estimate[fit.names.index("inductance")] == pytest.approx(henry, rel=0.05)
     assert inductance(RIGID, RIGID.default_free, concatenate([record] * 12)) == []  # too long for its simulation
+    fading = RIGID.with_frictions({**RIGID.frictions, "rotor_friction": GaussianStribeck(1.0, 0.5, 0.1)})
+    assert inductance(fading, RIGID.default_free, record)[0][0].motor.rotor_friction == Friction(1.0, 0.5, 0.1)
 
 
 @pytest.mark.parametrize("part", [0.7, pytest.param(1.0, marks=pytest.mark.long)])

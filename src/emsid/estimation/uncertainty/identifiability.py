@@ -82,6 +82,11 @@ class Identifiability:
         """Whether the data determine a function of the parameters with this gradient (p,) for relative changes."""
         return bool(np.all(self._determined(gradient)))
 
+    def hidden(self, gradient: Array) -> float:
+        """By how much a function with this gradient (p,) changes where the undetermined directions move by 100 %."""
+        unknown = self.spread > 1.0
+        return float(np.linalg.norm(self.directions[:, unknown].T @ gradient))
+
     @property
     def groups(self) -> tuple[tuple[str, ...], ...]:
         """The undetermined parameters, in groups that are independent of each other."""

@@ -30,6 +30,7 @@ from emsid.findings import Finding
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search import continuation
+from emsid.models.plants.search.refinements.stribeck_shape import with_usual_shape
 from emsid.models.plants.search.task import Task
 from emsid.record import concatenate
 from emsid.record.excerpt import excerpt
@@ -143,16 +144,21 @@ def _moved(
     other: str,
     time: float,
 ) -> Array | None:
-    """(p,) how far the estimates move with another short time instead of one; None where that is not as good."""
+    """(p,) how far the estimates move with another short time instead of one; None where that is not as good.
+
+    An inductance comes with the usual shape of friction near rest. A rate of another shape is no shared parameter.
+    """
     if other == mine or other in task.fixed or problem.plant.value(other) or other not in problem.plant.handles:
         return None
     value = time * problem.plant.value("resistance") if other == "inductance" else time
     kept = [name for name in names if name != mine]
     values = {other: value} if mine is None else {mine: 0.0, other: value}
+    plant = with_usual_shape(problem.plant) if other == "inductance" else problem.plant
+    not_shared = {mine, *(n for n in names if plant is not problem.plant and ".stribeck_rate" in n)}
     handle = problem.plant.handles[other]
     limits = {**task.limits, other: (handle.lower, handle.upper)}
     try:
-        begun = task.problem(problem.plant.with_values(values), [*kept, other], problem.states(problem.start))
+        begun = task.problem(plant.with_values(values), [*kept, other], problem.states(problem.start))
         found = continuation.search_once(begun, replace(task, limits=limits), STEPS)
     except EmsidError:
         return None
@@ -160,6 +166,6 @@ def _moved(
         return None
     shift = np.zeros(len(names))
     for k, name in enumerate(names):
-        if name != mine and minimum.free[k]:
+        if name not in not_shared and minimum.free[k]:
             shift[k] = found.estimate[kept.index(name)] - minimum.estimate[k]
     return shift

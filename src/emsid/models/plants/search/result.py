@@ -21,7 +21,7 @@ from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Quantity
 from emsid.models.plants.search.between_samples import holds_in
-from emsid.models.plants.search.conditions import Conditions
+from emsid.models.plants.search.conditions import TOLERABLE, Conditions
 from emsid.models.plants.search.task import Task
 from emsid.plant import GaussianStribeck
 from emsid.record import Record
@@ -332,6 +332,8 @@ def combinations(
     """The quantities of the plant that the data identify, with standard errors to first order.
 
     A tolerated value moves a quantity by ∂q/∂h + ∂q/∂θ·dθ̂/dh, which is zero for those that do not depend on it.
+    A quantity may also depend on what the data do not determine by less than `TOLERABLE` of its standard error, as the
+    mechanical time constant does on the viscous friction of a motor with an inductance.
     """
 
     sizes = dict(zip(conditions.names, conditions.sizes.tolist(), strict=True))
@@ -354,12 +356,15 @@ def combinations(
     covariance = minimum.covariance[: len(names), : len(names)] - conditions.covariance
     found = []
     for quantity, whole, part, beside in zip(quantities, relative, direct, held, strict=True):
-        if np.any(whole) and identifiability.determines(whole) and isfinite(quantity.value):
-            moving = tuple(name for name, slope in zip(asked, whole, strict=True) if slope != 0)
-            shift = beside + part @ conditions.shifts
-            with np.errstate(invalid="ignore"):
-                variance = part @ covariance @ part + np.sum((shift * conditions.tolerated) ** 2)
-                error = float(np.sqrt(max(variance, 0.0)))
+        if not (np.any(whole) and isfinite(quantity.value)):
+            continue
+        moving = tuple(name for name, slope in zip(asked, whole, strict=True) if slope != 0)
+        shift = beside + part @ conditions.shifts
+        with np.errstate(invalid="ignore"):
+            variance = part @ covariance @ part + np.sum((shift * conditions.tolerated) ** 2)
+            error = float(np.sqrt(max(variance, 0.0)))
+        barely = error < abs(quantity.value) and identifiability.hidden(whole) <= TOLERABLE * error
+        if barely or identifiability.determines(whole):
             given = conditions.given(shift, error, quantity.value)
             found.append(Combination(quantity, error, moving, given))
     return tuple(found)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.search.refinements.contract import Refined
+from emsid.models.plants.search.refinements.stribeck_shape import with_usual_shape
 from emsid.record import Record
 
 INDUCTANCE = "inductance"
@@ -19,5 +20,6 @@ def inductance(plant: DrivenPlant, free: tuple[str, ...], record: Record) -> Seq
     """The current is late, as the records of a motor driven by a voltage may show."""
     if not plant.can_coast or INDUCTANCE in free or plant.value(INDUCTANCE) or len(record) > MOST:
         return []
+    plant = with_usual_shape(plant)
     henry_per_sample = plant.value("resistance") * record.dt
     return [(plant.with_values({INDUCTANCE: start * henry_per_sample}), (*free, INDUCTANCE)) for start in STARTS]

@@ -426,6 +426,39 @@ def test_parts_that_are_left_out_decide_between_models_of_many_parameters(monkey
     assert not bench.prefers(bent, straight)  # too few samples for every parameter
 
 
+def test_models_that_fit_a_record_alike_are_chosen_by_parts_that_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    record, begun = _begun(200)
+    bench = Bench.of([record], FeedbackSearch(), FREE)
+    best, other, worse, divergent = (replace(begun, size=k) for k in range(4))
+    divergent = replace(divergent, errors=StretchErrors.of(np.full(16, np.inf)))
+    for trial, factor in ((best, 9.0), (other, 1.5), (worse, 4.0), (divergent, 1.2)):
+        errors = StretchErrors.of(np.full(16, factor * trial.prediction_error))
+        bench.folds[id(trial)] = trial, errors
+    for tried in ([best, worse, other, divergent], [other, best]):
+        assert choice._least_left_out(bench, tried, best) is other
+    with monkeypatch.context() as patched:
+        patched.setattr(trials, "FEWEST", 1 + len(record) // other.parameters)
+        assert choice._least_left_out(bench, [other], best) is best  # too few samples for its parameters
+    no_better = replace(begun, found=replace(begun.found, model=loop("spline")))
+    bench.folds[id(best)] = best, StretchErrors.of(np.full(16, 1.01 * best.prediction_error))
+    assert choice._least_left_out(bench, [no_better], best) is best
+    assert id(no_better) not in bench.folds  # its prediction error is no smaller, so it is not asked
+    longer, sign_lost = replace(bench, unseen=[record]), replace(worse, family=family_of("abs"))
+    assert choice._least_left_out(longer, [other], worse) is worse
+    assert choice._least_left_out(bench, [other, sign_lost], worse) is worse
+
+
+def test_a_model_that_exceeds_an_error_is_fitted_to_no_other_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    record, begun = _begun(200)
+    bench, fits = Bench.of([record], FeedbackSearch(), FREE), []
+    refit = trials.searched
+    monkeypatch.setattr(trials, "searched", lambda *asked: (fits.append(asked), refit(*asked))[1])
+    assert bench.left_out(begun, 1e-9).mean == np.inf
+    assert (len(fits), bench.folds) == (1, {})
+    assert bench.left_out(begun, 1e9).mean == bench.left_out(begun).mean < np.inf
+    assert len(fits) == 5
+
+
 @pytest.mark.parametrize("line", [0.0, -1.0, 2.0])
 @pytest.mark.parametrize("family", ["dead-zone", "saturation"])
 def test_a_map_is_begun_beside_a_line(family: str, line: float) -> None:
@@ -520,11 +553,11 @@ def test_the_last_steps_of_a_fit_never_lose_what_was_found(monkeypatch: pytest.M
     assert np.isfinite(after.covariance).all()
 
 
-def _begun_on_a_long_record() -> tuple[Record, Trial]:
+def _begun(samples: int) -> tuple[Record, Trial]:
     model = loop()
-    u = np.random.default_rng(5).normal(size=2000)
+    u = np.random.default_rng(5).normal(size=samples)
     y = model.output(u, X)
-    record = Record(u, y + 0.01 * np.std(y) * np.random.default_rng(6).normal(size=2000), DT)
+    record = Record(u, y + 0.01 * np.std(y) * np.random.default_rng(6).normal(size=samples), DT)
     segments = segments_longer_than(model.memory, model, [record])
     start = model.with_parameters(1.02 * model.parameters)
     found = searched(start, segments, model.edge, 0)
@@ -532,7 +565,7 @@ def _begun_on_a_long_record() -> tuple[Record, Trial]:
 
 
 def test_a_long_record_is_fitted_from_the_minimum_of_a_part(monkeypatch) -> None:
-    record, begun = _begun_on_a_long_record()
+    record, begun = _begun(2000)
     whole = estimation._fitted([begun], [record], FREE)
     monkeypatch.setattr(estimation, "LONG", 800)
     monkeypatch.setattr(estimation, "PART", 800)
@@ -543,7 +576,7 @@ def test_a_long_record_is_fitted_from_the_minimum_of_a_part(monkeypatch) -> None
 
 
 def test_a_fit_to_a_long_record_stops_within_a_step_and_within_its_covariances(monkeypatch) -> None:
-    record, begun = _begun_on_a_long_record()
+    record, begun = _begun(2000)
     monkeypatch.setattr("emsid.models.feedback.model.BLOCK", 500)
     monkeypatch.setattr(fitting, "BLOCK", 500)
     model, asked = begun.found.model, 0
@@ -566,7 +599,7 @@ def test_a_fit_to_a_long_record_stops_within_a_step_and_within_its_covariances(m
 
 
 def test_a_search_of_a_long_record_that_is_stopped_ends_with_a_part_of_it(monkeypatch) -> None:
-    record, begun = _begun_on_a_long_record()
+    record, begun = _begun(2000)
 
     def stopped(*_: object) -> Iterator[Trial]:
         yield begun

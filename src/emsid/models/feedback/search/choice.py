@@ -7,7 +7,9 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
    for an output that shows magnitudes only, also a model before a sensor that loses the sign (`magnitudes`);
 2. with the best order, twice the rate, for an input that goes on between its samples;
 3. other families of maps;
-4. a second map, and then a third one.
+4. a second map, and then a third one;
+5. in a short record, of all models with maps, the one with the least error on parts that are left out of its fit: as
+   good on the record, structures differ by how they extrapolate.
 
 If no direction of a map explains more than noise, only linear models are fitted; if a linear model is as good as the
 best one with a map, the search ends after the first step with a map at this linear model. A model whose free run
@@ -93,6 +95,29 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
                 if bench.prefers(trial, best):
                     best = trial
                     yield best
+    if (surest := _least_left_out(bench, tried, best)) is not best:
+        yield surest
+
+
+def _least_left_out(bench: Bench, tried: Sequence[Trial], best: Trial) -> Trial:
+    """Of the models fitted to a short record the one with the least error on parts left out, if it is less by a share
+    that matters; the best one where the record is long.
+
+    Models are asked in the order of their final prediction errors, until that of the next is no smaller. Where a
+    sensor may lose the sign the best one stays: the first samples of a part leave the sign of its state open.
+    """
+    if bench.compared or any(each.family is MAGNITUDE for each in tried):
+        return best
+    least = best
+    for trial in sorted(tried, key=lambda each: each.prediction_error):
+        error = bench.left_out(least).mean
+        if not matters(trial.prediction_error, error):
+            break
+        if not (np.isfinite(trial.errors.mean) and bench.suffices(trial)):
+            continue
+        if matters(bench.left_out(trial, error).mean, error):
+            least = trial
+    return least
 
 
 def _runner_up(tried: Sequence[Trial], best: Trial) -> list[Trial]:

@@ -95,6 +95,12 @@ class Trial:
         used = minimum.samples - round(sum(float(r @ r) for r in minimum.residuals) / minimum.noise_variance)
         return used + bool(self.found.model.delay)
 
+    @property
+    def prediction_error(self) -> float:
+        """Akaike's final prediction error, the mean square to be expected on other data of the same kind."""
+        samples, count = self.found.minimum.samples, self.parameters
+        return self.found.error**2 * (samples + count) / max(samples - count, 1)
+
 
 @dataclass(frozen=True, eq=False)
 class Bench:
@@ -135,6 +141,15 @@ class Bench:
         )
         shortest = max(len(segment) for record in unseen for segment in record.segments)
         return cls(shown, unseen, min(largest.memory, shortest // 3), control)
+
+    @property
+    def compared(self) -> bool:
+        """Whether models are compared on unseen data; those of a short record are compared on all of it."""
+        return self.unseen is not self.shown
+
+    def suffices(self, trial: Trial) -> bool:
+        """Whether there are samples enough for the parameters of a model."""
+        return trial.found.minimum.samples >= FEWEST * trial.parameters
 
     def segments(self, model: FeedbackModel) -> Segments:
         """(u, y) of the data that models are fitted to."""
@@ -181,7 +196,7 @@ class Bench:
         Raises:
             ModelError: where its run diverges.
         """
-        saving = SAVING if self.unseen is not self.shown else 0.0  # short records are cheap, and show a valley less
+        saving = SAVING if self.compared else 0.0  # short records are cheap, and show a valley less
         found = searched(model, self.segments(model), model.edge, STEPS, 0.1, self.control, saving, states)
         return self.judged(found, family, size)
 
@@ -211,23 +226,29 @@ class Bench:
         richer = trial.parameters > best.parameters
         simple, rich = (best, trial) if richer else (trial, best)
         minimum, extra = rich.found.minimum, rich.parameters - simple.parameters
-        compared = self.unseen is not self.shown
+        compared = self.compared
         error, than = (each.found.error**2 if compared else each.errors.mean for each in (rich, simple))
         gain = schwarz_gain(error, than, effective_samples(minimum.residuals), extra)
         if compared:
             wins = better(rich.errors, simple.errors) or (gain > 0 and rich.errors.mean < simple.errors.mean)
         elif extra and minimum.samples < PER_PARAMETER * rich.parameters:
-            enough = minimum.samples >= FEWEST * rich.parameters
-            wins = enough and error < than and matters(self.left_out(rich).mean, self.left_out(simple).mean)
+            wins = (
+                self.suffices(rich) and error < than and matters(self.left_out(rich).mean, self.left_out(simple).mean)
+            )
         else:
             wins = gain > 0
         return wins if richer else not wins
 
-    def left_out(self, trial: Trial) -> StretchErrors:
-        """The errors of a model on the parts of a short record, each of which is left out of a fit once."""
+    def left_out(self, trial: Trial, most: float = np.inf) -> StretchErrors:
+        """The errors of a model on the parts of a short record, each of which is left out of a fit once.
+
+        Args:
+            trial: the model.
+            most: a mean square that the parts need not be fitted any more to exceed; the errors are then infinite.
+        """
         key = id(trial)
         if key not in self.folds:
-            model, parts = trial.found.model, []
+            model, parts, left = trial.found.model, list[StretchErrors](), most * sum(map(len, self.shown))
             for train, unseen in folded(self.shown)[1]:
                 squares = np.full(1, np.inf)
                 with suppress(EmsidError):
@@ -235,6 +256,9 @@ class Bench:
                     again = searched(model, segments, model.edge, REFITTED, 0.2, self.control.quietly(), SAVING)
                     squares = squared_errors(again.model, unseen)
                 parts.append(StretchErrors.of(squares, STRETCHES // FOLDS))
+                left -= float(np.nansum(squares))
+                if left < 0:
+                    return StretchErrors.of(np.full(STRETCHES, np.inf))
             self.folds[key] = trial, StretchErrors.joined(parts)
         return self.folds[key][1]
 

@@ -258,7 +258,7 @@ def test_the_axis_of_the_demo_has_no_refinement(part):
     record = axis_record()[: round(part * 2400)]  # its first samples show its start less exactly than the rest
     fit = choose(AXIS, record)
     assert fit.names == AXIS.default_free
-    assert "free-run-drifts" not in [finding.code for finding in fit.findings]
+    assert "load-drifts" not in [finding.code for finding in fit.findings]
 
 
 def test_cogging_is_not_tried_where_the_position_is_not_measured():

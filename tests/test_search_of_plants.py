@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from emsid import Record
+from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
 from emsid.models.plants.beginning import agrees, beginning
 from emsid.models.plants.drive import Hold
-from emsid.models.plants.free_run_error import Recent
+from emsid.models.plants.free_run_error import Recent, all_alike
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
@@ -28,6 +29,7 @@ from emsid.models.plants.search import choice, continuation
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import begun_again, off_zero, simulation_error
 from emsid.models.plants.search.kinds import kinds
+from emsid.models.plants.search.load_drift import chosen as drift_of
 from emsid.models.plants.search.refinements.gain_by_direction import gain_and_friction_by_direction, gain_by_direction
 from emsid.models.plants.search.refinements.knee import knee
 from emsid.models.plants.search.refinements.stribeck_by_direction import stribeck_by_direction
@@ -38,7 +40,6 @@ from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.task import prepare
 from emsid.models.plants.search.thinning import thinned
 from emsid.models.plants.search.trials import Trial, Trials
-from emsid.models.plants.search.weightings import chosen as weighting_of
 from emsid.plant import Friction, GaussianStribeck, Motor, simulate
 from independent.cases import CASES, levels, sines
 from independent.one_mass import OneMass
@@ -160,18 +161,18 @@ def test_a_chosen_plant_is_as_good_as_the_truth_on_another_kind_of_input(name):
 
 
 @pytest.mark.parametrize(("name", "drifts"), [("axis with drift 8", True), ("axis 6", False)])
-def test_errors_are_forgotten_where_the_free_run_drifts(name, drifts):
+def test_a_choice_sees_a_load_that_drifts(name, drifts):
     fit = chosen(name)
-    assert ("free-run-drifts" in [finding.code for finding in fit.findings]) is drifts
+    assert isinstance(fit.weighting, tuple) is drifts
     found = [finding.data["parameters"] for finding in fit.findings if finding.code == "load-drifts"]
     assert found == ([["offset"]] if drifts else [])
 
 
 @pytest.mark.parametrize(
-    ("drift", "cogging", "noise", "forgets"),
+    ("drift", "cogging", "noise", "seen"),
     [(0.0, 0.0, 3e-4, False), (0.05, 0.0, 3e-4, True), (0.0, 0.2, 3e-6, False)],
 )
-def test_errors_are_forgotten_where_that_leaves_noise(drift, cogging, noise, forgets):
+def test_a_drift_is_seen_where_it_leaves_noise(drift, cogging, noise, seen):
     truth = OneMass(viscous=(2.0, 2.0), coulomb=(0.3, 0.3), cogging=(0.01, cogging, 0.0), smooth=1e-4)
     rng, samples = np.random.default_rng(7), 1200
     u = 3 * lfilter([0.02], [1, -0.98], levels(samples, rng, 100))
@@ -180,7 +181,51 @@ def test_errors_are_forgotten_where_that_leaves_noise(drift, cogging, noise, for
     record = Record(u, run + noise * rng.standard_normal(samples), 5e-3, output_units="m")
     trials = Trials((record,), (Signal.POSITION,), {})
     start = AXIS.with_values({"mass": 1.1, "viscous_friction": 2.2, "friction.coulomb": 0.3})
-    assert isinstance(weighting_of(trials, [start], start.default_free), Recent) is forgets
+    assert bool(drift_of(trials, [start], start.default_free)) is seen
+
+
+def test_a_fit_under_a_drift_has_smaller_errors_which_its_intervals_include():
+    truth = OneMass(viscous=(2.0, 2.0), coulomb=(0.3, 0.3), offset=0.1, smooth=1e-4)
+    names, right, samples = ("mass", "viscous_friction", "friction.coulomb", "offset"), np.array([1, 2, 0.3, 0.1]), 1200
+    start = AXIS.with_values({"mass": 1.1, "viscous_friction": 2.2, "friction.coulomb": 0.3})
+    errors = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        u = 3 * lfilter([0.02], [1, -0.98], levels(samples, rng, 100))
+        walk = np.cumsum(rng.standard_normal(samples))
+        run = truth.run(u, 5e-3, 0.05 * walk / np.std(walk))[1][:samples]
+        record = Record(u, run + 3e-4 * rng.standard_normal(samples), 5e-3, output_units="m")
+        drift = drift_of(Trials((record,), (Signal.POSITION,), {}), [start], names)
+        how = {"free": names, "find_start": False, "hold": "zero"}
+        plain, under = (simulation_error(start, record, weighting=w, **how) for w in (all_alike, drift))
+        errors.append([plain.estimate - right, under.estimate - right, under.standard_error])
+        assert "load-drifts" in [finding.code for finding in under.findings]
+    before, after, deviations = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert (after < 0.5 * before).all()
+    assert (after < 2 * deviations).all()
+
+
+@pytest.mark.parametrize("returns", [False, True])
+def test_a_drift_that_returns_is_told_from_a_walk(returns):
+    truth, samples = OneMass(viscous=(2.0, 2.0), coulomb=(0.3, 0.3), smooth=1e-4), 1200
+    rng = np.random.default_rng(1)
+    u = 3 * lfilter([0.02], [1, -0.98], levels(samples, rng, 100))
+    drift = lfilter([1], [1, -np.exp(-1 / 40) if returns else -1], rng.standard_normal(samples))
+    run = truth.run(u, 5e-3, 0.05 * drift / np.std(drift))[1][:samples]
+    record = Record(u, run + 3e-4 * rng.standard_normal(samples), 5e-3, output_units="m")
+    found = drift_of(Trials((record,), (Signal.POSITION,), {}), [AXIS.with_values({"mass": 1.1})], AXIS.default_free)
+    assert np.isfinite(found[0].drift.time) == returns
+
+
+def test_a_load_that_does_not_change_is_that_of_the_plant():
+    u, state = 3 * levels(300, np.random.default_rng(0), 30)[:, None], np.array([0.1, 0.2, 0.1])
+    for plant in (AXIS, AXIS.with_values({"drive.delay": 0.012}), AXIS.with_hold(Hold.FIRST)):
+        under = plant.simulate_under(np.full(300, 0.2), u, 5e-3, state, (Signal.POSITION,))
+        loaded = plant.with_values({"offset": plant.value("offset") + 0.2})
+        assert np.allclose(under, loaded.simulate(u, 5e-3, state, (Signal.POSITION,)), atol=1e-12)
+    two = DrivenMotor(Motor())
+    with pytest.raises(ModelError, match="simulated for one mass"):
+        two.simulate_under(np.zeros(300), u, 5e-3, np.zeros(4), (Signal.POSITION,))
 
 
 def test_a_trial_without_free_parameters_is_not_begun_again():

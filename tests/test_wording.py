@@ -87,6 +87,7 @@ LIMITS = [
 ]
 RECOMMENDED = {"fit_percent": 97.3, "models": 9, "folds": 1, "seen": False, "verdict": "model-supported", "reasons": []}
 
+LOAD = {"parameters": ["offset"], "deviation": 0.21, "mean": None, "walks": True, "unit": "N"}
 EXAMPLES: tuple[Finding, ...] = (
     # linear estimation
     Finding("rank-deficient", data={"rank": 2, "parameters": 3, "zero": ["max(u(t-1)-5, 0)"], "alike": []}),
@@ -210,17 +211,12 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("intervals-include-zero", "rigid-motor", {"model": "rigid-motor", "parameters": ["sensor.lag"]}),
     Finding("intervals-include-zero", "rigid-motor", {"model": "rigid-motor", "parameters": ["a", "b"]}),
     Finding("choice-interrupted", "rigid-motor", {"model": "rigid-motor"}),
-    Finding("free-run-drifts", "axis.csv", {"time": 1.2}),
-    Finding("load-drifts", "linear-axis", {"parameters": ["offset"], "deviation": 0.21, "mean": 0.12, "unit": "N"}),
+    Finding("load-drifts", "linear-axis", LOAD | {"parameters": []}),
+    Finding("load-drifts", "linear-axis", LOAD),
+    Finding("load-drifts", "linear-axis", LOAD | {"walks": False}),
+    Finding("load-drifts", "linear-axis", LOAD | {"mean": 0.12}),
     Finding(
-        "load-drifts",
-        "linear-axis",
-        {
-            "parameters": ["friction.coulomb.forward", "friction.coulomb.backward"],
-            "deviation": 0.21,
-            "mean": 0.12,
-            "unit": "N",
-        },
+        "load-drifts", "linear-axis", LOAD | {"parameters": ["friction.coulomb.forward", "friction.coulomb.backward"]}
     ),
     Finding("probably-another-system", "rigid-motor", {"left": 0.76, "linear": 0.098}),
     # what was asked for of an identification

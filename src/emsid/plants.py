@@ -7,6 +7,7 @@
 
 from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.datasheet import Given, datasheet
+from emsid.models.plants.drifting_load import DriftingLoad, LoadDrift
 from emsid.models.plants.drive import Acting, Bridge, Drive, Feed, Hold
 from emsid.models.plants.free_run_error import Recent
 from emsid.models.plants.grey_box import GreyBox
@@ -37,6 +38,7 @@ __all__ = [
     "Cogging",
     "Combination",
     "Curve",
+    "DriftingLoad",
     "Drive",
     "DrivenMotor",
     "DrivenPlant",
@@ -51,6 +53,7 @@ __all__ = [
     "Hold",
     "LawParameter",
     "LinearAxis",
+    "LoadDrift",
     "Measure",
     "Motion",
     "OwnPlant",

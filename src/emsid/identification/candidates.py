@@ -36,7 +36,7 @@ from emsid.models.feedback.search.estimation import FeedbackStructure
 from emsid.models.feedback.search.trials import FeedbackSearch
 from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.drive import Hold
-from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
+from emsid.models.plants.free_run_error import Recent, Weighting, all_alike, elsewhere
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
@@ -215,14 +215,15 @@ class Physical:
         """
         if not isinstance(fit, GreyBoxFit) or fit.by_record:
             raise ModelError(f"{fit.model.name}: a fit with parameters by record cannot be continued")
+        plant, signals = fit.model.plant, fit.model.signals
         return simulation_error(
-            fit.model.plant,
+            plant,
             record,
             free=[row.name for row in fit.table if row.status is not Status.FIXED],
             fixed=options.fixed,
-            datasheet=applicable(options.datasheet, fit.model.plant),
-            weighting=fit.weighting,
-            hold=fit.model.plant.hold,
+            datasheet=applicable(options.datasheet, plant),
+            weighting=elsewhere(fit.weighting, plant, record.segments, signals),
+            hold=plant.hold,
             find_start=False,
             max_iterations=LAST_STEPS,
             control=control,

@@ -30,7 +30,7 @@ from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
 from emsid.models.model import Model
 from emsid.models.one_channel import segments_longer_than
-from emsid.models.plants.free_run_error import FreeRunError
+from emsid.models.plants.free_run_error import FreeRunError, elsewhere
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.regression.free_run_fit import fit_free_run
@@ -116,8 +116,8 @@ def _plant(fit: Fit[GreyBox], records: Sequence[Record], _: Linear, control: Con
     segments = [segment for record in records for segment in record.segments if len(segment) > fit.model.memory]
     states = [plant.first_state(signals, segment) for segment in segments]
     unknown = [plant.free_states(signals, segment) for segment in segments]
-    threads = cores()
-    problem = FreeRunError(plant, signals, segments, fit.names, states, unknown, fit.weighting, threads)
+    threads, weighting = cores(), elsewhere(fit.weighting, plant, segments, signals)
+    problem = FreeRunError(plant, signals, segments, fit.names, states, unknown, weighting, threads)
     lower, upper = problem.within(fit.limits)
     found = gauss_newton(
         problem,

@@ -207,22 +207,20 @@ def intervals_include_zero(f: Finding, argument: Spelling) -> str:
     )
 
 
-@words("free-run-drifts")
-def free_run_drifts(f: Finding, argument: Spelling) -> str:
-    return (
-        f"the free run over {f.subject} drifts away from the measured position, so the fit disregards errors that are "
-        f"older than {f.data['time']:.3g} s"
-    )
-
-
 @words("load-drifts")
 def load_drifts(f: Finding, argument: Spelling) -> str:
-    names = f.data["parameters"]
-    deviation, mean = (with_unit(f"{f.data[name]:.3g}", f.data["unit"]) for name in ("deviation", "mean"))
+    names, mean, unit = f.data["parameters"], f.data["mean"], f.data["unit"]
+    deviation = with_unit(f"{f.data['deviation']:.3g}", unit)
+    drifts = f"the load of the {f.subject} drifts during the record, with a standard deviation of {deviation}"
+    if not names:
+        return f"{drifts}; the fit takes that into account"
+    one, several = "s" * (len(names) == 1), "s" * (len(names) > 1)
+    if mean is None:
+        part = "the load at its start" if f.data["walks"] else "the load without this drift"
+        return f"{drifts}; {listed(names)} contain{one} {part}"
     return (
-        f"the load of the {f.subject} drifts during the record, with a standard deviation of {deviation}; its mean is "
-        f"part of {listed(names)} and has a standard deviation of {mean} from record to record, which the "
-        f"interval{'s' * (len(names) > 1)} include{'s' * (len(names) == 1)}"
+        f"{drifts}; its mean is part of {listed(names)} and has a standard deviation of "
+        f"{with_unit(f'{mean:.3g}', unit)} from record to record, which the interval{several} include{one}"
     )
 
 

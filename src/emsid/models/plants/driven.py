@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import ModelError
 from emsid.models.plants.beginning import beginning
 from emsid.models.plants.drive import Bridge, Drive, Hold
 from emsid.models.plants.one_mass import Motion, OneMass, moved
@@ -117,6 +118,19 @@ class Driven(BasePlant):
             speeds, positions = moved(*whole, dt, on[0].late, self.steps, float(state[0]), float(state[1]))
             outputs.append(self.read(speeds[:-1], positions[:-1], dt, signals, begin)[0])
         return outputs
+
+    def simulate_under(self, load: Array, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
+        """`simulate` with a load (N,) that is held over every sample, besides that of the plant, on one mass."""
+        plant = self.for_inputs(inputs)
+        at = plant.start(state, inputs[0], dt, signals, len(inputs))
+        on = plant.drive.acting(inputs, at.commands, dt)
+        sliding = plant._as_one_mass(on.voltage, on.conducts)
+        if sliding is None or Signal.CURRENT in signals:
+            raise ModelError(f"{self.name}: a load that changes is simulated for one mass and its motion only")
+        instants = np.maximum(np.arange(len(sliding.force)) - 1, 0) * len(load) // max(len(sliding.force) - 1, 1)
+        whole = (*sliding[:3], sliding.force - load[instants], sliding.damping)
+        speeds, positions = moved(*whole, on.dt, on.late, self.steps, float(state[0]), float(state[1]))
+        return self.read(speeds[on.samples], positions[on.samples], dt, signals, at.sensed)[0]
 
     @abstractmethod
     def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass | None:

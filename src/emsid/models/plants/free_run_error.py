@@ -6,7 +6,8 @@ The parameters θ of a plant and the initial state x₀ of every segment minimis
 
 where ŷ is the free run: after x₀ the model sees only the input. This matters for friction, because a one-step
 prediction would get its sign from the measured speed. Several outputs are each divided by their standard deviation, so
-that rad/s and A have equal weight. W may weight errors by their age, see `Recent`.
+that rad/s and A have equal weight. W may weight errors by their age, see `Recent`, or the load may drift, see
+`drifting_load`.
 
 The derivative of ŷ is a difference of free runs, whose columns are computed in parallel threads. The motion is a
 continuous function of θ, because events are located, and a run takes microseconds. Differences are one-sided far from
@@ -36,12 +37,14 @@ from emsid.estimation.linear.filtering import filtered
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.problem import Block, Infeasible
 from emsid.estimation.threads import short_tasks
+from emsid.models.plants.drifting_load import DriftingLoad
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, Sizes
 from emsid.record import Record
 
 Array = NDArray[np.float64]
-Weighting = Callable[[Array, float], Array]
+Weighting = Callable[[Array, float], Array] | tuple[DriftingLoad, ...]
+"""One for all segments, or under a load that drifts one for each."""
 
 
 # --- weightings -----------------------------------------------------------------------------------------------------
@@ -78,6 +81,24 @@ class Recent:
         for _ in range(self.order):
             error = filtered([1.0, -1.0], [1.0, -decay], error)
         return error
+
+
+def elsewhere(weighting: Weighting, plant: Plant, segments: Sequence[Record], signals: Sequence[Signal]) -> Weighting:
+    """A weighting for other segments; the drift of a load is the same process there, linearised at a plant.
+
+    Args:
+        weighting: of the fit.
+        plant: with its parameters.
+        segments: of which every one is to be weighted.
+        signals: of their outputs.
+    """
+    if not isinstance(weighting, tuple) or (driven := plant.driven) is None:
+        return weighting
+    drift, none = weighting[0].drift, np.zeros_like(weighting[0].loads)
+    return tuple(
+        DriftingLoad.around(driven, segment, plant.first_state(signals, segment), signals, drift, none)
+        for segment in segments
+    )
 
 
 # --- the least-squares problem --------------------------------------------------------------------------------------
@@ -226,10 +247,15 @@ class FreeRunError:
                 residuals: list[Array] = [np.empty(0)] * len(states)
                 for (record, dt), which in self._alike.items():
                     inputs, begin = [self.segments[k].input for k in which], [states[k] for k in which]
-                    for k, run in zip(
-                        which, plants[record].simulate_each(inputs, dt, begin, self.signals), strict=True
-                    ):
-                        residuals[k] = self._weighed(run, self.segments[k])
+                    if isinstance(self.weighting, tuple):
+                        runs = [
+                            self.weighting[k].run(plants[record], self.segments[k], states[k], self.signals)
+                            for k in which
+                        ]
+                    else:
+                        runs = plants[record].simulate_each(inputs, dt, begin, self.signals)
+                    for k, run in zip(which, runs, strict=True):
+                        residuals[k] = self._weighed(run, k)
             if self._counted is not None:
                 channels = len(self.signals)
                 residuals = [r * np.tile(some, channels) for r, some in zip(residuals, self._counted, strict=True)]
@@ -239,9 +265,11 @@ class FreeRunError:
             raise Infeasible(f"the free run of {plant.name} is not finite; check the start values and the plant")
         return residuals
 
-    def _weighed(self, run: Array, segment: Record) -> Array:
+    def _weighed(self, run: Array, k: int) -> Array:
+        segment = self.segments[k]
         error = (run - segment.output) / self._scale
-        return np.concatenate([self.weighting(error[:, k], segment.dt) for k in range(error.shape[1])])
+        weigh = self.weighting[k] if isinstance(self.weighting, tuple) else self.weighting
+        return np.concatenate([weigh(column, segment.dt) for column in error.T])
 
     def _differentiated(self, theta: Array, central: bool) -> _Linearised:
         here, plant = self.residuals(theta), self.plant_at(theta)

@@ -321,6 +321,14 @@ class DrivenPlant(Plant, Protocol):
         """The largest force (torque) that inputs (N, nu) make."""
         ...
 
+    def simulate_under(self, load: Array, inputs: Array, dt: float, state: Array, signals: Sequence[Signal]) -> Array:
+        """`simulate` with a load (N,) that is held over every sample, besides that of the plant.
+
+        Raises:
+            ModelError: for a plant of two masses, or a current.
+        """
+        ...
+
     def force_scale(self, command: float, output: float) -> float:
         """The divisor of forces when commands and outputs are divided by these; see `scaling`."""
         ...

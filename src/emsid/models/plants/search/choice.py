@@ -9,9 +9,9 @@ All of this is done in units of the record's own size (`scaling`), so the outcom
 channels. Only the last fit, with its intervals, is done in SI units.
 
 **Drift.** The free run of a position keeps for ever what a slow disturbance did to it. Before and after that, the
-weighting is chosen (`weightings`); if it changes, refinements are added and removed under the new one. What the first
-samples of a position do not show exactly is no drift: where an estimated start agrees with these samples (`beginning`),
-it is estimated.
+drift of the load is estimated (`load_drift`); if it changes, refinements are added and removed under the new one. What
+the first samples of a position do not show exactly is no drift: where an estimated start agrees with these samples
+(`beginning`), it is estimated.
 
 **Another system.** A plant that, refined once, leaves several times what a linear model leaves of the output is not
 what was recorded; it is refined no further (`WORSE`).
@@ -26,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from math import inf
+from math import inf, log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,10 +35,12 @@ from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.threads import cores, one_blas_thread
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
 from emsid.models.plants.datasheet import Given, applicable
+from emsid.models.plants.drifting_load import DriftingLoad
 from emsid.models.plants.drive import Hold
-from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
+from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Signal, parts, without_overlap
 from emsid.models.plants.plant import DrivenPlant, Plant
@@ -46,6 +48,7 @@ from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.between_samples import as_hold, holds_in, is_open
 from emsid.models.plants.search.estimation import searched, simulation_error
 from emsid.models.plants.search.kinds import better_on_both_sides, better_on_kinds, both_directions_seen
+from emsid.models.plants.search.load_drift import WHITE, alike, chosen
 from emsid.models.plants.search.refinements.catalogue import (
     BREAKS,
     BY_DIRECTION,
@@ -55,7 +58,7 @@ from emsid.models.plants.search.refinements.catalogue import (
     REFINEMENTS,
     simplified,
 )  # fmt: skip
-from emsid.models.plants.search.refinements.contract import Refined, Refinement
+from emsid.models.plants.search.refinements.contract import Refined, Refinement, level_name
 from emsid.models.plants.search.refinements.stribeck_shape import usual_shape
 from emsid.models.plants.search.refinements.usual import by_direction, stribeck
 from emsid.models.plants.search.result import GreyBoxFit
@@ -65,7 +68,6 @@ from emsid.models.plants.search.support import unsupported
 from emsid.models.plants.search.task import known_values
 from emsid.models.plants.search.thinning import thinned
 from emsid.models.plants.search.trials import Trial, Trials, gain
-from emsid.models.plants.search.weightings import chosen, forgetting
 from emsid.record import Record
 from emsid.record.excerpt import excerpt
 from emsid.selection.improvement import better
@@ -89,6 +91,10 @@ POSITIVE = 2.0
 """By how much Schwarz's criterion prefers an unusual friction, at least: positive evidence (Kass, Raftery 1995)."""
 PASSES = 3
 """How often refinements are added and removed at most, as another structure may ask for another weighting."""
+AKAIKE = 2.0
+"""What a parameter costs by Akaike's criterion."""
+STRONG = 10.0
+"""Schwarz's criterion is strong evidence above this (Kass, Raftery, *Bayes factors*, JASA 90 (1995))."""
 UNEXPLAINED, WORSE = 0.1, 4.0
 """A plant is refined no further that leaves more than this share of the output's variance after the first round, and
 so many times what a linear model leaves. Simulated motors without refinements leave up to half of that."""
@@ -145,7 +151,7 @@ def choose(
             free=search.asked,
             fixed=values,
             datasheet=sheet,
-            weighting=search.weighting,
+            weighting=search.weighting_of(record),
             hold=hold if search.between_samples_open else search.found.hold,
             per_record=per_record,
             find_start=False,
@@ -160,8 +166,6 @@ def choose(
     findings = [Finding("choice-interrupted", plant.name)] if stopped else []
     if search.hopeless:
         findings.append(Finding("probably-another-system", plant.name, {"left": search.left, "linear": linear}))
-    if search.drifts:
-        findings.append(Finding("free-run-drifts", record.name, {"time": search.drifts}))
     return replace(fit, ending=stopped or fit.ending, findings=(*findings, *fit.findings))
 
 
@@ -171,8 +175,7 @@ class _Choice:
     Attributes:
         trial: the best plant so far.
         asked: what is free of it, whether the record can tell it or not.
-        weighting: how errors count by their age.
-        drifts: after how long errors are forgotten where that was chosen, else 0.
+        weighting: how errors count by their age, or the drift of the load.
         hopeless: whether the search ended because a linear model leaves much less of the output.
         thinned: whether trials see fewer samples than there are.
     """
@@ -217,7 +220,7 @@ class _Choice:
         assert start is not None
         self.asked, self._fixed = free, tuple(fixed)
         self.weighting: Weighting = all_alike
-        self.drifts, self.hopeless = 0.0, False
+        self.hopeless = False
         self._record = scaled
         sides = {side: both for name, both in task.limits.items() for side in parts(plant, name)}
         limits = {**physical, **sides, **task.limits}
@@ -249,6 +252,18 @@ class _Choice:
     def found(self) -> DrivenPlant:
         """The best plant so far, in SI units."""
         return self._scaling.back(self.trial.plant, self._original)
+
+    def weighting_of(self, record: Record) -> Weighting:
+        """The weighting for the last fit, in SI units and for all samples."""
+        if not isinstance(self.weighting, tuple):
+            return self.weighting
+        found, signals, weightings = self.found, self._trials.signals, []
+        for segment, fewer, each in zip(record.segments, self._record.segments, self.weighting, strict=True):
+            drifted = each.loads / self.trial.plant.largest_force(fewer.input)
+            drift = each.drift._replace(noise=self._scaling.output * each.drift.noise)
+            state = found.first_state(signals, segment)
+            weightings.append(DriftingLoad.around(found, segment, state, signals, drift, drifted))
+        return tuple(weightings)
 
     @property
     def left(self) -> float:
@@ -305,17 +320,25 @@ class _Choice:
         return [each for each, _ in starts], starts[0][1]
 
     def _weigh(self, starts: Sequence[DrivenPlant], names: Sequence[str]) -> bool:
-        """Take the weighting for a structure, see `weightings`; whether it is another one than before."""
-        if not forgetting(self._trials):
+        """Take the drift of the load that a structure shows, linearised there; whether it is another than before."""
+        drift = chosen(self._trials, starts, names, self.trial.states)
+        before = self.weighting if isinstance(self.weighting, tuple) else ()
+        if not (drift or before):
             return False
-        weighting = chosen(self._trials, starts, names, self.trial.states)
-        if weighting == self.weighting:
-            return False
-        self.weighting = weighting
-        self.drifts = weighting.time if isinstance(weighting, Recent) else 0.0
-        self._trials = replace(self._trials, weighting=weighting)
+        self.weighting = drift or all_alike
+        self._trials = replace(self._trials, weighting=self.weighting)
         self._fit_again([self.trial.plant], self.trial.states)
-        return True
+        return not alike(drift, before)
+
+    def _gain(self, simple: Trial, rich: Trial) -> float:
+        """By how much the richer of two trials is preferred: the rule, but for a constant load that drifts.
+
+        Many samples do not make the drift smaller, so Schwarz's criterion asks too much of this parameter, and it is
+        judged by Akaike's.
+        """
+        more = _has_load(rich) - _has_load(simple)
+        drifts = isinstance(self.weighting, tuple) and self._rule is gain
+        return self._rule(simple, rich) + (more * (log(effective_samples(rich.residuals)) - AKAIKE) if drifts else 0.0)
 
     def _add(self, refinements: Sequence[Refinement]) -> None:
         for done in range(MOST):
@@ -330,9 +353,9 @@ class _Choice:
             richer = [
                 (trial, refine)
                 for trial, refine in zip(tried, refinements, strict=True)
-                if trial is not None and self._rule(self.trial, trial) > 0
+                if trial is not None and self._gain(self.trial, trial) > 0
             ]
-            richer.sort(key=lambda pair: self._rule(self.trial, pair[0]), reverse=True)
+            richer.sort(key=lambda pair: self._gain(self.trial, pair[0]), reverse=True)
             best = next((trial for trial, refine in richer if self._is_safe(trial, refine)), None)
             if best is not None:
                 self._take(self._trials.around(best, self._rng, RESTARTS))
@@ -381,10 +404,10 @@ class _Choice:
         for done in range(MOST):
             self._doing("removing refinements", done)
             tried = self._tried([[each] for each in simplified(self.trial.plant, self.trial.names)])
-            enough = [trial for trial in tried if trial is not None and self._rule(trial, self.trial) < 0]
+            enough = [trial for trial in tried if trial is not None and self._gain(trial, self.trial) < 0]
             if not enough:
                 break
-            self._take(min(enough, key=lambda trial: self._rule(trial, self.trial)))
+            self._take(min(enough, key=lambda trial: self._gain(trial, self.trial)))
 
     def take_out(self, changes: Sequence[frozenset[str]]) -> bool:
         """Remove the refinement that costs least of those that change these free names; whether there is one.
@@ -397,10 +420,20 @@ class _Choice:
             tried = [trial for trial in self._tried(groups) if trial is not None]
         except Stopped:
             return False
-        enough = [trial for trial in tried if not better(self.trial.errors, trial.errors)]
+        enough = [trial for trial in tried if not self._needed(trial)]
         if enough:
             self._take(min(enough, key=lambda trial: trial.cost))
         return bool(enough)
+
+    def _needed(self, without: Trial) -> bool:
+        """Whether a trial without a refinement has an error that is larger by more than noise.
+
+        Where the residual is white, strong evidence by Schwarz's criterion says so too: of a rate, or of parameters
+        that make up for one another, an interval from the derivatives says less.
+        """
+        samples = sum(len(residual) for residual in self.trial.residuals)
+        white = effective_samples(self.trial.residuals) >= WHITE * samples
+        return better(self.trial.errors, without.errors) or (white and self._gain(without, self.trial) > STRONG)
 
     def _doing(self, what: str, done: int) -> None:
         self._trials.control.doing(f"{self._original.name}: {what}", done)
@@ -449,6 +482,12 @@ class _Choice:
         kept = [name for name in self.asked if name not in before or name in after]
         self.asked = (*kept, *(name for name in after if name not in kept))
         self.trial = trial
+
+
+def _has_load(trial: Trial) -> bool:
+    """Whether a trial has a constant load, or levels by direction, which say the same."""
+    load, sides = trial.plant.load_name, parts(trial.plant, level_name(trial.plant))
+    return load in trial.names or set(sides) <= set(trial.names)
 
 
 def _started(plant: DrivenPlant, segments: Sequence[Record], signals: Sequence[Signal]) -> list[DrivenPlant]:

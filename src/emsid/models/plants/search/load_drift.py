@@ -1,19 +1,19 @@
-r"""A load that drifts during the record, and what that adds to the uncertainty of the estimates.
+r"""A load that drifts during the record: whether it does, and what that adds to the uncertainty of the estimates.
 
-Where errors of a position are forgotten (`Recent`), a slow disturbance no longer bends most parameters, but a constant
-load takes up its mean over the record, which another record does not have. So the load is taken for
+With a drift d of the load in pieces, as in `drifting_load`, the residual near the estimates is r + A·δ + M·d + noise of
+variance σ² for a change δ of the parameters. With A projected out of M and r (M̃, r̃), G = M̃ᵀM̃/σ² and h = −M̃ᵀr̃/σ², the
+rate q and the time τ of the drift maximise the marginal likelihood, whose logarithm is
 
-    constant load + d(t),      E d(t)·d(s) = v·e^{−|t − s|/τ},
+    −½·log det(I + G·P) + ½·hᵀ·P·(I + G·P)⁻¹·h,
 
-with d constant in each of K pieces of the record. Near the estimates θ̂ the residual is r + A·δ + M·d + noise of
-variance σ² for a change δ of θ. With A projected out of M and r (M̃, r̃), G = M̃ᵀM̃/σ² and h = −M̃ᵀr̃/σ², the variance v
-and the time τ maximise the marginal likelihood, whose logarithm is
+and the drift is P·(I + G·P)⁻¹·h. With P = q·L·Lᵀ, the eigenvalues of LᵀGL give both for every q at once. A choice of
+refinements takes a drift into account where Schwarz's criterion prefers its two numbers, and where it leaves white
+noise: what else is wrong with a model is no drift. The parameters and the drift are estimated in turn.
 
-    −½·log det(I + G·P) + ½·hᵀ·P·(I + G·P)⁻¹·h,      P = v·R.
-
-The drift has moved the estimates by A⁺M·d, so their covariance includes A⁺M·P·(A⁺M)ᵀ. The variance of the constant load
-includes also that of the mean of d over another record as long as this one, v·1ᵀR1/K²: so its interval says what the
-load may be there.
+Where somebody has errors of a position forgotten (`Recent`) instead, a constant load takes up the mean of its drift
+over the record, which another record does not have. The drift has moved the estimates by A⁺M·d, so their covariance
+includes A⁺M·P·(A⁺M)ᵀ. The variance of the constant load includes also that of the mean of d over another record as long
+as this one, 1ᵀP1/K²: so its interval says what the load may be there.
 
 References:
     Rasmussen, Williams, *Gaussian Processes for Machine Learning* (2006), sec. 2.7 and 5.4.1.
@@ -22,7 +22,9 @@ References:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise, product
+from dataclasses import replace
+from math import inf, isfinite, log
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,29 +35,149 @@ from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
 from emsid.models.plants.beginning import starts_from_samples
+from emsid.models.plants.drifting_load import PIECES, SMALL, DriftingLoad, LoadDrift, load_effects
 from emsid.models.plants.free_run_error import FreeRunError, Recent
-from emsid.models.plants.parameters import parts
+from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.search.alternatives import Addition, nothing
 from emsid.models.plants.search.refinements.contract import level_name
 from emsid.models.plants.search.task import Task
+from emsid.models.plants.search.trials import Trial, Trials
 
 Array = NDArray[np.float64]
 
-PIECES = 20
-"""Pieces of the record in which the load is constant."""
-TIMES = (0.1, 0.3, 1.0)
-"""Times τ that are looked at, as a part of the record."""
+PARTS = (0.1, 0.03)
+"""Times τ of a drift that returns, as a part of the longest segment."""
+POSITIVE = 1.0
+"""A drift returns where its marginal likelihood is larger than that of a walk by e to this power: positive evidence
+(Kass, Raftery, *Bayes factors*, JASA 90 (1995)). Longer times cannot be told from a walk."""
 DEVIATIONS = np.geomspace(1e-5, 0.3, 30)
-"""Standard deviations √v that are looked at, as a part of the largest force of the drive."""
-SMALL = 1e-4
-"""Change of the load for derivatives, as a part of the largest force."""
+"""Standard deviations of a walk at the end of the longest segment that are looked at, in parts of the largest force."""
 ROUNDS = 3
 """How often σ² is found anew from what the drift leaves."""
+TURNS = 4
+"""How often drift and parameters are estimated in turn at most."""
+LONG = 800
+"""Samples of a segment that can show a drift."""
+WHITE = 0.5
+"""A residual is white if it is worth at least this part of its samples."""
+
+
+# --- the choice -----------------------------------------------------------------------------------------------------
+
+
+def chosen(
+    trials: Trials, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None = None
+) -> tuple[DriftingLoad, ...]:
+    """The drift of the load in every segment; none where the records do not show it.
+
+    Args:
+        trials: what all fits share.
+        starts: plants with the structure, to begin with.
+        names: the parameters to estimate.
+        states: initial states to begin with, by default what the first samples show.
+    """
+    if trials.signals != (Signal.POSITION,) or max(len(segment) for segment in trials.segments) < LONG:
+        return ()
+    longest = max(len(segment) * segment.dt for segment in trials.segments)
+    trial, found = trials.fitted(starts, names, states), trials.weighting
+    known = found if isinstance(found, tuple) and not isfinite(found[0].drift.time) else ()
+    trial, known = _in_turn(trials, trial, known, starts, (inf,))
+    if trial is not None and known:
+        returning = _estimated(trials, trial, known, (inf, *(part * longest for part in PARTS)))
+        if returning and isfinite(returning[0].drift.time):
+            trial, known = _in_turn(trials, trial, returning, starts, (returning[0].drift.time,))
+    samples = sum(len(segment) for segment in trials.segments)
+    return known if trial is not None and effective_samples(trial.residuals) >= WHITE * samples else ()
+
+
+def _in_turn(
+    trials: Trials,
+    trial: Trial | None,
+    known: tuple[DriftingLoad, ...],
+    starts: Sequence[DrivenPlant],
+    times: Sequence[float],
+) -> tuple[Trial | None, tuple[DriftingLoad, ...]]:
+    """Estimate drift and parameters in turn, from a trial and a drift; no drift where none is seen."""
+    for _ in range(TURNS):
+        before, known = known, () if trial is None else _estimated(trials, trial, known, times)
+        if trial is None or not known:
+            return trial, ()
+        trial = replace(trials, weighting=known).fitted([trial.plant, *starts], trial.names, trial.states)
+        if before and alike(before, known):
+            break
+    return trial, known
+
+
+def alike(one: tuple[DriftingLoad, ...], other: tuple[DriftingLoad, ...]) -> bool:
+    """Whether two drifts have the same rate and time."""
+    return [each.drift[:2] for each in one] == [each.drift[:2] for each in other]
+
+
+def _estimated(
+    trials: Trials, trial: Trial, known: tuple[DriftingLoad, ...], times: Sequence[float]
+) -> tuple[DriftingLoad, ...]:
+    """The drift that a trial shows, linearised at a known one; none where Schwarz's criterion prefers none."""
+    plant, signals, segments = trial.plant, trials.signals, trials.segments
+    drifted = [np.zeros(PIECES) for _ in segments]
+    if known:
+        sizes = [plant.largest_force(segment.input) for segment in segments]
+        drifted = [each.loads / size for each, size in zip(known, sizes, strict=True)]
+    around = list(zip(segments, trial.states, strict=True))
+    try:
+        plain = tuple(
+            DriftingLoad.around(plant, segment, state, signals, LoadDrift(0.0, inf, 1.0), at)
+            for (segment, state), at in zip(around, drifted, strict=True)
+        )
+        free = [plant.free_states(signals, segment) for segment in segments]
+        problem = FreeRunError(plant, signals, segments, trial.names, trial.states, free, plain, 1)
+        blocks = problem.exactly(problem.start)
+        durations = [len(segment) * segment.dt for segment in segments]
+        found = _found([each.effects for each in plain], durations, times, *zip(*blocks, strict=True))
+        if found is None:
+            return ()
+        drift, loads = found
+        return tuple(
+            DriftingLoad.around(plant, segment, state, signals, drift, at)
+            for (segment, state), at in zip(around, loads, strict=True)
+        )
+    except EmsidError:
+        return ()
+
+
+def _found(
+    effects: Sequence[Array],
+    durations: Sequence[float],
+    times: Sequence[float],
+    residuals: Sequence[Array],
+    jacobians: Sequence[Array],
+) -> tuple[LoadDrift, list[Array]] | None:
+    """The drift and its values (K,) in every segment, as a part of the largest force."""
+    lengths = np.cumsum([0, *map(len, residuals)])
+    moved, residual = np.zeros((lengths[-1], PIECES * len(effects))), np.concatenate(residuals)
+    for k, each in enumerate(effects):
+        moved[lengths[k] : lengths[k + 1], PIECES * k : PIECES * (k + 1)] = each
+    basis = _basis(np.vstack(jacobians))
+    moved, residual = (each - basis @ (basis.T @ each) for each in (moved, residual))
+    left = residual - moved @ np.linalg.lstsq(moved, residual, rcond=1e-10)[0]
+    best = _likeliest(moved, residual, left, durations, times)
+    if best.gained <= log(len(residual)):
+        return None
+    return best.drift, np.split(best.loads, len(effects))
+
+
+def _basis(jacobian: Array) -> Array:
+    sizes = np.linalg.norm(jacobian, axis=0)
+    return np.asarray(np.linalg.qr(jacobian[:, sizes > 0] / sizes[sizes > 0])[0])
+
+
+# --- the uncertainty ------------------------------------------------------------------------------------------------
 
 
 def load_drift(task: Task, problem: FreeRunError, names: Sequence[str], minimum: Minimum) -> Addition:
-    """What a drift of the load adds, in a single record of a position of which errors are forgotten.
+    """What a drift of the load adds, in records of a position.
+
+    Nothing but a finding where the fit has taken the drift into account.
 
     Args:
         task: what was asked.
@@ -64,38 +186,57 @@ def load_drift(task: Task, problem: FreeRunError, names: Sequence[str], minimum:
         minimum: where the search ended.
     """
     none, plant = nothing(len(names)), problem.plant.driven
-    if plant is None or len(task.segments) != 1 or not starts_from_samples(plant, task.signals) or plant.latency:
+    if plant is None:
         return none
-    load = _load(plant, names)
+    load = _load_direction(plant, names)
+    force = plant.largest_force(task.segments[0].input)
+    longest = max(len(segment) * segment.dt for segment in task.segments)
+    if isinstance(task.weighting, tuple):
+        drift = task.weighting[0].drift
+        prior, walks = force**2 * drift.prior(longest), not isfinite(drift.time)
+        return Addition(none.covariance, (_finding(plant, names, load, prior, mean=None, walks=walks),))
+    if len(task.segments) != 1 or not starts_from_samples(plant, task.signals):
+        return none
     if not isinstance(task.weighting, Recent) or not load.any():
         return none
-    force = plant.largest_force(task.segments[0].input)
     columns = np.flatnonzero(minimum.free & np.isfinite(np.diag(minimum.covariance)))
+    (segment,), (state,) = task.segments, problem.states(problem.start)
     try:
         ((residual, jacobian),) = problem.exactly(problem.start)
-        effects = force * _effects(task, plant, problem.states(problem.start)[0], SMALL * force)
+        raw = load_effects(plant, segment, state, task.signals, np.zeros(PIECES), SMALL * force)
+        effects = np.column_stack([task.weighting(column, segment.dt) for column in raw.T])
     except (EmsidError, Stopped):
         return none
     sizes = np.linalg.norm(jacobian[:, columns], axis=0)
     sizes[sizes == 0] = 1.0
     basis, triangle = np.linalg.qr(jacobian[:, columns] / sizes)
-    prior = _prior(*(each - basis @ (basis.T @ each) for each in (effects, residual)))
-    if prior is None:
+    across = residual - basis @ (basis.T @ residual)
+    best = _likeliest(
+        force * (effects - basis @ (basis.T @ effects)),
+        across,
+        across,
+        [longest],
+        [part * longest for part in (inf, *PARTS)],
+    )
+    if best.gained <= 0:
         return none
+    prior = force**2 * best.drift.prior(longest)
     moves = np.zeros((len(minimum.estimate), PIECES))
     moves[columns] = np.linalg.lstsq(triangle, basis.T @ effects, rcond=1e-10)[0] / sizes[:, None]
     moved = moves[: len(names)]
-    elsewhere = force**2 * float(prior.mean()) * np.outer(load, load)
-    data = {
-        "parameters": [name for name, share in zip(names, load, strict=True) if share],
-        "deviation": force * float(np.sqrt(prior[0, 0])),
-        "mean": force * float(np.sqrt(prior.mean())),
-        "unit": plant.handles[plant.load_name].parameter.unit,
-    }
-    return Addition(moved @ prior @ moved.T + elsewhere, (Finding("load-drifts", plant.name, data),))
+    mean = float(prior.mean())
+    finding = _finding(plant, names, load, prior, mean=float(np.sqrt(mean)))
+    return Addition(moved @ prior @ moved.T + mean * np.outer(load, load), (finding,))
 
 
-def _load(plant: DrivenPlant, names: Sequence[str]) -> Array:
+def _finding(plant: DrivenPlant, names: Sequence[str], load: Array, prior: Array, **what: object) -> Finding:
+    parameters = [name for name, share in zip(names, load, strict=True) if share]
+    unit = plant.handles[plant.load_name].parameter.unit
+    data = {"parameters": parameters, "deviation": float(np.sqrt(prior[-1, -1])), "unit": unit, **what}
+    return Finding("load-drifts", plant.name, data)
+
+
+def _load_direction(plant: DrivenPlant, names: Sequence[str]) -> Array:
     """(p,) how parameters change with a constant load; zeros where none of them does."""
     along = np.zeros(len(names))
     sides = parts(plant, level_name(plant))
@@ -106,45 +247,58 @@ def _load(plant: DrivenPlant, names: Sequence[str]) -> Array:
     return along
 
 
-def _prior(effects: Array, residual: Array) -> Array | None:
-    """(K, K) P, of a drift as a part of the largest force; None where none is seen.
+# --- the likelihood -------------------------------------------------------------------------------------------------
+
+
+class _Likeliest(NamedTuple):
+    """The drift that maximises the marginal likelihood, its values, and the logarithm of what that gains."""
+
+    drift: LoadDrift
+    loads: Array
+    gained: float
+
+
+def _likeliest(
+    effects: Array, residual: Array, left: Array, durations: Sequence[float], times: Sequence[float]
+) -> _Likeliest:
+    """Maximise the marginal likelihood.
 
     Args:
-        effects: (N, K) M̃.
+        effects: (N, K·segments) M̃, by a drift as a part of the largest force.
         residual: (N,) r̃.
+        left: (N,) what a drift leaves of it, to begin with.
+        durations: of the segments, in s.
+        times: τ that are looked at; the first one unless another is better by positive evidence.
     """
-    steps = np.abs(np.subtract.outer(np.arange(PIECES), np.arange(PIECES))) / PIECES
-    priors = [v * np.exp(-steps / time) for time, v in product(TIMES, DEVIATIONS**2)]
-    best, gained, left = priors[0], 0.0, residual
+    longest = max(durations)
+    units = [LoadDrift(1.0 / float(np.sqrt(longest)), time, 1.0) for time in times]
+    priors = [_along_diagonal([unit.prior(each) for each in durations]) for unit in units]
+    roots = [np.asarray(np.linalg.cholesky(prior), dtype=float) for prior in priors]
     for _ in range(ROUNDS):
         noise = float(left @ left) / effective_samples([left])
         gram, right = effects.T @ effects / noise, -effects.T @ residual / noise
-        likelihoods = [_likelihood(gram, right, prior)[0] for prior in priors]
-        best, gained = priors[int(np.argmax(likelihoods))], max(likelihoods)
-        left = residual + effects @ _likelihood(gram, right, best)[1]
-    return best if gained > 0 else None
+        found = [
+            _likelihood(gram, right, root, unit, float(np.sqrt(noise))) for root, unit in zip(roots, units, strict=True)
+        ]
+        best = max(found, key=lambda each: each.gained)
+        best = best if best.gained > found[0].gained + POSITIVE else found[0]
+        left = residual + effects @ best.loads
+    return best
 
 
-def _likelihood(gram: Array, right: Array, prior: Array) -> tuple[float, Array]:
-    """The logarithm of the marginal likelihood over that without drift, and the drift (K,)."""
-    inflated = np.eye(len(right)) + gram @ prior
-    drift = prior @ np.linalg.solve(inflated, right)
-    return 0.5 * float(right @ drift) - 0.5 * float(np.linalg.slogdet(inflated)[1]), drift
+def _along_diagonal(blocks: Sequence[Array]) -> Array:
+    whole = np.zeros((PIECES * len(blocks), PIECES * len(blocks)))
+    for k, block in enumerate(blocks):
+        whole[PIECES * k : PIECES * (k + 1), PIECES * k : PIECES * (k + 1)] = block
+    return whole
 
 
-def _effects(task: Task, plant: DrivenPlant, state: Array, change: float) -> Array:
-    """(N, K) the derivative of the weighted free run by the load in every piece of the record."""
-    segment, signals = task.segments[0], task.signals
-    edges = np.linspace(0, len(segment), PIECES + 1).astype(int)
-    heavier = plant.with_values({plant.load_name: plant.value(plant.load_name) + change})
-    plain, other = plant.for_segment(segment), heavier.for_segment(segment)
-    at = plain.start(state, segment.input[0], segment.dt, signals, len(segment))
-    run, effects = plain.run(at, segment.input, signals)[0], np.zeros((len(segment), PIECES))
-    for k, (first, last) in enumerate(pairwise(edges.tolist())):
-        moved, after = other.run(at, segment.input[first:last], signals)
-        if last < len(segment):
-            moved = np.concatenate([moved, plain.run(after, segment.input[last:], signals)[0]])
-        moved = np.concatenate([np.zeros(first), (moved - run[first:])[:, 0]])
-        effects[:, k] = task.weighting(moved, segment.dt) / change
-        at = plain.run(at, segment.input[first:last], signals)[1]
-    return effects
+def _likelihood(gram: Array, right: Array, root: Array, unit: LoadDrift, noise: float) -> _Likeliest:
+    """The likeliest multiple of a drift, from G and h, and a root of its prior."""
+    sizes, vectors = np.linalg.eigh(root.T @ gram @ root)
+    along = vectors.T @ (root.T @ right)
+    inflated = 1.0 + np.multiply.outer(DEVIATIONS**2, np.maximum(sizes, 0.0))
+    gained = 0.5 * (DEVIATIONS[:, None] ** 2 * along**2 / inflated - np.log(inflated)).sum(axis=1)
+    k = int(np.argmax(gained))
+    drift = root @ (vectors @ (DEVIATIONS[k] ** 2 * along / inflated[k]))
+    return _Likeliest(LoadDrift(DEVIATIONS[k] * unit.rate, unit.time, noise), drift, float(gained[k]))

@@ -1,0 +1,162 @@
+r"""Errors of a free run under a load that drifts.
+
+The free run of a position keeps for ever what a slow disturbance of the force did to it, and a fit to the plain error
+bends its parameters to make up for that. So the load is the parameter of the plant plus a drift d(t), of which a fit
+sees the means over K pieces of a segment. The drift either returns to zero within a time τ that is short against the
+record, or it begins at zero at the start of every segment and walks,
+
+    E d(t)·d(s) = q·τ/2·e^{−|t − s|/τ}      or      E d(t)·d(s) = q·min(t, s).
+
+The parameter is thus the mean of a load that returns, and else the load at the start of a record, as the initial
+position is the position there: what another record has in common with this one where the load drifts as a machine warms
+up. If the drift returns only after a longer time, one record cannot tell it from a walk, and the load at the start
+predicts another record about as badly as the mean does.
+
+Near a drift d₀ the free run ŷ is linear in d with derivative M, so the error at the parameters θ is
+
+    e(θ) = y − ŷ(θ, d₀) + M·d₀,      e ~ N(0, σ²·I + M·P·Mᵀ),
+
+with P from q and τ. Least squares of the error times the inverse root of this covariance over σ², which is the
+identity but for K + 2 directions, is the maximum likelihood of θ with the drift integrated out. For small q it is the
+plain error; for large q it ignores whatever a drift can explain, but nothing else. Speed and position at the start,
+which the first samples show with some uncertainty (`beginning`), are integrated out in the same way.
+
+References:
+    Rasmussen, Williams, *Gaussian Processes for Machine Learning* (2006), sec. 2.7, on explicit basis functions.
+    Harvey, *Forecasting, Structural Time Series Models and the Kalman Filter* (1989), sec. 2.3, on a level that walks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.models.plants.beginning import beginning
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.plant import DrivenPlant, Plant
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+PIECES = 40
+"""Pieces of a segment in which the load is constant."""
+SMALL = 1e-4
+"""Change of the load for derivatives, as a part of the largest force."""
+
+
+class LoadDrift(NamedTuple):
+    """How a load drifts.
+
+    Attributes:
+        rate: √q, as a part of the largest force of the drive, per √s.
+        time: τ in s; infinite for a walk.
+        noise: σ of the other errors, in the unit of the output.
+    """
+
+    rate: float
+    time: float
+    noise: float
+
+    def prior(self, seconds: float) -> Array:
+        """(K, K) P of a segment of this length, as a part of the largest force squared."""
+        middle = seconds * (np.arange(PIECES) + 0.5) / PIECES
+        if isfinite(self.time):
+            steps = np.abs(np.subtract.outer(middle, middle))
+            return np.asarray(0.5 * self.rate**2 * self.time * np.exp(-steps / self.time))
+        within = seconds / (6 * PIECES)  # the mean of a piece varies less than its middle
+        return np.asarray(self.rate**2 * (np.minimum.outer(middle, middle) - within * np.eye(PIECES)))
+
+
+@dataclass(frozen=True, eq=False)
+class DriftingLoad:
+    """The error of a segment under a load that drifts, linearised at a plant.
+
+    Args:
+        loads: (K,) d₀ in the unit of the load.
+        effects: (N, K) M, by a drift as a part of the largest force.
+        missed: (N,) M·d₀.
+        basis, shares: (N, K + 2) orthonormal directions, and (K + 2,) which share of the error in each is left out.
+        drift: how the load drifts.
+    """
+
+    loads: Array
+    effects: Array
+    missed: Array
+    basis: Array
+    shares: Array
+    drift: LoadDrift
+
+    @classmethod
+    def around(
+        cls,
+        plant: DrivenPlant,
+        segment: Record,
+        state: Array,
+        signals: Sequence[Signal],
+        drift: LoadDrift,
+        drifted: Array,
+    ) -> DriftingLoad:
+        """Linearised at a plant in a segment.
+
+        Args:
+            plant: with its parameters.
+            segment: of a position.
+            state: at its start.
+            signals: of the output.
+            drift: how the load drifts.
+            drifted: (K,) d₀ as a part of the largest force.
+        """
+        force = plant.largest_force(segment.input)
+        loads = force * drifted
+        effects = force * load_effects(plant, segment, state, signals, loads, SMALL * force)
+        values, vectors = np.linalg.eigh(drift.prior(len(segment) * segment.dt))
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        unknown = np.column_stack([effects @ root, start_effects(plant, segment, state, signals, loads)])
+        basis, sizes, _ = np.linalg.svd(unknown / drift.noise, full_matrices=False)
+        return cls(loads, effects, effects @ drifted, basis, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2), drift)
+
+    def __call__(self, error: Array, dt: float) -> Array:
+        """(N,) the error of the segment times the inverse root of its covariance, in its unit."""
+        return np.asarray(error - self.basis @ (self.shares * (self.basis.T @ error)))
+
+    def run(self, plant: Plant, segment: Record, state: Array, signals: Sequence[Signal]) -> Array:
+        """(N, ny) the free run that is to be compared with the output, ŷ(θ, d₀) − M·d₀."""
+        driven = plant.driven
+        assert driven is not None
+        load = by_sample(self.loads, len(segment))
+        return driven.simulate_under(load, segment.input, segment.dt, state, signals) - self.missed[:, None]
+
+
+def by_sample(loads: Array, samples: int) -> Array:
+    """(N,) the load at every sample of a segment, from (K,) those of its pieces."""
+    return np.asarray(loads[np.arange(samples) * len(loads) // samples])
+
+
+def start_effects(plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], loads: Array) -> Array:
+    """(N, 2) what one standard deviation of speed and position at the start changes in the free run of a position."""
+    load, seen = by_sample(loads, len(segment)), beginning(segment.output[:, 0], segment.dt)
+
+    def run(state: Array) -> Array:
+        return np.asarray(plant.simulate_under(load, segment.input, segment.dt, state, signals)[:, 0])
+
+    deviations = np.diag(np.nan_to_num([seen.speed[1], seen.position[1]], posinf=0.0))
+    return np.column_stack([run(np.array([*(state[:2] + each), *state[2:]])) - run(state) for each in deviations])
+
+
+def load_effects(
+    plant: DrivenPlant, segment: Record, state: Array, signals: Sequence[Signal], loads: Array, change: float
+) -> Array:
+    """(N, K) the derivative of the free run of a position by the load in every piece."""
+
+    def run(loads: Array) -> Array:
+        load = by_sample(loads, len(segment))
+        return np.asarray(plant.simulate_under(load, segment.input, segment.dt, state, signals)[:, 0])
+
+    plain = run(loads)
+    effects = [(run(loads + change * (np.arange(PIECES) == k)) - plain) / change for k in range(PIECES)]
+    return np.column_stack(effects)

@@ -146,3 +146,11 @@ def test_an_order_that_is_too_low_is_raised_in_noise_before_the_map() -> None:
 def test_without_noise_before_the_map_a_fit_stays_as_it_is() -> None:
     _, found = corrected(circuit(1, 4096, process=0.0, noise=0.05), TRUTH)
     assert found == Corrected()
+
+
+def test_an_error_like_a_random_walk_has_an_estimate() -> None:
+    """Its correlations are estimated at the edge of what is stationary, where the variance of the noise is zero."""
+    error = np.cumsum(np.random.default_rng(0).standard_normal(2000))
+    slope = (np.abs(np.sin(np.arange(2000) / 30)) > 0.5).astype(float)
+    found = estimated_noise([ErrorPiece(error, slope, error)], Rational([1.0]), 1)
+    assert np.isfinite([found.spread, *found.reflections, found.output, found.pole]).all()

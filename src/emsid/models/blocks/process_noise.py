@@ -53,6 +53,8 @@ BANDS = 32
 WEAK = 1e-2
 # The smallest standard deviation of a noise, relative to that of the error that it explains.
 LEAST = 1e-4
+# Of the coordinates of the correlations of noise; tanh is 1 to rounding from 19 on, where the noise has no variance.
+FARTHEST = 15.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +234,8 @@ def estimated_noise(pieces: Sequence[ErrorPiece], behind: Rational, oversampling
     scale = size / max(steepest * through, 1e-300)
 
     def noise(theta: Array) -> ProcessNoise:
-        first, (second, pole) = 1 / (1 + np.exp(-theta[2])), np.tanh(theta[3:])
+        inside = np.clip(theta[2:], -FARTHEST, FARTHEST)
+        first, (second, pole) = 1 / (1 + np.exp(-inside[0])), np.tanh(inside[1:])
         spread, output = np.exp(np.clip(theta[:2], np.log(LEAST), 5.0))
         return ProcessNoise(float(spread * scale), (float(first), float(second)), float(output * size), float(pole))
 

@@ -21,9 +21,10 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.fitting import FreeRun, fit_cascade, freedom, search, static_band
 from emsid.models.blocks.gain import fixed_gains, normalised, unit_gain, unit_slope
-from emsid.models.blocks.search.choice import FINISHED, Plan, promising, refined_first, unseen_errors
 from emsid.models.blocks.search.cross_validation import Round
 from emsid.models.blocks.search.diagnostics import advice
+from emsid.models.blocks.search.refinement import FINISHED, Plan, promising, unseen_errors
+from emsid.models.blocks.search.sources import refined_first
 from emsid.models.blocks.static_maps import (
     Abs,
     CoulombLinear,

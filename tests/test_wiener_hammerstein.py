@@ -30,7 +30,7 @@ from emsid.models.blocks.search.diagnostics import advice
 from emsid.models.blocks.search.estimation import CascadeStructure, estimate
 from emsid.models.blocks.search.map_families import Family, families, given
 from emsid.models.blocks.search.orders import map_sizes, order_shares, total_orders
-from emsid.models.blocks.search.starts import _splits, grown, regression_candidate, scanned, sign_recovery_candidates
+from emsid.models.blocks.search.starts import _splits, grown, regression_candidate, sign_recovery_candidates
 from emsid.models.blocks.search.topologies import (
     DEFAULTS,
     HAMMERSTEIN,
@@ -40,6 +40,7 @@ from emsid.models.blocks.search.topologies import (
     CascadeSearch,
     Topology,
 )
+from emsid.models.blocks.search.trials import scanned
 from emsid.models.blocks.static_maps import Abs, CubicSpline, DeadZone, OddSpline, Polynomial, Saturation, UserMap
 from emsid.models.free_run import free_run_error
 from emsid.plant import Bench, Motor, simulate
@@ -435,16 +436,16 @@ def test_a_sampling_rate_without_a_start_does_not_discard_the_result_of_another(
 ) -> None:
     record = record_of(Cascade((BEND, SLOW)), 800)
     options = replace(AT_RATE, size=6, oversampling=None)
-    begin = cascade_choice._starts
+    begin = cascade_choice.ordered_starts
 
     def starts(*arguments: Any) -> list[Cascade]:
         return begin(*arguments) if arguments[-2].oversampling == 1 else []
 
-    monkeypatch.setattr(cascade_choice, "_starts", starts)
+    monkeypatch.setattr(cascade_choice, "ordered_starts", starts)
     fit = hammerstein(record, 2, options)
     assert fit.model.oversampling == 1
     assert np.sqrt(fit.noise_variance) == pytest.approx(0.01 * np.std(record.output), rel=0.1)
-    monkeypatch.setattr(cascade_choice, "_starts", lambda *arguments: [])
+    monkeypatch.setattr(cascade_choice, "ordered_starts", lambda *arguments: [])
     with pytest.raises(ModelError, match="no start value leads to a model"):
         hammerstein(record, 2, options)
 

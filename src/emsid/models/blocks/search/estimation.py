@@ -28,13 +28,14 @@ from emsid.findings import Finding
 from emsid.models.blocks.cascade import SAMPLES_PER_STATE, Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import Search, conclude, fit_cascade
-from emsid.models.blocks.search.choice import Choice, from_smaller, improving, searched, with_spread_knots
+from emsid.models.blocks.search.choice import from_smaller, improving, with_spread_knots
 from emsid.models.blocks.search.cross_validation import Round, as_arrays, held_back
 from emsid.models.blocks.search.dead_time import at_the_input
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER, filter_parameters, input_delay
 from emsid.models.blocks.search.periods import Steady, steady_state
 from emsid.models.blocks.search.process_noise import Corrected, without_process_noise
+from emsid.models.blocks.search.refinement import Choice, searched
 from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
 from emsid.models.blocks.search.topologies import (
     DEFAULTS,

@@ -1,8 +1,8 @@
 r"""Automatic start values for cascades.
 
 The free-run cost of a cascade has many minima, and the start decides which one a search reaches. Four sources give
-candidates, each in its own function; `scanned` scores every candidate by one linear problem, and `fit_cascade` refines
-the best.
+candidates, each in its own function; `scanned` scores every candidate by one linear problem (`trials`), and
+`fit_cascade` refines the best.
 
 **The best linear approximation.** Driven by a random input, filter–map–filter looks like the product of its two
 filters, up to a gain (Bussgang's theorem; Schoukens & Tiels 2017). So a rational function is fitted to the measured
@@ -20,10 +20,6 @@ the start.
 **Random starts.** For a map that is even about the operating point, such as |x|, the best linear approximation is
 zero. Then filters are drawn at random, with poles uniform in logarithmic time constant and in frequency.
 
-For given filters the map is linear in its parameters: with x = G₁u and splines φⱼ, y ≈ y₀ + Σ cⱼ·G₂φⱼ(x), solved
-by `Information` and scored on the rest of the record. A map of another family then starts from this curve, see
-`families`.
-
 References:
     Schoukens, Tiels, *Identification of block-oriented nonlinear systems starting from linear approximations: a
     survey*, Automatica 85 (2017). Sjöberg, Schoukens, *Initializing Wiener–Hammerstein models based on partitioning of
@@ -33,54 +29,35 @@ References:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import ModelError
-from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import gather
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.frequency_response import fit_rational, frequency_response
-from emsid.estimation.nonlinear.steps import least_squares_step
 from emsid.models.blocks.block import Block
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import search
 from emsid.models.blocks.gain import unit_gain
 from emsid.models.blocks.search.sign_recovery import recovered_signals
-from emsid.models.blocks.static_maps import Polynomial, Scaling, StaticMap
+from emsid.models.blocks.search.trials import TRIAL_SAMPLES, Filters, of_unit_gain
+from emsid.models.blocks.static_maps import Polynomial, StaticMap
 from emsid.models.one_channel import Segments
 from emsid.models.regression.structures import wiener_hammerstein_regression
 from emsid.record import Record
 
 Array = NDArray[np.float64]
-Filters = tuple[Rational | None, Rational | None]
 
-# Samples of a trial; enough to rank the candidates.
-TRIAL_SAMPLES = 12_000
 # The largest number of divisions of poles and zeros that are tried.
 MOST_SPLITS = 2_000
 # The number of random pairs of filters.
 RANDOM_DRAWS = 300
 # The largest number of sign sequences that give candidates.
 MOST_SIGN_SEQUENCES = 3
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """Two filters and the best spline between them.
-
-    Attributes:
-        cascade: the filters of the structure, and the spline.
-        error: root mean square of its free-run error on samples that the spline was not fitted to.
-    """
-
-    cascade: Cascade
-    error: float
 
 
 def linear_candidates(
@@ -136,11 +113,16 @@ def grown(cascade: Cascade, orders: tuple[int | None, int | None]) -> Cascade:
     for block in cascade.blocks:
         if isinstance(block, Rational):
             for k in range(1, next(given) - len(block.denominator) + 1):
-                both = np.array([1.0, -(0.5**k)])
-                denominator = np.convolve(np.concatenate([[1.0], block.denominator]), both)[1:]
-                block = Rational(np.convolve(block.numerator, both), denominator, block.delay)
+                block = with_cancelled_pole(block, 0.5**k)
         blocks.append(block)
     return replace(cascade, blocks=tuple(blocks))
+
+
+def with_cancelled_pole(block: Rational, pole: float) -> Rational:
+    """The same filter with one pole more, and a zero that cancels it."""
+    both = np.array([1.0, -pole])
+    denominator = np.convolve(np.concatenate([[1.0], block.denominator]), both)[1:]
+    return Rational(np.convolve(block.numerator, both), denominator, block.delay)
 
 
 def regression_candidate(records: Sequence[Record], order: int, degree: int, delay: int) -> tuple[Polynomial, Rational]:
@@ -233,117 +215,10 @@ def random_candidates(
             else:
                 poles.append(complex(size))
         denominator = np.real(np.poly(poles))[1:] if poles else np.zeros(0)
-        return _of_unit_gain(Rational(np.eye(order + 1)[min(order, 1)], denominator))
+        return of_unit_gain(Rational(np.eye(order + 1)[min(order, 1)], denominator))
 
     for _ in range(draws):
         yield drawn(orders[0]), drawn(orders[1])
-
-
-def scanned(
-    filters: Sequence[Filters],
-    segments: Segments,
-    trial: Callable[[Array], tuple[StaticMap, ...]],
-    template: Cascade,
-    threads: int,
-) -> list[Candidate]:
-    """Every pair of filters with its best map, best first; pairs that fail are left out.
-
-    Args:
-        filters: pairs; None if the structure has no such filter.
-        segments: (u, y) of each; the longest is used.
-        trial: for the input x of the map, maps to try, each linear in its parameters.
-        template: offsets, delay, oversampling and name of the candidates.
-        threads: threads.
-
-    Raises:
-        ModelError: if all pairs fail, with the error of the first.
-    """
-    u, y = max(segments, key=lambda pair: len(pair[0]))
-    u, y = u[:TRIAL_SAMPLES], y[:TRIAL_SAMPLES]
-
-    problems: list[ModelError] = []
-
-    def score(pair: Filters) -> list[Candidate]:
-        try:
-            return _scored(pair, u, y, trial, template)
-        except ModelError as problem:
-            problems.append(problem)
-            return []
-
-    with ThreadPoolExecutor(threads) as pool:
-        found = [candidate for several in pool.map(score, filters) for candidate in several]
-    if problems and not found:
-        raise problems[0]
-    return sorted(found, key=lambda candidate: candidate.error)
-
-
-def _scored(
-    pair: Filters, u: Array, y: Array, trial: Callable[[Array], tuple[StaticMap, ...]], template: Cascade
-) -> list[Candidate]:
-    """The candidates of a pair of filters with each trial map, fitted by linear least squares."""
-    first, second = pair
-    entering = replace(template, blocks=(Rational(np.ones(1)),)).signals(u, np.zeros(0))[-1]
-    before, x = _settled(first, entering)
-    candidates = []
-    samples = len(y)
-    train = np.zeros(samples, dtype=bool)
-    train[min(samples // 10, 500) : int(0.75 * samples)] = True
-    held = np.zeros(samples, dtype=bool)
-    held[int(0.75 * samples) :] = True
-    for curve in trial(x):
-        basis = curve.parameter_gradient(x)
-        fixed = curve.value(x)
-        wrong = ~(np.isfinite(fixed) & np.isfinite(basis).all(axis=0))
-        if wrong.any():
-            raise ModelError(
-                f"the {curve.kind} map, or its derivative, is not finite at inputs such as {x[wrong][0]:.4g}; give one "
-                "that is, wherever the signal goes"
-            )
-        # If no parameter of the map scales it, or its scale is fixed, the gain of a filter scales it.
-        free = not len(curve.parameters) or curve.scaling is Scaling.NONE
-        after, moved = _settled_rows(second, fixed[None] if free else basis)
-        moved = moved[:, :: template.oversampling]
-        level = [] if curve.owns_level and not free else [np.ones((1, samples))]
-        regression = np.concatenate([moved, *level])
-        rows = np.ascontiguousarray(np.concatenate([regression, y[None]])[:, train])
-        theta = least_squares_step(Information.empty(len(regression)).add_columns(rows))
-        error = float(np.sqrt(np.mean((theta @ regression - y)[held] ** 2)))
-        if not np.isfinite(error):
-            continue
-        offset = float(theta[-1]) if level else 0.0
-        if free:
-            gain = float(theta[0])
-            after = after.amplified(gain) if after is not None else None
-            if after is None and before is not None and curve.scaling is Scaling.JOINT:
-                before = before.amplified(abs(gain))
-            middle: StaticMap = curve
-        else:
-            middle = curve.with_parameters(theta[: len(curve.parameters)])
-        blocks = tuple(block for block in (before, middle, after) if block is not None)
-        candidates.append(Candidate(replace(template, blocks=blocks, output_offset=offset), error))
-    return candidates
-
-
-def _settled(block: Rational | None, x: Array) -> tuple[Rational | None, Array]:
-    """A filter of unit gain, and its output from rest at the first sample."""
-    if block is None:
-        return None, x
-    block = _of_unit_gain(block)
-    return block, block.output(x, block.resting(float(x[0]))[0])
-
-
-def _settled_rows(block: Rational | None, rows: Array) -> tuple[Rational | None, Array]:
-    if block is None:
-        return None, rows
-    block = _of_unit_gain(block)
-    level = block.resting(1.0)[1]
-    moved = rows - rows[:, :1]
-    block.push(rows[0], moved)
-    return block, moved + level * rows[:, :1]
-
-
-def _of_unit_gain(block: Rational) -> Rational:
-    return block.amplified(1 / block.gain) if block.gain else block
 
 
 def _stable(block: Rational) -> Rational:

@@ -23,7 +23,8 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import search
 from emsid.models.blocks.search.cross_validation import as_arrays
 from emsid.models.blocks.search.map_families import family_of
-from emsid.models.blocks.search.starts import scanned, sign_recovery_candidates, started
+from emsid.models.blocks.search.starts import sign_recovery_candidates, started
+from emsid.models.blocks.search.trials import scanned
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.fitting import Found, searched
 from emsid.models.feedback.model import FeedbackModel

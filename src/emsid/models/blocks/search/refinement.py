@@ -1,0 +1,270 @@
+"""Refinement of cascades on a part of a record, and their free-run errors on unseen data, which rank them.
+
+A refinement for a choice is a short search without covariances. Where several splits hold data back, a model is fitted
+again to the rest of each, in a few steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeVar, Unpack
+
+import numpy as np
+
+from emsid.errors import ModelError
+from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.nonlinear.minimum import Minimum
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.fitting import FreeRun, Search, search
+from emsid.models.blocks.search.cross_validation import Round
+from emsid.models.blocks.search.map_families import Family
+from emsid.models.free_run import free_run_error
+from emsid.record import Record
+from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters
+
+T = TypeVar("T")
+
+# More starts than this take `FIRST_STEPS` steps each, and only the best so many are refined further.
+FINISHED, FIRST_STEPS = 12, 5
+# Limits of a refinement for a choice: steps, distance to the minimum in standard errors, and relative reduction of the
+# cost over a few steps.
+CHOICE_STEPS, CHOICE_TOLERANCE, CHOICE_SAVING = 25, 0.2, 1e-3
+# Of a short record only this many kinds of model are compared by cross-validation. The others are worse on the data
+# that they were refined on.
+COMPARED = 4
+# Steps of a fit to the parts of a short record that are not held back: it starts at the minimum of the whole. A sum of
+# squared errors on unseen data that is this many times larger than that of another model ends a comparison.
+REFIT_STEPS, HOPELESS = 5, 2.0
+# The error of a model that has not been run on unseen data.
+UNKNOWN = StretchErrors.of(np.array([np.inf]))
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """A refined model, to be compared with others.
+
+    Attributes:
+        model: the model with all its parameters.
+        unseen: its free-run error on unseen data.
+        known: the same on the data that it was refined on.
+        size: the size of its map.
+        family: the family of its map; None for a trial map.
+    """
+
+    model: Cascade
+    unseen: StretchErrors
+    known: float
+    size: int = 0
+    family: Family | None = None
+
+    @property
+    def error(self) -> float:
+        """Root mean square of its free-run error on unseen data."""
+        return float(np.sqrt(self.unseen.mean))
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A model to refine, with the family and size of its map, unless it is a trial map.
+
+    A trial map that another kind of curve replaces need not be believed: it follows slow residuals (`correlated`).
+    """
+
+    model: Cascade
+    family: Family | None = None
+    size: int = 0
+    correlated: bool = True
+
+
+def refined(
+    plans: Sequence[Plan],
+    part: Sequence[Record],
+    rounds: Sequence[Round],
+    threads: int,
+    control: Control,
+    rival: Choice | None = None,
+) -> list[Choice]:
+    """The plans refined on a part of the data and ranked by cross-validation, best first; failures are left out.
+
+    Plans that are worse than the rival, if there is one, are left out too, so the list may be empty.
+
+    Raises:
+        ModelError: if there is no rival and every plan fails.
+    """
+    budget = _limits(CHOICE_STEPS, control)
+
+    def refine(plan: Plan) -> Choice:
+        found = searched(plan.model, part, **(budget | Search(correlated=plan.correlated)))
+        return Choice(found.model, UNKNOWN, found.error, plan.size, plan.family)
+
+    def compare(choice: Choice) -> Choice:
+        return replace(choice, unseen=unseen_errors(choice.model, rounds, control, best))
+
+    problems: list[Exception] = []
+    if len(plans) > FINISHED:
+        plans = promising(plans, part, budget, threads, control)
+    found = _successes(refine, plans, threads, control, problems)
+    ranked: list[Choice] = []
+    best = None if rival is None or len(rounds) == 1 else rival.unseen
+    if len(rounds) > 1:  # every split costs a fit, so only the best of each kind is compared
+        kinds = {(_kind(each.model), each.size): each for each in sorted(found, key=lambda each: -each.known)}
+        found = sorted(kinds.values(), key=lambda each: each.known)[:COMPARED]
+        if rival is None:
+            ranked, found = _successes(compare, found[:1], threads, control, problems), found[1:]
+            best = ranked[0].unseen if ranked else None
+        if best is not None:
+            # A choice that is worse than this on the data that it was refined on cannot be the best on unseen data.
+            found = [choice for choice in found if not matters(best.mean, choice.known**2)]
+    ranked = sorted([*ranked, *_successes(compare, found, threads, control, problems)], key=lambda choice: choice.error)
+    if rival is None and not ranked:
+        name = plans[0].model.name if plans else "cascade"
+        why = f" ({problems[0]})" if problems else ""
+        raise ModelError(
+            f"{name}: no start value leads to a model of the record{why}; check channels, units, delay and length"
+        )
+    return ranked
+
+
+def _limits(steps: int, control: Control) -> Search:
+    """The options of a refinement for a choice, of so many steps at most."""
+    return Search(
+        max_iterations=steps,
+        tolerance=CHOICE_TOLERANCE,
+        least_saving=CHOICE_SAVING,
+        covariances=False,
+        control=control.quietly(),
+    )
+
+
+def promising(
+    plans: Sequence[Plan], part: Sequence[Record], how: Search, threads: int, control: Control
+) -> Sequence[Plan]:
+    """The `FINISHED` plans that are best after `FIRST_STEPS` steps of a search, continued from there; best first.
+
+    Where every search fails, the plans are returned as they are, so that their refinement says why.
+    """
+    few = Search(max_iterations=FIRST_STEPS)
+
+    def approach(plan: Plan) -> Choice:
+        minimum, problem = search(plan.model, part, **(how | few | Search(correlated=plan.correlated)))
+        error = float(np.sqrt(2 * minimum.cost / minimum.samples))
+        return Choice(problem.model(minimum.estimate), UNKNOWN, error, plan.size, plan.family)
+
+    found = sorted(_successes(approach, plans, threads, control, []), key=lambda each: each.known)
+    best = found[:FINISHED]
+    return [replace(plans[0], model=each.model, family=each.family, size=each.size) for each in best] or plans
+
+
+def unseen_errors(
+    model: Cascade, rounds: Sequence[Round], control: Control, rival: StretchErrors | None
+) -> StretchErrors:
+    """The free-run errors of a model on the unseen data of all splits, fitted again to the rest of each of several.
+
+    Raises:
+        ModelError: where a free run diverges, or the errors are hopelessly larger than those of the rival, if any; the
+            other splits are not looked at then.
+    """
+    parts: list[StretchErrors] = []
+    for each in rounds:
+        fitted = model if len(rounds) == 1 else _refitted(model, each.known, control)
+        parts.append(StretchErrors.of(each.squared_errors(fitted), STRETCHES // len(rounds)))
+        if not np.isfinite(parts[-1].mean):
+            raise ModelError(f"{model.name}: the free run diverges on the data held back")
+        so_far = sum(float(part.means @ part.samples) for part in parts)
+        if rival is not None and so_far > HOPELESS * rival.means @ rival.samples:
+            raise ModelError(f"{model.name}: the error on the data held back is much larger than that of another model")
+    return StretchErrors.joined(parts)
+
+
+def _refitted(model: Cascade, records: Sequence[Record], control: Control) -> Cascade:
+    """A model that is fitted to all of the data, fitted to a part of them in a few steps."""
+    minimum, problem = search(model, records, **_limits(REFIT_STEPS, control))
+    return problem.model(minimum.estimate)
+
+
+def _successes(
+    step: Callable[[T], Choice], items: Sequence[T], threads: int, control: Control, problems: list[Exception]
+) -> list[Choice]:
+    """The results of a step for each item; errors of items that fail or diverge are added to ``problems``."""
+
+    def attempt(item: T) -> Choice | None:
+        try:
+            choice = step(item)
+        except (ModelError, np.linalg.LinAlgError) as problem:
+            problems.append(problem)
+            return None
+        return choice if np.isfinite(choice.known) else None
+
+    with ThreadPoolExecutor(threads) as pool:
+        found = [choice for choice in pool.map(attempt, items) if choice is not None]
+    control.check()  # a refinement that was cut short is not compared
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The result of a search.
+
+    Attributes:
+        minimum, problem: from `search`.
+        records: the records that it was fitted to.
+    """
+
+    minimum: Minimum
+    problem: FreeRun
+    records: Sequence[Record]
+
+    @cached_property
+    def model(self) -> Cascade:
+        """The cascade at the minimum."""
+        return self.problem.model(self.minimum.estimate)
+
+    @cached_property
+    def error(self) -> float:
+        """Root mean square of its free-run error on the records that it was fitted to."""
+        return float(np.sqrt(free_run_error(self.model, self.records)))
+
+    @property
+    def drifts(self) -> bool:
+        """Whether its free-run error is larger than that of the start."""
+        before = np.concatenate(self.problem.residuals(self.problem.start))
+        return not self.error <= np.sqrt(np.mean(before**2))
+
+
+def searched(start: Cascade, records: Sequence[Record], **how: Unpack[Search]) -> Found:
+    """`search`, with a free-run error on the records that is not larger than that of the start.
+
+    States that are estimated together with a very slow pole can describe a drift. A free run, whose states are
+    estimated from a few samples, cannot reproduce it. Then the states are estimated as in a free run, and fixed.
+    """
+    free = Found(*search(start, records, **how), records)
+    control = how.get("control", FREE)
+    if how.get("transient") is not None or control.ending or not free.drifts:
+        return free
+    how["transient"] = start.memory
+    held = Found(*search(start, records, **how), records)
+    if control.ending:
+        return held
+    # Repeat with states estimated for the new parameters.
+    again = Found(*search(held.model, records, **how), records)
+    return min(held, again, key=lambda found: found.error)
+
+
+def simplest(choices: Sequence[Choice]) -> Choice:
+    """The simplest choice that no more complex one improves by more than noise, see `better`.
+
+    A complex model with a larger free-run error than a simpler one on the data that it was refined on is not chosen.
+    """
+    chosen, *others = sorted(choices, key=lambda choice: (len(choice.model.parameters), choice.error))
+    for choice in others:
+        if better(choice.unseen, chosen.unseen) and choice.known < chosen.known:
+            chosen = choice
+    return chosen
+
+
+def _kind(cascade: Cascade) -> tuple[tuple[str, int], ...]:
+    """The type and the number of parameters of every block."""
+    return tuple((type(block).__name__, len(block.parameters)) for block in cascade.blocks)

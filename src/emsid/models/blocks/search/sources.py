@@ -1,0 +1,139 @@
+"""Starts of a search for a cascade: pairs of filters from all sources of `starts`, in the order to refine them.
+
+Every pair is scored by one linear problem, with a trial map. Where none of those from the frequency response explains
+the output, the map may lose the sign, and signs are recovered and filters drawn at random too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from emsid.errors import ModelError
+from emsid.estimation.nonlinear.control import Control
+from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.search.cross_validation import delayed
+from emsid.models.blocks.search.orders import order_shares, sign_recovery_orders, total_orders
+from emsid.models.blocks.search.starts import (
+    RANDOM_DRAWS,
+    linear_candidates,
+    random_candidates,
+    regression_candidate,
+    sign_recovery_candidates,
+)
+from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
+from emsid.models.blocks.search.trials import Candidate, Filters, scanned
+from emsid.models.one_channel import Segments
+from emsid.record import Record
+from emsid.record.holding_back import SHORT
+
+# Starts that are refined, without and with random ones.
+REFINED, REFINED_RANDOM = 4, 24
+# Filters are the same if no coefficient differs by more than this part of the largest.
+SAME = 1e-3
+# Random starts and recovered signs are tried unless the error of another start is below this fraction of the output. In
+# a short record they take little time.
+LINEAR_SUFFICES, SUFFICES_SHORT = 0.5, 0.2
+
+
+def ordered_starts(
+    topology: Topology,
+    records: Sequence[Record],
+    orders: Orders,
+    settings: CascadeSearch,
+    template: Cascade,
+    control: Control,
+) -> list[Cascade]:
+    """The cascades to refine, from all sources, best first; the best of every order precede the rest.
+
+    Raises:
+        Stopped: by ``control``.
+    """
+    segments = delayed(records, template.delay)
+    rng = np.random.default_rng(0) if settings.rng is None else settings.rng
+    leading = settings.families[0]
+    if leading.loses_sign and topology.first:
+        recovered = _sign_recovery_starts(topology, segments, orders, settings, template, rng, control)
+        if recovered:
+            return [candidate.cascade for candidate in recovered]
+    totals = total_orders(topology, segments, orders, settings.period)
+    pairs: list[Filters] = []
+    for total in totals:
+        for first, second in order_shares(topology, orders, total):
+            control.check()
+            with suppress(ModelError):  # too short for a frequency response: the other sources remain
+                pairs += linear_candidates(segments, (first, second), total, template.oversampling, settings.period)
+            if topology.second and template.oversampling == 1:
+                with suppress(ModelError):
+                    _, behind = regression_candidate(records, second or 0, 3, max(template.delay, 0))
+                    pairs.append((_through(first) if topology.first else None, behind))
+    control.check()
+    found = scanned(pairs, segments, leading.trial, template, settings.threads)
+    level = float(np.std(np.concatenate([y for _, y in segments])))
+    enough = SUFFICES_SHORT if sum(len(y) for _, y in segments) < SHORT else LINEAR_SUFFICES
+    if (found and found[0].error < enough * level) or template.oversampling > 1:
+        return refined_first([candidate.cascade for candidate in found])
+    if topology.first:  # a map that is even about some level looks like no linear relation at all
+        found += _sign_recovery_starts(topology, segments, orders, settings, template, rng, control)
+    draws: list[Filters] = []
+    shares = order_shares(topology, orders, totals[-1])
+    for first, second in shares:
+        draws += random_candidates((first, second), len(segments[0][0]), rng, RANDOM_DRAWS // len(shares))
+    found += scanned(draws, segments, leading.trial, template, settings.threads)
+    found.sort(key=lambda candidate: candidate.error)
+    return [candidate.cascade for candidate in found[:REFINED_RANDOM]]
+
+
+def _sign_recovery_starts(
+    topology: Topology,
+    segments: Segments,
+    orders: Orders,
+    settings: CascadeSearch,
+    template: Cascade,
+    rng: np.random.Generator,
+    control: Control,
+) -> list[Candidate]:
+    """Cascades with filters found by recovering the signs that a map before the output has lost."""
+    found: list[Candidate] = []
+    for share in sign_recovery_orders(topology, orders):
+        with suppress(ModelError):
+            for pair, level in sign_recovery_candidates(segments, share, rng, control):
+                around = replace(template, input_offset=level)
+                found += scanned([pair], segments, settings.families[0].trial, around, settings.threads)
+    return found
+
+
+def refined_first(starts: Sequence[Cascade]) -> list[Cascade]:
+    """The starts to refine, best first: the best of every pair of orders, and the best others, `REFINED` at least.
+
+    Poles and zeros of a measured response are not exact, so the filters that divide them as the system does may rank
+    behind others until all are refined. A zero far from the unit circle may be in either filter; that start is taken
+    once.
+
+    Args:
+        starts: best first, with one filter or two.
+    """
+    starts = [start for k, start in enumerate(starts) if not k or not _same_filters(start, starts[k - 1])]
+    orders = [tuple(len(b.denominator) for b in start.blocks if isinstance(b, Rational)) for start in starts]
+    ahead = [k for k, each in enumerate(orders) if each not in orders[:k]]
+    behind = [k for k in range(len(starts)) if k not in ahead]
+    several = len(ahead) - 1 if orders and len(orders[0]) > 1 else 0
+    return [starts[k] for k in (ahead + behind)[: REFINED + several]]
+
+
+def _same_filters(start: Cascade, other: Cascade) -> bool:
+    """Whether two starts have the same filters, up to rounding."""
+    one, two = ([each for b in c.blocks if isinstance(b, Rational) for each in b.transfer] for c in (start, other))
+    return len(one) == len(two) and all(
+        len(a) == len(b) and np.abs(a - b).max() < SAME * np.abs(a).max() for a, b in zip(one, two, strict=True)
+    )
+
+
+def _through(order: int | None) -> Rational:
+    """A filter of this order that passes its input on."""
+    size = order or 0
+    return Rational(np.eye(size + 1)[0], np.zeros(size))

@@ -19,6 +19,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.search.cross_validation import Round, as_arrays, shortened
 from emsid.models.blocks.search.map_families import Family
+from emsid.models.blocks.search.order_growth import larger_cascades
 from emsid.models.blocks.search.orders import map_sizes, oversamplings
 from emsid.models.blocks.search.refinement import Choice, Plan, refined, simplest
 from emsid.models.blocks.search.sources import ordered_starts
@@ -82,10 +83,31 @@ def improving(
         best = refined_further(best, [(family, _typical(family, sizes[family], False)) for family in families[1:]])
         yield best
     assert best.family is not None
-    if best.family.smooth:
-        return
-    control.doing(f"size of the {best.family.name}")
-    yield refined_further(best, [(best.family, size) for size in sizes[best.family] if size != best.size])
+    if not best.family.smooth:
+        control.doing(f"size of the {best.family.name}")
+        best = refined_further(best, [(best.family, size) for size in sizes[best.family] if size != best.size])
+        yield best
+    yield from _of_higher_order(best, topology, part, rounds, orders, settings, control)
+
+
+def _of_higher_order(
+    best: Choice,
+    topology: Topology,
+    part: Sequence[Record],
+    rounds: Sequence[Round],
+    orders: Orders,
+    settings: CascadeSearch,
+    control: Control,
+) -> Iterator[Choice]:
+    """Choices with filters of higher orders, each better than the previous, see `larger_cascades`."""
+    control.doing("higher orders")
+    while larger := larger_cascades(best.model, topology, orders, part):
+        plans = [Plan(each, best.family, best.size) for each in larger]
+        choice = simplest([best, *refined(plans, part, rounds, settings.threads, control, best)])
+        if choice is best:
+            return
+        best = choice
+        yield best
 
 
 LARGE = 3

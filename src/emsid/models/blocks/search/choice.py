@@ -67,10 +67,10 @@ def improving(
             kept = found if direct else []
             found = [*kept, *refined(placed, part, rounds, settings.threads, control, best)]
         if found:
-            choice = simplest(found)
-            if best is None or better(choice.unseen, best.unseen):
-                best = choice
-                yield best
+            leader = simplest(found)
+            if best is None or better(leader.unseen, best.unseen):
+                for best in _of_higher_orders(leader, topology, part, rounds, orders, settings, control):
+                    yield best
     assert best is not None
 
     def refined_further(best: Choice, others: Sequence[tuple[Family, int]]) -> Choice:
@@ -86,11 +86,10 @@ def improving(
     if not best.family.smooth:
         control.doing(f"size of the {best.family.name}")
         best = refined_further(best, [(best.family, size) for size in sizes[best.family] if size != best.size])
-        yield best
-    yield from _of_higher_order(best, topology, part, rounds, orders, settings, control)
+    yield from _of_higher_orders(best, topology, part, rounds, orders, settings, control)
 
 
-def _of_higher_order(
+def _of_higher_orders(
     best: Choice,
     topology: Topology,
     part: Sequence[Record],
@@ -99,7 +98,8 @@ def _of_higher_order(
     settings: CascadeSearch,
     control: Control,
 ) -> Iterator[Choice]:
-    """Choices with filters of higher orders, each better than the previous, see `larger_cascades`."""
+    """The choice, and others with filters of higher orders, each better than the previous; see `larger_cascades`."""
+    yield best
     control.doing("higher orders")
     while larger := larger_cascades(best.model, topology, orders, part):
         plans = [Plan(each, best.family, best.size) for each in larger]

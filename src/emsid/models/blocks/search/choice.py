@@ -98,8 +98,13 @@ def _of_higher_orders(
     settings: CascadeSearch,
     control: Control,
 ) -> Iterator[Choice]:
-    """The choice, and others with filters of higher orders, each better than the previous; see `larger_cascades`."""
+    """The choice, and others with filters of higher orders, each better than the previous; see `larger_cascades`.
+
+    A short record shows too little for that: what another pole explains there may be friction.
+    """
     yield best
+    if len(rounds) > 1:
+        return
     control.doing("higher orders")
     while larger := larger_cascades(best.model, topology, orders, part):
         plans = [Plan(each, best.family, best.size) for each in larger]

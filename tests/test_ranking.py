@@ -17,12 +17,11 @@ from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.identification import ranking as ranking_module
 from emsid.identification.options import Options
-from emsid.identification.ranking import FEW, FOLDS, Ranked, front_rows, ranked
+from emsid.identification.ranking import FOLDS, Ranked, front_rows, ranked
 from emsid.identification.recommendation import recommended
 from emsid.models.free_run import free_run_error
-from emsid.models.leaving_out import run_without
-from emsid.models.refitting import REFITTED, STEPS, refitted
-from emsid.record.holding_back import left_out, left_out_once
+from emsid.models.refitting import REFITTED, refitted
+from emsid.record.holding_back import left_out_once
 from emsid.report.figures import draw
 from emsid.report.page_plots import page_figure
 from emsid.report.views.front import front_figure, front_table
@@ -149,47 +148,6 @@ def test_a_cancelled_refit_is_stopped(fits):
         refitted(replace(fits[0], model=object()), drive(0))
 
 
-# --- without some of the outputs --------------------------------------------------------------------------------------
-
-
-def test_a_run_without_some_outputs_does_not_depend_on_them(fits):
-    """Other values there change nothing; all other values do."""
-    record = drive(0, 400)
-    out = np.zeros(400, dtype=bool)
-    out[150:250] = True
-    for fit in fits:
-        run = run_without(fit, record, out)
-        assert np.sqrt(np.mean((run - record.output)[out] ** 2)) < 0.4 * np.std(record.output), fit.model.name
-        for where, same in ((out, True), (~out, False)):
-            moved = replace(record, output=record.output + np.where(where, 0.3, 0.0)[:, None])
-            again = run_without(fit, moved, out)
-            assert np.allclose(again[out], run[out], atol=1e-6) == same, (fit.model.name, same)
-
-
-def test_a_linear_model_without_some_outputs_is_the_one_fitted_to_the_others():
-    """The free run of lagged inputs, fitted without a stretch, is that of least squares over the other samples."""
-    record, gain = drive(2, 300), emsid.Cascade((Rational([0.5, 0.3], [], 1),))
-    fit = emsid.fit(gain, record)
-    out = np.zeros(300, dtype=bool)
-    out[100:180] = True
-    found = run_without(fit, record, out)[out, 0]
-    u, y, shift = record.input[:, 0], record.output[:, 0], np.arange(2, 300)
-    rows = np.column_stack([u[shift - 1], u[shift - 2], np.ones(298)])
-    kept = ~out[2:]
-    own = rows @ np.linalg.lstsq(rows[kept], y[2:][kept], rcond=None)[0]
-    np.testing.assert_allclose(found, own[out[2:]], atol=0.02 * np.std(y))
-
-
-def test_the_start_of_a_segment_does_not_count():
-    whole = emsid.concatenate([drive(k, samples) for k, samples in enumerate((300, 340, 290))])
-    parts = left_out(whole, 3, 20)
-    assert [(int(part.sum()), int(counted.sum())) for part, counted in parts] == [(300, 280), (340, 320), (290, 270)]
-    series = emsid.concatenate([drive(k, 100) for k in range(7)])
-    assert [np.flatnonzero(counted)[0] for _, counted in left_out(series, 3, 20)] == [20, 120, 220]
-    assert [int(counted.sum()) for _, counted in left_out(series, 3, 20)] == [240, 160, 160]
-    assert [int(counted.sum()) for _, counted in left_out(drive(0, 300), 3, 20)] == [80, 100, 100]
-
-
 # --- the choice ------------------------------------------------------------------------------------------------------
 
 
@@ -279,39 +237,20 @@ def test_folds_over_the_whole_record_see_what_its_last_part_does_not_show():
     assert ratios[-1] > 5
 
 
-def test_the_held_back_part_decides_alone_where_folds_are_short_or_there_is_no_time():
+def test_the_held_back_part_decides_alone_where_it_is_long_or_there_is_no_time(monkeypatch):
     fitted, choice = misleading()
     late = Control(cancelled=lambda: True)
     assert [len(each.folds) for each in ranked(choice, fitted, Options(), control=late)] == [1, 1]
     assert [len(each.folds) for each in ranked(choice, None, Options())] == [1, 1]
     assert [len(each.folds) for each in ranked(choice, fitted, Options(), {choice.rows[0].model})] == [1, 1]
-    slivers = emsid.concatenate([drive(7, 8)] * 40)
-    assert [len(each.folds) for each in ranked(choice, slivers, Options())] == [1, 1]
-
-
-@pytest.mark.parametrize(("limit", "steps"), [(2_100, STEPS), (2_000, FEW)])
-def test_folds_of_a_long_record_cover_all_of_it_in_few_steps(monkeypatch, limit, steps):
-    fitted, choice = misleading()
-    seen = []
-
-    def spy(fit, record, out, **options):
-        seen.append((out, options["steps"]))
-        return run_without(fit, record, out, **options)
-
-    monkeypatch.setattr(ranking_module, "run_without", spy)
     monkeypatch.setattr(ranking_module, "MANY", 600)
-    monkeypatch.setattr(ranking_module, "LONG", limit)
-    found = ranked(choice, fitted, Options())
-    assert found[0].name != "arx"
-    assert {each for _, each in seen} == {steps}
-    covered = sum(out for out, _ in seen[::2])
-    assert covered[: len(fitted)].all()
-    assert covered.sum() == len(fitted)
+    assert [len(each.folds) for each in ranked(choice, fitted, Options())] == [1, 1]
 
 
 def test_data_outside_an_excerpt_rank_models_without_another_fit(monkeypatch):
     fitted, choice = misleading()
-    monkeypatch.delattr(ranking_module, "run_without")
+    monkeypatch.setattr(ranking_module, "MANY", 600)
+    monkeypatch.delattr(ranking_module, "refitted")
     found = ranked(choice, fitted, Options(), outside=drive(6, 900, noise=0.05))
     assert [len(each.folds) for each in found] == [FOLDS, FOLDS]
     assert [sum(fold.samples.sum() for fold in each.folds) > 1_400 for each in found] == [True, True]
@@ -322,28 +261,17 @@ def test_data_outside_an_excerpt_rank_models_without_another_fit(monkeypatch):
     assert [len(each.folds) for each in ranked(choice, fitted, Options(), outside=slivers)] == [1, 1]
 
 
-def test_runs_start_in_the_folds_where_a_model_integrates_to_a_position(monkeypatch):
-    """The effect of a disturbance on a position never decays, so the end of a long run shows nothing else."""
-    record = replace(drive(0, 900), output_units=("m",))
-    axis = emsid.GreyBox(emsid.plants.linear_axis(), (emsid.plants.Signal.POSITION,))
-    fits = [as_fit(axis), emsid.fit(emsid.arx(1, 1), record[:600])]
-    choice = compare(fits, record[600:], data="choice")
-    monkeypatch.setattr(ranking_module, "HOPELESS", np.inf)
-    monkeypatch.setattr(ranking_module, "refitted", lambda fit, *_, **__: fit.model)
-    monkeypatch.delattr(ranking_module, "run_without")
-    assert [len(each.folds) for each in ranked(choice, record[:600], Options())] == [FOLDS, FOLDS]
-
-
 def test_a_model_that_some_folds_do_not_suit_is_last():
     fitted, choice = misleading()
+    never = ranking_module.refitted
 
     def refuses(fit, *arguments, **options):
         if fit.model.name == "arx":
             raise emsid.ModelError("these data do not suit it")
-        return run_without(fit, *arguments, **options)
+        return never(fit, *arguments, **options)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ranking_module, "run_without", refuses)
+        patch.setattr(ranking_module, "refitted", refuses)
         found = ranked(choice, fitted, Options())
     assert found[-1].name == "arx"
     assert np.isinf(found[-1].errors.mean)

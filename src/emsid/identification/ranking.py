@@ -2,10 +2,8 @@
 
 One part of a record that was held back says little where the record is short or changes its character. Here every
 stretch of the data is left out once. The structure of a model is kept, and its parameters are fitted again to the rest,
-from the known estimate and in a few steps. A free run passes through the stretch that was left out, whose inputs are
-known (`emsid.models.leaving_out`). The effect of a disturbance on a position never decays; with a model that integrates
-to one, the rest is in pieces and a run starts in the stretch itself (`emsid.models.refitting`). The errors there are
-compared with those of the other models by the one rule, `better`. The paired stretches come from all folds, so their
+from the known estimate and in a few steps (`emsid.models.refitting`). Its free run over the stretch that was left out
+is compared with those of the others by the one rule, `better`. The paired stretches come from all folds, so their
 spread, the noise of the ranking, contains what differs from fold to fold. Where a fold reaches amplitudes that the rest
 does not, models extrapolate; their errors there are large, and weigh more in the mean square. Models are tied if
 neither the differences of their mean squares, stretch by stretch, nor the ratios are larger than chance explains.
@@ -13,14 +11,15 @@ neither the differences of their mean squares, stretch by stretch, nor the ratio
 The part that was held back from the fits is the first fold, and needs no other fit. It selects the models that are
 followed over the other folds: those with at most `HOPELESS` times its smallest error. Models that were fitted to an
 excerpt of a long record have not seen what lies outside of it; these data, in parts, are the other folds then, without
-another fit. Where only one model is left, or the folds are too short, the held-back part decides alone.
+another fit. Where there are none and the held-back part has `MANY` samples, or where only one model is left, the
+held-back part decides alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,14 +30,12 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.identification.options import Options
 from emsid.models.free_run import free_run, squared_errors
-from emsid.models.leaving_out import run_without
 from emsid.models.model import Model, Run
 from emsid.models.plants.grey_box import GreyBox
-from emsid.models.plants.parameters import Signal
-from emsid.models.refitting import STEPS, refitted
+from emsid.models.refitting import refitted
 from emsid.models.regression.search.judge import BEYOND, diverges, enlarged
 from emsid.record import Record, concatenate
-from emsid.record.holding_back import left_out, left_out_once, parted
+from emsid.record.holding_back import left_out_once, parted
 from emsid.selection.improvement import STRETCHES, StretchErrors, better_by_ratio, front
 from emsid.validation.comparison import Assessment, Comparison
 
@@ -49,11 +46,9 @@ FOLDS = 4
 HOPELESS = 4.0
 """A model whose error on the held-back part is larger than the smallest by this factor is not followed further."""
 MANY = 5_000
-"""With a held-back part of this many samples the recommended model is not fitted again to all data."""
-LONG, FEW = 20_000, 2
-"""From so many samples on, parameters change little without a fold: so few steps find them."""
+"""A held-back part of this many samples decides alone, unless models were fitted to an excerpt."""
 LEAST = 3
-"""A fold in which runs start has at least this many samples for each that starts a model."""
+"""A fold has at least this many samples for each that starts a model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,15 +116,16 @@ def ranked(
         Ranked(each.fit, (_errors(each.simulation, each.record, scale, STRETCHES),)) for each in choice.assessments
     ]
     alone.sort(key=lambda each: each.errors.mean)
-    if fitted is None:
+    if fitted is None or (outside is None and len(choice.best.record) >= MANY):
         return tuple(alone)
     usable = [each for each in choice.assessments if each.row.model not in excluded] or [choice.best]
     followed = [each for each in usable if each.row.ranked_by <= HOPELESS**2 * usable[0].row.ranked_by]
-    folds = _folds(choice, [each.fit for each in followed], fitted, outside, scale, options, control)
-    if len(followed) < 2 or not folds:
+    start = int(np.argmax(choice.best.simulation.counted))
+    if len(followed) < 2 or len(fitted) // (FOLDS - 1) < LEAST * start:
         return tuple(alone)
+    folds = _outside(outside, start) if outside else _left_out(fitted, choice.best.record, start)
     try:
-        over_all = _over_folds(followed, folds, scale, control)
+        over_all = _over_folds(followed, folds, scale, options, control)
     except Stopped:
         return tuple(alone)
     over_all.sort(key=lambda each: each.errors.mean)
@@ -213,68 +209,48 @@ def on_all_data(
     return model if after < before and not far else None
 
 
-Fold = Callable[[Fit[Any]], StretchErrors]
-"""The errors of a model on a part of the data that its parameters are not from."""
+Fold = tuple[Record | None, Record]
+"""What models are fitted to again, None where they have not seen the part, and the part itself."""
 
 
-def _folds(
-    choice: Comparison,
-    fits: Sequence[Fit[Any]],
-    fitted: Record,
-    outside: Record | None,
-    scale: Array,
-    options: Options,
-    control: Control,
-) -> list[Fold]:
-    """The folds besides the held-back part; none where they are too short to start the models."""
-    held_back, starts = choice.best.record, [each.fit.model.memory for each in choice.assessments]
-    given = int(np.argmax(choice.best.simulation.counted))
-    start = given if given > max(starts) else max(each.model.memory for each in fits)
-    again: dict[str, Any] = {"linear": options.estimate, "control": control}
-
-    def in_part(others: Record | None, part: Record, fit: Fit[Any]) -> StretchErrors:
-        model = fit.model if others is None else refitted(fit, others, **again)
-        return _errors(free_run(model, part, start), part, scale, STRETCHES // FOLDS)
-
-    def through(out: NDArray[np.bool_], counted: NDArray[np.bool_], fit: Fit[Any]) -> StretchErrors:
-        both = np.append(out, np.zeros(len(held_back), dtype=bool))
-        run = run_without(fit, whole, both, **again, steps=FEW if len(whole) > LONG else STEPS)
-        return StretchErrors.of(_squares(run, whole, scale)[np.flatnonzero(counted)], STRETCHES // FOLDS)
-
-    if outside:
-        long = [each for each in parted(outside, FOLDS - 1) if max(map(len, each.segments)) > LEAST * start]
-        return [partial(in_part, None, each) for each in long]
-    if any(isinstance(each.model, GreyBox) and Signal.POSITION in each.model.signals for each in fits):
-        if len(fitted) // (FOLDS - 1) < LEAST * start:
-            return []
-        rests = left_out_once(fitted, FOLDS - 1, start)
-        return [partial(in_part, concatenate([rest, held_back]), part) for rest, part in rests]
-    whole, parts = concatenate([fitted, held_back]), left_out(fitted, FOLDS - 1, start)
-    return [partial(through, *each) for each in parts] if all(counted.any() for _, counted in parts) else []
+def _left_out(fitted: Record, held_back: Record, start: int) -> list[Fold]:
+    """The parts of the data that were fitted, each with all the rest."""
+    return [(concatenate([rest, held_back]), part) for rest, part in left_out_once(fitted, FOLDS - 1, start)]
 
 
-def _over_folds(followed: Sequence[Assessment], folds: Sequence[Fold], scale: Array, control: Control) -> list[Ranked]:
+def _outside(outside: Record, start: int) -> list[Fold]:
+    """The parts of the data outside an excerpt, as far as they are long enough to run models on."""
+    return [
+        (None, part)
+        for part in parted(outside, FOLDS - 1)
+        if max(len(segment) for segment in part.segments) > LEAST * start
+    ]
+
+
+def _over_folds(
+    followed: Sequence[Assessment], folds: Sequence[Fold], scale: Array, options: Options, control: Control
+) -> list[Ranked]:
     """The models with their errors on the held-back part and on the other folds."""
+    start = int(np.argmax(followed[0].simulation.counted))
     found = [[_errors(each.simulation, each.record, scale, STRETCHES // FOLDS)] for each in followed]
-    for number, fold in enumerate(folds, 2):
+    for number, (others, part) in enumerate(folds, 2):
         for one, errors in zip(followed, found, strict=True):
             control.doing(f"ranking {one.row.model}", number, len(folds) + 1)
             try:
-                errors.append(fold(one.fit))
+                model = one.fit.model
+                if others is not None:
+                    model = refitted(one.fit, others, linear=options.estimate, control=control)
+                errors.append(_errors(free_run(model, part, start), part, scale, STRETCHES // FOLDS))
             except EmsidError:  # these data do not suit it
-                errors.append(StretchErrors.of(np.full(STRETCHES, np.inf), STRETCHES // FOLDS))
+                errors.append(StretchErrors.of(np.full(len(part), np.inf), STRETCHES // FOLDS))
     return [Ranked(one.fit, tuple(errors)) for one, errors in zip(followed, found, strict=True)]
 
 
 def _errors(run: Run, record: Record, scale: Array, stretches: int) -> StretchErrors:
     """The squared free-run errors, each output in its own scale (ny,), stretch by stretch."""
-    return StretchErrors.of(np.where(run.counted, _squares(run.output, record, scale), np.nan), stretches)
-
-
-def _squares(run: Array, record: Record, scale: Array) -> Array:
-    """(N,) the squared errors of a run (N, ny), the mean over outputs; infinite where it has no number."""
-    squares = np.mean(((record.output - run) / scale) ** 2, axis=1)
-    return np.where(np.isfinite(squares), squares, np.inf)
+    squares = np.mean(((record.output - run.output) / scale) ** 2, axis=1)
+    squares[~np.isfinite(squares)] = np.inf
+    return StretchErrors.of(np.where(run.counted, squares, np.nan), stretches)
 
 
 def _scale(record: Record) -> Array:

@@ -15,7 +15,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from emsid.record.record import Record, concatenate
 
@@ -122,24 +121,6 @@ def parted(record: Record, folds: int) -> list[Record]:
     if is_series(record, folds):
         return [concatenate(record.segments[k::folds]) for k in range(folds)]
     return [record[first:stop] for first, stop in pairwise(_edges(record, folds))]
-
-
-def left_out(record: Record, folds: int, start: int) -> list[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
-    """For every part of a record, as `parted`, which samples it has (N,), and which of them count (N,).
-
-    Args:
-        record: of at least ``folds`` samples.
-        folds: k, at least two.
-        start: samples at the start of every segment that do not count, as they start models.
-    """
-    edges = np.array([0, *record.breaks, len(record)])
-    place = np.arange(len(record))
-    segment = np.searchsorted(edges, place, "right") - 1
-    part = segment % folds
-    if not is_series(record, folds):
-        part = np.searchsorted(_edges(record, folds), place, "right") - 1
-    counted = place - edges[segment] >= start
-    return [(part == k, (part == k) & counted) for k in range(folds)]
 
 
 def left_out_once(record: Record, folds: int, purged: int) -> list[tuple[Record, Record]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -45,27 +44,6 @@ class Problem(Protocol):
         Columns of fixed parameters are not used. Fortran order saves a copy.
         """
         ...
-
-
-@dataclass(frozen=True, eq=False)
-class Without:
-    """A problem without some of its residuals, such as those of samples that are left out of a fit.
-
-    Attributes:
-        problem: with all of them.
-        kept: (Nᵢ,) which residuals of every experiment remain.
-    """
-
-    problem: Problem
-    kept: Sequence[NDArray[np.bool_]]
-
-    def residuals(self, theta: Array) -> list[Array]:
-        """Those that remain."""
-        return [r[kept] for r, kept in zip(self.problem.residuals(theta), self.kept, strict=True)]
-
-    def linearised(self, theta: Array) -> list[Block]:
-        """Those that remain, with their derivatives."""
-        return [(r[kept], jac[kept]) for (r, jac), kept in zip(self.problem.linearised(theta), self.kept, strict=True)]
 
 
 def linearised(

@@ -25,7 +25,6 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.losses import SQUARES, Loss, Squares
 from emsid.estimation.nonlinear.minimum import Minimum, undetermined
-from emsid.estimation.nonlinear.problem import Without
 from emsid.estimation.nonlinear.restarts import begun_again
 from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.estimation.uncertainty.model_error import model_error_covariance
@@ -336,40 +335,6 @@ def search(
     if restarts:
         minimum = begun_again(minimum, searched, count, control)
     return minimum, problem
-
-
-def residuals_without(
-    fit: Fit[Cascade],
-    segments: Segments,
-    kept: Sequence[NDArray[np.bool_]],
-    steps: int,
-    least_saving: float,
-    control: Control = FREE,
-) -> list[Array]:
-    """The residuals of a cascade that is fitted again, from its estimate, to some of the outputs.
-
-    Args:
-        fit: the start; parameters that it has not estimated keep their values.
-        segments: (u, y) of each.
-        kept: (N,) which outputs of every segment are fitted.
-        steps, least_saving, control: of the search.
-
-    Returns:
-        Model minus measurement of all samples of every segment, after `Cascade.edge`.
-    """
-    cascade = unit_gain(fit.model)
-    problem = FreeRun(cascade, freedom(cascade, fixed_in(fit)), segments, cascade.edge)
-    minimum = gauss_newton(
-        Without(problem, [each[cascade.edge :] for each in kept]),
-        problem.start,
-        max_iterations=steps,
-        tolerance=0.05,
-        least_saving=least_saving,
-        penalties=problem.penalties,
-        covariances=False,
-        control=control,
-    )
-    return problem.residuals(minimum.estimate)
 
 
 def conclude(minimum: Minimum, problem: FreeRun, loss: Loss = SQUARES) -> Fit[Cascade]:

@@ -19,7 +19,7 @@ from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import Infeasible, Without
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.findings import Finding
 from emsid.models.feedback.coordinates import Visited, coordinates, normal_form, whitened
@@ -214,7 +214,10 @@ def searched(
         states = [starting(model, u, y[: model.memory]) for u, y in segments]
     found = None
     while found is None or (left > 0 and not found.settled):
-        problem, states = posed(model, segments, states, transient, control)
+        same = whitened(model, visited(model, segments, states))
+        states = [same.state(x) for x in states]
+        spread = coordinates(same.model, visited(same.model, segments, states))
+        problem = FreeRun(same.model, spread, segments, transient, control.check)
         minimum = _gauss_newton(problem, states, min(STEPS, left), tolerance, control, False, least_saving)
         left -= max(minimum.iterations, 1)
         model = problem.at(minimum.estimate)
@@ -225,42 +228,6 @@ def searched(
         found = Found(model, states, minimum, converged or slow or control.ending is not None)
         cost = minimum.cost
     return found
-
-
-def posed(
-    model: FeedbackModel, segments: Segments, states: Sequence[Array], transient: int, control: Control
-) -> tuple[FreeRun, list[Array]]:
-    """The problem near a model, in coordinates of unit size, and the initial states in these."""
-    same = whitened(model, visited(model, segments, states))
-    states = [same.state(x) for x in states]
-    spread = coordinates(same.model, visited(same.model, segments, states))
-    return FreeRun(same.model, spread, segments, transient, control.check), states
-
-
-def residuals_without(
-    model: FeedbackModel,
-    segments: Segments,
-    kept: Sequence[NDArray[np.bool_]],
-    steps: int,
-    least_saving: float,
-    control: Control = FREE,
-) -> list[Array]:
-    """The residuals of a model that is fitted again, from its parameters, to some of the outputs.
-
-    Args:
-        model: the start.
-        segments: (u, y) of each.
-        kept: (N,) which outputs of every segment are fitted.
-        steps, least_saving, control: of the search.
-
-    Returns:
-        Model minus measurement of all samples of every segment, after `FeedbackModel.edge`.
-    """
-    begin = [starting(model, u, y[: model.memory]) for u, y in segments]
-    problem, states = posed(model, segments, begin, model.edge, control)
-    some = [each[model.edge :] for each in kept]
-    minimum = _gauss_newton(problem, states, steps, 0.1, control, False, least_saving, some)
-    return problem.residuals(minimum.estimate)
 
 
 def conclude(
@@ -327,7 +294,6 @@ def _gauss_newton(
     control: Control,
     covariances: bool,
     least_saving: float = 0.0,
-    kept: Sequence[NDArray[np.bool_]] | None = None,
 ) -> Minimum:
     free = problem.spread.shape[1]
     theta = np.concatenate([np.zeros(free), *states])
@@ -335,7 +301,7 @@ def _gauss_newton(
     if len(theta) - free > MOST_STATES:
         low[free:] = high[free:] = theta[free:]
     return gauss_newton(
-        problem if kept is None else Without(problem, kept),
+        problem,
         theta,
         lower=low,
         upper=high,

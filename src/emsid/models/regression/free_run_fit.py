@@ -35,7 +35,7 @@ from emsid.estimation.linear.least_squares import check_excitation, least_square
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import Block, Infeasible, Problem, Without
+from emsid.estimation.nonlinear.problem import Block, Infeasible, Problem
 from emsid.estimation.nonlinear.restarts import begun_again
 from emsid.estimation.nonlinear.wide_differences import WIDTHS, Widened
 from emsid.models.model import check_samples
@@ -176,7 +176,8 @@ def fit_free_run(
         )
     if not _explains_something(FreeRunError(structure, segments, skipped), begin):
         begin = _towards_free_run(structure, segments, skipped, begin, control)
-    problem = _posed(structure, segments, skipped)
+    states = largest_output_lag(structure.regressors) * len(segments)
+    problem = FreeRunError(structure, segments, skipped, states=states <= MOST_STATES)
     usual: dict[str, Any] = {"max_iterations": max_iterations, "tolerance": tolerance, "least_saving": least_saving}
     usual |= {"names": problem.names, "control": control, "covariances": covariances}
 
@@ -193,41 +194,6 @@ def fit_free_run(
     samples = min(SAMPLES_PER_STATE * largest_output_lag(structure.regressors), shortest // 4)
     model = replace(structure.model(found.estimate[: len(structure)], several[0]), start=samples)
     return found.fit(model, structure.parameter_names)
-
-
-def residuals_without(
-    fit: Fit[Narx],
-    segments: Sequence[Record],
-    kept: Sequence[NDArray[np.bool_]],
-    steps: int,
-    least_saving: float,
-    control: Control = FREE,
-) -> list[Array]:
-    """The residuals of a regression that is fitted again, from its estimate, to some of the outputs.
-
-    Args:
-        fit: the start.
-        segments: each longer than the largest lag.
-        kept: (N,) which outputs of every segment are fitted.
-        steps, least_saving, control: of the search.
-
-    Returns:
-        ŷ − y of the last samples of every segment: those after the largest lag, and estimated initial outputs.
-    """
-    structure = fit.model.structure
-    problem = _posed(structure, segments, structure.memory)
-    some = [each[structure.memory - problem.depth :] for each in kept]
-    options: dict[str, Any] = {"max_iterations": steps, "tolerance": 0.05, "least_saving": least_saving}
-    found = gauss_newton(
-        Without(problem, some), problem.with_states(fit.estimate), **options, covariances=False, control=control
-    )
-    return problem.residuals(found.estimate)
-
-
-def _posed(structure: Structure, segments: Sequence[Record], start: int) -> FreeRunError:
-    """The problem; the initial outputs are estimated, unless there are many segments."""
-    states = largest_output_lag(structure.regressors) * len(segments)
-    return FreeRunError(structure, segments, start, states=states <= MOST_STATES)
 
 
 def _jumps(structure: Structure) -> bool:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from emsid.first_look.columns import Code, Column, runs
 from emsid.first_look.dynamics import influence
 from emsid.first_look.names import ColumnQuantity
+from emsid.io.selection import signs_of
 
 Array = NDArray[np.float64]
 
@@ -129,7 +130,7 @@ def find_direction(columns: Sequence[Column], roles: Roles) -> str:
         return ""
     answer = np.gradient(y.signal) if y.meaning.quantity is ColumnQuantity.POSITION else y.signal
     shares = {
-        column.name: influence(np.where(column.values > 0, 1.0, -1.0) * u.signal, answer)
+        column.name: influence(signs_of(column.values) * u.signal, answer)
         for column in columns
         if column.kind == "numbers" and column.distinct == 2 and column not in (u, y)
     }

@@ -69,9 +69,7 @@ class Selection:
         return values
 
     def signs(self, name: str) -> Array:
-        """The sign of another column that a direction column gives: negative where that is not above 0.
-
-        Of a direction that is negative somewhere, 0 is neither.
+        """The sign of another column that a direction column gives, see `signs_of`.
 
         Raises:
             DataError: where the column has more values than a direction.
@@ -84,7 +82,7 @@ class Selection:
                 "such as 0 and 1 or −1 and 1",
                 arguments=("direction",),
             )
-        return np.sign(values) if levels[0] < 0 else np.where(values > 0, 1.0, -1.0)
+        return signs_of(values)
 
     def scaled(self, name: str, gain: float, offset: float, direction: str | None = None) -> Array:
         """The values of a column as gain·x + offset, where x has the sign that another column gives, if one does."""
@@ -97,6 +95,14 @@ class Selection:
                 f"scale {gain:g} and offset {offset:g}; give others"
             )
         return values
+
+
+def signs_of(direction: Array) -> Array:
+    """The sign that the values (N,) of a direction give: negative where they are not above 0.
+
+    Of a direction that is negative somewhere, 0 is neither.
+    """
+    return np.sign(direction) if np.nanmin(direction) < 0 else np.where(direction > 0, 1.0, -1.0)
 
 
 def check_column(name: str, columns: Columns) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from emsid.estimation.nonlinear.losses import Loss
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Block = tuple[Array, Array]
+Run = TypeVar("Run")
 
 # A derivative is not larger than this, as squares of it must be finite too.
 LARGEST = 1e120
@@ -44,6 +45,20 @@ class Problem(Protocol):
         Columns of fixed parameters are not used. Fortran order saves a copy.
         """
         ...
+
+
+class LastRun(Generic[Run]):
+    """The run of a model at the last θ, kept for the derivative that follows its residual."""
+
+    def __init__(self) -> None:
+        self._kept: tuple[Array, Run] | None = None
+
+    def at(self, theta: Array, run: Callable[[], Run]) -> Run:
+        """The run at θ (p,); computed where the last one was at another θ."""
+        kept = self._kept
+        if kept is None or not np.array_equal(kept[0], theta):
+            kept = self._kept = theta.copy(), run()
+        return kept[1]
 
 
 def linearised(

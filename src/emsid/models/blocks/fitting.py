@@ -25,6 +25,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.losses import SQUARES, Loss, Squares
 from emsid.estimation.nonlinear.minimum import Minimum, undetermined
+from emsid.estimation.nonlinear.problem import LastRun
 from emsid.estimation.nonlinear.restarts import begun_again
 from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.estimation.uncertainty.model_error import model_error_covariance
@@ -142,7 +143,7 @@ class FreeRun:
     segments: Segments
     transient: int
     weightings: tuple[Weighting, ...] = ()
-    _last: dict[bytes, tuple[Cascade, list[list[Array]]]] = field(default_factory=dict, init=False, repr=False)
+    _last: LastRun[tuple[Cascade, list[list[Array]]]] = field(default_factory=LastRun, init=False, repr=False)
 
     @cached_property
     def start(self) -> Array:
@@ -217,19 +218,18 @@ class FreeRun:
         return [self._states(theta, k) for k in range(len(self.segments))]
 
     def _run(self, theta: Array) -> tuple[Cascade, list[list[Array]]]:
-        """The cascade and its signals in every segment; the last ones are kept, as a derivative follows its residual.
+        """The cascade and its signals in every segment.
 
         Raises:
             Infeasible: for an unstable filter.
         """
-        key = theta.tobytes()
-        if key not in self._last:
+
+        def run() -> tuple[Cascade, list[list[Array]]]:
             model = self.model(theta)
             model.check()
-            runs = [model.signals(u, self._states(theta, k)) for k, (u, _) in enumerate(self.segments)]
-            self._last.clear()
-            self._last[key] = model, runs
-        return self._last[key]
+            return model, [model.signals(u, self._states(theta, k)) for k, (u, _) in enumerate(self.segments)]
+
+        return self._last.at(theta, run)
 
     def _weighted(self, k: int, rows: Array) -> Array:
         return self.weightings[k].whitened(rows)

@@ -19,7 +19,7 @@ from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import Infeasible
+from emsid.estimation.nonlinear.problem import Infeasible, LastRun
 from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.findings import Finding
 from emsid.models.feedback.coordinates import Visited, coordinates, normal_form, whitened
@@ -61,7 +61,7 @@ class FreeRun:
     segments: Segments
     transient: int
     check: Callable[[], None] = FREE.check
-    _last: list[tuple[Array, FeedbackModel, list[LoopSignals]]] = field(default_factory=list)
+    _last: LastRun[tuple[FeedbackModel, list[LoopSignals]]] = field(default_factory=LastRun, init=False, repr=False)
 
     def at(self, theta: Array) -> FeedbackModel:
         """The model with these parameters."""
@@ -92,17 +92,18 @@ class FreeRun:
         ]
 
     def _run(self, theta: Array) -> tuple[FeedbackModel, list[LoopSignals]]:
-        """The model and its runs; those of the last θ are kept, as a search linearises where it has found a residual.
+        """The model and its runs.
 
         Raises:
             Infeasible: for maps outside their families, or a run that diverges.
         """
-        if not (self._last and np.array_equal(self._last[0][0], theta)):
+
+        def run() -> tuple[FeedbackModel, list[LoopSignals]]:
             model = self.at(theta)
             model.check()
-            runs = [model.trajectory(u, self.state(theta, k)) for k, (u, _) in enumerate(self.segments)]
-            self._last[:] = [(theta.copy(), model, runs)]
-        return self._last[0][1:]
+            return model, [model.trajectory(u, self.state(theta, k)) for k, (u, _) in enumerate(self.segments)]
+
+        return self._last.at(theta, run)
 
     def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
         """Residual and derivative, per segment; the derivative by the states of other segments is zero."""

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.estimation.linear.filtering import filtered
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.problem import Block, Infeasible
+from emsid.estimation.nonlinear.problem import Block, Infeasible, LastRun
 from emsid.estimation.threads import short_tasks
 from emsid.models.plants.drifting_load import DriftingLoad
 from emsid.models.plants.parameters import Signal
@@ -152,7 +152,7 @@ class FreeRunError:
         self._scale = np.ones(len(spread)) if len(spread) == 1 else np.where(spread > 0, spread, 1.0)
         self.sizes = self._sizes()
         self.precision = PRECISION * float(np.sqrt(np.mean((whole / self._scale) ** 2)))
-        self._residuals_at: tuple[Array, list[Array]] | None = None  # cache of the last θ
+        self._last: LastRun[list[Array]] = LastRun()
         self._linearised_at: _Linearised | None = None
 
     @property
@@ -202,9 +202,7 @@ class FreeRunError:
 
     def residuals(self, theta: Array) -> list[Array]:
         """W·(ŷ − y) of every segment, channel after channel."""
-        if self._residuals_at is None or not np.array_equal(self._residuals_at[0], theta):
-            self._residuals_at = (theta.copy(), self._simulated(theta))
-        return self._residuals_at[1]
+        return self._last.at(theta, lambda: self._simulated(theta))
 
     def linearised(self, theta: Array) -> list[Block]:
         """Residuals and their derivative: one-sided differences during a search, `exactly` at its end."""

@@ -1,7 +1,7 @@
-"""What an input shows of how it goes on between its samples.
+"""What the samples of an input show of its hold.
 
 An input that often repeats its value is held, as that of a digital output is. One that changes at every sample, and
-much from sample to sample, was not sampled from a signal that goes on in between: half of its power would lie above a
+much from sample to sample, was not sampled from a continuous signal: half of its power would lie above a
 sixth of the sampling frequency. A smooth one may be either, and only the output shows which; where it has single jumps
 it is more likely held.
 """
@@ -35,7 +35,7 @@ def jumps(u: Array) -> bool:
 
 
 def may_be_continuous(inputs: Sequence[Array]) -> bool:
-    """Whether inputs (Nᵢ,) may be samples of a signal that goes on between them."""
+    """Whether inputs (Nᵢ,) may be samples of a continuous signal."""
     if repeats(inputs):
         return False
     power = sum(len(u) * float(np.var(u)) for u in inputs)

@@ -47,7 +47,7 @@ FASTEST, SLOWEST = 1.5, 200.0
 SHORTEST_REST, FEWEST_RESTS, CONTRADICTIONS = 3, 5, 0.15
 """Samples of a rest; rests from which a break-away is found; the largest share of inputs that contradict it."""
 SPIKE = 12.0
-"""A single sample so many standard deviations away from its neighbours is an outlier."""
+"""A single sample this many standard deviations away from its neighbours is an outlier."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def advice(record: Record, response: Response, tolerance: float = TOLERANCE) -> 
 
 
 FEWEST_SAMPLES = 50
-"""Nothing is said about the dynamics of a shorter record."""
+"""A shorter record has no findings about dynamics."""
 
 
 def excitation(data: _Data) -> Iterable[Finding]:
@@ -327,7 +327,7 @@ def sampling(data: _Data) -> Iterable[Finding]:
 
 
 def repeated(y: Array) -> int:
-    """Every value of y (N,) is repeated so many times, as where a log is faster than its sensor; 1 where it is not."""
+    """How many times every value of y (N,) is repeated, as where a log is faster than its sensor; 1 where it is not."""
     changes = np.flatnonzero(np.diff(y) != 0)
     if len(changes) < 30:
         return 1
@@ -402,7 +402,7 @@ QUESTIONABLE = frozenset(
 
 
 def responses_of(records: Sequence[Record]) -> list[Response | None]:
-    """How the first output of every record answers the first input; None where that cannot be said."""
+    """How the first output of every record answers the first input; None where too little changes."""
     return [
         response(record.input[:, 0], record.output[:, 0], record.breaks, is_position(record))
         if record.output.shape[1] and len(record) >= FEWEST_SAMPLES and np.ptp(record.output[:, 0])

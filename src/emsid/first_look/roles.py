@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 MOST_COMPARED = 8
 """The signals of at most this many columns are compared with each other."""
 CLEARER, LEAST = 1.5, 0.05
-"""A direction is believed where the output answers the input so many times more, and by so much more, with its sign."""
+"""A direction is taken where the input with its sign explains more of the output: by this factor and difference."""
 
 _AS_INPUT = {
     ColumnQuantity.VOLTAGE: 1.0,

@@ -1,4 +1,4 @@
-"""The models that `emsid identify` knows by name.
+"""The models of `emsid identify`, by name.
 
 Every candidate is a function from a record to a fit. It chooses orders, delay and knots that are not given on selection
 data, a part of the record. Then it is fitted to the whole record.
@@ -230,7 +230,7 @@ class Physical:
         )
 
     def coded(self, options: Options) -> Plant:
-        """The plant to begin with, which knows what is no command if it has a drive."""
+        """The plant to begin with; its drive, if it has one, has the codes that are no commands."""
         driven = self.plant.driven
         return self.plant if driven is None else driven.with_drive(codes=options.codes)
 
@@ -266,7 +266,7 @@ class _Candidates(MutableMapping[str, ModelKind]):
         return sum(1 for _ in self)
 
 
-# Every model that `emsid identify` knows by name.
+# Every model of `emsid identify`, by name.
 CANDIDATES: MutableMapping[str, ModelKind] = _Candidates(
     {
         **REGRESSIONS,

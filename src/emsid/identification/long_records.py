@@ -19,10 +19,10 @@ from emsid.selection.improvement import better
 from emsid.validation.comparison import compare
 
 COMPARED, PIECES, MOST = 24_000, 3, 8
-"""Several models are fitted to an excerpt of so many samples and pieces, or to as long a piece of each of several
-experiments, at most eight. From n samples the mean square error of a model with p parameters and white noise is larger
-by the share p/n, so more would not change which model is best. A piece is as long as the stretch that filters of a
-cascade are compared on; shorter ones led some to other minima."""
+"""The samples and pieces of the excerpt that several models are fitted to. Of several experiments one piece each,
+as long as these, and at most eight pieces. From n samples the mean square error of a model with p parameters and white
+noise is larger by the share p/n, so more would not change which model is best. A piece is as long as the stretch that
+filters of a cascade are compared on; shorter ones led some to other minima."""
 
 
 def to_compare(train: Record, names: Sequence[str]) -> tuple[Record, Record | None]:
@@ -71,7 +71,7 @@ def on_all_samples(judged: Compared, train: Record, options: Options, control: C
 
 
 def about_excerpt(judged: Compared, train: Record) -> list[Finding]:
-    """What is to be said of the data that models were compared on.
+    """The findings about the data that models were compared on.
 
     Args:
         judged: the models.

@@ -1,4 +1,4 @@
-"""Options of the models that `emsid identify` knows by name, and the interface of such a model."""
+"""Options of the models of `emsid identify`, and the interface of such a model."""
 
 from __future__ import annotations
 

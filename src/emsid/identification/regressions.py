@@ -48,7 +48,7 @@ BEGUN_AGAIN = 20_000
 DEGREE = 3
 """The largest degree of the products that terms are selected from, unless it is given."""
 LARGE, SHORTLIST = 400, 100
-"""Of a dictionary with more than so many terms, this many are selected one step ahead before the free run decides."""
+"""Of a dictionary with more terms than `LARGE`, `SHORTLIST` are selected one step ahead before the free run decides."""
 
 Choice = Mapping[str, int]
 Choices = Mapping[str, Sequence[int]]

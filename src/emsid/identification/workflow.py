@@ -86,7 +86,7 @@ class Elsewhere(Protocol):
 NAMED = 4
 """Name at most this many records in a title; of more give the number."""
 SHORT = 2000
-"""To at most so many samples every model is fitted in seconds."""
+"""The largest number of samples to which every model is fitted in seconds."""
 SLOWEST = ("wiener-hammerstein", "feedback")
 """The last often takes as long as all others together, the other one in short records."""
 FEWEST = 20

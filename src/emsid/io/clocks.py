@@ -1,4 +1,4 @@
-"""Columns with times of their own, brought to the times of one of them."""
+"""Columns with times of their own, resampled to the times of one of them."""
 
 from __future__ import annotations
 

@@ -100,7 +100,7 @@ class Columns:
 
     @property
     def placed(self) -> str:
-        """How to say where such a number is: ``row {} of the file`` where lines are counted, else ``row {}``."""
+        """The words for the place of such a number: ``row {} of the file`` where lines are counted, else ``row {}``."""
         return "row {}" if self.lines is None else "row {} of the file"
 
     @property

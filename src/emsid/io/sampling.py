@@ -130,7 +130,7 @@ def sampled(selection: Selection, clock: SampleTime, record: Record) -> Record:
 
 
 def _resampled(record: Record, seconds: Array, breaks: NDArray[np.intp], step: float, dt: float | None) -> Record:
-    """The samples at the given times (N,), brought to equidistant ones; a long gap ends a segment."""
+    """The samples at the given times (N,), resampled to equidistant times; a long gap ends a segment."""
     gaps = 1 + np.flatnonzero(np.diff(seconds) >= BRIDGED * step)
     breaks = np.union1d(breaks, gaps)
     edges = (0, *breaks, len(seconds))
@@ -141,7 +141,7 @@ def _resampled(record: Record, seconds: Array, breaks: NDArray[np.intp], step: f
 
 
 def counted_on(counter: Array) -> Array:
-    """A time column (N,) that goes on where it is a counter that began at zero again, as its numbers were used up.
+    """A time column (N,) that increases throughout, where it is a counter that overflowed and began at zero again.
 
     >>> counted_on(np.array([65533.0, 65535.0, 1.0, 3.0]))
     array([65533., 65535., 65537., 65539.])

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
-_SEEN = 100  # lines at the end of the file that tell whether it is from a monitor
+_SEEN = 100  # lines at the end of the file that show whether it is from a monitor
 
 _TIMED = re.compile(r"\s*(\d{1,2}:\d{2}:\d{2}(?:\.\d+)?)\s*->[ \t]*(.*)")
 _LABELLED = re.compile(

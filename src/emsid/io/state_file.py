@@ -1,4 +1,4 @@
-"""State files: where a recursive estimation goes on, as JSON with the regressors it belongs to.
+"""State files: the state of a recursive estimation, as JSON with the regressors it belongs to.
 
 ::
 

@@ -61,7 +61,7 @@ class Limits:
 
 @dataclass(eq=False)
 class Drive:
-    """What a run has come to.
+    """The result of a run, which grows with its samples.
 
     Attributes:
         samples: received so far.
@@ -172,7 +172,7 @@ class _Run:
         self.drive.commands += 1
 
     def receive(self, timeout: float) -> bool:
-        """Take what has come; whether samples were in it."""
+        """Read what has arrived; whether it has samples."""
         drive, some = self.drive, False
         for piece in self.receiver.wait(timeout):
             if piece.kind == "failed":

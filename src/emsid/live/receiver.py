@@ -24,7 +24,7 @@ MOST_WAITING = 1 << 25
 
 @dataclass(frozen=True)
 class Piece:
-    """What has come from a source.
+    """What has arrived from a source.
 
     Attributes:
         kind: ``data``, ``disconnected``, ``connected``, ``skipped``, ``ended`` or ``failed``.
@@ -69,7 +69,7 @@ class Receiver:
         self._thread.start()
 
     def wait(self, timeout: float) -> list[Piece]:
-        """What has come since the last call, after at most this many seconds."""
+        """What has arrived since the last call, after at most this many seconds."""
         self._arrived.wait(timeout)
         self._arrived.clear()
         pieces = []

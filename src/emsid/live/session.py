@@ -52,7 +52,7 @@ REMEMBERED = 2000
 
 @dataclass(frozen=True)
 class Settings:
-    """How a session goes.
+    """Settings of a session.
 
     Args:
         every: seconds between two messages with the estimate.
@@ -107,7 +107,7 @@ class History:
 
 @dataclass(eq=False)
 class Session:
-    """What a session has come to; it grows while `messages` runs.
+    """The results of a session; they grow while `messages` runs.
 
     Attributes:
         tracker: what is tracked.
@@ -177,7 +177,7 @@ def messages(
         session: to be filled.
         receiver: the source.
         parser: of its lines.
-        settings: how it goes.
+        settings: of the session.
         log: of the receiver, to report where the disk does not take it.
         control: when to stop.
         state: of the recursion, to go on from.
@@ -303,7 +303,7 @@ class _Work:
         return Finding("change-detected", record.output_names[0], data)
 
     def look(self, heard: float) -> Iterator[Message]:
-        """What has to be said after a while: estimates, silence, malformed lines, a full disk.
+        """Periodic messages: estimates, silence, malformed lines, a full disk.
 
         Args:
             heard: when bytes came last.
@@ -331,7 +331,7 @@ class _Work:
             yield self.estimate()
 
     def complain(self) -> Iterator[Message]:
-        """Lines that are no samples: said once while it goes on, and counted for the end."""
+        """Lines that are no samples: one message during the session, and their number at the end."""
         session, bad = self.session, self.parser.malformed + self.parser.not_finite
         if bad > self.complained:
             data = {"lines": self.parser.malformed, "not_finite": self.parser.not_finite}
@@ -343,7 +343,7 @@ class _Work:
                 yield message
 
     def judge(self) -> Iterator[Message]:
-        """What there is to say at the end, about the lines and about the prediction errors."""
+        """Findings at the end, about the lines and about the prediction errors."""
         yield from self.complain()
         tracking = self.session.tracking
         if tracking is not None and tracking.correlation > COLOURED:

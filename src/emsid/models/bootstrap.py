@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 PIECES, PER_PARAMETER = 30, 3
 """The number of pieces, and that for each parameter; the larger one is taken."""
 LENGTHS = 3
-"""A piece has at least so many times the samples of the model's memory."""
+"""The least length of a piece, in lengths of the model's memory."""
 SHORTEST = 30
 """The fewest samples of a piece."""
 FEWEST = 10

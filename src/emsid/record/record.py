@@ -444,7 +444,7 @@ def concatenate(records: Iterable[Record], name: str | None = None) -> Record:
 
 
 def continuing(before: Record | None, piece: Record) -> Record:
-    """A segment that goes on without a gap after the samples before it, as one segment.
+    """A segment joined to the samples right before it, as one segment.
 
     Args:
         before: the samples before it; None for none.

@@ -124,7 +124,7 @@ def x_scale(plots: Sequence[Plot], most: int, letters: float) -> Scale:
 
 
 def y_scale(plot: Plot, most: int) -> Scale:
-    """The y axis of a plot, with at most so many ticks."""
+    """The y axis of a plot, with at most `most` ticks."""
     return _scale(plot.y, [_extent(mark)[1] for mark in plot.marks], 0.06, most, inf)
 
 

@@ -46,7 +46,7 @@ _UNIT = 0.02  # a coordinate of a path, in points
 _PIXEL = 0.8  # a pixel of the page, in points
 _INK, _AXIS, _GRID = "#22262e", "#8a8f98", "#e4e7eb"
 _FONTS = "DejaVu Sans, Bitstream Vera Sans, Verdana, sans-serif"
-_X_TICKS, _ROW_OF_TICK = 9, 18.0  # at most so many along, and one every so many points upwards
+_X_TICKS, _ROW_OF_TICK = 9, 18.0  # the most ticks along x, and points of height for a tick along y
 
 
 def svg(figure: Figure | Diagram) -> bytes:

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 STRETCHES = 16
 """The number of stretches that the samples are divided into."""
 NEGLIGIBLE = 0.02
-"""A smaller relative reduction of the mean square error (1 % of its root) is not worth another parameter."""
+"""A smaller relative reduction of the mean square error (1 % of its root) does not justify another parameter."""
 CHANCE = 0.16
 """The probability that a model without a real advantage passes the test of paired differences."""
 

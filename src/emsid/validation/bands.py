@@ -47,7 +47,7 @@ NEGLIGIBLE = 1e-12
 SHORTER = (1.0, 0.125, 0.015625)
 """Steps that are tried, in standard errors."""
 POINTS, FREQUENCIES, DECADES = 201, 300, 3.0
-"""Points of a map, and of a frequency response, which covers so many decades."""
+"""Points of a map, points of a frequency response, and the decades that it covers."""
 AT_REST = 41
 """Points of a map of which each takes a run to rest."""
 LONGEST = 5_000

@@ -13,7 +13,7 @@ Spelling = Callable[[str], str]
 
 
 class Severity(Enum):
-    """How much a finding matters to somebody who wants to use the model."""
+    """How much a finding matters to a user of the model."""
 
     INFO = "info"  # information
     WARNING = "warning"  # limits what the result can be used for

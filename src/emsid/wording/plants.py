@@ -46,7 +46,7 @@ def codes_without_bridge(f: Finding, argument: Spelling) -> str:
 
 @words("input-between-samples")
 def input_between_samples(f: Finding, argument: Spelling) -> str:
-    """Subject: the input. Data: straight, held (the numbers of segments in which it goes on like this)."""
+    """Subject: the input. Data: straight, held (the numbers of segments with this hold)."""
     straight, held = f.data["straight"], f.data["held"]
     some = f" in {straight} of {straight + held} segments (in the others it keeps its value until the next one)"
     return (
@@ -57,7 +57,7 @@ def input_between_samples(f: Finding, argument: Spelling) -> str:
 
 @words("input-taken-as-constant", Severity.WARNING)
 def input_taken_as_constant(f: Finding, argument: Spelling) -> str:
-    """Subject: the input. Data: between (how it goes on), ratio (of the errors)."""
+    """Subject: the input. Data: between (the hold that fits better), ratio (of the errors)."""
     between, ratio = f.data["between"], f.data["ratio"]
     return (
         f"{f.subject} is simulated as constant between its samples; with a {between} input the free-run error is "

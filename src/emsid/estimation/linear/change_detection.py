@@ -56,7 +56,7 @@ SHARE = 4
 GRID = 120  # sums in the Markov chain
 
 # A sum gives an alarm only where it is this many times the largest one that came to nothing before, and this many times
-# that which gave an alarm of its kind before. Both are halved in so many times the settling.
+# that which gave an alarm of its kind before. Both are halved in the third number times the settling.
 MARGIN, AGAIN, HALVED = 1.5, 2.0, 30
 
 # The state: samples so far, three sums, the samples since each was zero, their highest values since then, the largest

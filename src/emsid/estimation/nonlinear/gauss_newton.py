@@ -73,7 +73,7 @@ LEAST_DAMPING, MOST_DAMPING = 1e-20, 1e16
 # The damping grows by this factor after a step to parameters without a derivative.
 MORE_DAMPING = 100.0
 # A step that raises the cost of the data by more than this fraction, besides what smoothing takes, is taken again with
-# weights of the penalties that are smaller by the factor, at most so many times.
+# weights of the penalties that are smaller by the second number, at most the third number of times.
 RAISED, LIGHTER, MOST_LIGHTENED = 0.05, 0.1, 8
 
 
@@ -112,7 +112,7 @@ class _Point:
     lengths: Array  # of the columns of √w·J, without the penalty
     weights: Array  # of the penalties
     most: Array  # the largest weights that they may have
-    independent: float  # samples that the residual is worth, at most so far
+    independent: float  # effective samples of the residual, the most so far
     penalty: Penalty  # all of them together, with their weights
 
     @property
@@ -222,7 +222,7 @@ class _Search:
         return new
 
     def end(self, iterate: _Iterate) -> _End | None:
-        """How the search ends at this state; None if it goes on."""
+        """How the search ends at this state; None if it continues."""
         settled = iterate.cost_is_rounding and iterate.offset > 0.5 * iterate.offset_before
         if iterate.offset <= self.tolerance or settled or self._step_is_rounding(iterate):
             return _End(Ending.CONVERGED)

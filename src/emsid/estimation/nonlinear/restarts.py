@@ -29,7 +29,7 @@ RESTARTS = 6
 SAME = 0.01
 """Ends of searches whose costs differ by less than this part are in the same minimum."""
 CLOSE = 0.5
-"""So are ends whose costs differ by less than a move by so many standard errors changes the cost."""
+"""So are ends whose costs differ by less than a move by this many standard errors changes the cost."""
 AGREEING = 3
 """How many searches must end in the same minimum as one that stalled, for that to be taken for the minimum."""
 STEPS, SLOW = 25, 1e-3

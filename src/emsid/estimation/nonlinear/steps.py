@@ -1,4 +1,4 @@
-"""The step of a linearised least-squares problem, and what it is worth.
+"""The step of a linearised least-squares problem, and the reduction of the cost that it predicts.
 
 The problem is the triangular factor [R z] of `Information`: min over p ‖z − Rp‖.
 """

@@ -1,1 +1,1 @@
-"""Covariances that allow for coloured residuals and model error, and what data cannot tell apart."""
+"""Covariances that allow for coloured residuals and model error, and parameters that the data do not separate."""

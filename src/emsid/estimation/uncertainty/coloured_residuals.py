@@ -195,7 +195,7 @@ def whitened_sandwich(pieces: Sequence[tuple[Array, Array]]) -> Array | None:
 
 
 def effective_samples(pieces: Sequence[Array]) -> float:
-    """How many independent samples stretches (Nᵢ,) of a residual are worth to its mean: N·var e/(σ²/A(1)²).
+    """The independent samples whose mean varies as that of a residual in stretches (Nᵢ,): N·var e/(σ²/A(1)²).
 
     Never more than there are, and at least `FEWEST`.
     """

@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 # A pole closer to the unit circle than this, or outside it, counts as unstable.
 STABILITY_MARGIN = 1e-7
-# The gain is the largest at so many frequencies, up to half the sampling rate, where a filter blocks DC.
+# The gain is the largest at this many frequencies, up to half the sampling rate, where a filter blocks DC.
 GAIN_POINTS = 512
 
 

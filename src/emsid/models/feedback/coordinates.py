@@ -380,5 +380,5 @@ def with_line(model: FeedbackModel, i: int, slope: float, level: float) -> tuple
 
 
 def resting_shift(a: Array, constant: Array) -> Array:
-    """(n,) the state at which a constant (n,) added to x⁺ comes to rest, (I − A)⁻¹ of it."""
+    """(n,) the steady state under a constant (n,) added to x⁺: (I − A)⁻¹ times the constant."""
     return np.asarray(np.linalg.lstsq(np.eye(len(a)) - a, constant, rcond=None)[0], dtype=float)

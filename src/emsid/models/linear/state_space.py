@@ -80,7 +80,7 @@ class StateSpaceModel(RunMethods):
                 raise ModelError(f"{self.name}: {field} of shape {getattr(self, field).shape}; {shape} fits the others")
         if not (np.isfinite(self.dt) and self.dt > 0):
             raise ModelError(f"{self.name}: sample time {self.dt} s; it must be a positive number of seconds")
-        least = -(-n // outputs)  # so many samples determine the state
+        least = -(-n // outputs)  # samples that determine the state
         object.__setattr__(self, "start", max(int(self.start), least) if self.start else 8 * least)
 
     @property

@@ -60,7 +60,7 @@ GAUSS = (0.5 - 0.5 / sqrt(3), 0.5 + 0.5 / sqrt(3))
 FULL = 1.0 - 1e-6
 """A command of this part of the supply is full duty."""
 FEWEST = 30
-"""With fewer samples a record does not show how its command goes on; then it goes straight, as in the others."""
+"""With fewer samples a record does not show its hold; then it has the first-order hold, as the others do."""
 
 
 class Feed(Enum):
@@ -79,10 +79,10 @@ class Bridge(Enum):
 
 
 class Hold(Enum):
-    """How a command goes on between its samples; the first names are those of zero-order and first-order hold."""
+    """The hold: the course of a command between its samples, as in zero-order and first-order hold."""
 
     ZERO = "zero"  # it keeps its value
-    FIRST = "first"  # it goes straight to the next sample
+    FIRST = "first"  # a straight line to the next sample
     RECORD = "record"  # straight in a record where it changes at every sample and never jumps, else held
 
 

@@ -91,7 +91,7 @@ class Driven(BasePlant):
         return self.drive.hold
 
     def with_hold(self, hold: Hold) -> Self:
-        """The plant with a command that goes on like this between its samples."""
+        """The plant with this hold of its command."""
         return self.with_drive(hold=hold)
 
     def for_inputs(self, inputs: Array) -> Self:

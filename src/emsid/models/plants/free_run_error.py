@@ -109,7 +109,7 @@ PRECISION = 1e-11
 NEAR = 1e-4
 """The relative step of a search below which its derivatives are central differences."""
 LOST, WIDER = 100.0, 1e3
-"""A difference of free runs below so many times their precision is lost in rounding; its step is widened by so much."""
+"""Below `LOST` times the precision of the runs, their difference is rounding; its step is widened by `WIDER`."""
 
 
 class _Linearised(NamedTuple):

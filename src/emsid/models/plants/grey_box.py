@@ -81,7 +81,7 @@ class GreyBox(RunMethods):
 
     def initial(self, segment: Record, samples: int) -> PlantState:
         """The state after the first ``samples`` samples of a segment, estimated by `beginning`."""
-        plant = self.plant.for_segment(segment)  # the state keeps the record and how its input goes on
+        plant = self.plant.for_segment(segment)  # the state keeps the record and the hold of its input
         start = plant.start(self.beginning(segment, samples), segment.input[0], segment.dt, self.signals)
         with np.errstate(over="ignore", invalid="ignore"):
             return self.run(start, segment.input[:samples])[1]

@@ -190,7 +190,7 @@ def loop_for(law: Level) -> Callable[..., None]:
         names |= {"_phi": _phi.py_func, "_ripple": _ripple.py_func}
     with_law = FunctionType(move.py_func.__code__, names, f"move_with_{law.__name__}")
     if compiled:
-        with_law.__qualname__ = with_law.__name__  # all that the cache on disk knows of a law
+        with_law.__qualname__ = with_law.__name__  # the cache on disk identifies a law by this name alone
         ours = law.__module__.startswith("emsid.")
         loop: Callable[..., None] = njit(cache=ours, nogil=True, error_model="numpy")(with_law)
         return loop

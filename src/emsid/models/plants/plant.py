@@ -262,7 +262,7 @@ class Plant(Protocol):
         ...
 
     def interpolating(self) -> tuple[Plant, ...]:
-        """The plant with an input that goes on between its samples, in every way that no search tries."""
+        """The plant with every hold that interpolates between samples and that no search tries."""
         ...
 
     def motion(self, inputs: Array, dt: float, state: Array) -> Array | None:

@@ -51,7 +51,7 @@ class Tree(NamedTuple):
 
 
 def tree(regressors: Sequence[Regressor]) -> Tree:
-    """The tree of these regressors; a power counts as so many equal factors."""
+    """The tree of these regressors; a power counts as equal factors."""
     factors: dict[tuple[float, ...], int] = {}
     products: dict[tuple[int, ...], list[tuple[int, int]]] = {(): []}
     for j, regressor in enumerate(regressors):

@@ -43,7 +43,7 @@ ROUNDING = 1e-6
 def larger_cascades(
     model: Cascade, topology: Topology, orders: Orders, records: Sequence[Record], correlated: bool = True
 ) -> list[Cascade]:
-    """The cascade with one pole and zero more in a filter, for every filter whose error asks for that.
+    """The cascade with one pole and zero more in a filter, for every filter whose error shows that one is missing.
 
     The part of the squared error that is explained has to matter, and more than chance by Schwarz's criterion.
 

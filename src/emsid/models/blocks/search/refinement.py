@@ -27,7 +27,7 @@ from emsid.selection.improvement import STRETCHES, StretchErrors, better, matter
 
 T = TypeVar("T")
 
-# More starts than this take `FIRST_STEPS` steps each, and only the best so many are refined further.
+# More starts than this take `FIRST_STEPS` steps each, and only the best `FINISHED` are refined further.
 FINISHED, FIRST_STEPS = 12, 5
 # Limits of a refinement for a choice: steps, distance to the minimum in standard errors, and relative reduction of the
 # cost over a few steps.
@@ -129,7 +129,7 @@ def refined(
 
 
 def _limits(steps: int, control: Control) -> Search:
-    """The options of a refinement for a choice, of so many steps at most."""
+    """The options of a refinement for a choice, with at most `steps` steps."""
     return Search(
         max_iterations=steps,
         tolerance=CHOICE_TOLERANCE,

@@ -42,7 +42,7 @@ STEPS = 40
 # A short record of fewer samples for every parameter of a model is divided into parts that are left out once; steps of
 # each refit, and the relative reduction of the cost over a few of them below which it ends.
 PER_PARAMETER, REFITTED, SAVING = 10, 15, 1e-3
-# A richer model has at least so many samples for every parameter: with fewer, what the parameters take from noise alone
+# The fewest samples for every parameter of a richer model: with fewer, what the parameters take from noise alone
 # makes the mean square error on other data 1.5 times that on the fitted ones, or more.
 FEWEST = 5
 

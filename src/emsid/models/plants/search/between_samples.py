@@ -1,8 +1,8 @@
-"""How the command of some records goes on between its samples, decided by the free run where the command may do either.
+"""The hold of a command between its samples, chosen by the free run where the samples themselves do not show it.
 
-A command that is taken for held although it goes on is half a sample late, and the inertia, the friction and the dead
-zone are bent to make up for it. A command that repeats its values or jumps in one record is held there, however it
-goes on in the others.
+A continuous command that is simulated as held is half a sample late, and the estimates of inertia, friction and dead
+zone are biased by that. A command that repeats its values or jumps in one record is held there, whatever its hold in
+the others.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from emsid.record import Record
 from emsid.selection.improvement import matters
 
 CLEAR = 10.0
-"""The logarithm of a ratio of likelihoods from which on the records show how the input goes on."""
+"""The logarithm of a ratio of likelihoods above which the records show the hold of the input."""
 
 
 def as_hold(hold: Hold | str) -> Hold:
@@ -50,7 +50,7 @@ def as_hold(hold: Hold | str) -> Hold:
 
 
 def is_open(plant: Plant, segments: Sequence[Record]) -> bool:
-    """Whether records must show how the command of a plant goes on: in some it changes smoothly at every sample."""
+    """Whether the free run must decide on the hold of a command: it is smooth in some records."""
     driven = plant.of_record(0).driven
     if driven is None or driven.drive.codes or plant.hold is not Hold.ZERO:
         return False
@@ -60,7 +60,7 @@ def is_open(plant: Plant, segments: Sequence[Record]) -> bool:
 
 
 def holds_in(plant: Plant, segments: Sequence[Record]) -> tuple[Hold, ...]:
-    """How the command of a plant goes on between its samples in every segment."""
+    """The hold of the command of a plant in every segment."""
     return tuple(plant.for_inputs(segment.input).hold for segment in segments)
 
 
@@ -111,7 +111,7 @@ def straight_if_better(task: Task, reached: Reached, max_iterations: int) -> Rea
 
 
 def taken_as_constant(task: Task, problem: FreeRunError, minimum: Minimum) -> list[Finding]:
-    """A finding where a plant of a user simulates better with an input that goes on between its samples.
+    """A finding where a user's plant simulates better with an input that is interpolated between its samples.
 
     No search decides that for it, since its equations may be those of a sampled system. The parameters are fitted again
     in a few steps, because those of a held input make up for some of the delay.

@@ -85,19 +85,19 @@ OTHERS = 2
 RESTARTS = 2
 """How often the winner of a round is fitted again from around its minimum."""
 SCREENED, PIECES, CONFIRMED = 10_000, 4, 5
-"""Where trials see more than twice so many samples, refinements are fitted to an excerpt of so many samples and pieces
-first, and only the last number of them, the best, to all."""
+"""Where trials see more than twice `SCREENED` samples, refinements are fitted to an excerpt of that many samples in
+`PIECES` pieces first, and only the best `CONFIRMED` of them to all."""
 POSITIVE = 2.0
 """By how much Schwarz's criterion prefers an unusual friction, at least: positive evidence (Kass, Raftery 1995)."""
 PASSES = 3
-"""How often refinements are added and removed at most, as another structure may ask for another weighting."""
+"""How often refinements are added and removed at most, as another structure may need another weighting."""
 AKAIKE = 2.0
-"""What a parameter costs by Akaike's criterion."""
+"""The increase of Akaike's criterion for a parameter."""
 STRONG = 10.0
 """Schwarz's criterion is strong evidence above this (Kass, Raftery, *Bayes factors*, JASA 90 (1995))."""
 UNEXPLAINED, WORSE = 0.1, 4.0
 """A plant is refined no further that leaves more than this share of the output's variance after the first round, and
-so many times what a linear model leaves. Simulated motors without refinements leave up to half of that."""
+this many times what a linear model leaves. Simulated motors without refinements leave up to half of that."""
 
 
 @one_blas_thread()
@@ -115,7 +115,7 @@ def choose(
     linear: float = inf,
     control: Control = FREE,
 ) -> GreyBoxFit:
-    """The plant with those refinements that the record asks for, fitted to all of it.
+    """The plant with the refinements that the record supports, fitted to all of it.
 
     Args:
         plant: to begin with.

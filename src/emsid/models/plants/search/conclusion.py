@@ -24,7 +24,7 @@ from emsid.models.plants.search.task import Task
 
 
 def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
-    """The fit with its table, its combinations and what is to be said of it."""
+    """The fit with its table, its combinations and its findings."""
     problem, names, steps = reached.problem, reached.names, reached.steps
     minimum = reached.minimum.judged()
     found, states = problem.plant, problem.states(problem.start)

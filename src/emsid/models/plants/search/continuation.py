@@ -53,7 +53,7 @@ class Reached(NamedTuple):
 
     @property
     def unended(self) -> bool:
-        """Whether nobody has ended it early."""
+        """Whether it ran without being ended early."""
         return self.minimum.ending is not Ending.INTERRUPTED
 
     def ended_by(self, ending: Ending) -> Reached:

@@ -60,7 +60,7 @@ TURNS = 4
 LONG = 800
 """Samples of a segment that can show a drift."""
 WHITE = 0.5
-"""A residual is white if it is worth at least this part of its samples."""
+"""A residual is white if its effective samples are at least this part of its samples."""
 
 
 # --- the choice -----------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The plants that emsid knows, as functions that build one."""
+"""The plants of emsid, as functions that build one."""
 
 from __future__ import annotations
 

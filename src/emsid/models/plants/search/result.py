@@ -108,7 +108,7 @@ class Combination:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class GreyBoxFit(Fit[GreyBox]):
-    """A `Fit` that knows its physics.
+    """A `Fit` with physical parameters.
 
     Attributes:
         table: every parameter that was asked for or fixed.
@@ -193,7 +193,7 @@ def findings_of(
     rows: Sequence[Estimate],
     together: Sequence[Combination],
 ) -> tuple[Finding, ...]:
-    """What is to be said of a fit: how it ended, which parameters a bound holds, and which are not identifiable."""
+    """The findings of a fit: how it ended, which parameters a bound holds, and which are not identifiable."""
     groups = identifiability.groups
     bounds = {finding.subject: finding for finding in _at_bounds(task, plant, names, minimum, groups)}
     ended = [bounds.pop(f.subject, f) if f.code == "parameter-at-bound" else f for f in minimum.findings]

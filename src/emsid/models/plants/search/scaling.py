@@ -81,7 +81,7 @@ class Scaling:
         return self._converted(plant.with_drive(codes=codes), -1)
 
     def back(self, plant: DrivenPlant, like: DrivenPlant) -> DrivenPlant:
-        """A plant in these units brought back to SI units, with the codes of the one that it was ``like``."""
+        """A plant in these units converted to SI units, with the codes of the one that it was ``like``."""
         return self._converted(plant.with_drive(codes=like.drive.codes), 1)
 
     def _converted(self, plant: DrivenPlant, power: int) -> DrivenPlant:

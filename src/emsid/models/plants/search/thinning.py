@@ -18,7 +18,7 @@ from emsid.record import Record, concatenate
 ENOUGH = 6000
 """Samples in all below which nothing is left out."""
 MOST = 8
-"""Of so many samples, one is kept at least."""
+"""The longest distance in samples between two that are kept."""
 SMOOTH = 5.0
 """How many times the variance of noise may be missed between two samples."""
 STEEPEST, WINDOW = 0.02, 20

@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 KEPT, FIRST_STEPS = 4, 3
 """How many starts take steps, and how many steps before all but the best stop."""
 HOPELESS = 10.0
-"""A start whose cost is so many times that of the best one takes no steps."""
+"""A start whose cost is more than this many times that of the best one takes no steps."""
 
 
 @dataclass(frozen=True, eq=False)

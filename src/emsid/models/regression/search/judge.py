@@ -26,7 +26,7 @@ from emsid.record.excerpt import excerpt
 from emsid.record.holding_back import Split, folded, validation_splits
 from emsid.selection.improvement import STRETCHES, StretchErrors
 
-# Samples that a search looks at, an excerpt of a longer record.
+# The samples of a search, an excerpt of a longer record.
 SEARCHED = 20_000
 # The same where every part is unseen once.
 FOLDED = 32_000

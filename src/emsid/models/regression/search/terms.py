@@ -38,7 +38,7 @@ PATIENCE = 5
 MOST = 40
 # A trial whose mean square error on the fitted data is larger by more than this factor lacks a term.
 WORSE = 1.25
-# One in so many terms is removed at a time.
+# One in this many terms is removed at a time.
 AT_ONCE = 6
 # Samples in which the derivatives of all terms of a dictionary are compared; of a longer record, every k-th.
 COMPARED = 20_000

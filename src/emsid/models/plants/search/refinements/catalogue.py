@@ -49,7 +49,7 @@ REFINEMENTS: tuple[Refinement, ...] = (
 OF_SHAFT: tuple[Refinement, ...] = (backlash,)
 """Refinements of a motor with an elastic shaft, which is too slow to simulate for all others."""
 ON_REQUEST: tuple[Refinement, ...] = (cogging,)
-"""Refinements that are tried only where somebody asks for them: along a short way, the drift of a position looks like
+"""Refinements that are tried only on request: along a short way, the drift of a position looks like
 cogging."""
 EXTRAPOLATES: tuple[Refinement, ...] = (coasting_bridge, current_rise, quadratic_viscous, cogging, cogging_of_speed)
 """Refinements that do great harm on another record where they are wrong: they are judged on kinds left out."""
@@ -59,7 +59,7 @@ BY_DIRECTION: tuple[Refinement, ...] = (
     by_direction, viscous_by_direction, stribeck_by_direction, gain_by_direction, gain_and_friction_by_direction,
     constant_load,
 )  # fmt: skip
-"""Refinements that tell the directions of the motion apart; both must be seen."""
+"""Refinements that differ between the directions of motion; the record must have both."""
 LOOK_ALIKE: dict[Refinement, str] = {
     late_command: "drive.delay",
     slow_sensor: "sensor.lag",

@@ -33,7 +33,7 @@ SPEEDS = (Signal.SPEED, Signal.ROTOR_SPEED)
 SMOOTH = 3.0
 """Time constant of the filter, in samples."""
 TURNS = np.arange(8.0, 120.0, 0.25)
-"""Periods in the whole travel that are looked at; fewer of them are hardly told from drift."""
+"""Periods in the whole travel that are looked at; fewer of them look like drift."""
 STANDS_OUT = 15.0
 """How many times the median power a period has, at least, to be tried."""
 TRIED = 3

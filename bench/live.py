@@ -29,7 +29,8 @@ from emsid.estimation.linear.recursive_kernels import update
 from emsid.live.log import Log
 from emsid.live.protocol import LineParser
 from emsid.live.receiver import Receiver
-from emsid.live.session import Session, Settings, messages, read_log
+from emsid.live.recorded import read_log
+from emsid.live.session import Session, Settings, messages
 from emsid.live.sources import open_source
 from emsid.live.tracking import Tracker
 from emsid.models.regression.sample_by_sample import SampleBySample

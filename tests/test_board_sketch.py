@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emsid.live.protocol import LineParser, Timeline
+from emsid.live.protocol import LineParser
+from emsid.live.timeline import Timeline
 
 HERE = Path(__file__).parent
 SKETCH = HERE.parent / "examples" / "board" / "board.ino"

@@ -34,8 +34,9 @@ from emsid.live.driving import Limits, drive
 from emsid.live.log import Log, read_from
 from emsid.live.protocol import LineParser
 from emsid.live.receiver import Receiver
+from emsid.live.recorded import read_log
 from emsid.live.server import Server
-from emsid.live.session import Session, Settings, messages, read_log
+from emsid.live.session import Session, Settings, messages
 from emsid.live.sources import Disconnected, connect, open_source
 from emsid.live.tracking import Tracker
 from emsid.plant import Bench

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from emsid import DataError
-from emsid.live.protocol import LineParser, Rows, Stretch, Timeline, joined, read_header, sample_time
+from emsid.live.protocol import LineParser, Rows, joined, read_header
+from emsid.live.timeline import Stretch, Timeline, sample_time
 
 LINES = b"t,u,y\n" + b"".join(b"%.3f,%d,%.2f\n" % (0.001 * k, k % 7, 0.5 * k) for k in range(50))
 

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from emsid.errors import DataError
 from emsid.estimation.nonlinear.control import FREE, Activity, Control
-from emsid.live.protocol import LineParser, Timeline
+from emsid.live.protocol import LineParser
 from emsid.live.receiver import Receiver
 from emsid.live.sources import Disconnected
+from emsid.live.timeline import Timeline
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,6 @@ from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from math import isfinite
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,12 +21,14 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.linear.change_detection import ChangeDetector
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding, plain
-from emsid.live.log import Log, read_from
-from emsid.live.protocol import Columns, LineParser, Rows, Stretch, Timeline
+from emsid.live.log import Log
+from emsid.live.protocol import LineParser, Rows
 from emsid.live.receiver import Piece, Receiver
+from emsid.live.recorded import record_of
+from emsid.live.timeline import Stretch, Timeline
 from emsid.live.tracking import Change, Physical, Tracker, Tracking
 from emsid.models.regression.narx import Narx
-from emsid.record import Record, concatenate
+from emsid.record import Record
 
 Array = NDArray[np.float64]
 Message = dict[str, Any]
@@ -438,64 +439,6 @@ class _Work:
         session.recent.append((record, predictions))
         while sum(len(each) for each, _ in session.recent) - len(session.recent[0][0]) > REMEMBERED:
             session.recent.popleft()
-
-
-def record_of(
-    stretch: Stretch, channels: tuple[tuple[str, ...], str, tuple[str, ...], str], dt: float, name: str
-) -> Record:
-    """A stretch of samples as a record."""
-    inputs, output, input_units, output_unit = channels
-    return Record(
-        stretch.input,
-        stretch.output,
-        dt,
-        inputs,
-        (output,),
-        input_units,
-        (output_unit,),
-        times=(stretch.time,),
-        name=name,
-    )
-
-
-def read_log(
-    path: str | Path,
-    begin: int = 0,
-    header: str = "",
-    inputs: tuple[str, ...] = (),
-    output: str = "",
-    dt: float | None = None,
-    whole: bool = False,
-    columns: Columns | None = None,
-) -> Record:
-    """The samples of a log as a record, with a segment for every stretch without a gap.
-
-    Args:
-        path: of the log, or of any file of lines.
-        begin: the byte to begin at.
-        header: the columns, where the file has no header.
-        inputs, output: names of the columns.
-        dt: sample time in s; by default from the time column.
-        whole: whether a last line without its line break is complete; in a log it may be cut off.
-        columns: what the columns are, where that is known already.
-
-    Raises:
-        FormatError: where the file cannot be read.
-        DataError: where it has no samples.
-    """
-    parser, timeline = LineParser(header, inputs, output, columns), Timeline(dt)
-    data = read_from(path, begin)
-    rows = parser.feed(data + b"\n" if whole else data[: data.rfind(b"\n") + 1])
-    if parser.columns is None and parser.problem is not None:
-        raise parser.problem
-    if rows is None or parser.columns is None:
-        raise DataError(f"{path}: there are no samples in this log")
-    stretches = timeline.place(rows, last=True)
-    if timeline.dt is None or not stretches:
-        raise DataError(f"{path}: there are too few samples in this log to find its sample time", arguments=("dt",))
-    step = timeline.dt
-    records = [record_of(each, parser.columns.channels, step, Path(path).name) for each in stretches]
-    return concatenate(records)
 
 
 def _message(content: Message) -> Message:

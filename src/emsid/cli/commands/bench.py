@@ -154,7 +154,7 @@ def _driven(
     from emsid.live.log import Log
     from emsid.live.protocol import LineParser
     from emsid.live.receiver import Receiver
-    from emsid.live.session import read_log
+    from emsid.live.recorded import read_log
     from emsid.live.sources import open_source
 
     again = partial(open_source, source, baud)

@@ -154,7 +154,8 @@ def _followed(
     from emsid.live.log import Log
     from emsid.live.protocol import LineParser
     from emsid.live.receiver import Receiver
-    from emsid.live.session import messages, read_log
+    from emsid.live.recorded import read_log
+    from emsid.live.session import messages
     from emsid.live.sources import connect, is_connection, open_source
 
     source = session.name

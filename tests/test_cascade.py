@@ -15,7 +15,9 @@ from coverage_cascade import CASES as COVERED
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Control
+from emsid.estimation.nonlinear.gauss_newton import PATIENCE
 from emsid.estimation.nonlinear.losses import Huber
+from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational, fir
@@ -477,6 +479,22 @@ def test_of_many_starts_those_that_are_far_after_a_few_steps_are_given_up() -> N
     assert all(len(plan.model.parameters) == len(true.parameters) for plan in left)
     (alone,) = promising([Plan(stuck)], [record[:1]], {}, 1, Control())  # too short for any search
     assert alone.model is stuck
+
+
+def test_a_search_that_ends_where_it_saves_little_is_not_begun_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = CASCADES["wiener-hammerstein"]
+    record, start = record_of(true, 400, noise=0.1), true.with_parameters(0.6 * true.parameters)
+    again: list[Minimum] = []
+
+    def begun_again(minimum: Minimum, *_: object) -> Minimum:
+        again.append(minimum)
+        return minimum
+
+    monkeypatch.setattr("emsid.models.blocks.fitting.begun_again", begun_again)
+    few, _ = search(start, record, least_saving=1.0, restarts=True)
+    assert (few.ending, few.iterations, again) == (Ending.OUT_OF_BUDGET, PATIENCE, [])
+    same, _ = search(start, record, max_iterations=PATIENCE, restarts=True)
+    assert again == [same]
 
 
 def test_a_model_that_is_hopeless_on_the_first_split_is_not_fitted_to_the_others() -> None:

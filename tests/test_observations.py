@@ -221,6 +221,28 @@ def test_models_of_a_long_record_are_compared_on_an_excerpt_and_the_recommended_
     assert several.on_unseen.best.row.simulation_mse == assess(first, several.unseen, 1).row.simulation_mse
 
 
+def test_only_fits_to_an_excerpt_that_are_continued_merely_compare(monkeypatch):
+    asked = []
+
+    class Asked:
+        summary, uses = "an arx model", ()
+
+        def __call__(self, record, options, control):
+            asked.append((len(record), options.comparing))
+            return emsid.fit(emsid.arx(1, 1), record)
+
+        def continued(self, fit, record, options, control):
+            return self(record, options, control)
+
+    monkeypatch.setattr(long_records, "COMPARED", 1_000)
+    monkeypatch.setitem(CANDIDATES, "arx", Asked())
+    for models, how in (("friction-narx,arx", {}), ("friction-narx,arx", {"bootstrap": 2}), ("arx", {})):
+        asked.clear()
+        emsid.identify(driven(0, 2000), models=models, options=Options(knots=2), **how)
+        assert asked[0] == ((999, not how) if "," in models else (1_400, False))
+        assert (1_400, True) not in asked
+
+
 @pytest.mark.parametrize("name", CANDIDATES)
 def test_every_model_of_an_excerpt_can_be_continued(name):
     assert isinstance(CANDIDATES[name], Continued) == (name not in ("armax", "box-jenkins", "state-space"))

@@ -48,6 +48,9 @@ from emsid.models.plants.search.refinements.contract import Refinement
 from emsid.models.plants.search.result import GreyBoxFit, Status
 from emsid.record import Record
 
+LEAST_SAVING = 1e-4
+"""A fit of a cascade that only compares ends where four steps together lower its cost by less than this part: at this
+rate all its steps would save less than what makes a model better than another."""
 LAST_STEPS = 10
 """Steps of a plant from its estimates of a part of a record to those of all of it."""
 
@@ -81,6 +84,7 @@ class Blocks:
             delay=options.nk,
             oversampling=rate,
             period=options.period,
+            least_saving=LEAST_SAVING if options.comparing else 0.0,
             threads=min(cores(), CascadeSearch.threads),
         )
         return CascadeStructure(self.topology, self._orders(options), settings)

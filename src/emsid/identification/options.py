@@ -49,6 +49,7 @@ class Options:
         per_record: physical parameters that have a value of their own in every record, such as the load.
         profile: physical parameters whose likelihood profiles are computed.
         held_back: fraction of the record that is selection data; see `emsid.record.hold_back`.
+        comparing: whether fits only compare models; the recommended one is then fitted further, see `Continued`.
     """
 
     na: int | None = None
@@ -71,6 +72,7 @@ class Options:
     per_record: tuple[str, ...] = ()
     profile: tuple[str, ...] = ()
     held_back: float = 0.25
+    comparing: bool = False
 
     def __post_init__(self) -> None:
         for name in ("free", "per_record", "profile"):

@@ -161,13 +161,13 @@ def identify(
     train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)
     _check_sample_times(train, test, [name for name in names if name not in plants])
     whole, (train, outside) = train, to_compare(train, names)
-    later = int(whole is not train)
+    later = int(whole is not train and not bootstrap)
     found = _fit_all(names, train, options, control, finished, None if budget else elsewhere, later)
     found = _with_bootstrap(found, train, bootstrap, seed, control)
     findings += [Finding("interrupted", data={"missing": list(found.missing)})] if found.stopped else []
     findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
     judged = Compared.of(found.fits, train, test, options, control, outside, transient=transient, divide=not others)
-    if later and not (found.stopped or bootstrap):
+    if later and not found.stopped:
         judged = on_all_samples(judged, whole, options, control)
     taken = _profiles(judged.fits, () if found.stopped else options.profile, control)
     final = None if others or found.stopped else on_all_data(judged.fits[0], test, record, options, control)
@@ -251,7 +251,7 @@ def _fit_all(
 ) -> _Fits:
     """Every model fitted to the record: one after the other here, and some of them elsewhere meanwhile.
 
-    A time limit leaves a share for so many ``later`` fits.
+    A time limit leaves a share for so many ``later`` fits; where there are any, these here only compare.
 
     Raises:
         EmsidError: of the first model, where none can be fitted.
@@ -261,7 +261,7 @@ def _fit_all(
     problems: dict[str, EmsidError] = {}
     late: list[str] = []
     end: BaseException | None = None
-    order = _order(names, record, elsewhere)
+    order, options = _order(names, record, elsewhere), replace(options, comparing=later > 0)
     if elsewhere:
         elsewhere.begin(order, record, options)
         control = _stopping(elsewhere, control)

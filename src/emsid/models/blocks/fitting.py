@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
-from emsid.estimation.fit import Fit
+from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.losses import SQUARES, Loss, Squares
@@ -297,8 +297,8 @@ def search(
         fixed: names of parameters that keep their (normalised) start values.
         loss: `Squares`, `Huber` or `Cauchy`.
         max_iterations, tolerance, least_saving, control: as in `gauss_newton`.
-        restarts: whether a search that does not converge is begun again, see `begun_again`; `fit_cascade` does that
-            unless ``max_iterations`` is given.
+        restarts: whether a search that does not converge is begun again, see `begun_again`, except where
+            ``least_saving`` ends it; `fit_cascade` does that unless ``max_iterations`` is given.
         covariances: as in `gauss_newton`; a comparison of models needs none.
         weightings: of every segment after its transient, see `process_noise`.
         correlated: as in `gauss_newton`, for curves with a penalty.
@@ -332,7 +332,7 @@ def search(
         return gauss_newton(problem, theta, **same, **(options | others))
 
     minimum = searched(theta)
-    if restarts:
+    if restarts and not (least_saving and minimum.ending is Ending.OUT_OF_BUDGET):
         minimum = begun_again(minimum, searched, count, control)
     return minimum, problem
 

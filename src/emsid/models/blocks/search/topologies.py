@@ -59,6 +59,8 @@ class CascadeSearch:
         loss: the loss of the final fit.
         threads: number of threads for parallel trials.
         max_iterations: steps of the final fit.
+        least_saving: the final fit ends where a few steps together lower its cost by less than this part, and does not
+            begin again then; zero fits on to the minimum.
         rng: source of the random starts.
         magnitudes: whether the output shows magnitudes only, as that of a sensor that loses the sign; None judges by
             the records, if a filter precedes the map.
@@ -77,6 +79,7 @@ class CascadeSearch:
     loss: Loss = SQUARES
     threads: int = 2
     max_iterations: int = 150
+    least_saving: float = 0.0
     rng: np.random.Generator | None = None
     magnitudes: bool | None = None
 

@@ -7,6 +7,7 @@ import re
 import shlex
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,6 +88,13 @@ def data(look: emsid.FirstLook, code: str) -> dict[str, object]:
         ("w [deg/s]", ColumnQuantity.SPEED, "deg/s"),
         ("i [A]", ColumnQuantity.CURRENT, "A"),
         ("Drehzahl [U/min]", ColumnQuantity.SPEED, "rpm"),
+        ("Drehzahl / (1/min)", ColumnQuantity.SPEED, "rpm"),
+        ("Vitesse (tr/min)", ColumnQuantity.SPEED, "rpm"),
+        ("Tensión (V)", ColumnQuantity.VOLTAGE, "V"),
+        ("Winkel in Grad", ColumnQuantity.POSITION, "deg"),
+        ("U/V", ColumnQuantity.INPUT, "V"),
+        ("v m/s", ColumnQuantity.SPEED, "m/s"),
+        ("/odom/v", ColumnQuantity.VOLTAGE, ""),
         ("speed_ref", ColumnQuantity.REFERENCE, ""),
         ("u11", ColumnQuantity.INPUT, ""),
         ("ω", ColumnQuantity.SPEED, ""),
@@ -265,7 +273,17 @@ def test_a_position_is_differentiated_and_a_difference_is_recognised(write: Writ
     assert "position-differentiated" not in codes(look)
     look = describe(write({"PWM": U, "enc": counts}))
     assert look.reading["output"] == "d(enc)"
-    assert "position-differentiated" in codes(look)
+    assert data(look, "position-differentiated") == {"input": ""}
+
+
+def test_an_output_whose_change_answers_is_a_position(write: Write) -> None:
+    look = describe(write({"t": T, "u": U, "y": 0.01 * np.cumsum(Y)}))
+    assert data(look, "position-differentiated") == {"input": "u"}
+    assert (look.reading["output"], look.response.delay) == ("d(y)", 1)
+    named = describe(write({"t": T, "u": U, "y": 0.01 * np.cumsum(Y)}), output="y")
+    assert (named.reading["output"], "position-differentiated" in codes(named)) == ("y", False)
+    unrelated = describe(write({"t": T, "u": U, "y": RNG.standard_normal(N)}))
+    assert {"no-response", "position-differentiated"} & codes(unrelated) == {"no-response"}
 
 
 def test_an_input_without_sign_takes_that_of_its_direction(write: Write) -> None:
@@ -318,11 +336,36 @@ def test_a_record_that_cannot_be_read_is_said(write: Write) -> None:
     assert look.record is None
 
 
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"input": "nix"}, "there is no column 'nix'"),
+        ({"rows": slice(9, 3)}, "rows 9:3 select nothing"),
+        ({"filter": 400.0}, "between 0 and 50 Hz"),
+        ({"units": {"w": "rpm"}}, "'w', which is neither input nor output"),
+    ],
+)
+def test_an_argument_that_cannot_be_used_is_refused(write: Write, given: dict[str, Any], reason: str) -> None:
+    with pytest.raises(DataError, match=reason):
+        describe(write({"t": T, "u": U, "y": Y}), **given)
+
+
 def test_two_files_of_one_signal_each(write: Write) -> None:
     paths = [write("".join(f"{x}\n" for x in values), name) for name, values in (("b.csv", Y), ("a.csv", U))]
     (look,), findings = describe_files(paths, dt=0.01)
     assert look.reading == {"dt": 0.01, "input": f"{paths[1]}:1", "output": f"{paths[0]}:1"}
     assert (look.response.delay, findings) == (1, [])
+    u, y, late = (
+        write({"t": T + shift, name: values}, f"{k}.csv")
+        for k, (name, values, shift) in enumerate([("voltage", U, 0), ("speed", Y, 0), ("speed", Y, 0.5)])
+    )
+    for paths in ([u, y], [y, u]):
+        (look,), _ = describe_files(paths)
+        assert look.reading == {"input": f"{u}:voltage", "output": f"{y}:speed", "time": "t"}
+        assert (look.response.delay, "role-uncertain" in codes(look)) == (1, False)
+    assert len(describe_files([u, late])[0]) == 2
+    with pytest.raises(DataError, match=r"the times in 't' of 0\.csv and 2\.csv differ"):
+        emsid.read(late, input=f"{u}:voltage", output="speed", time="t")
 
 
 def test_a_record_of_opposite_sign_among_others(write: Write) -> None:

@@ -26,6 +26,53 @@ _LONG_POWER = re.compile(r"(?:\^|\*\*)(?!\s*[-+]?\d(?![\d.eE]))|\)\s*(?:\^|\*\*)
 MOST_LETTERS = 80
 
 
+_LOGGED = (
+    "s ms us ns min h Hz kHz V mV A mA W pwm % percent rad/s deg/s rpm rev/s rad deg rev count count/s count/sample "
+    "m mm m/s mm/s rad/s^2 m/s^2 N N*m mN*m kg degC"
+)
+_SPELLINGS = {unit.lower(): unit for unit in _LOGGED.split()} | {
+    "°": "deg",
+    "°/s": "deg/s",
+    "degree": "deg",
+    "degrees": "deg",
+    "grad": "deg",
+    "dps": "deg/s",
+    "1/min": "rpm",
+    "u/min": "rpm",
+    "r/min": "rpm",
+    "tr/min": "rpm",
+    "giri/min": "rpm",
+    "rev/min": "rpm",
+    "min^-1": "rpm",
+    "min⁻¹": "rpm",
+    "µs": "us",
+    "sec": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "volt": "V",
+    "volts": "V",
+    "nm": "N*m",
+    "n·m": "N*m",
+    "rad/s²": "rad/s^2",
+    "m/s²": "m/s^2",
+    "counts": "count",
+    "ticks": "count",
+    "counts/s": "count/s",
+    "amps": "A",
+    "°c": "degC",
+}
+
+
+def known_unit(text: str) -> str:
+    """A unit that a log gives, in the spelling that `conversion` reads; empty where it is not known.
+
+    >>> known_unit("RPM"), known_unit("°/s"), known_unit("furlong")
+    ('rpm', 'deg/s', '')
+    """
+    text = text.strip("()[]{}<> ")
+    return text if text in _SPELLINGS.values() else _SPELLINGS.get(text.lower(), "")
+
+
 def readable_unit(unit: str) -> str:
     """A unit for print: a dot for ``*``, raised powers, a dash for no unit, ``unit?`` where it is unknown.
 

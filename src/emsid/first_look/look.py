@@ -23,8 +23,8 @@ from emsid.findings import Finding
 from emsid.first_look.advice import TOLERANCE, advice, opposite_signs
 from emsid.first_look.clock import Clock, find_clock
 from emsid.first_look.columns import Column, Stretch, column_of_numbers
-from emsid.first_look.dynamics import Response, influence, response
-from emsid.first_look.names import ColumnQuantity, Meaning, known_unit, meaning
+from emsid.first_look.dynamics import Response, response
+from emsid.first_look.names import ColumnQuantity, Meaning, meaning
 from emsid.first_look.roles import Roles, find_direction, find_roles, is_difference, with_responses
 from emsid.first_look.systems import Source, systems
 from emsid.io.clocks import on_one_clock
@@ -147,7 +147,8 @@ def describe_files(
 ) -> tuple[list[FirstLook], list[Finding]]:
     """Look at several files, and at what they have in common.
 
-    Two files of one signal each, equally long, are taken as the input and the output of one record.
+    Two files of one signal each, equally long and with the same times if they have any, are the input and the output
+    of one record.
 
     Args:
         paths: the files.
@@ -161,10 +162,11 @@ def describe_files(
         DataError: where an argument that is given cannot be used.
     """
     if len(paths) == 2 and not {"input", "output"} & set(reading):
-        pair = _input_and_output(*map(Path, paths))
+        pair = _input_and_output([Path(path) for path in paths])
         if pair is not None:
             u, y = pair
-            return [describe(y, tolerance=tolerance, **reading, input=f"{u}:1", output=f"{y}:1")], []
+            file = next(path for path in paths if y.startswith(f"{path}:"))
+            return [describe(file, tolerance=tolerance, **reading, input=u, output=y)], []
     looks = [describe(path, tolerance=tolerance, **reading) for path in paths]
     looks, different = _told_apart(looks)
     return looks, [*opposite_signs((look.name, look.response) for look in looks), *different]
@@ -186,24 +188,22 @@ def _told_apart(looks: Sequence[FirstLook]) -> tuple[list[FirstLook], list[Findi
     return [replace(look, system=numbers.get(look.path, 0)) for look in looks], found
 
 
-def _input_and_output(first: Path, second: Path) -> tuple[Path, Path] | None:
-    """The files of the input and of the output; None where they are no two files of one signal each."""
-    signals = []
-    for path in (first, second):
-        series = list(read_columns(path).series.values())
-        if len(series) != 1:
+def _input_and_output(paths: Sequence[Path]) -> tuple[str, str] | None:
+    """The names of the input and the output in two files of one signal each, on the same clock if they have one."""
+    signals, clocks = [], []
+    for path in paths:
+        series = read_columns(path).series
+        times = [name for name in series if meaning(name).quantity is ColumnQuantity.TIME]
+        if len(series) != len(times) + 1 or len(times) > 1:
             return None
-        signals.append(as_numbers(series[0]))
-    a, b = signals
-    if len(a) != len(b):
-        return None
-    names = [meaning(path.stem).quantity for path in (first, second)]
-    swapped = influence(b, a) > influence(a, b)
-    if ColumnQuantity.OUTPUT in names[:1] or ColumnQuantity.INPUT in names[1:]:
-        swapped = True
-    elif ColumnQuantity.INPUT in names[:1] or ColumnQuantity.OUTPUT in names[1:]:
-        swapped = False
-    return (second, first) if swapped else (first, second)
+        clocks.append([as_numbers(series[name]) for name in times])
+        name = next(name for name in series if name not in times)
+        said = max(meaning(name), meaning(path.stem), key=lambda each: each.confidence)
+        shown = "1" if name == "c1" else name
+        signals.append(column_of_numbers(f"{path}:{shown}", "numbers", said, as_numbers(series[name])))
+    same = len(signals[0].values) == len(signals[1].values) and np.array_equal(clocks[0], clocks[1])
+    roles = find_roles(signals, "") if same else Roles()
+    return (roles.input, roles.output) if roles.input else None
 
 
 def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], given: set[str]) -> FirstLook:
@@ -214,14 +214,22 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
     try:
         record = read(parsed, **look.reading)
     except EmsidError as problem:
-        if {"input", "output"} <= given or not isinstance(problem, DataError):
+        if not isinstance(problem, DataError) or {"input", "output"} <= given:
+            raise
+        if given and describe(look.path).record is not None:  # what is given is the cause
             raise
         reason = str(problem).removeprefix(f"{look.path}: ")
         failed = Finding("not-readable", look.name, {"reason": reason, "arguments": list(problem.arguments)})
         return replace(look, findings=(*noticed, failed))
     found = Response(None, 0, 0.0, 0.0)
     if record.output.shape[1]:
-        found = response(record.input[:, 0], record.output[:, 0], record.breaks)
+        u, y, proposed = record.input[:, 0], record.output[:, 0], look.reading["output"]
+        found = response(u, y, record.breaks)
+        guessed = "output" not in given and proposed == look.roles.output
+        if guessed and found.delay is None and response(u, y, record.breaks, integrates=True).delay is not None:
+            noticed.append(Finding("position-differentiated", proposed, {"input": look.roles.input}))
+            look = replace(look, reading={**look.reading, "output": f"d({proposed})"})
+            return _with_record(look, parsed, noticed, given)
     findings = (*record.findings, *noticed, *advice(record, found, look.tolerance))
     return replace(look, record=record, response=found, findings=findings)
 
@@ -270,7 +278,7 @@ def _proposal(raw: Columns, columns: Mapping[str, Column], clock: Clock, roles: 
 
 def _convertible(said: Meaning) -> str:
     """A unit that converts without further numbers; empty where there is none."""
-    return known_unit(said.unit) if not re.search(r"pwm|count|sample|percent|%", said.unit) else ""
+    return said.unit if not re.search(r"pwm|count|sample|percent|%", said.unit) else ""
 
 
 def _mask(columns: Sequence[Column]) -> str | None:
@@ -322,7 +330,7 @@ def _about_column(column: Column, look: FirstLook) -> list[Finding]:
         data = {"row": column.stuck.start, "length": column.stuck.length, "value": column.stuck.value}
         findings.append(Finding("value-stuck", name, data))
     if name == look.roles.output and column.meaning.quantity is ColumnQuantity.POSITION:
-        findings.append(Finding("position-differentiated", name))
+        findings.append(Finding("position-differentiated", name, {"input": ""}))
     position = next((each for each in look.columns if is_difference(each, column)), None)
     if position is not None:
         findings.append(Finding("difference-of-position", name, {"position": position.name}))

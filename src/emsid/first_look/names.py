@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from emsid.io.sampling import CLOCK_NAMES
+from emsid.units import known_unit
 
 
 class ColumnQuantity(StrEnum):
@@ -57,12 +58,13 @@ _WORDS: tuple[tuple[ColumnQuantity, float, str], ...] = (
     (
         ColumnQuantity.TIME,
         0.9,
-        "time timestamp zeit seconds clock elapsed datetime date when uptime millis micros stamp",
+        "time timestamp zeit uhrzeit temps tiempo tempo seconds clock elapsed datetime date when uptime millis micros "
+        "stamp",
     ),
     (
         ColumnQuantity.REFERENCE,
         0.9,
-        "ref reference setpoint target desired soll sollwert goal sp qg qr qref demand wanted",
+        "ref reference setpoint target desired soll sollwert consigne consigna goal sp qg qr qref demand wanted",
     ),
     (
         ColumnQuantity.OTHER,
@@ -70,20 +72,34 @@ _WORDS: tuple[tuple[ColumnQuantity, float, str], ...] = (
         "temp temperature index idx row seq id state status mode fault flag crc checksum battery",
     ),
     (ColumnQuantity.ACCELERATION, 0.9, "acc accel acceleration qdd beschleunigung"),
-    (ColumnQuantity.SPEED, 0.95, "speed vel velocity rpm omega geschwindigkeit drehzahl gyro spd qdot dq qd rate"),
+    (
+        ColumnQuantity.SPEED,
+        0.95,
+        "speed vel velocity rpm omega geschwindigkeit drehzahl winkelgeschwindigkeit vitesse velocidad velocità gyro "
+        "spd qdot dq qd rate",
+    ),
     (ColumnQuantity.DUTY, 0.95, "pwm duty dutycycle throttle"),
-    (ColumnQuantity.VOLTAGE, 0.95, "voltage volt volts vin spannung vmot vmotor ua va um vm vir"),
-    (ColumnQuantity.CURRENT, 0.9, "current curr strom amps amp ampere ia im iq imot"),
-    (ColumnQuantity.TORQUE, 0.9, "torque tau moment drehmoment"),
-    (ColumnQuantity.FORCE, 0.85, "force kraft"),
+    (
+        ColumnQuantity.VOLTAGE,
+        0.95,
+        "voltage volt volts vin spannung tension tensión tensione vmot vmotor ua va um vm vir",
+    ),
+    (ColumnQuantity.CURRENT, 0.9, "current curr strom courant corriente corrente amps amp ampere ia im iq imot"),
+    (ColumnQuantity.TORQUE, 0.9, "torque tau moment drehmoment couple coppia"),
+    (ColumnQuantity.FORCE, 0.85, "force kraft fuerza forza"),
     (
         ColumnQuantity.POSITION,
         0.9,
-        "position pos angle theta phi encoder enc ticks tick step steps winkel qm counts count",
+        "position posición posizione pos angle ángulo angolo theta phi encoder enc ticks tick step steps winkel qm "
+        "counts count",
     ),
-    (ColumnQuantity.DUTY, 0.8, "command cmd commanded control ctrl effort actuation stellgroesse drive"),
-    (ColumnQuantity.INPUT, 0.85, "u input in stimulus excitation"),
-    (ColumnQuantity.OUTPUT, 0.85, "y z output out response measured"),
+    (
+        ColumnQuantity.DUTY,
+        0.8,
+        "command cmd commanded control ctrl effort actuation stellgroesse stellgröße commande drive",
+    ),
+    (ColumnQuantity.INPUT, 0.85, "u input in stimulus excitation eingang entrée"),
+    (ColumnQuantity.OUTPUT, 0.85, "y z output out response measured ausgang sortie"),
     (ColumnQuantity.TIME, 0.8, "t sec s ms us"),
     (ColumnQuantity.REFERENCE, 0.6, "r w"),
     (ColumnQuantity.POSITION, 0.5, "q deg rad"),
@@ -103,37 +119,14 @@ _BY_UNIT: tuple[tuple[ColumnQuantity, str], ...] = (
     (ColumnQuantity.TORQUE, "N*m mN*m"),
     (ColumnQuantity.FORCE, "N"),
 )
-_UNITS = {unit.lower(): unit for _, units in _BY_UNIT for unit in units.split()} | {
-    "°": "deg",
-    "°/s": "deg/s",
-    "degree": "deg",
-    "degrees": "deg",
-    "dps": "deg/s",
-    "1/min": "rpm",
-    "u/min": "rpm",
-    "r/min": "rpm",
-    "rev/min": "rpm",
-    "µs": "us",
-    "sec": "s",
-    "seconds": "s",
-    "msec": "ms",
-    "volt": "V",
-    "volts": "V",
-    "nm": "N*m",
-    "n·m": "N*m",
-    "rad/s²": "rad/s^2",
-    "m/s²": "m/s^2",
-    "counts": "count",
-    "ticks": "count",
-    "counts/s": "count/s",
-    "amps": "A",
-}
 _BRACKETED = re.compile(r"\s*[(\[{<]\s*([^)\]}>]*?)\s*[)\]}>]\s*$")
+_OPEN = re.compile(r"(?:\s*/\s*|\s+in\s+|\s+(?=\S+/))(\S+)$")
+"""A unit after a slash, as in *U/V*, after *in*, or one with a slash after a blank."""
 _SUFFIX = re.compile(r"[_ ](ns|us|ms|s|V|mV|A|mA|rpm|rad|deg|rads|dps|Nm|pct)$")
 _SUFFIXES = {"rads": "rad/s", "pct": "percent"}
 _UNIT_NAMES = {"rpm": "rpm", **CLOCK_NAMES}
 """Words of a name that say the unit."""
-_WORD = re.compile(r"[A-Z]+(?![a-zäöü])|[A-ZÄÖÜ]?[a-zäöüß]+|[A-Z]+|[α-ωΑ-Ω]+")
+_WORD = re.compile(r"[A-Z]+(?![a-zà-ÿ])|[A-ZÀ-Þ]?[a-zà-ÿ]+|[A-Z]+|[α-ωΑ-Ω]+")
 _GREEK = {"ω": "omega", "θ": "theta", "φ": "phi", "τ": "tau"}
 
 
@@ -171,17 +164,10 @@ def without_unit(name: str) -> tuple[str, str]:
     bracketed = _BRACKETED.search(name)
     if bracketed:
         return name[: bracketed.start()], known_unit(bracketed[1])
+    after = _OPEN.search(name)
+    if after and known_unit(after[1]) and (len(after[1]) > 1 or known_unit(after[1]) == after[1]):
+        return name[: after.start()], known_unit(after[1])
     suffix = _SUFFIX.search(name)
     if suffix:
         return name[: suffix.start()], known_unit(_SUFFIXES.get(suffix[1], suffix[1]))
     return name, ""
-
-
-def known_unit(text: str) -> str:
-    """A unit in the spelling of `emsid.units`; empty where it is not known.
-
-    >>> known_unit("RPM"), known_unit("°/s"), known_unit("furlong")
-    ('rpm', 'deg/s', '')
-    """
-    text = text.strip("()[]{}<> ")
-    return text if text in _UNITS.values() else _UNITS.get(text.lower(), "")

@@ -85,7 +85,7 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
     ]
     if not pairs:
         only = compared[0].name if compared else ""
-        return Roles(input=input, output=output or (only if only != input else ""), output_confidence=0.2)
+        return Roles(input, output or (only if only != input else ""), 1.0, 1.0 if output else 0.2)
     named = {(u.name, y.name): _as_input(u) + _as_output(y) + _same_number(u, y) for u, y in pairs}
     best = max(named.values())
     shares = {

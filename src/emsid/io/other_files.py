@@ -27,7 +27,7 @@ def file_and_column(name: str, beside: Path | None = None) -> tuple[Path, str] |
 
 
 def with_other_files(
-    columns: Columns, path: Path, names: Sequence[str], read_columns: Callable[[Path], Columns]
+    columns: Columns, path: Path, names: Sequence[str], time: str | None, read_columns: Callable[[Path], Columns]
 ) -> tuple[Columns, dict[str, str]]:
     """The columns of a file with those that the names take from other files, and the new name of each of these.
 
@@ -38,10 +38,11 @@ def with_other_files(
         columns: of the file ``path``.
         path: the file.
         names: of channels.
+        time: the time column; None where there is none.
         read_columns: reads the columns of another file.
 
     Raises:
-        DataError: for a column that the other file does not have.
+        DataError: for a column that the other file does not have, or where its times are others.
     """
     series, units = dict(columns.series), dict(columns.units)
     renamed: dict[str, str] = {}
@@ -54,6 +55,10 @@ def with_other_files(
             file, wanted = found
             others = columns if file.resolve() == path.resolve() else read_columns(file)
             column = _column(others, wanted, file)
+            if time in others.series and time in series and not others.series[time].equals(series[time]):
+                raise DataError(
+                    f"the times in {time!r} of {file.name} and {path.name} differ; bring both to the same times first"
+                )
             own = column if column != f"c{list(others.series).index(column) + 1}" else file.stem
             own = name if own in own_names.values() or (own in series and others is not columns) else own
             own_names[name], series[own] = own, others.series[column].alias(own)

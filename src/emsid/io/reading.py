@@ -176,7 +176,8 @@ def read(
     """
     parsed = path if isinstance(path, ParsedFile) else ParsedFile(Path(path), read_columns(path))
     file = parsed.path
-    columns, rename = with_other_files(parsed.columns, file, [*_as_tuple(input), *_as_tuple(output)], read_columns)
+    names = [*_as_tuple(input), *_as_tuple(output)]
+    columns, rename = with_other_files(parsed.columns, file, names, time, read_columns)
     try:
         record = _record(
             columns,

@@ -21,6 +21,7 @@ from emsid.errors import FormatError
 from emsid.io.columns import Columns, DamagedRow
 from emsid.io.files import looks_like
 from emsid.io.serial_monitor import monitor_lines
+from emsid.units import known_unit
 
 if TYPE_CHECKING:
     import polars as pl
@@ -28,30 +29,6 @@ if TYPE_CHECKING:
 _NUMBER = re.compile(r"[+-]?(\d+\.?|\d*[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _MISSING = frozenset({"", "na", "n/a", "null", "none", "-", "--", "?"})
 _BRACKETED = re.compile(r"\(.*\)|\[.*\]|\{.*\}")
-_UNITS = {
-    *(
-        "s",
-        "ms",
-        "us",
-        "µs",
-        "ns",
-        "min",
-        "h",
-        "hz",
-        "khz",
-        "v",
-        "mv",
-        "a",
-        "ma",
-        "w",
-        "%",
-        "pwm",
-        "count",
-        "counts",
-    ),
-    *("rad", "deg", "°", "rev", "rpm", "rad/s", "deg/s", "°/s", "rev/s", "rad/s^2", "m", "mm", "m/s", "mm/s"),
-    *("n", "nm", "n*m", "n·m", "kg", "°c"),
-}
 # Only time differences are used, so the order of day and month does not matter.
 _MOMENTS = [
     f"{date}{between}%H:%M:%S%.f{zone}"
@@ -285,7 +262,7 @@ def _is_missing(cell: str) -> bool:
 
 
 def _is_unit(cell: str) -> bool:
-    return not cell or cell == "-" or cell.lower() in _UNITS or _BRACKETED.fullmatch(cell) is not None
+    return not cell or cell == "-" or known_unit(cell) != "" or _BRACKETED.fullmatch(cell) is not None
 
 
 def _distinct(names: Sequence[str]) -> list[str]:

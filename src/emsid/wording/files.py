@@ -168,10 +168,10 @@ def value_stuck(f: Finding, argument: Spelling) -> str:
 
 @words("position-differentiated")
 def position_differentiated(f: Finding, argument: Spelling) -> str:
-    """Subject: the column."""
-    return (
-        f"{f.subject} is a position; its derivative d({f.subject}) is proposed, because a speed is easier to identify"
-    )
+    """Subject: the column. Data: input (whose effect shows it; empty where the name of the column says it)."""
+    u = f.data["input"]
+    why = f"seems to be a position, because its change answers {u} and it does not" if u else "is a position"
+    return f"{f.subject} {why}; its derivative d({f.subject}) is proposed, because a speed is easier to identify"
 
 
 @words("direction-column")

@@ -5,6 +5,7 @@
 ('resistance', 'rotor_viscous', 'motor_constant')
 """
 
+from emsid.models.plants.base_plant import BasePlant
 from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.datasheet import Given, datasheet
 from emsid.models.plants.drifting_load import DriftingLoad, LoadDrift
@@ -16,7 +17,7 @@ from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Handle, Signal, by_direction, scalar
-from emsid.models.plants.plant import BasePlant, Channels, DrivenPlant, Plant, Quantity, Sizes, StaticCharacteristic
+from emsid.models.plants.plant import Channels, DrivenPlant, Plant, Quantity, Sizes, StaticCharacteristic
 from emsid.models.plants.registry import register
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, likelihood_profile

@@ -77,7 +77,7 @@ class Blocks:
         return self._structure(options).continued(fit.model, record, control)
 
     def _structure(self, options: Options) -> CascadeStructure:
-        rate = 1 if options.hold is Hold.ZERO else None  # more steps per sample are for inputs that go on in between
+        rate = 1 if options.hold is Hold.ZERO else None  # more steps per sample are for continuous inputs
         settings = CascadeSearch(
             static=options.static,
             size=options.knots,

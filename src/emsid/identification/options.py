@@ -44,7 +44,7 @@ class Options:
         free: exactly the physical parameters to estimate; by default those that the plant usually has unknown, with
             refinements.
         recent: time in s after which errors of physical models are forgotten; see `Recent`. By default, never.
-        hold: how the input goes on between its samples: ``"zero"`` (held), ``"first"`` (straight to the next one) or
+        hold: the course of the input between its samples: ``"zero"`` (held), ``"first"`` (straight to the next one) or
             ``"record"`` (as each record shows); by default decided from the data.
         per_record: physical parameters that have a value of their own in every record, such as the load.
         profile: physical parameters whose likelihood profiles are computed.

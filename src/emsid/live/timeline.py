@@ -116,7 +116,7 @@ class Timeline:
         return [] if rows is None or len(rows) < 3 else self.place(rows, last=True)
 
     def _unturned(self, rows: Rows, dt: float) -> Rows:
-        """The rows with a time and a number that go on where a clock or a counter begins at zero again."""
+        """The rows with a time and a number that increase where a clock or a counter overflows to zero."""
         time, number = rows.time + self._turned, rows.number + self._turned_number
         before = self._last or (time[0], number[0])
         step = np.diff(time, prepend=before[0])

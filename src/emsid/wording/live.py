@@ -41,7 +41,7 @@ def source_gap(f: Finding, argument: Spelling) -> str:
     missing = (
         "samples are missing" if count is None else f"{count} {'samples are' if count != 1 else 'sample is'} missing"
     )
-    return f"{missing} before {f.data['time']:.6g} s: {CAUSES[f.data['cause']]}; the estimate goes on after the gap"
+    return f"{missing} before {f.data['time']:.6g} s: {CAUSES[f.data['cause']]}; the estimate continues after the gap"
 
 
 @words("samples-not-tracked", Severity.WARNING)

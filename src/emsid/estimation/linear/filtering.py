@@ -48,7 +48,7 @@ def filtered_from(above: ArrayLike, below: ArrayLike, signal: ArrayLike, state: 
 def filtered_both_ways(above: ArrayLike, below: ArrayLike, signal: ArrayLike, padding: int) -> Array:
     """A signal (N,) through B/A forwards and then backwards, so that nothing is delayed.
 
-    Beyond its ends the signal goes on point-symmetrically, from the steady state of the filter there.
+    Beyond its ends the signal is continued point-symmetrically, from the steady state of the filter there.
 
     Args:
         above, below: as in `filtered`, with a finite gain at rest.

@@ -55,7 +55,7 @@ class RecursiveLeastSquares(Generic[M_co]):
     >>> state.estimate.round(3)
     array([-0.8,  0.5])
 
-    To freeze the estimate, go on with the same state and ``replace(rls, rule=Frozen())``; to resume, with ``rls``.
+    To freeze the estimate, continue with the same state and ``replace(rls, rule=Frozen())``; to resume, with ``rls``.
 
     Args:
         structure: whose parameters are tracked.

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
+from emsid.models.plants.base_plant import BasePlant
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.parameters import Handle, Signal, refuse_overlap
-from emsid.models.plants.plant import BasePlant, Channels, Limits, Plant, Quantity, Sizes, StaticCharacteristic
+from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sizes, StaticCharacteristic
 from emsid.models.plants.state import PlantState
 from emsid.plant.friction import FrictionLaw
 from emsid.plant.parameter import Measure
@@ -214,7 +215,7 @@ class PlantByRecord(BasePlant):
         return self.shared.hold
 
     def with_hold(self, hold: Hold) -> Self:
-        """The plant with inputs that go on like this between their samples."""
+        """The plant with this hold of its inputs."""
         return replace(self, shared=self.shared.with_hold(hold))
 
     def for_command(self, record: Record) -> Self:

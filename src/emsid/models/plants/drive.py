@@ -121,7 +121,7 @@ class Drive:
         freewheel: λ, 0 for a bridge that always conducts and 1 for one that leaves the armature open in the off-time.
         codes: pairs of a code and the state of the bridge; codes are values of the command, or of the second input
             column if there is one.
-        hold: how the command goes on between its samples.
+        hold: the course of the command between its samples.
         loss: ℓ, the part of its on-time that the bridge loses below full duty, where it switches.
         rise: κ, the time constant of the armature current over the period of the PWM, for a bridge that coasts.
 

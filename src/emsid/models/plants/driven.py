@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.models.plants.base_plant import BEGINNING, BasePlant, parameters_of
 from emsid.models.plants.beginning import beginning
 from emsid.models.plants.drive import Bridge, Drive, Hold
 from emsid.models.plants.one_mass import Motion, OneMass, moved
 from emsid.models.plants.parameters import Signal
-from emsid.models.plants.plant import BEGINNING, BasePlant, DrivenPlant, Limits, Plant, parameters_of
+from emsid.models.plants.plant import DrivenPlant, Limits, Plant
 from emsid.models.plants.sensor import Sensor
 from emsid.plant.friction import find_law, law_name
 

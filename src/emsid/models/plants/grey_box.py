@@ -60,7 +60,7 @@ class GreyBox(RunMethods):
 
     @property
     def latency(self) -> int:
-        """That of the plant: zero unless it needs the next inputs to know how they go on between their samples."""
+        """That of the plant: zero unless it needs the next input to interpolate."""
         return self.plant.latency
 
     def with_estimates(self, names: Sequence[str], values: Array) -> GreyBox:

@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
+from emsid.models.plants.base_plant import plausible
 from emsid.models.plants.cogging import Cogging, check_quadratic, cogging_handles, extra_terms, without_idle
 from emsid.models.plants.drive import Acting, Drive, Feed, outer_handles
 from emsid.models.plants.driven import Driven
 from emsid.models.plants.one_mass import Motion, OneMass, Sliding, moved
 from emsid.models.plants.parameters import TINY, Handle, Signal, dead_zone_handles, law_handles, scalar
-from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sizes, StaticCharacteristic, plausible
+from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sizes, StaticCharacteristic
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
 from emsid.plant import DeadZoneLaw, Friction, FrictionLaw, Measure, Motor, Parameter, State, Taylor, simulate

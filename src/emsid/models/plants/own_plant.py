@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from emsid.arguments import did_you_mean
 from emsid.errors import ModelError, listed
 from emsid.models.interpolation import INTERPOLATION_REACH, between
+from emsid.models.plants.base_plant import BEGINNING, BasePlant
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.parameters import Handle, Signal
-from emsid.models.plants.plant import BEGINNING, BasePlant
 from emsid.models.plants.state import NO_ROWS, PlantState
 from emsid.plant.parameter import Measure, Parameter
 from emsid.record import Record
@@ -38,8 +38,8 @@ class OwnPlant(BasePlant):
     It is integrated by the classical Runge–Kutta method. Functions compiled with ``numba.njit`` run in a compiled loop;
     they must return arrays.
 
-    An input that is taken for held although it goes on between its samples is half a sample late, which bends every
-    parameter of an oscillator; ``between`` says how it goes on.
+    A continuous input that is simulated as held is half a sample late, which biases every parameter of an oscillator;
+    ``between`` states the hold.
 
     Args:
         derivative: of the state (n,), a function of state, input (nu,) and parameters (p,).
@@ -50,7 +50,7 @@ class OwnPlant(BasePlant):
         bounds: (name, lower, upper) for every parameter that has bounds.
         steps: Runge–Kutta steps per sample.
         name: its name in tables.
-        between: how the input goes on between its samples: ``held``, ``linear`` or ``band-limited``.
+        between: the hold of the input between its samples: ``held``, ``linear`` or ``band-limited``.
         first: (n,) where the search for the initial state of every record begins; zeros by default.
         beginning: the number of samples from which a free run estimates its initial state. By default as many as a
             difference of initial states lasts in the first record of a fit, at least twenty.

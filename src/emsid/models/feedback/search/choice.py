@@ -5,7 +5,7 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
 1. for every order, and a delay if linear models gain by it, a linear model and one map in the direction that explains
    most: a polynomial, or else a spline or a dead zone;
    for an output that shows magnitudes only, also a model before a sensor that loses the sign (`magnitudes`);
-2. with the best order, twice the rate, for an input that goes on between its samples;
+2. with the best order, twice the rate, for a continuous input;
 3. other families of maps;
 4. a second map, and then a third one;
 5. in a short record, of all models with maps, the one with the least error on parts that are left out of its fit: as

@@ -58,7 +58,7 @@ class FeedbackSearch:
         size: their number of knots, or degree; 0 for the usual one of the family.
         delay: from the input to its first effect, in samples.
         oversampling: steps of the model per sample.
-        held: whether the input is held between its samples, or goes on.
+        held: whether the input is held between its samples, or continuous.
         held_back: fraction of the record that choices are made on.
     """
 

@@ -92,7 +92,7 @@ def separated(
         together: that fit.
         segments: see `experiments`.
         own: full names of the parameters that differ by record; they were estimated.
-        hold_given: whether somebody has said how the input goes on between its samples.
+        hold_given: whether the user gave the hold of the input.
         fixed, bounds, datasheet, max_iterations, threads, control: as in `simulation_error`.
     """
     base = together.model.plant

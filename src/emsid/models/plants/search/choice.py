@@ -272,7 +272,7 @@ class _Choice:
 
     @property
     def between_samples_open(self) -> bool:
-        """Whether the last fit decides how the command goes on between its samples."""
+        """Whether the last fit decides on the hold of the command."""
         return not self.hopeless and (self.thinned or self.found.hold is not Hold.ZERO)
 
     def run(

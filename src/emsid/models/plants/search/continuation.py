@@ -57,7 +57,7 @@ class Reached(NamedTuple):
         return self.minimum.ending is not Ending.INTERRUPTED
 
     def ended_by(self, ending: Ending) -> Reached:
-        """The same, of a search that was to go on and was stopped."""
+        """The same, of a search that was stopped before its end."""
         code = "search-cancelled" if ending is Ending.INTERRUPTED else "time-used-up"
         finding = Finding(code, "", {"steps": self.steps, "offset": None})
         return self._replace(minimum=replace(self.minimum, ending=ending, findings=(finding,)))

@@ -84,7 +84,7 @@ def simulation_error(
             ``"unknown"``, or a `Given`.
         signals: what the outputs of the records are, `Signal` or its name, by default judged by their units.
         weighting: how errors count by their age: `all_alike`, `Recent`, or any other linear filter (error, dt) → error.
-        hold: how the command goes on between its samples: ``"zero"`` (held), ``"first"`` (straight to the next) or
+        hold: the course of the command between its samples: ``"zero"`` (held), ``"first"`` (straight to the next) or
             ``"record"`` (straight in records where it changes smoothly at every sample and never jumps). By default
             whichever simulates the records better.
         per_record: parameters that have a value of their own in every record, by name or symbol, such as the load; all

@@ -46,7 +46,7 @@ class Task:
         weighting: how errors count by their age.
         threads: how many.
         control: when to stop.
-        hold_given: whether somebody has said how the input goes on between its samples.
+        hold_given: whether the user gave the hold of the input.
         free_starts: whether initial states are estimated, and not taken from the first samples; see `beginning`.
     """
 

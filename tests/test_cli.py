@@ -249,6 +249,14 @@ BAD = {
         ("identify", "LOG", *IDENTIFY, "--models", "arx", "--fix", "resistance=1"),
         ("resistance cannot be fixed", "rigid-motor, motor, linear-axis"),
     ),
+    "transient of a whole record": (
+        ("identify", "LOG", *IDENTIFY, "--models", "arx", "--transient", "100000"),
+        ("a transient of 100000 samples leaves no sample", "--transient"),
+    ),
+    "misspelt parameter": (
+        ("identify", "LOG", *IDENTIFY, "--models", "rigid-motor", "--fix", "resistanc=2"),
+        ("rigid-motor has no parameter 'resistanc'; did you mean resistance",),
+    ),
     "missing datasheet": (("identify", "LOG", *IDENTIFY, "--datasheet", "sheet.toml"), ("sheet.toml",)),
     "missing motor": (("study", "--motor", "motor.toml"), ("motor.toml",)),
     "forgetting of zero": (("study", "--forgetting", "0", "--duration", "2"), ("forgetting",)),

@@ -7,6 +7,7 @@ import os
 import pickle
 from collections.abc import Callable
 from datetime import datetime, timedelta
+from typing import Any
 
 import h5py
 import numpy as np
@@ -30,21 +31,21 @@ def mat_5(variables: dict[str, object], **options: object) -> bytes:
     return content.getvalue()
 
 
-def mat_73(variables: dict[str, np.ndarray | dict[str, np.ndarray]]) -> bytes:
+def mat_73(variables: dict[str, Any]) -> bytes:
     """As MATLAB writes it: transposed, with the class of each variable, behind a header of 512 bytes."""
     content = io.BytesIO()
     with h5py.File(content, "w", userblock_size=512) as file:
 
-        def put(parent: h5py.Group, name: str, value: np.ndarray) -> None:
-            parent.create_dataset(name, data=np.atleast_2d(value).T).attrs["MATLAB_class"] = np.bytes_("double")
-
-        for name, value in variables.items():
+        def put(parent: h5py.Group, name: str, value: Any) -> None:
             if isinstance(value, dict):
-                group = file.create_group(name)
+                group = parent.create_group(name)
                 for field, inner in value.items():
                     put(group, field, inner)
             else:
-                put(file, name, value)
+                parent.create_dataset(name, data=np.atleast_2d(value).T).attrs["MATLAB_class"] = np.bytes_("double")
+
+        for name, value in variables.items():
+            put(file, name, value)
         text = file.create_dataset("note", data=np.array([[104], [105]], dtype=np.uint16))
         text.attrs["MATLAB_class"] = np.bytes_("char")
         file.create_dataset("nothing", data=np.zeros(2, dtype=np.uint64)).attrs["MATLAB_empty"] = 1
@@ -123,12 +124,32 @@ def test_mat_5_is_read_as_scipy_reads_it(compressed: bool) -> None:
         )
         for k, kind in enumerate(kinds)
     }
-    content = mat_5({**variables, "x": {"inner": np.arange(5.0), "deeper": {"y": 1}}}, do_compression=compressed)
+    content = mat_5(
+        {**variables, "x": {"inner": np.arange(5.0), "deeper": {"y": np.arange(4.0)}}}, do_compression=compressed
+    )
     ours, reference = dict(mat5.variables(content)), scipy.io.loadmat(io.BytesIO(content))
     for name in variables:
         np.testing.assert_array_equal(ours[name], reference[name])
     np.testing.assert_array_equal(ours["x.inner"], np.arange(5.0)[None])
-    assert ours["x.deeper"] == "a struct inside a struct"
+    np.testing.assert_array_equal(ours["x.deeper.y"], np.arange(4.0)[None])
+
+
+def test_a_log_of_simulink_is_read() -> None:
+    """Structures with time: a struct of signals, or an array of such structs, and signals of (1, 1, N)."""
+    u, y = np.arange(N) * 1.0, np.cos(np.arange(N))
+    one = {"time": np.arange(N) / 100, "signals": {"values": np.c_[u, y], "label": "scope"}}
+    two = np.array([(u, 1.0), (y, 1.0)], dtype=[("values", object), ("dimensions", object)])
+    columns = read_mat(mat_5({"one": one, "two": {"signals": two}, "three": y[None, None, :]}))
+    np.testing.assert_array_equal(columns.series["one.signals.values_1"].to_numpy(), u)
+    np.testing.assert_array_equal(columns.series["two.signals(2).values"].to_numpy(), y)
+    np.testing.assert_array_equal(columns.series["three"].to_numpy(), y)
+    assert columns.others["two.signals(1).dimensions"] == "a single number"
+    deep: dict[str, Any] = {"y": y}
+    for _ in range(mat5.DEEPEST + 1):
+        deep = {"x": deep}
+    assert "a struct inside many others" in read_mat(mat_5({"y": y, "deep": deep})).others.values()
+    many = np.array([(u,)] * 101, dtype=[("u", object)])
+    assert read_mat(mat_5({"y": y, "many": many})).others == {"many": "an array of 101 structs"}
 
 
 def test_mat_5_of_the_other_byte_order() -> None:
@@ -140,9 +161,10 @@ def test_mat_5_of_the_other_byte_order() -> None:
 
 
 def test_mat_73() -> None:
-    columns = read_mat(mat_73({**VARIABLES, "run": {"u": np.arange(N) * 1.0}}))
+    columns = read_mat(mat_73({**VARIABLES, "run": {"u": np.arange(N) * 1.0, "inner": {"y": np.arange(N) * 2.0}}}))
     check_arrays(columns)
     np.testing.assert_array_equal(columns.series["run.u"].to_numpy(), np.arange(N))
+    np.testing.assert_array_equal(columns.series["run.inner.y"].to_numpy(), 2.0 * np.arange(N))
     assert columns.others["note"] == "text"
     assert columns.others["nothing"] == "empty"
     assert not any(name.startswith("#") for name in [*columns.series, *columns.others])

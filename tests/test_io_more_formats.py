@@ -20,6 +20,7 @@ from emsid.io import READERS, packing
 from emsid.io.arrow import read_arrow
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns
+from emsid.io.spreadsheet import read_spreadsheet
 
 N = 60
 T = 0.01 * np.arange(N)
@@ -43,6 +44,33 @@ def excel() -> bytes:
         for k, row in enumerate(rows):
             sheet.write_row(k, 0, row)
     return content.getvalue()
+
+
+def test_every_sheet_of_a_spreadsheet_is_read() -> None:
+    import xlsxwriter
+
+    content = BytesIO()
+    sheets = {"Info": [["Operator", "Kim"]], "Run 1": [["t", "u"], *zip(T, U, strict=True)], "Empty": [], "Run 2": []}
+    sheets["Run 2"] = [["t", "y"], ["s", "rad/s"], *zip(T[:50], Y[:50], strict=True)]
+    with xlsxwriter.Workbook(content, {"in_memory": True}) as book:
+        for name, rows in sheets.items():
+            sheet = book.add_worksheet(name)
+            for k, row in enumerate(rows):
+                sheet.write_row(k, 0, row)
+    columns = read_spreadsheet(content.getvalue())
+    assert {name: len(values) for name, values in columns.series.items()} == {
+        "t": len(T),
+        "u": len(T),
+        "Run 2.t": 50,
+        "Run 2.y": 50,
+    }
+    assert columns.units == {"Run 2.t": "s", "Run 2.y": "rad/s"}
+    assert columns.place(60) == "row 61"
+    empty = BytesIO()
+    with xlsxwriter.Workbook(empty, {"in_memory": True}) as book:
+        book.add_worksheet("Info").write_row(0, 0, ["Operator", "Kim"])
+    with pytest.raises(FormatError, match="there are no numbers in this file"):
+        read_spreadsheet(empty.getvalue())
 
 
 def tdms() -> bytes:

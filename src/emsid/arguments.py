@@ -26,11 +26,11 @@ def as_names_with_commas(names: str | Iterable[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The end of a message that suggests the nearest known name; empty where none is near.
+def did_you_mean(name: str, known: Iterable[str], most: int = 1) -> str:
+    """The end of a message that suggests at most so many near names; empty where none is near.
 
     >>> did_you_mean("rigde", ["ridge", "forgetting"])
     '; did you mean ridge?'
     """
-    near = get_close_matches(name, list(known), n=1)
-    return f"; did you mean {near[0]}?" if near else ""
+    near = get_close_matches(name, list(known), n=most)
+    return f"; did you mean {' or '.join(near)}?" if near else ""

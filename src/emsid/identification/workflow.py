@@ -159,7 +159,7 @@ def identify(
     findings += [each.about(name) for name, plant in plants.items() for each in assumptions(plant, record)]
 
     train, test = (record, as_one(others)) if others else hold_back_records(several, _fraction(unseen), as_one)
-    _check_sample_times(train, test, [name for name in names if name not in plants])
+    _check_records(train, test, [name for name in names if name not in plants], transient)
     whole, (train, outside) = train, to_compare(train, names)
     later = int(whole is not train and not bootstrap)
     found = _fit_all(names, train, options, control, finished, None if budget else elsewhere, later)
@@ -409,17 +409,22 @@ def _difference_of_records(comparison: Comparison, records: Sequence[Record]) ->
     return [each.finding for each in islice(filter(None, found), 1)]
 
 
-def _check_sample_times(train: Record, test: Record, discrete: Sequence[str]) -> None:
-    """Refuse to rank discrete-time models on data of another sample time.
+def _check_records(train: Record, test: Record, discrete: Sequence[str], transient: int | None) -> None:
+    """Refuse to rank discrete-time models on data of another sample time, and a transient that leaves no sample.
 
     Raises:
-        DataError: naming the models.
+        DataError: naming the models, or the record.
     """
     if discrete and not np.isclose(train.dt, test.dt, rtol=1e-3, atol=0.0):
         raise DataError(
             f"{test.name} is sampled every {test.dt:g} s and {train.name} every {train.dt:g} s, so "
             f"{', '.join(discrete)} cannot be simulated on it; resample one of them, or check the unit of its times"
         )
+    for record in (train, test):
+        longest = max(map(len, record.segments))
+        if longest <= (transient or 0):
+            left = f"leaves no sample for an error; the longest segment has {longest}"
+            raise DataError(f"{record.name}: a transient of {transient} samples {left}", arguments=("transient",))
 
 
 def _fraction(unseen: Any) -> float:

@@ -155,6 +155,8 @@ def from_arrays(variables: Iterable[tuple[str, object]]) -> Columns:
     series: dict[str, pl.Series] = {}
     others: dict[str, str] = {}
     for name, value in variables:
+        if isinstance(value, np.ndarray) and value.ndim > 2:  # (1, 1, N), as Simulink logs a signal
+            value = value.squeeze()
         reason = reason_against(value)
         if reason:
             others[name] = reason

@@ -23,7 +23,8 @@ _ENDIAN_AT = slice(126, 128)
 
 
 def read_mat(content: bytes) -> Columns:
-    """The vectors and matrices of a MAT file; those inside a struct are called ``struct.field``.
+    """The vectors and matrices of a MAT file; those inside a struct are called ``struct.field``, at any depth
+    up to `mat5.DEEPEST`.
 
     The version is recognised from the content.
 
@@ -74,15 +75,17 @@ def parsed_73(content: bytes) -> bytes:
 def _variables_73(content: bytes) -> Iterator[tuple[str, Any]]:
     import h5py
 
-    with h5py.File(BytesIO(content), "r") as file:
-        for name, item in file.items():
+    def inside(group: Any, prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
+        for name, item in group.items():
             if name.startswith("#"):  # the targets of references in cells and objects
                 continue
-            if isinstance(item, h5py.Group):
-                for field, inner in item.items():
-                    yield f"{name}.{field}", _array(inner)
+            if isinstance(item, h5py.Group) and depth < mat5.DEEPEST:
+                yield from inside(item, f"{prefix}{name}.", depth + 1)
             else:
-                yield name, _array(item)
+                yield f"{prefix}{name}", _array(item)
+
+    with h5py.File(BytesIO(content), "r") as file:
+        yield from inside(file, "", 0)
 
 
 def _array(item: Any) -> Any:

@@ -26,6 +26,10 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f
 _STRUCT = 2
 _REAL = range(6, 16)  # classes double, single and the integers
 _COMPLEX = 0x0800
+DEEPEST = 8
+"""A struct inside so many others is not read."""
+_MOST_OF_ARRAY = 100
+"""An array of more structs is not read."""
 _OTHER = {1: "a cell array", 3: "an object", 4: "text", 5: "a sparse matrix", 16: "a function", 17: "an object"}
 
 
@@ -41,7 +45,7 @@ class _Element(NamedTuple):
 def variables(content: bytes) -> Iterator[tuple[str, NDArray[np.generic] | str]]:
     """Every variable of a file: its name and its array, or a text that says why it is no array.
 
-    The fields of a struct (1, 1) are called ``struct.field``.
+    The fields of a struct are called ``struct.field``, those of an array of structs ``struct(1).field``.
 
     Raises:
         Damaged: where the bytes do not follow the format.
@@ -75,8 +79,10 @@ def _elements(data: memoryview, order: str) -> Iterator[_Element]:
         at = at + 8 if small else begin + length + (0 if kind == _COMPRESSED else -length % 8)
 
 
-def _variable(data: memoryview, order: str, prefix: str = "") -> Iterator[tuple[str, NDArray[np.generic] | str]]:
-    """The variable in the data of one element; ``prefix`` is the name of the field of a struct that it is in."""
+def _variable(
+    data: memoryview, order: str, prefix: str = "", depth: int = 0
+) -> Iterator[tuple[str, NDArray[np.generic] | str]]:
+    """The variable in the data of one element; ``prefix`` is its name where it is a field of a struct."""
     parts = _elements(data, order)
     flags = _numbers(parts, order)
     if len(flags) < 1:
@@ -92,7 +98,7 @@ def _variable(data: memoryview, order: str, prefix: str = "") -> Iterator[tuple[
     if kind in _OTHER:
         yield name, _OTHER[kind]
     elif kind == _STRUCT:
-        yield from _struct(parts, order, name, shape, nested=bool(prefix))
+        yield from _struct(parts, order, name, shape, depth)
     elif kind not in _REAL:
         raise Damaged(f"a variable of class {kind}")
     elif is_complex:
@@ -105,25 +111,27 @@ def _variable(data: memoryview, order: str, prefix: str = "") -> Iterator[tuple[
 
 
 def _struct(
-    parts: Iterator[_Element], order: str, name: str, shape: tuple[int, ...], *, nested: bool
+    parts: Iterator[_Element], order: str, name: str, shape: tuple[int, ...], depth: int
 ) -> Iterator[tuple[str, NDArray[np.generic] | str]]:
-    if nested or prod(shape) != 1:
-        yield name, "a struct inside a struct" if nested else "an array of structs"
+    """The fields of a struct, or of every struct of an array, which follow each other."""
+    if depth >= DEEPEST or not 0 < prod(shape) <= _MOST_OF_ARRAY:
+        yield name, f"an array of {prod(shape)} structs" if depth < DEEPEST else "a struct inside many others"
         return
     width = _numbers(parts, order)
     labels = _text(parts, order)
     if len(width) != 1 or width[0] < 1:
         raise Damaged("a struct without the length of its field names")
     step = int(width[0])
-    for k in range(0, len(labels), step):
-        field = labels[k : k + step].partition("\0")[0]
+    fields = [labels[k : k + step].partition("\0")[0] for k in range(0, len(labels), step)]
+    owners = [name] if prod(shape) == 1 else [f"{name}({k + 1})" for k in range(prod(shape))]
+    for full in (f"{owner}.{field}" for owner in owners for field in fields):
         value = next(parts, None)
         if value is None or value.kind != _MATRIX:
-            raise Damaged(f"no value for the field {field!r}")
+            raise Damaged(f"no value for the field {full!r}")
         if len(value.data):
-            yield from _variable(value.data, order, f"{name}.{field}")
+            yield from _variable(value.data, order, full, depth + 1)
         else:
-            yield f"{name}.{field}", "empty"
+            yield full, "empty"
 
 
 def _numbers(parts: Iterator[_Element], order: str) -> NDArray[np.generic]:

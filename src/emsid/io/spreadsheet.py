@@ -1,30 +1,65 @@
-"""Excel and OpenDocument spreadsheets, read by fastexcel: the first sheet, as a text table."""
+"""Excel and OpenDocument spreadsheets, read by fastexcel: every sheet as a text table."""
 
 from __future__ import annotations
 
 import csv
+import json
 from io import BytesIO, StringIO
+from typing import TYPE_CHECKING
 
+from emsid.errors import FormatError
 from emsid.io.columns import Columns
 from emsid.io.packing import parsed_by
 from emsid.io.table import read_table
 
+if TYPE_CHECKING:
+    import polars as pl
+
 
 def read_spreadsheet(content: bytes) -> Columns:
-    """The columns of the first sheet of a spreadsheet; header lines and units are recognised as in a text table.
+    """The columns of a spreadsheet; header lines and units are recognised as in a text table.
+
+    The columns of the first sheet with a table have their own names, those of further ones ``sheet.column``.
 
     Raises:
-        FormatError: for content that is no spreadsheet, or where fastexcel is not installed.
+        FormatError: for content that is no spreadsheet, one without a table, or where fastexcel is not installed.
     """
-    return read_table(parsed_by(parsed, content, "a spreadsheet", "fastexcel", "excel"))
+    sheets: dict[str, str] = json.loads(parsed_by(parsed, content, "a spreadsheet", "fastexcel", "excel"))
+    tables: dict[str, Columns] = {}
+    problems: list[FormatError] = []
+    for name, text in sheets.items():
+        try:
+            tables[name] = read_table(text.encode())
+        except FormatError as problem:
+            problems.append(problem)
+    if not tables:
+        raise problems[0] if problems else FormatError("there is no sheet in this file")
+    (_, first), *others = tables.items()
+    if not others:
+        return first
+    series, units = dict(first.series), dict(first.units)
+    for sheet, table in others:
+        series |= {f"{sheet}.{name}": values.alias(f"{sheet}.{name}") for name, values in table.series.items()}
+        units |= {f"{sheet}.{name}": unit for name, unit in table.units.items()}
+    return Columns(series, units=units, preamble=first.preamble)
 
 
 def parsed(content: bytes) -> bytes:
-    """The cells of the first sheet as a CSV table, for the process that parses them."""
+    """The cells of every sheet as a CSV table by the name of the sheet, for the process that parses them."""
     import polars as pl
 
-    frame = pl.read_excel(BytesIO(content), has_header=False, drop_empty_rows=True, read_options={"dtypes": "string"})
+    frames = pl.read_excel(
+        BytesIO(content),
+        sheet_id=0,
+        has_header=False,
+        drop_empty_rows=True,
+        raise_if_empty=False,
+        read_options={"dtypes": "string"},
+    )
+    return json.dumps({name: _as_csv(frame) for name, frame in frames.items()}).encode()
+
+
+def _as_csv(frame: pl.DataFrame) -> str:
     text = StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerows([cell or "" for cell in row] for row in frame.rows())
-    return text.getvalue().encode()
+    csv.writer(text, lineterminator="\n").writerows([cell or "" for cell in row] for row in frame.rows())
+    return text.getvalue()

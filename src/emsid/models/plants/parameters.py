@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.arguments import did_you_mean
 from emsid.errors import ModelError
 from emsid.plant import DeadZoneLaw
 from emsid.plant.friction import FrictionLaw
@@ -125,7 +126,8 @@ def full_name(plant: Named, name: str) -> str:
             return same[0]
         if same:
             raise ModelError(f"{plant.name} has several parameters {name!r}: {', '.join(same)}; give one of them")
-    raise ModelError(f"{plant.name} has no parameter {name!r}; it has {', '.join(plant.handles)}")
+    near = did_you_mean(name, plant.handles, most=3) or f"; it has {', '.join(plant.handles)}"
+    raise ModelError(f"{plant.name} has no parameter {name!r}{near}")
 
 
 def find_handle(plant: Named, name: str) -> Handle:

@@ -149,3 +149,12 @@ def test_a_record_that_no_table_can_hold(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"the names 12, y1 cannot head a CSV file"):
         write_record(Record([1.0], [2.0], 1.0, ("12",)), tmp_path / "x.csv")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_name_loses_a_unit_that_is_not_that_of_the_channel(tmp_path: Path) -> None:
+    samples = np.arange(4.0)
+    names = ("Spannung [V]",), ("Drehzahl [U/min]",), "V", "rad/s"
+    write_record(Record(samples, samples, 0.01, *names), tmp_path / "x.csv")
+    assert (tmp_path / "x.csv").read_text().splitlines()[:2] == ["t,Spannung [V],Drehzahl", "[s],[V],[rad/s]"]
+    write_record(Record(samples, samples, 0.01, ("n (rpm)",), ("n [U/min]",), "rad/s", "rad/s"), tmp_path / "y.csv")
+    assert (tmp_path / "y.csv").read_text().splitlines()[0] == "t,n (rpm),n [U/min]"

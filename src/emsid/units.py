@@ -73,6 +73,20 @@ def known_unit(text: str) -> str:
     return text if text in _SPELLINGS.values() else _SPELLINGS.get(text.lower(), "")
 
 
+BRACKETED = re.compile(r"\s*[(\[{<]\s*([^)\]}>]*?)\s*[)\]}>]\s*$")
+
+
+def name_and_unit(name: str) -> tuple[str, str]:
+    """The name of a column without a unit in brackets at its end, and the unit; empty where there is none.
+
+    >>> name_and_unit("Motor_Speed(RPM)"), name_and_unit("f(x)"), name_and_unit("[V]")
+    (('Motor_Speed', 'rpm'), ('f(x)', ''), ('[V]', ''))
+    """
+    found = BRACKETED.search(name)
+    unit = known_unit(found[1]) if found else ""
+    return (name[: found.start()], unit) if found and unit and found.start() else (name, "")
+
+
 def readable_unit(unit: str) -> str:
     """A unit for print: a dot for ``*``, raised powers, a dash for no unit, ``unit?`` where it is unknown.
 
@@ -128,12 +142,13 @@ def with_unit(number: str, unit: str) -> str:
 
 
 def in_unit(name: str, unit: str) -> str:
-    """The name of a quantity with its unit in brackets, for a heading.
+    """The name of a quantity with its unit in brackets, for a heading, in place of another unit in the name.
 
-    >>> in_unit("torque", "N*m"), in_unit("share", "1")
-    ('torque [N·m]', 'share')
+    >>> in_unit("torque", "N*m"), in_unit("share", "1"), in_unit("Speed (RPM)", "rad/s")
+    ('torque [N·m]', 'share', 'Speed [rad/s]')
     """
-    return f"{name} [{plain_unit(unit)}]".removesuffix(" []")
+    shown = plain_unit(unit)
+    return f"{name_and_unit(name)[0]} [{shown}]" if shown else name
 
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

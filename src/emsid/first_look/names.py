@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from emsid.io.sampling import CLOCK_NAMES
-from emsid.units import known_unit
+from emsid.units import BRACKETED, known_unit
 
 
 class ColumnQuantity(StrEnum):
@@ -119,7 +119,6 @@ _BY_UNIT: tuple[tuple[ColumnQuantity, str], ...] = (
     (ColumnQuantity.TORQUE, "N*m mN*m"),
     (ColumnQuantity.FORCE, "N"),
 )
-_BRACKETED = re.compile(r"\s*[(\[{<]\s*([^)\]}>]*?)\s*[)\]}>]\s*$")
 _OPEN = re.compile(r"(?:\s*/\s*|\s+in\s+|\s+(?=\S+/))(\S+)$")
 """A unit after a slash, as in *U/V*, after *in*, or one with a slash after a blank."""
 _SUFFIX = re.compile(r"[_ ](ns|us|ms|s|V|mV|A|mA|rpm|rad|deg|rads|dps|Nm|pct)$")
@@ -161,7 +160,7 @@ def meaning(name: str, unit: str = "") -> Meaning:
 
 def without_unit(name: str) -> tuple[str, str]:
     """A name without its unit, and the unit; empty where it has none that is known."""
-    bracketed = _BRACKETED.search(name)
+    bracketed = BRACKETED.search(name)
     if bracketed:
         return name[: bracketed.start()], known_unit(bracketed[1])
     after = _OPEN.search(name)

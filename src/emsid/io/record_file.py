@@ -16,6 +16,7 @@ from emsid.io.columns import UNITS, units_as_json
 from emsid.io.files import atomic_write
 from emsid.io.table import read_table
 from emsid.record import Record
+from emsid.units import name_and_unit
 
 if TYPE_CHECKING:
     import polars as pl
@@ -25,7 +26,7 @@ def write_record(record: Record, path: str | os.PathLike[str]) -> str:
     """Write a record of one segment as a table of time, inputs and outputs.
 
     Numbers and SI units are read back exactly. A CSV file has a row of units under its names if all are known, Parquet
-    has them in its metadata, NPZ in an additional array.
+    has them in its metadata, NPZ in an additional array. A name with another unit in brackets loses that.
 
     Args:
         record: the record.
@@ -49,13 +50,23 @@ def write_record(record: Record, path: str | os.PathLike[str]) -> str:
             f"{record.name}: a table holds one segment and this record has {len(record.breaks) + 1}; write each of "
             "record.segments to a file of its own"
         )
-    names = (*record.input_names, *record.output_names)
+    channel_units = (*record.input_units, *record.output_units)
+    names = _in_units((*record.input_names, *record.output_names), channel_units)
     time = next(name for name in ("t", "time", "time_s", *(f"time{k}" for k in range(len(names)))) if name not in names)
     values = np.column_stack([record.time, record.input, record.output])
     columns = (time, *names)
-    units = dict(zip(columns, ("s", *record.input_units, *record.output_units), strict=True))
+    units = dict(zip(columns, ("s", *channel_units), strict=True))
     atomic_write(path, writer(pl.DataFrame(dict(zip(columns, values.T, strict=True))), units))
     return time
+
+
+def _in_units(names: tuple[str, ...], units: tuple[str, ...]) -> tuple[str, ...]:
+    """The names without units in brackets that are not those of the channels; as they are where two would be alike."""
+    bare = tuple(
+        name_and_unit(name)[0] if unit and name_and_unit(name)[1] != unit else name
+        for name, unit in zip(names, units, strict=True)
+    )
+    return bare if len(set(bare)) == len(bare) else names
 
 
 def _csv(frame: pl.DataFrame, units: Mapping[str, str]) -> bytes:

@@ -24,7 +24,7 @@ from emsid.errors import DataError
 from emsid.findings import Finding
 from emsid.presentation import Presented
 from emsid.record.frames import numbers, seconds
-from emsid.units import readable_unit
+from emsid.units import name_and_unit, readable_unit
 
 if TYPE_CHECKING:
     from emsid.record.time_axis import TimeAxis
@@ -187,7 +187,7 @@ class Record(Presented):
 
     def __repr__(self) -> str:
         channels = ", ".join(
-            f"{name} [{readable_unit(unit)}]" if unit else name
+            f"{name_and_unit(name)[0]} [{readable_unit(unit)}]" if unit else name
             for name, unit in zip(
                 self.input_names + self.output_names, self.input_units + self.output_units, strict=True
             )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from emsid.report.document import Axis, Dash, Ink, Stroke
 from emsid.report.numbers import capital
+from emsid.units import name_and_unit
 
 if TYPE_CHECKING:
     from emsid.record import Record
@@ -45,16 +46,18 @@ def output_axis(record: Record, channel: int) -> Axis:
 
 
 def channel_axis(name: str, unit: str) -> Axis:
-    """The axis of a channel; if the channel has no unit, a unit in the name of its column is shown.
+    """The axis of a channel: its unit in place of one in the name of its column, which is shown if it has none.
 
     >>> channel_axis("Motor_Speed(RPM)", "").title, channel_axis("u [V]", "").title, channel_axis("f(x)", "V").title
     ('Motor_Speed [RPM]', 'u [V]', 'f(x) [V]')
+    >>> channel_axis("Motor_Speed(RPM)", "rad/s").title
+    'Motor_Speed [rad/s]'
     >>> channel_axis("d(qm)", "").title
     'd(qm)'
     """
     named = None if name.startswith("d(") else re.fullmatch(r"(.*\S)\s*[(\[]([^()\[\]]+)[)\]]", name)
     if unit or named is None:  # d(COL) is the derivative of a column
-        return Axis(capital(name), unit)
+        return Axis(capital(name_and_unit(name)[0] if unit else name), unit)
     return Axis(capital(named[1]), named[2])
 
 

@@ -38,6 +38,8 @@ from emsid.validation.feedback_curves import map_error, visited
 Array = NDArray[np.float64]
 Quantity = tuple[str, str]
 """A name and a unit."""
+LEVEL = 0.95
+"""Of all bands."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,99 +77,92 @@ class BandedCurve:
         return vars(self) | arrays
 
 
-def curves(fit: Fit[Any], record: Record, *, level: float = 0.95) -> tuple[BandedCurve, ...]:
+def curves(fit: Fit[Any], record: Record) -> tuple[BandedCurve, ...]:
     """Step and frequency responses of all channels, static map, friction and dead zone, as far as the model has them.
 
     Args:
         fit: of any kind of model.
         record: with its sample time, channels and ranges.
-        level: of the bands.
     """
     found: list[BandedCurve] = []
-    for view in _views(fit, record, level):
+    for view in _views(fit, record):
         with suppress(EmsidError):
             found += view()
     return tuple(found)
 
 
-def _views(fit: Fit[Any], record: Record, level: float) -> Iterator[Callable[[], list[BandedCurve]]]:
+def _views(fit: Fit[Any], record: Record) -> Iterator[Callable[[], list[BandedCurve]]]:
     inputs, outputs = range(record.input.shape[1]), range(record.output.shape[1])
     for k in inputs:
-        yield partial(_step, fit, record, k, level)
+        yield partial(_step, fit, record, k)
     for i, k in product(outputs, inputs):
-        yield partial(_frequency, fit, record, i, k, level)
+        yield partial(_frequency, fit, record, i, k)
     if isinstance(fit, GreyBoxFit):
-        yield partial(_of_plant, fit, record, level)
+        yield partial(_of_plant, fit, record)
     else:
-        yield partial(_static_map, fit, record, level)
-        yield partial(_friction, fit, record, level)
+        yield partial(_static_map, fit, record)
+        yield partial(_friction, fit, record)
     if isinstance(fit.model, FeedbackModel):
-        yield partial(_in_feedback, fit, record, level)
+        yield partial(_in_feedback, fit, record)
 
 
-def _step(fit: Fit[Any], record: Record, input: int, level: float) -> list[BandedCurve]:
-    band = step_response_band(fit, record, input=input, level=level)
+def _step(fit: Fit[Any], record: Record, input: int) -> list[BandedCurve]:
+    band = step_response_band(fit, record, input=input)
     make = partial(_banded, fit, record, "step response", band, ("time", "s"), input=input)
     return [make(_output(record, k), output=k, column=k) for k in range(band.value.shape[1])]
 
 
-def _frequency(fit: Fit[Any], record: Record, output: int, input: int, level: float) -> list[BandedCurve]:
+def _frequency(fit: Fit[Any], record: Record, output: int, input: int) -> list[BandedCurve]:
     around = usual_step(record.input[:, input])[1]
-    both = frequency_response_band(fit, record.dt, output=output, input=input, around=around, level=level)
+    both = frequency_response_band(fit, record.dt, output=output, input=input, around=around)
     return [
         _banded(fit, record, kind, band, ("frequency", "Hz"), (kind, unit), input=input, output=output)
         for kind, band, unit in (("magnitude", both.magnitude, "dB"), ("phase", both.phase, "deg"))
     ]
 
 
-def _static_map(fit: Fit[Any], record: Record, level: float) -> list[BandedCurve]:
+def _static_map(fit: Fit[Any], record: Record) -> list[BandedCurve]:
     make = partial(_banded, fit, record, "static map")
     if not isinstance(fit.model, Cascade):
-        return [make(static_map_band(fit, record, level=level), _input(record, 0), _output(record, 0))]
+        return [make(static_map_band(fit, record), _input(record, 0), _output(record, 0))]
     maps = sum(isinstance(block, StaticMap) for block in fit.model.blocks)
     which = [f"map {k + 1}" for k in range(maps)] if maps > 1 else ["the map"]
     return [  # a cascade has no units between its blocks
-        make(static_map_band(fit, record, map=k, level=level), (f"input of {each}", ""), (f"output of {each}", ""))
+        make(static_map_band(fit, record, map=k), (f"input of {each}", ""), (f"output of {each}", ""))
         for k, each in enumerate(which)
     ]
 
 
-def _friction(fit: Fit[Any], record: Record, level: float) -> list[BandedCurve]:
-    return [
-        _banded(fit, record, "friction", friction_band(fit, record, level=level), _output(record, 0), _input(record, 0))
-    ]
+def _friction(fit: Fit[Any], record: Record) -> list[BandedCurve]:
+    return [_banded(fit, record, "friction", friction_band(fit, record), _output(record, 0), _input(record, 0))]
 
 
-def _in_feedback(fit: Fit[FeedbackModel], record: Record, level: float) -> list[BandedCurve]:
+def _in_feedback(fit: Fit[FeedbackModel], record: Record) -> list[BandedCurve]:
     """The maps of a feedback model over their inputs in the record, in the coordinates of the model."""
     model, found = fit.model, []
     seen = visited(model, record).z
     for k, (each, z, w) in enumerate(zip(model.maps, model.numbered("z"), model.numbered("w"), strict=True)):
         x = np.linspace(float(seen[:, k].min()), float(seen[:, k].max()), POINTS)
         error = map_error(fit, k, x, seen[:, k])
-        band = Band(x, each.value(x), error if error.any() else np.full(len(x), np.nan), level)
+        band = Band(x, each.value(x), error if error.any() else np.full(len(x), np.nan), LEVEL)
         found.append(_banded(fit, record, "map in feedback", band, (z, ""), (w, "")))
     return found
 
 
-def _of_plant(fit: GreyBoxFit, record: Record, level: float) -> list[BandedCurve]:
+def _of_plant(fit: GreyBoxFit, record: Record) -> list[BandedCurve]:
     plant, found = fit.model.plant, []
     friction, zone = plant.friction_characteristic(), plant.dead_zone_characteristic()
-    through = dead_zone_curve(fit, level=level)
+    through = dead_zone_curve(fit)
     if friction is not None:
-        found.append(
-            _of_curve(fit, record, "friction", friction_curve(fit, level=level), friction.x, friction.y, level)
-        )
+        found.append(_of_curve(fit, record, "friction", friction_curve(fit), friction.x, friction.y))
     if zone is not None and through is not None:
-        found.append(_of_curve(fit, record, "dead zone", through, zone.x, zone.y, level))
+        found.append(_of_curve(fit, record, "dead zone", through, zone.x, zone.y))
     return found
 
 
-def _of_curve(
-    fit: GreyBoxFit, record: Record, kind: str, curve: Curve, x: Quantity, y: Quantity, level: float
-) -> BandedCurve:
+def _of_curve(fit: GreyBoxFit, record: Record, kind: str, curve: Curve, x: Quantity, y: Quantity) -> BandedCurve:
     edges = curve.x, curve.y, curve.low, curve.high
-    return BandedCurve(fit.model.name, kind, *x, *y, record.input_names[0], record.output_names[0], *edges, level)
+    return BandedCurve(fit.model.name, kind, *x, *y, record.input_names[0], record.output_names[0], *edges, LEVEL)
 
 
 def _banded(

@@ -178,7 +178,7 @@ def richer_table(richer: Richer) -> Table:
     )
 
 
-def load_friction_figure(found: LoadFriction, name: str = "load-friction") -> Figure:
+def load_friction_figure(found: LoadFriction) -> Figure:
     """Difference of the outputs and free-run error of the blocks against friction on the load."""
     shares, fitted = 100 * np.array(found.shares), 100 * np.array(found.fitted)
     changed = np.array(found.differences) > 0
@@ -198,7 +198,7 @@ def load_friction_figure(found: LoadFriction, name: str = "load-friction") -> Fi
         else f"From {100 * found.unfair_from:.2g} % on, the blocks are worse by more than noise"
     )
     return Figure(
-        name,
+        "load-friction",
         f"Friction on the load: mean squares on unseen data, noise-free. {fair}.",
         (
             Plot(

@@ -18,7 +18,6 @@ from emsid.models.free_run import mean_squared_error
 from emsid.models.model import Model, Run
 from emsid.presentation import Presented
 from emsid.record import Record, concatenate
-from emsid.units import with_unit
 from emsid.validation.metrics import Array, fit_percent
 
 
@@ -39,12 +38,6 @@ class OutputErrors:
     simulation_mse: float
     simulation_rmse: float
     fit_percent: float
-
-    @property
-    def error_in_words(self) -> str:
-        """Name of the output, RMSE and fit, for a sentence."""
-        rmse = with_unit(f"{self.simulation_rmse:.4g}", self.unit)
-        return f"{self.output} {rmse} ({_fit_in_words(self.fit_percent)})"
 
 
 @dataclass(frozen=True)

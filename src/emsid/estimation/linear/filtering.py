@@ -123,13 +123,13 @@ def filter_rows(b: Array, a: Array, rows: Array, out: Array, states: Array) -> N
                 states[first + j, i] = state[i, j]
 
 
-def mirrored(polynomial: Sequence[float] | Array, circle: float = 1.0) -> Array:
-    """A polynomial 1 + a₁q⁻¹ + … with its roots outside a circle mirrored into it, and those on it moved inside."""
+def mirrored(polynomial: Sequence[float] | Array) -> Array:
+    """A polynomial 1 + a₁q⁻¹ + … with its roots mirrored into the unit circle, and those on it moved inside."""
     roots = np.roots(np.asarray(polynomial, dtype=float))
     if not len(roots):
         return np.ones(1)
     size = np.maximum(np.abs(roots), 1e-300)
-    inside = roots * np.where(size >= circle, circle / size * np.minimum(circle / size, LARGEST), 1.0)
+    inside = roots * np.where(size >= 1.0, np.minimum(1 / size, LARGEST) / size, 1.0)
     return np.real(np.poly(inside))
 
 

@@ -122,10 +122,10 @@ def _without_zero(residual: Array, zero: float) -> Array:
     return through - before * (before @ through) / (before @ before)
 
 
-def autoregression(pieces: Sequence[Array], most: int = MOST_POLES) -> tuple[Array, float]:
+def autoregression(pieces: Sequence[Array]) -> tuple[Array, float]:
     """A(q) = 1 + a₁q⁻¹ + … and the variance of its innovations, from pieces (Nᵢ,) of one stationary signal."""
     samples = sum(len(piece) for piece in pieces)
-    most = min(most, *(len(piece) - 1 for piece in pieces), samples // 20)
+    most = min(MOST_POLES, *(len(piece) - 1 for piece in pieces), samples // 20)
     lags = np.array([sum(float(p[k:] @ p[: len(p) - k]) for p in pieces) for k in range(max(most, 0) + 1)]) / samples
     polynomial, variance = np.ones(1), float(lags[0])
     if not variance > 0:

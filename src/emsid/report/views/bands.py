@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.report.document import Axis, Band, Figure, Ink, Line, Mark, Plot, Stroke
 from emsid.report.numbers import slug
-from emsid.report.views.conventions import channel_axis
+from emsid.report.views.conventions import BAND, channel_axis
 from emsid.report.views.timeline import TIME
 from emsid.units import with_unit
 
@@ -31,13 +31,12 @@ WIDEST = 1.0
 OF_PARAMETERS = "The band is that of the estimated parameters; noise and what the structure lacks come on top."
 
 
-def banded(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = "") -> tuple[Figure, ...]:
+def banded(fit: Fit[Any], record: Record, *, name: str = "") -> tuple[Figure, ...]:
     """The step response, frequency response, static map and friction of a model, as far as it has them, with bands.
 
     Args:
         fit: of a model with a covariance.
         record: with its sample time and ranges.
-        level: of the bands.
         name: the beginning of the names of the figures, by default after the model.
     """
     prefix = slug(name or fit.model.name)
@@ -45,20 +44,19 @@ def banded(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = ""
     views: list[Callable[[], Figure]] = []
     for k in range(inputs):
         end = f"-{slug(record.input_names[k])}" if inputs > 1 else ""
-        views.append(partial(step_response, fit, record, input=k, level=level, name=f"{prefix}-step{end}"))
+        views.append(partial(step_response, fit, record, input=k, name=f"{prefix}-step{end}"))
     if not hasattr(fit.model, "blocks") and not hasattr(fit.model, "plant"):  # they have views of their own
         for i, k in product(range(outputs), range(inputs)):
             end = f"-{slug(record.output_names[i])}-{slug(record.input_names[k])}" if inputs * outputs > 1 else ""
             path: dict[str, Any] = {
                 "output": i,
                 "input": k,
-                "level": level,
                 "name": f"{prefix}-frequency-response{end}",
             }
             views.append(partial(frequency_response, fit, record, **path))
-        views.append(lambda: static_map(fit, record, level=level, name=f"{prefix}-static-map"))
+        views.append(lambda: static_map(fit, record, name=f"{prefix}-static-map"))
     if hasattr(fit.model, "structure"):
-        views.append(lambda: regression_friction(fit, record, level=level, name=f"{prefix}-friction"))
+        views.append(lambda: regression_friction(fit, record, name=f"{prefix}-friction"))
     figures = []
     for view in views:
         with suppress(EmsidError):
@@ -66,12 +64,12 @@ def banded(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = ""
     return tuple(figures)
 
 
-def with_band(level: float, *, known: bool) -> str:
+def with_band(*, known: bool) -> str:
     """The part of a caption about the band."""
-    return f" with {_percent(level)} band" if known else " (no band, as this fit has no intervals)"
+    return f" with {BAND}" if known else " (no band, as this fit has no intervals)"
 
 
-def step_response(fit: Fit[Any], record: Record, *, input: int = 0, level: float = 0.95, name: str = "step") -> Figure:
+def step_response(fit: Fit[Any], record: Record, *, input: int = 0, name: str = "step") -> Figure:
     """The response from rest to a step of an input, with its band, for every output.
 
     Raises:
@@ -79,7 +77,7 @@ def step_response(fit: Fit[Any], record: Record, *, input: int = 0, level: float
     """
     from emsid.validation.bands import step_response_band
 
-    band = step_response_band(fit, record, input=input, level=level)
+    band = step_response_band(fit, record, input=input)
     plots = []
     for k, output in enumerate(record.output_names):
         one = replace(band, value=band.value[:, k], standard_error=band.standard_error[:, k])
@@ -93,7 +91,7 @@ def step_response(fit: Fit[Any], record: Record, *, input: int = 0, level: float
 
 
 def frequency_response(
-    fit: Fit[Any], record: Record, *, output: int = 0, input: int = 0, level: float = 0.95, name: str = "response"
+    fit: Fit[Any], record: Record, *, output: int = 0, input: int = 0, name: str = "response"
 ) -> Figure:
     """Magnitude and phase with their bands, of a nonlinear model at rest after a step of its input.
 
@@ -103,7 +101,7 @@ def frequency_response(
     from emsid.validation.bands import frequency_response_band, usual_step
 
     around = usual_step(record.input[:, input])[1]
-    found = frequency_response_band(fit, record.dt, output=output, input=input, around=around, level=level)
+    found = frequency_response_band(fit, record.dt, output=output, input=input, around=around)
     frequency = Axis("Frequency", "Hz", log=True, range=(float(found.magnitude.x[0]), float(found.magnitude.x[-1])))
     plots = tuple(
         Plot(_marks(band, label), frequency, _limited(band, Axis(quantity, unit)))
@@ -124,7 +122,7 @@ def frequency_response(
     return Figure(name, caption, plots, shared_x=True)
 
 
-def static_map(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = "static-map") -> Figure:
+def static_map(fit: Fit[Any], record: Record, *, name: str = "static-map") -> Figure:
     """The output of a model at rest over a constant input, with its band.
 
     Raises:
@@ -132,14 +130,14 @@ def static_map(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str 
     """
     from emsid.validation.bands import static_map_band
 
-    band = static_map_band(fit, record, level=level)
+    band = static_map_band(fit, record)
     x, y = (channel_axis(record.input_names[0], record.input_units[0]), _output(record))
     without = ", without friction" if hasattr(fit.model, "structure") else ""
     caption = f"Output of {fit.model.name} at rest over a constant input{without}{_banded(band)}."
     return Figure(name, caption, (Plot(_marks(band, fit.model.name), x, _limited(band, y), height=1.4),))
 
 
-def regression_friction(fit: Fit[Any], record: Record, *, level: float = 0.95, name: str = "friction") -> Figure:
+def regression_friction(fit: Fit[Any], record: Record, *, name: str = "friction") -> Figure:
     """Friction of a regression over the output, in units of the input, with its band.
 
     Raises:
@@ -147,7 +145,7 @@ def regression_friction(fit: Fit[Any], record: Record, *, level: float = 0.95, n
     """
     from emsid.validation.bands import friction_band
 
-    band = friction_band(fit, record, level=level)
+    band = friction_band(fit, record)
     taken = Axis(f"{record.input_names[0]} that friction takes up", record.input_units[0])
     caption = f"Friction of {fit.model.name}{_banded(band)}: what its terms in past outputs take of the input."
     return Figure(
@@ -159,17 +157,13 @@ def _output(record: Record) -> Axis:
     return channel_axis(record.output_names[0], record.output_units[0])
 
 
-def _percent(level: float) -> str:
-    return f"{100 * level:g} %"
-
-
 def _known(band: Computed) -> bool:
     """Whether there is a band, or only a curve."""
     return bool(np.isfinite(band.standard_error).any())
 
 
 def _banded(band: Computed) -> str:
-    return with_band(band.level, known=_known(band))
+    return with_band(known=_known(band))
 
 
 def _marks(band: Computed, label: str) -> tuple[Mark, ...]:
@@ -180,7 +174,7 @@ def _marks(band: Computed, label: str) -> tuple[Mark, ...]:
     low, high = _reach(band)
     known = np.isfinite(band.value)
     below, above = (np.clip(edge[known], low, high) for edge in (band.low, band.high))
-    return Band(band.x[known], below, above, f"{_percent(band.level)} band" if label else ""), line
+    return Band(band.x[known], below, above, BAND if label else ""), line
 
 
 def _limited(band: Computed, axis: Axis) -> Axis:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from emsid.errors import listed
 from emsid.models.blocks.cascade import Cascade
@@ -21,6 +20,7 @@ from emsid.models.one_channel import check_one_channel
 from emsid.report.document import Axis, Band, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.numbers import capital, slug
 from emsid.report.views.bands import with_band
+from emsid.report.views.conventions import BAND, HALF_WIDTH
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
@@ -40,7 +40,7 @@ CONVENTIONAL = "normalised"
 _STROKES = (Stroke(Ink.BLUE, width=1.4), Stroke(Ink.RED, Dash.DASHED, 1.3), Stroke(Ink.GREEN, Dash.DASH_DOTTED, 1.3))
 
 
-def static_maps(fit: Fit[Cascade], record: Record, *, level: float = 0.95, name: str = "") -> Figure | None:
+def static_maps(fit: Fit[Cascade], record: Record, *, name: str = "") -> Figure | None:
     """Every static map of a cascade with its confidence band and a histogram of its input signal.
 
     The axis is a little wider than the range of the signal in this record. Dots mark knots, break points and limits.
@@ -48,7 +48,6 @@ def static_maps(fit: Fit[Cascade], record: Record, *, level: float = 0.95, name:
     Args:
         fit: of a cascade, in the normalisation it was fitted in.
         record: of one input and one output, whose signal is shown.
-        level: of the band.
         name: of the figure, by default after the model.
 
     Returns:
@@ -63,26 +62,25 @@ def static_maps(fit: Fit[Cascade], record: Record, *, level: float = 0.95, name:
         return None
     check_one_channel(model.name, record)
     entering = _entering(model, record, at)
-    plots = [_map_plot(fit, k, x, record, level) for k, x in zip(at, entering, strict=True)]
+    plots = [_map_plot(fit, k, x, record) for k, x in zip(at, entering, strict=True)]
     spread = zip(fit.names, np.diag(fit.covariance) if fit.has_intervals else (), strict=fit.has_intervals)
     lost = [n for n, v in spread if n[0] == "f" and not np.isfinite(v)]
     unknown = f" The band excludes {listed(lost)}, which the data do not determine." if lost else ""
     return Figure(
         name or f"{slug(model.name)}-static-maps",
-        f"Static {'map' if len(at) == 1 else 'maps'} of {model.name}{with_band(level, known=fit.has_intervals)}; grey: "
+        f"Static {'map' if len(at) == 1 else 'maps'} of {model.name}{with_band(known=fit.has_intervals)}; grey: "
         f"histogram of the input signal of the map in {record.name}.{unknown}",
         tuple(plots),
         columns=min(len(at), 2),
     )
 
 
-def frequency_responses(fit: Fit[Cascade], dt: float, *, level: float = 0.95, name: str = "") -> Figure | None:
+def frequency_responses(fit: Fit[Cascade], dt: float, *, name: str = "") -> Figure | None:
     """Magnitude and phase of every filter of a cascade, up to half the sampling rate of the record.
 
     Args:
         fit: of a cascade.
         dt: sample time of the record in seconds; the blocks may run faster.
-        level: of the bands, to first order.
         name: of the figure, by default after the model.
 
     Returns:
@@ -101,7 +99,7 @@ def frequency_responses(fit: Fit[Cascade], dt: float, *, level: float = 0.95, na
     for (k, block), stroke in zip(filters, cycle(_STROKES), strict=False):
         label = f"filter {block_name(model, k)} (block {k + 1})"
         response = block.response(f, inside)
-        relative = float(ndtri(0.5 + level / 2)) * _relative_deviation(fit, k, f, inside)
+        relative = HALF_WIDTH * _relative_deviation(fit, k, f, inside)
         if not fit.has_intervals:
             relative = np.full_like(relative, np.nan)
         elif np.all(relative[0] > UNTOLD):  # the rest is only rounding
@@ -131,7 +129,7 @@ def frequency_responses(fit: Fit[Cascade], dt: float, *, level: float = 0.95, na
     return Figure(
         name or f"{slug(model.name)}-filters",
         f"Frequency {'response of the filter' if len(filters) == 1 else 'responses of the filters'} of {model.name}"
-        f"{with_band(level, known=fit.has_intervals)}, up to half the sampling rate.{late}",
+        f"{with_band(known=fit.has_intervals)}, up to half the sampling rate.{late}",
         (
             Plot(tuple(magnitudes), frequency, Axis("Magnitude", "dB", range=_reach(magnitudes, curves[0], 20.0))),
             Plot(tuple(phases), frequency, Axis("Phase", "deg", range=_reach(phases, curves[1], 45.0))),
@@ -192,7 +190,7 @@ def _entering(model: Cascade, record: Record, at: Sequence[int]) -> list[Array]:
     return [x[np.isfinite(x)] if np.isfinite(x).any() else np.zeros(1) for x in whole]
 
 
-def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record, level: float) -> Plot:
+def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record) -> Plot:
     model = fit.model
     block = model.blocks[k]
     assert isinstance(block, StaticMap)
@@ -203,8 +201,8 @@ def _map_plot(fit: Fit[Cascade], k: int, seen: Array, record: Record, level: flo
     corners = corners[(corners >= low) & (corners <= high)]
     x = np.unique(np.concatenate([np.linspace(low, high, POINTS), corners, block.breaks(low, high)]))
     value, error = static_band(fit, k, x).T
-    half = float(ndtri(0.5 + level / 2)) * error
-    band = [Band(x, value - half, value + half, f"{100 * level:g} % band")] if fit.has_intervals else []
+    half = HALF_WIDTH * error
+    band = [Band(x, value - half, value + half, BAND)] if fit.has_intervals else []
     reach = _reach(band, [value], 0.0)
     if reach is not None:  # a very wide band would leave the plot
         band = [

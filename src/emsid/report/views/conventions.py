@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from emsid.validation.comparison import Assessment
 
 
+BAND = "95 % band"
+HALF_WIDTH = 1.959963984540054
+"""Half the width of a 95 % interval, in standard errors."""
 MEASURED = Stroke(Ink.BLUE, Dash.SOLID, 1.6)
 # The looks of models, in the order in which they are given. The first two are the paper's: the linear model solid
 # red, the nonlinear one dotted blue (dark, on the lighter solid blue of the measurement).

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from emsid.models.feedback.model import FeedbackModel
 from emsid.report.document import Axis, Band, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.views.bands import with_band
+from emsid.report.views.conventions import BAND, HALF_WIDTH
 from emsid.validation.feedback_curves import map_error, visited
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ LEVELS = {
 }
 
 
-def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str, level: float = 0.95) -> Figure | None:
+def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str) -> Figure | None:
     """Every static map of a feedback model with its band, over a histogram of its input in the record.
 
     Returns:
@@ -45,7 +45,7 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str, level: float = 
         low, high = float(seen.z[:, k].min()), float(seen.z[:, k].max())
         room = BEYOND * (high - low) or 1.0
         x = np.unique(np.concatenate([np.linspace(low - room, high + room, DRAWN), each.breaks(low, high)]))
-        value, half = each.value(x), float(ndtri(0.5 + level / 2)) * map_error(fit, k, x, seen.z[:, k])
+        value, half = each.value(x), HALF_WIDTH * map_error(fit, k, x, seen.z[:, k])
         edges = np.linspace(x[0], x[-1], 81)
         counts = np.histogram(seen.z[:, k], edges)[0].astype(float)
         span = float(np.ptp(value)) or 1.0
@@ -53,7 +53,7 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str, level: float = 
         marks: list[Mark] = [Histogram(edges, counts, "signal in this record", backdrop=True)]
         if fit.has_intervals:
             below, above = np.maximum(value - half, shown[0]), np.minimum(value + half, shown[1])
-            marks.append(Band(x, below, above, f"{100 * level:g} % band"))
+            marks.append(Band(x, below, above, BAND))
         marks.append(Line(x, value, each.kind, Stroke(Ink.BLUE, width=1.4)))
         corners, what = each.marks()
         corners = corners[(corners >= x[0]) & (corners <= x[-1])]
@@ -62,7 +62,7 @@ def maps_in_feedback(fit: Fit[Any], record: Record, prefix: str, level: float = 
         axes = Axis(f"{z[k]}, into the map", range=(float(x[0]), float(x[-1]))), Axis(f"{w[k]}, out of the map")
         plots.append(Plot(tuple(marks), *axes, f"Static map {k + 1}" if len(z) > 1 else "Static map", height=1.6))
     of = f"Static {'map' if len(plots) == 1 else 'maps'} in the feedback of {model.name}"
-    text = of + with_band(level, known=fit.has_intervals)
+    text = of + with_band(known=fit.has_intervals)
     if fit.has_intervals and any(each.owns_level for each in model.maps):
         text += " of the shape: a line beside a map is a part of the linear system"
     return Figure(f"{prefix}-maps", f"{text}; grey: histogram of its input in {record.name}.", tuple(plots), columns=2)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from emsid.errors import listed
 from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, stops
@@ -31,7 +30,7 @@ from emsid.report.document import (
     Table,
 )
 from emsid.report.numbers import capital, first_up, number, prefixed, sentence, share_of, slug, within
-from emsid.report.views.conventions import channel_axis
+from emsid.report.views.conventions import BAND, HALF_WIDTH, channel_axis
 from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.units import in_unit, readable_unit, with_unit
 from emsid.wording.plants import interval
@@ -68,19 +67,17 @@ _INTERVAL_TOO_WIDE = "interval includes zero"
 _TOO_WIDE_MEANS = f"{_INTERVAL_TOO_WIDE}: the parameter may be zero"
 
 
-def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]:
+def physical_table(fit: GreyBoxFit) -> tuple[Table, ...]:
     """Every physical parameter with its unit, interval and datasheet value; then the identifiable combinations.
 
     Args:
         fit: of a physical model.
-        level: of the intervals.
 
     Returns:
         The table of parameters, one of those that differ by record and one of combinations, where there are any.
     """
-    factor = float(ndtri(0.5 + level / 2))
     sheet = any(row.datasheet is not None for row in fit.table)
-    cells = [_parameter_row(row, factor, sheet) for row in fit.shared]
+    cells = [_parameter_row(row, sheet) for row in fit.shared]
     statuses = dict.fromkeys(row.status for row in fit.table)
     meanings = [_MEANINGS[status] for status in statuses if status in _MEANINGS]
     meanings += [_TOO_WIDE_MEANS] * any(_INTERVAL_TOO_WIDE in row[4] for row in cells)
@@ -96,11 +93,11 @@ def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]
             *(("Datasheet",) if sheet else ()),
         ),
         tuple(cells),
-        f"Physical parameters of {fit.model.name} with {100 * level:g} % intervals.",
+        f"Physical parameters of {fit.model.name} with 95 % intervals.",
         sentence("; ".join(meanings)),
         text_columns=5,
     )
-    tables = (parameters, *([own_parameters(fit, level=level)] if fit.by_record else []))
+    tables = (parameters, *([own_parameters(fit)] if fit.by_record else []))
     if not fit.combinations:
         return tables
     combinations = Table(
@@ -110,44 +107,41 @@ def physical_table(fit: GreyBoxFit, *, level: float = 0.95) -> tuple[Table, ...]
                 capital(each.quantity.name) if " " not in each.quantity.name else first_up(each.quantity.name),
                 each.quantity.formula,
                 readable_unit(each.quantity.unit),
-                *_with_interval(each.quantity.value, factor * each.standard_error),
+                *_with_interval(each.quantity.value, HALF_WIDTH * each.standard_error),
             )
             for each in fit.combinations
         ),
         f"Combinations of parameters of {fit.model.name} that the data determine without the kept values, with "
-        f"{100 * level:g} % intervals.",
+        f"95 % intervals.",
         text_columns=3,
     )
     return (*tables, combinations)
 
 
-def own_parameters(fit: GreyBoxFit, *, level: float = 0.95) -> Table:
+def own_parameters(fit: GreyBoxFit) -> Table:
     """The parameters that differ by record, a row for every record.
 
     Args:
         fit: of a physical model with such parameters.
-        level: of the intervals.
     """
-    factor = float(ndtri(0.5 + level / 2))
     first = next(iter(fit.by_record.values()))
     heads = [cell for name, row in first.items() for cell in (in_unit(name, row.unit), "±\u00a0[%]", "Status")]
     return Table(
         ("Record", *heads),
         tuple(
-            (record, *(cell for row in rows.values() for cell in (*_value(row, factor), row.how)))
+            (record, *(cell for row in rows.values() for cell in (*_value(row), row.how)))
             for record, rows in fit.by_record.items()
         ),
-        f"Parameters of {fit.model.name} that differ by record, with {100 * level:g} % intervals.",
+        f"Parameters of {fit.model.name} that differ by record, with 95 % intervals.",
         text_columns=1,
     )
 
 
-def friction(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure | None:
+def friction(fit: GreyBoxFit, *, name: str = "") -> Figure | None:
     """Friction over speed, including the viscous part, with its band and the speeds in the records.
 
     Args:
         fit: of a physical model.
-        level: of the band.
         name: of the figure, by default after the model.
 
     Returns:
@@ -156,15 +150,15 @@ def friction(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure 
     declared = fit.model.plant.friction_characteristic()
     if declared is None:
         return None
-    curve = friction_curve(fit, POINTS, level)
+    curve = friction_curve(fit, POINTS)
     (forward, backward), (quantity, base) = declared.breakaway, declared.y
     speed = Axis(*declared.x)
     factor, unit = prefixed(max(float(np.max(np.abs(curve.y))), forward, backward), base)
-    marks = _characteristic(curve, factor, quantity.lower(), "in the records", level)
+    marks = _characteristic(curve, factor, quantity.lower(), "in the records")
     marks.append(Points(np.zeros(2), factor * np.array([-backward, forward]), "break-away", Ink.RED))
     return Figure(
         name or f"{slug(fit.model.name)}-friction",
-        f"Friction of {fit.model.name}, including the viscous part, {_with_band(curve, level)}. Grey: histogram "
+        f"Friction of {fit.model.name}, including the viscous part, {_with_band(curve)}. Grey: histogram "
         f"(logarithmic) of the speed in the records used in the fit. Points: at least {ENOUGH} samples. Dotted: no "
         f"samples.{_assuming(fit, curve.x, _friction_of)}"
         f"{_given(fit)}",
@@ -172,23 +166,22 @@ def friction(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure 
     )
 
 
-def dead_zone(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure | None:
+def dead_zone(fit: GreyBoxFit, *, name: str = "") -> Figure | None:
     """Output of the dead zone over its input, with its band.
 
     Args:
         fit: of a physical model.
-        level: of the band.
         name: of the figure, by default after the model.
 
     Returns:
         None for a plant without a dead zone.
     """
-    zone, curve = fit.model.plant.dead_zone_characteristic(), dead_zone_curve(fit, POINTS, level)
+    zone, curve = fit.model.plant.dead_zone_characteristic(), dead_zone_curve(fit, POINTS)
     if zone is None or curve is None:
         return None
     what = zone.x[0].removeprefix("Applied ").lower()
     ends = curve.x[[0, -1]]
-    marks = _characteristic(curve, 1.0, "dead zone", "in the records", level)
+    marks = _characteristic(curve, 1.0, "dead zone", "in the records")
     marks.insert(1, Line(ends, ends, "without", Stroke(Ink.GREY, Dash.DASHED, 0.8)))
     applied, effective = Axis(*zone.x), Axis(*zone.y)
     plots = [Plot(tuple(marks), _reaching(applied, curve), effective, height=1.6)]
@@ -207,7 +200,7 @@ def dead_zone(fit: GreyBoxFit, *, level: float = 0.95, name: str = "") -> Figure
         plots.append(Plot(close, near, replace(effective, range=y_range), "Enlarged", height=1.6))
     return Figure(
         name or f"{slug(fit.model.name)}-dead-zone",
-        f"Dead zone on the {what} of {fit.model.name}, {_with_band(curve, level)}. Grey: histogram "
+        f"Dead zone on the {what} of {fit.model.name}, {_with_band(curve)}. Grey: histogram "
         f"(logarithmic) of the applied {what} in the records used in the fit. Points: at least {ENOUGH} samples."
         f"{_assuming(fit, curve.x, _dead_zone_of)}",
         tuple(plots),
@@ -328,19 +321,19 @@ def units_taken(fit: GreyBoxFit) -> str:
     )
 
 
-def _parameter_row(row: Estimate, factor: float, sheet: bool) -> tuple[str, ...]:
+def _parameter_row(row: Estimate, sheet: bool) -> tuple[str, ...]:
     identified = row.status in (Status.ESTIMATED, Status.CONDITIONAL) and row.standard_error is not None
     given = "" if row.datasheet is None else _plain(row.datasheet)
-    too_wide = identified and factor * (row.standard_error or 0.0) > abs(row.value)
+    too_wide = identified and HALF_WIDTH * (row.standard_error or 0.0) > abs(row.value)
     status = f"{row.how}, {_INTERVAL_TOO_WIDE}" if too_wide else row.how
     words = (row.name, first_up(row.description), row.symbol, readable_unit(row.unit), status)
-    return (*words, *_value(row, factor), *((given,) if sheet else ()))
+    return (*words, *_value(row), *((given,) if sheet else ()))
 
 
-def _value(row: Estimate, factor: float) -> tuple[str, str]:
+def _value(row: Estimate) -> tuple[str, str]:
     """The value of a parameter and half its interval in percent."""
     if row.status in (Status.ESTIMATED, Status.CONDITIONAL) and row.standard_error is not None:
-        return _with_interval(row.value, factor * row.standard_error)
+        return _with_interval(row.value, HALF_WIDTH * row.standard_error)
     if row.status is Status.AT_BOUND and row.interval is not None:
         return f"{_plain(row.interval[0])} to {_plain(row.interval[1])}", "–"
     return _plain(row.value), "–"
@@ -356,7 +349,7 @@ def _plain(value: float) -> str:
     return "∞" if value == np.inf else number(value)
 
 
-def _characteristic(curve: Curve, factor: float, label: str, backdrop: str, level: float) -> list[Mark]:
+def _characteristic(curve: Curve, factor: float, label: str, backdrop: str) -> list[Mark]:
     """A curve with its band and a histogram of the data; dotted where there are no data nearby."""
     near = np.convolve(curve.support > 0, np.ones(2 * NEIGHBOURS + 1), "same") > 0
     y = factor * curve.y
@@ -366,7 +359,7 @@ def _characteristic(curve: Curve, factor: float, label: str, backdrop: str, leve
     heights = np.log1p(np.histogram(curve.x, edges, weights=curve.support)[0])
     marks: list[Mark] = [Histogram(edges, heights, backdrop, backdrop=True)]
     if _has_band(curve):
-        marks.append(Band(curve.x, factor * curve.low, factor * curve.high, f"{100 * level:g} % band"))
+        marks.append(Band(curve.x, factor * curve.low, factor * curve.high, BAND))
     if not near.all():
         marks.append(Line(curve.x, y, "no data", replace(stroke, dash=Dash.DOTTED)))
     if near.any():
@@ -381,10 +374,10 @@ def _has_band(curve: Curve) -> bool:
     return bool(np.any(curve.high > curve.low))
 
 
-def _with_band(curve: Curve, level: float) -> str:
+def _with_band(curve: Curve) -> str:
     """The part of a caption about the band; a curve without estimated parameters has none."""
     return (
-        f"with {100 * level:g} % confidence band"
+        "with 95 % confidence band"
         if _has_band(curve)
         else "without band, because none of its parameters was estimated"
     )

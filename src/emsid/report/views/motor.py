@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from emsid.plant import DeadZoneLaw, FrictionLaw, Motor
 
 
-def nonlinearities(motor: Motor, *, name: str = "nonlinearities") -> Figure:
+def nonlinearities(motor: Motor) -> Figure:
     """Dead zones (4.9) and friction torques (4.7) of a motor, as in Figure 4.2, as far as it has them.
 
     A motor without any is drawn with zero friction.
@@ -33,7 +33,7 @@ def nonlinearities(motor: Motor, *, name: str = "nonlinearities") -> Figure:
         *(_friction(friction, where) for friction, where in acting),
     ] or [_friction(*frictions[0])]
     return Figure(
-        name,
+        "nonlinearities",
         "Dead zone and friction of the motor. The output of the dead zone is zero between its break points. Friction "
         "at standstill takes any value up to break-away.",
         tuple(plots),

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 _INKS = (Ink.BLUE, Ink.RED, Ink.GREEN, Ink.ORANGE, Ink.PURPLE, Ink.NAVY, Ink.GREY, Ink.BLACK)
 
 
-def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "convergence", at_most: int = 8) -> Figure:
+def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "convergence") -> Figure:
     """Recursive estimates from the first sample to the last, with the batch estimates dashed.
 
     Parameters whose names have the same beginning share a plot. It shows the range of their later values.
@@ -30,7 +30,6 @@ def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "co
         fit: with its ``history``.
         batch: the same structure by batch least squares.
         name: of the figure.
-        at_most: how many parameters a plot shows; further ones of the same group are left out and counted.
 
     Raises:
         DataError: where the fit has no history.
@@ -44,7 +43,7 @@ def convergence(fit: Fit[Any], batch: Fit[Any] | None = None, *, name: str = "co
         groups.setdefault(parameter.rstrip("0123456789_"), []).append(k)
     plots = []
     for row, members in enumerate(groups.values()):
-        drawn = members[:at_most]
+        drawn = members[: len(_INKS)]
         marks: list[Mark] = []
         for k, ink in zip(drawn, cycle(_INKS), strict=False):
             label = fit.names[k] if len(members) > 1 else ""

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 WHITE = 2.5758
 
 
-def residuals(assessments: Sequence[Assessment], *, name: str = "residuals", lags: int | None = None) -> Figure:
+def residuals(assessments: Sequence[Assessment], *, name: str = "residuals") -> Figure:
     """Free-run residuals of several models for every output: over time, as a histogram, and their correlations.
 
     For white noise, 99 of 100 autocorrelations lie between the dashed lines, ±2.58/√N. The residual of the free run
@@ -37,10 +37,9 @@ def residuals(assessments: Sequence[Assessment], *, name: str = "residuals", lag
     Args:
         assessments: models run over one record.
         name: of the figure.
-        lags: largest lag of the correlations in samples; by default a second, but 20 to 400 samples.
     """
     record = assessments[0].record
-    most = int(np.clip(round(1 / record.dt), 20, 400)) if lags is None else lags
+    most = int(np.clip(round(1 / record.dt), 20, 400))  # lags in samples: a second, within limits
     plots = [plot for channel in channels(record) for plot in _residual_plots(assessments, channel, most)]
     note = (
         " Correlation with inputs later than the residual (negative lags) shows feedback, with earlier ones what the "
@@ -110,12 +109,11 @@ def _residual_plots(assessments: Sequence[Assessment], channel: int, most: int) 
     return plots
 
 
-def nonlinear_correlations(assessments: Sequence[Assessment], *, name: str = "nonlinear-correlations") -> Figure | None:
+def nonlinear_correlations(assessments: Sequence[Assessment]) -> Figure | None:
     """The residuals of free runs against u², u³, |u| and products, with the band of `nonlinear_tests`.
 
     Args:
         assessments: models run over one record.
-        name: of the figure.
 
     Returns:
         None where there is nothing to draw, as for inputs of two values.
@@ -125,7 +123,7 @@ def nonlinear_correlations(assessments: Sequence[Assessment], *, name: str = "no
     if not plots:
         return None
     return Figure(
-        name,
+        "nonlinear-correlations",
         f"Residuals of the free run on {record.name} against nonlinear functions of the inputs, at samples before. A "
         "linear model passes the test against the input itself even where it lacks a nonlinearity: an even one shows "
         "in the square and the absolute value, an odd one such as a dead zone or dry friction in the cube, a gain that "
@@ -156,9 +154,9 @@ def _nonlinear_plots(assessments: Sequence[Assessment], channel: int) -> list[Pl
     ]
 
 
-def _histogram_edges(errors: Sequence[Array], bins: int = 61) -> Array:
+def _histogram_edges(errors: Sequence[Array]) -> Array:
     """Common edges, symmetric about zero, for all residuals except the most extreme."""
     known = np.abs(np.concatenate(errors))
     known = known[np.isfinite(known)]
     reach = float(np.quantile(known, 0.999)) if len(known) else 1.0
-    return np.linspace(-reach or -1.0, reach or 1.0, bins + 1)
+    return np.linspace(-reach or -1.0, reach or 1.0, 62)

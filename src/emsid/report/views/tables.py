@@ -113,23 +113,18 @@ def _best_unseen(rows: Sequence[Row]) -> frozenset[int]:
 def parameter_table(
     fit: Fit[Any],
     *,
-    level: float = 0.95,
     columns: Mapping[str, Sequence[str]] | None = None,
-    caption: str = "",
-    note: str = "",
 ) -> Table:
     """Every parameter with its estimate and confidence interval; without one where the estimate is biased.
 
     Args:
         fit: what was found.
-        level: of the interval.
         columns: further columns between name and estimate, a text for every parameter: its regressor, its unit, its
             datasheet value.
-        caption, note: of the table.
     """
     extra = dict(columns or {})
     rows = []
-    for k, (name, (low, high)) in enumerate(zip(fit.names, fit.interval(level), strict=True)):
+    for k, (name, (low, high)) in enumerate(zip(fit.names, fit.interval(), strict=True)):
         half = (high - low) / 2
         value = float(fit.estimate[k])
         known = isfinite(half) and not fit.biased
@@ -144,10 +139,9 @@ def parameter_table(
             )
         )
     return Table(
-        ("Parameter", *extra, "Estimate", f"{100 * level:g} % interval", "±\u00a0[%]"),
+        ("Parameter", *extra, "Estimate", "95 % interval", "±\u00a0[%]"),
         tuple(rows),
-        caption or f"Parameters of {fit.model.name} ({fit.method.upper()}).",
-        note,
+        f"Parameters of {fit.model.name} ({fit.method.upper()}).",
         text_columns=1 + len(extra),
     )
 

@@ -38,10 +38,6 @@ HAMMERSTEIN = Topology("hammerstein", first=False, second=True)
 WIENER = Topology("wiener", first=True, second=False)
 HAMMERSTEIN_WIENER = Topology("hammerstein-wiener", first=False, second=True, outer=True)
 
-TOPOLOGIES: dict[str, Topology] = {
-    topology.name: topology for topology in (WIENER_HAMMERSTEIN, HAMMERSTEIN, WIENER, HAMMERSTEIN_WIENER)
-}
-
 
 @dataclass(frozen=True, eq=False)
 class CascadeSearch:

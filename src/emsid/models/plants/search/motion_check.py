@@ -39,10 +39,11 @@ SETTLING = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 """Time constants in samples of what may answer an input."""
 
 
-def _is_noise(segments: Sequence[Record], channel: int, lags: int = 20) -> bool:
+def _is_noise(segments: Sequence[Record], channel: int) -> bool:
     """Whether an output is white (Ljung, Box, Biometrika 65, 1978) and uncorrelated with what could answer an input."""
     from scipy.special import chdtrc
 
+    lags = 20
     long = [segment for segment in segments if len(segment) > 2 * lags]
     if not long:
         return False

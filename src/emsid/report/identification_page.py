@@ -218,9 +218,8 @@ def verdicts(result: Identification, argument: Spelling) -> Section:
     head = ("Model", "Past inputs", "99 % limit", "Nonlinear terms", "99 % limit", "Portmanteau p", "Whiteness p")
     note = (
         "Largest correlation of the residual with past inputs, and with nonlinear functions of them, in standard "
-        "deviations; 99 of 100 independent residuals stay below the limit. Portmanteau: the chance of all "
-        "correlations with past inputs as large together as these. Whiteness: of one-step errors (Ljung–Box), for "
-        "models of noise."
+        "deviations; 99 of 100 independent residuals stay below the limit. Portmanteau: the chance of all correlations "
+        "with past inputs as large together as these. Whiteness: of one-step errors (Ljung–Box), for models of noise."
     )
     remarks = tuple(sentence(each, argument) for each in result.model_verdicts)
     table = Table(head, tuple(rows), f"Residual tests on {result.unseen.name}.", note)

@@ -47,9 +47,8 @@ def inputs_table(rows: Sequence[InputRow]) -> Table:
         ("Model", "Median", "Lowest", "Highest", "Parameters"),
         tuple((row.model, *map(times, (row.median, row.lowest, row.highest)), str(row.parameters)) for row in rows),
         f"Ratio to linear on the noisy bench, over {rows[0].inputs} pairs of inputs. Free run on unseen data.",
-        "Ratio to linear: free-run MSE of the paper's linear model (8 parameters) divided by that of this model. "
-        "Every input "
-        "is a sum of two sines with amplitudes of 1.5 to 3.5 V, at 0.2 to 0.6 Hz and at 0.8 to 1.6 Hz.",
+        "Ratio to linear: free-run MSE of the paper's linear model (8 parameters) divided by that of this model. Every "
+        "input is a sum of two sines with amplitudes of 1.5 to 3.5 V, at 0.2 to 0.6 Hz and at 0.8 to 1.6 Hz.",
         emphasised=frozenset({best}),
     )
 
@@ -114,10 +113,8 @@ def largest_table(rows: Sequence[Largest]) -> Table:
         ),
         f"Largest ratio of linear to nonlinear MSE of the paper's own models over {rows[0].motors} motors.",
         f"The paper has {times(published[0])} on identification data and {times(published[1])} on unseen data. The "
-        "motors "
-        "combine a dead zone (none, ±0.5 V, 0 to 0.5 V, 0 to 1.5 V), a left slope (1, 0.8, 0.5) and friction of the "
-        "rotor "
-        "(none, alike, 12 and 4 mN·m, forward only).",
+        "motors combine a dead zone (none, ±0.5 V, 0 to 0.5 V, 0 to 1.5 V), a left slope (1, 0.8, 0.5) and friction of "
+        "the rotor (none, alike, 12 and 4 mN·m, forward only).",
         emphasised=frozenset(
             k
             for k, row in enumerate(free.values())

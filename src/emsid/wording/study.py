@@ -17,9 +17,8 @@ def load_friction(f: Finding, argument: Spelling) -> str:
     most, (without, at_most) = 100 * d["at_most"], d["errors"]
     cost = (
         f"a linear–static–linear structure suits the motor as well with load friction up to {most:.3g} % of the "
-        "rotor's: "
-        f"fitted again, its free-run MSE on unseen data is {without:.3g} without that friction and {at_most:.3g} "
-        "with it"
+        f"rotor's: fitted again, its free-run MSE on unseen data is {without:.3g} without that friction and "
+        f"{at_most:.3g} with it"
         if d["unfair_from"] is None
         else f"from a load friction of {100 * d['unfair_from']:.2g} % of the rotor's on, a linear–static–linear "
         "structure "
@@ -32,9 +31,8 @@ def load_friction(f: Finding, argument: Spelling) -> str:
     )
     return (
         f"Friction on the load side changes the speed by a mean square of {d['mse']:.3g} (rad/s)², "
-        f"{100 * d['share']:.2g} % of its variance (the paper's motor: {d['paper']:.3g}). That is small by the "
-        "choice of "
-        f"the motor and says nothing about the structure. By its cost in free run, {cost}{seen}"
+        f"{100 * d['share']:.2g} % of its variance (the paper's motor: {d['paper']:.3g}). That is small by the choice "
+        f"of the motor and says nothing about the structure. By its cost in free run, {cost}{seen}"
     )
 
 
@@ -71,8 +69,7 @@ def many_inputs(f: Finding, argument: Spelling) -> str:
     )
     return (
         f"On the noisy bench, over {rows[0]['inputs']} pairs of inputs, the free-run MSE of the linear model divided "
-        "by "
-        f"that of another is in the median, and from lowest to highest: {listed}"
+        f"by that of another is in the median, and from lowest to highest: {listed}"
     )
 
 

@@ -115,8 +115,7 @@ def block_diagram() -> Diagram:
     return Diagram(
         "block-diagram",
         "Blocks of the motor (Figure 4.3). The dead zone D (4.9) acts on the voltage; the frictions T_f (4.7) act "
-        "inside "
-        "the loops.",
+        "inside the loops.",
         950,
         214,
         (*_forward(), *_feedback()),
@@ -192,8 +191,7 @@ def experimental_setup() -> Diagram:
     return Diagram(
         "experimental-setup",
         "The bench (Figure 5.4): two generators, whose sum drives the motor; a tachogenerator on the shaft of the "
-        "load; a "
-        "converter that samples input and speed.",
+        "load; a converter that samples input and speed.",
         640,
         176,
         (

@@ -158,10 +158,9 @@ def friction(fit: GreyBoxFit, *, name: str = "") -> Figure | None:
     marks.append(Points(np.zeros(2), factor * np.array([-backward, forward]), "break-away", Ink.RED))
     return Figure(
         name or f"{slug(fit.model.name)}-friction",
-        f"Friction of {fit.model.name}, including the viscous part, {_with_band(curve)}. Grey: histogram "
-        f"(logarithmic) of the speed in the records used in the fit. Points: at least {ENOUGH} samples. Dotted: no "
-        f"samples.{_assuming(fit, curve.x, _friction_of)}"
-        f"{_given(fit)}",
+        f"Friction of {fit.model.name}, including the viscous part, {_with_band(curve)}. Grey: histogram (logarithmic) "
+        f"of the speed in the records used in the fit. Points: at least {ENOUGH} samples. Dotted: no "
+        f"samples.{_assuming(fit, curve.x, _friction_of)}{_given(fit)}",
         (Plot(tuple(marks), _reaching(speed, curve), Axis(quantity, unit), height=1.6),),
     )
 

@@ -390,3 +390,6 @@ def test_a_smooth_input_does_not_delay_the_response() -> None:
     found = findings(u, lfilter([0.0, 0.1], [1.0, -0.9], u) + 0.1 * rng.standard_normal(len(u)))
     assert found["response-delay"].data["delay"] <= 1
     assert "sampling-too-slow" not in found
+    assert "sampling-too-slow" not in findings(u, lfilter([0.2], [1.0, -0.8], u) + 0.01 * rng.standard_normal(len(u)))
+    few = 3 * np.sin(0.01 * np.pi * np.arange(3000)) + 2 * np.sin(0.026 * np.pi * np.arange(3000))
+    assert "sampling-too-slow" not in findings(few, lfilter([0.0, 0.1], [1.0, -0.9], few) + 0.01 * rng.permutation(few))

@@ -43,6 +43,8 @@ FEEDBACK = 0.15
 FEW_STEPS = 8
 """A deviation of fewer quantisation steps is coarse."""
 FASTEST, SLOWEST = 1.5, 200.0
+FAST_SHARE, PROPORTIONAL = 0.05, 0.9
+"""A response of few samples needs so much of the input's power at such frequencies, and so large a correlation."""
 """Samples in a time constant below which sampling is too slow, and above which it is too fast."""
 SHORTEST_REST, FEWEST_RESTS, CONTRADICTIONS = 3, 5, 0.15
 """Samples of a rest; rests from which a break-away is found; the largest share of inputs that contradict it."""
@@ -320,10 +322,18 @@ def sampling(data: _Data) -> Iterable[Finding]:
         return
     samples = data.linear.time_constant
     numbers = {"time_constant": samples * dt, "samples": samples, "dt": dt, "confidence": round(data.linear.fit, 2)}
-    if samples < FASTEST:
+    if samples < FASTEST and _is_proportional(data):
         yield Finding("sampling-too-slow", data.output, numbers)
     elif SLOWEST < samples < np.inf:
         yield Finding("sampling-too-fast", data.output, numbers | {"factor": int(samples // 50)})
+
+
+def _is_proportional(data: _Data) -> bool:
+    """Whether the output follows the delayed input without a lag to be seen, also at high frequencies of the input."""
+    size = min(len(data.u), 1024)
+    power = spectrum(data.u, data.u, size).real[1:]
+    fast = power[np.fft.rfftfreq(size)[1:] > 1 / (2 * np.pi * FASTEST)].sum() / power.sum()
+    return bool(fast > FAST_SHARE and abs(data.response.correlation) > PROPORTIONAL)
 
 
 def repeated(y: Array) -> int:

@@ -26,6 +26,7 @@ from emsid.models.blocks.static_maps import (
     Saturation,
     Scaling,
     StaticMap,
+    TwoSlopes,
     UserMap,
 )
 
@@ -43,6 +44,7 @@ VALUES = np.array([-3.0, -1.2, -0.3, 0.1, 1.1, 1.9])
 MAPS: dict[str, StaticMap] = {
     "polynomial": Polynomial(np.array([0.2, 1.5, 0.1, 0.05]), -2.5, 2.0),
     "dead-zone": DeadZone(-0.35, 0.25, 0.7, 1.3),
+    "two-slopes": TwoSlopes(0.3, 0.4, 1.5),
     "saturation": Saturation(1.7, -1.1, 0.9),
     "coulomb": CoulombLinear(0.4, 1.2),
     "smooth coulomb": CoulombLinear(0.4, 1.2, width=0.3),

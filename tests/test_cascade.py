@@ -35,6 +35,7 @@ from emsid.models.blocks.static_maps import (
     PiecewiseLinear,
     Polynomial,
     Saturation,
+    TwoSlopes,
     UserMap,
 )
 from emsid.models.model import Model
@@ -48,6 +49,7 @@ SLOW = Rational([0.1, 0.05], [-1.3, 0.45])
 KNOTS = np.linspace(-3, 3, 7)
 CASCADES = {
     "linear": Cascade((SLOW,), output_offset=0.3),
+    "two slopes": Cascade((FAST, TwoSlopes(0.2, 0.3, 1.4), SLOW)),
     "hammerstein": Cascade((DeadZone(-0.5, 0.4, 0.8, 1.2), SLOW), output_offset=0.2, delay=2),
     "wiener": Cascade((SLOW, CubicSpline(KNOTS, np.tanh(KNOTS)))),
     "wiener-hammerstein": Cascade((FAST, Polynomial(np.array([0.1, 1.0, 0.2, -0.1]), -3, 3), SLOW)),
@@ -218,6 +220,18 @@ def test_dead_zone_edges_are_within_their_intervals() -> None:
     for name, value in (("f.b_l", -0.5), ("f.b_r", 0.4)):
         assert fit.estimate[fit.names.index(name)] == pytest.approx(value, rel=0.02)
         assert interval[name][0] < value < interval[name][1]
+
+
+def test_a_corner_between_two_slopes_is_within_its_intervals() -> None:
+    truth, inside = unit_gain(Cascade((FAST, TwoSlopes(0.1, 0.2, 1.0), SLOW))), []
+    for seed in range(20):
+        start = replace(truth, blocks=(FAST, TwoSlopes(-0.2, 0.5, 0.9), SLOW))
+        fit = fit_cascade(start, record_of(truth, 1000, noise=0.01, seed=seed))
+        assert fit.ending is Ending.CONVERGED
+        values = dict(zip(truth.names, truth.parameters, strict=True))
+        ends = zip(fit.names, fit.interval(0.95), strict=True)
+        inside += [low < values[name] < high for name, (low, high) in ends if name.startswith("f.")]
+    assert np.mean(inside) > 0.88  # 60 intervals of 95 %, two standard errors below
 
 
 @pytest.mark.parametrize(

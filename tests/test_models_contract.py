@@ -27,6 +27,7 @@ from emsid.models.blocks.static_maps import (
     Polynomial,
     Saturation,
     StaticMap,
+    TwoSlopes,
     UserMap,
 )
 from emsid.models.feedback.model import FeedbackModel
@@ -51,6 +52,7 @@ KNOTS = np.array([-3.0, -1.0, 0.0, 1.5, 3.0])
 MAPS: dict[str, StaticMap] = {
     "polynomial": Polynomial(np.array([0.2, 1.5, 0.1, 0.05])),
     "dead-zone": DeadZone(-0.35, 0.25, 0.7, 1.3),
+    "two-slopes": TwoSlopes(0.3, 0.4, 1.5),
     "saturation": Saturation(1.7, -1.1, 0.9),
     "coulomb-linear": CoulombLinear(0.4, 1.2, width=0.3),
     "piecewise-linear": PiecewiseLinear(KNOTS, np.tanh(KNOTS)),

@@ -12,7 +12,7 @@ from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import fit_cascade
 from emsid.models.blocks.search.order_growth import larger_cascades
 from emsid.models.blocks.search.topologies import WIENER_HAMMERSTEIN
-from emsid.models.blocks.static_maps import Saturation
+from emsid.models.blocks.static_maps import Saturation, TwoSlopes
 from independent.cascades import cascade
 
 NOISE = 0.01
@@ -53,9 +53,18 @@ def test_no_filter_of_a_given_order_or_of_a_short_record_grows(record: emsid.Rec
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [14, 23, 51, 52, 56])
+@pytest.mark.parametrize("seed", [14, 23, 51, 52, 56, 219])
 def test_cascades_whose_response_shows_too_few_poles_reach_the_noise(seed: int) -> None:
-    """Without higher orders the errors are 2.2 to 5.9 times the noise."""
+    """Without higher orders the errors are 2.2 to 5.9 times the noise; 219 needs new starts for them."""
     _, fitted, judge, noise = cascade(seed)
     run = emsid.fit(emsid.wiener_hammerstein(static=None), fitted).model.simulate(judge)
+    assert np.sqrt(np.mean((judge.output - run.output)[run.counted] ** 2)) < 1.1 * noise
+
+
+def test_two_slopes_are_found_where_nobody_names_them() -> None:
+    """A dead zone ends at the bound of its edges here, and a piecewise linear map has 2.5 times the noise."""
+    _, fitted, judge, noise = cascade(31)
+    fit = emsid.fit(emsid.wiener_hammerstein(static=None), fitted)
+    assert isinstance(fit.model.blocks[1], TwoSlopes)
+    run = fit.model.simulate(judge)
     assert np.sqrt(np.mean((judge.output - run.output)[run.counted] ** 2)) < 1.1 * noise

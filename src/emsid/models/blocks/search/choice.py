@@ -17,6 +17,7 @@ import numpy as np
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.models.blocks.cascade import Cascade
+from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.cross_validation import Round, as_arrays, shortened
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.order_growth import larger_cascades
@@ -111,8 +112,35 @@ def _of_higher_orders(
         choice = simplest([best, *refined(plans, part, rounds, settings.threads, control, best)])
         if choice is best:
             return
-        best = choice
+        best = _from_new_starts(choice, topology, part, rounds, settings, control)
         yield best
+
+
+def _from_new_starts(
+    choice: Choice,
+    topology: Topology,
+    part: Sequence[Record],
+    rounds: Sequence[Round],
+    settings: CascadeSearch,
+    control: Control,
+) -> Choice:
+    """The choice, or the same structure from the starts for its orders, if that fits its data better.
+
+    A search from a smaller model with a pole more may end at zeros that suit the smaller one only.
+    """
+    family = choice.family
+    if family is None:
+        return choice
+    model, sizes = (
+        choice.model,
+        [len(block.denominator) for block in choice.model.blocks if isinstance(block, Rational)],
+    )
+    given = iter(sizes)
+    orders = (next(given) if topology.first else None, next(given) if topology.second else None)
+    starts = ordered_starts(topology, part, orders, settings, model, control)
+    plans = [Plan(_with_map(start, topology, family, choice.size, part), family, choice.size) for start in starts]
+    found = refined(plans, part, rounds, settings.threads, control, choice)
+    return min([choice, *found], key=lambda each: each.known)
 
 
 LARGE = 3

@@ -12,7 +12,8 @@ References:
     (4.7) to (4.9). de Boor, *A Practical Guide to Splines*, rev. ed. (2001).
 """
 
-from emsid.models.blocks.static_maps.laws import Abs, CoulombLinear, DeadZone, NumberedMap, Saturation
+from emsid.models.blocks.static_maps.laws import Abs, CoulombLinear, DeadZone, Saturation, TwoSlopes
+from emsid.models.blocks.static_maps.numbered_map import NumberedMap
 from emsid.models.blocks.static_maps.polynomial import Polynomial
 from emsid.models.blocks.static_maps.registry import STATIC_MAPS, register
 from emsid.models.blocks.static_maps.shaped import MonotoneSpline, OddSpline
@@ -25,6 +26,7 @@ for _map in (
     PiecewiseLinear,
     Polynomial,
     DeadZone,
+    TwoSlopes,
     Saturation,
     CoulombLinear,
     Abs,
@@ -47,6 +49,7 @@ __all__ = [
     "Saturation",
     "Scaling",
     "StaticMap",
+    "TwoSlopes",
     "UserMap",
     "closest",
     "register",

@@ -1,10 +1,11 @@
-"""Maps with few parameters: dead zone, saturation, Coulomb friction, absolute value."""
+"""Maps with few parameters: dead zone, two slopes, saturation, Coulomb friction, absolute value."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Self
+from dataclasses import dataclass
+from operator import itemgetter
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,7 @@ from emsid.errors import ModelError
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.findings import Finding
 from emsid.models.blocks.static_maps.inverse import monotone_inverse, numbers_of
+from emsid.models.blocks.static_maps.numbered_map import NumberedMap
 from emsid.models.blocks.static_maps.static_map import Pieces, Scaling, StaticMap, closest, combination
 from emsid.models.blocks.static_maps.through_points import CubicSpline
 from emsid.models.terms import sum_of_terms
@@ -25,72 +27,6 @@ POINTS = 2_000
 EDGES = 16
 # Below this fraction of the samples, a side of a map is not reliably determined.
 SELDOM = 0.002
-
-
-@dataclass(frozen=True, eq=False)
-class NumberedMap(StaticMap):
-    """A map whose first fields are its parameters.
-
-    Attributes:
-        letters: the letters of the parameters in formulas and files.
-        slope_letter: the letter of the characteristic slope; empty if that slope is one and not a parameter.
-        meanings: the meaning of each letter in a few words.
-    """
-
-    letters: ClassVar[tuple[str, ...]]
-    slope_letter: ClassVar[str]
-    meanings: ClassVar[Mapping[str, str]] = {}
-
-    def __post_init__(self) -> None:
-        for name in (field.name for field in fields(self)):
-            if not np.isfinite(getattr(self, name)):
-                raise ModelError(f"{self.kind} with {name} = {getattr(self, name)}; give finite numbers")
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The letters."""
-        return self.letters
-
-    @property
-    def parameters(self) -> Array:
-        """(p,) the first fields."""
-        return np.array([getattr(self, name) for name in self._first_fields()])
-
-    @property
-    def anchors(self) -> tuple[int, ...]:
-        """The characteristic slope."""
-        return (self.letters.index(self.slope_letter),) if self.slope_letter else ()
-
-    @property
-    def steepness(self) -> float:
-        """The characteristic slope."""
-        return float(self.parameters[self.anchors[0]]) if self.slope_letter else 1.0
-
-    def with_parameters(self, theta: Array) -> Self:
-        """The map with other parameters."""
-        return replace(self, **dict(zip(self._first_fields(), theta.tolist(), strict=True)))
-
-    def meaning(self, name: str) -> str:
-        """The meaning of its letter."""
-        return f"{self.kind}: {self.meanings[name]}" if name in self.meanings else self.kind
-
-    def to_data(self) -> dict[str, Any]:
-        """All fields, parameters by their letters."""
-        values = (getattr(self, field.name) for field in fields(self))
-        return {"kind": self.kind, **dict(zip(self._keys(), values, strict=True))}
-
-    @classmethod
-    def from_data(cls, data: dict[str, Any]) -> Self:
-        """The map described by `to_data`."""
-        return cls(*(float(data[key]) for key in cls._keys()))
-
-    @classmethod
-    def _first_fields(cls) -> list[str]:
-        return [field.name for field in fields(cls)[: len(cls.letters)]]
-
-    @classmethod
-    def _keys(cls) -> tuple[str, ...]:
-        return (*cls.letters, *(field.name for field in fields(cls)[len(cls.letters) :]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +137,82 @@ class DeadZone(NumberedMap):
     def marks(self) -> tuple[Array, str]:
         """The ends of the zone."""
         return np.array([self.b_l, self.b_r]), "break points"
+
+
+@dataclass(frozen=True, eq=False)
+class TwoSlopes(NumberedMap):
+    """m_r(x − b) above the corner b and m_l(x − b) below it, as of a drive that is stronger in one direction.
+
+    A dead zone without a zone is the same, but at the bound of its family, where no search settles.
+
+    >>> TwoSlopes(0.5, 1.0, 2.0).value(np.array([-0.5, 0.5, 1.5]))
+    array([-1.,  0.,  2.])
+
+    Args:
+        b: the corner, in the unit of the input.
+        m_l, m_r: slope to the left and to the right.
+    """
+
+    b: float = 0.0
+    m_l: float = 1.0
+    m_r: float = 1.0
+
+    kind: ClassVar[str] = "two-slopes"
+    letters: ClassVar[tuple[str, ...]] = ("b", "m_l", "m_r")
+    slope_letter: ClassVar[str] = "m_r"
+    tried: ClassVar[bool] = True
+    meanings: ClassVar[Mapping[str, str]] = {"b": "corner", "m_l": "slope on the left", "m_r": "slope on the right"}
+
+    def value(self, x: Array) -> Array:
+        """Two lines that meet at b."""
+        value: Array = self.slope(x) * (x - self.b)
+        return value
+
+    def slope(self, x: Array) -> Array:
+        """m_r or m_l."""
+        return np.where(x > self.b, self.m_r, self.m_l)
+
+    def pieces(self) -> Pieces:
+        """Two lines."""
+        return Pieces.lines([self.b], [self.m_l, self.m_r], 0.0)
+
+    def parameter_gradient(self, x: Array) -> Array:
+        """−m for the corner, the distance to it for the slopes."""
+        return np.stack([-self.slope(x), np.minimum(x - self.b, 0), np.maximum(x - self.b, 0)])
+
+    def inverse(self, z: ArrayLike) -> Array:
+        """z/m + b, with the slope of the side that z is on."""
+        target = np.asarray(z, dtype=float)
+        if not self.m_l * self.m_r > 0:
+            raise ModelError("two slopes have an inverse only where both are positive, or both negative")
+        slope = np.where(target * self.m_r > 0, self.m_r, self.m_l)
+        return np.asarray(target / slope + self.b)
+
+    def scaled(self, input: float, output: float) -> TwoSlopes:
+        """The corner times ``input``, slopes times output/input; a mirrored input swaps left and right."""
+        m_l, m_r = (self.m_l, self.m_r) if input > 0 else (self.m_r, self.m_l)
+        return TwoSlopes(self.b * input, m_l * output / input, m_r * output / input)
+
+    def expression(self, x: str) -> str:
+        """Two hinges."""
+        moved = f"{x}{-self.b:+.6g}"
+        return sum_of_terms([(self.m_r, f"max({moved}, 0)"), (self.m_l, f"min({moved}, 0)")])
+
+    @classmethod
+    def started(cls, x: Array, z: Array, size: int) -> TwoSlopes:
+        """The best corner among quantiles of x, with the best slopes for it."""
+        step = max(1, len(x) // POINTS)
+        x, z = x[::step], z[::step]
+        found = []
+        for corner in np.quantile(x, np.linspace(0.02, 0.98, EDGES)).tolist():
+            rows = np.stack([np.minimum(x - corner, 0), np.maximum(x - corner, 0), np.ones_like(x)])
+            m_l, m_r, level = combination(rows, z).tolist()
+            found.append((float(np.sum((np.array([m_l, m_r, level]) @ rows - z) ** 2)), cls(corner, m_l, m_r)))
+        return min(found, key=itemgetter(0))[1]
+
+    def marks(self) -> tuple[Array, str]:
+        """The corner."""
+        return np.array([self.b]), "break points"
 
 
 @dataclass(frozen=True, eq=False)

@@ -99,10 +99,15 @@ def test_the_expectation_of_a_map_is_that_of_its_values(map_: DeadZone | CubicSp
 
 
 def corrected(
-    made: Circuit, start: Cascade, orders: Orders = (3, 3), transient: int | None = None
+    made: Circuit,
+    start: Cascade,
+    orders: Orders = (3, 3),
+    transient: int | None = None,
+    free_map: bool = False,
 ) -> tuple[Cascade, Corrected]:
     minimum, problem = search(start, made.fitted, transient=transient)
-    return problem.model(minimum.estimate), without_process_noise(minimum, problem, made.fitted, orders, {})
+    found = without_process_noise(minimum, problem, made.fitted, orders, {}, free_map=free_map)
+    return problem.model(minimum.estimate), found
 
 
 def finding(found: Corrected) -> Finding:
@@ -141,6 +146,17 @@ def test_an_order_that_is_too_low_is_raised_in_noise_before_the_map() -> None:
     _, found = corrected(circuit(1, 4096), replace(TRUTH, blocks=(*TRUTH.blocks[:2], smaller)), (3, None))
     assert found.fit is not None
     assert len(found.fit.model.blocks[2].parameters) == 7
+
+
+def test_a_spline_takes_the_place_of_another_map_in_noise_before_it(noisy: Circuit) -> None:
+    """A cubic polynomial leaves an error that is small beside this noise, and three times that of the true map."""
+    cubic = Polynomial(np.array([0.0, 0.9, 0.0, -0.1]), -3, 3)
+    start, judges = replace(TRUTH, blocks=(TRUTH.blocks[0], cubic, BEHIND)), list(noisy.unseen.values())
+    for free_map, kind, least, most in ((False, Polynomial, 2.5, 4.0), (True, CubicSpline, 1.0, 1.7)):
+        _, found = corrected(noisy, start, free_map=free_map)
+        assert found.fit is not None
+        assert isinstance(found.fit.model.blocks[1], kind)
+        assert least < np.sqrt(free_run_error(found.fit.model, judges)) / noisy.noise < most
 
 
 def test_without_noise_before_the_map_a_fit_stays_as_it_is() -> None:

@@ -293,8 +293,8 @@ def _fitted(
     found = searched(start, records, **(how | first))
     corrected = Corrected()
     if settings.loss is SQUARES:
-        averages = steady.each if steady else 1.0
-        corrected = without_process_noise(found.minimum, found.problem, records, orders, how, averages)
+        averages, free_map = steady.each if steady else 1.0, len(settings.families) > 1
+        corrected = without_process_noise(found.minimum, found.problem, records, orders, how, averages, free_map)
     fit = corrected.fit
     if fit is None:
         fit = conclude(found.minimum, found.problem, settings.loss)

@@ -30,8 +30,10 @@ from emsid.models.blocks.process_noise import (
     estimated_noise,
     map_index,
 )
+from emsid.models.blocks.search.cross_validation import as_arrays
+from emsid.models.blocks.search.map_families import SPLINE
 from emsid.models.blocks.search.orders import LARGEST_ORDER
-from emsid.models.blocks.search.starts import grown
+from emsid.models.blocks.search.starts import grown, started
 from emsid.models.blocks.search.topologies import Orders
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.blocks.static_maps.expected import ExpectedMap
@@ -74,11 +76,13 @@ def without_process_noise(
     orders: Orders,
     how: Search,
     averages: float = 1.0,
+    free_map: bool = False,
 ) -> Corrected:
     """A fit of the system without the noise before its map, if there is any.
 
-    In such noise, the error of an order that is too low is small, but the white residual of the corrected fit shows it.
-    So orders that are not given rise here as long as Schwarz's criterion prefers that.
+    In such noise, the error of an order that is too low, or of another kind of map, is small, but the white residual of
+    the corrected fit shows it. So orders that are not given rise here, and a spline takes the place of a map that is
+    not given, as long as Schwarz's criterion prefers that.
 
     A map that does not describe the data also leaves an error that varies with its slope. So the correction is kept
     only if the model without the noise still describes the data as well as the model before.
@@ -89,6 +93,7 @@ def without_process_noise(
         orders: that are given, of the filters before and after the map; the others may rise.
         how: of further fits, as in `fit_cascade`.
         averages: the number of periods that the output is the mean of. The map shows the noise of each.
+        free_map: whether the kind of the map is not given.
     """
     model = problem.model(minimum.estimate)
     at, segments = map_index(model), problem.segments
@@ -110,7 +115,7 @@ def without_process_noise(
     fit: Fit[Cascade] | None = None
     with suppress(EmsidError):
         start, noise = in_turn(model, noise, pieces, _first_segments(records, model, how), times, how)
-        larger = _grown(start, noise, records, orders, how)
+        larger = _grown(start, noise, records, orders, how, free_map)
         if len(larger.parameters) > len(model.parameters):
             part = _first_segments(records, larger, how)
             start, noise = in_turn(larger, noise, _from_the_start(larger, part, how), part, times, how)
@@ -171,27 +176,33 @@ def _from_the_start(model: Cascade, records: Sequence[Record], how: Search) -> l
     return error_pieces(model, segments, states, max(transient or 0, model.edge))
 
 
-def _grown(model: Cascade, noise: ProcessNoise, records: Sequence[Record], orders: Orders, how: Search) -> Cascade:
-    """The model with filters of larger orders, where Schwarz's criterion prefers them on a part of the records."""
-    if not _one_larger(model, orders):
-        return model
+def _grown(
+    model: Cascade, noise: ProcessNoise, records: Sequence[Record], orders: Orders, how: Search, free_map: bool
+) -> Cascade:
+    """The model with filters of larger orders, or a spline, where Schwarz's criterion prefers them on a part of the
+    records.
+    """
     part = _first_segments(records, model, how)
     samples = sum(len(record) for record in part)
     weightings = _weightings(model, _from_the_start(model, part, how), noise)
     limits = Search(max_iterations=STEPS, least_saving=SAVING, weightings=weightings)
 
+    def larger(than: Cascade) -> list[Cascade]:
+        return [*_one_larger(than, orders), *(_with_spline(than, part) if free_map else [])]
+
     def fitted(start: Cascade) -> tuple[float, Cascade]:
         minimum, problem = search(start, part, **(how | limits))
-        return minimum.cost, problem.model(minimum.estimate)
+        found = problem.model(minimum.estimate)  # V is half the sum of squares
+        return minimum.cost + 0.5 * len(found.parameters) * np.log(samples), found
 
-    cost, best = fitted(model)
+    if not larger(model):
+        return model
+    criterion, best = fitted(model)
     while True:
-        least, larger = min(
-            (fitted(each) for each in _one_larger(best, orders)), key=itemgetter(0), default=(cost, best)
-        )
-        if cost - least < np.log(samples):  # V is half the sum of squares, and there are two more parameters
+        least, other = min((fitted(each) for each in larger(best)), key=itemgetter(0), default=(criterion, best))
+        if least >= criterion:
             return best
-        cost, best = fitted(larger)  # further, so that the next order is compared with its minimum
+        criterion, best = fitted(other)  # further, so that the next one is compared with its minimum
 
 
 def _first_segments(records: Sequence[Record], model: Cascade, how: Search) -> list[Record]:
@@ -219,6 +230,15 @@ def _one_larger(model: Cascade, orders: Orders) -> list[Cascade]:
             sizes = [size + (j == k) for j, size in enumerate(now)]
             larger.append(grown(model, (sizes[0], sizes[1] if len(sizes) > 1 else None)))
     return larger
+
+
+def _with_spline(model: Cascade, part: Sequence[Record]) -> list[Cascade]:
+    """The model with the expectation of a spline in the place of another kind of map; none where it has a spline."""
+    (map_,) = (block for block in model.blocks if isinstance(block, ExpectedMap))
+    if map_.smooth:
+        return []
+    smooth = started(_plain(model), lambda x, z: SPLINE.start(x, z, SPLINE.sizes[0]), as_arrays(part))
+    return [_expecting(smooth, map_.spread)]
 
 
 def _weightings(model: Cascade, pieces: Sequence[ErrorPiece], noise: ProcessNoise) -> list[Weighting]:

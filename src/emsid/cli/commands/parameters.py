@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from emsid.arguments import did_you_mean
 from emsid.cli.app import app
 from emsid.cli.options import Json
 from emsid.cli.terminal import say, say_json
@@ -14,7 +15,8 @@ from emsid.errors import DataError
 @app.command()
 def parameters(
     plant: Annotated[
-        str | None, typer.Argument(metavar="[PLANT]", help="Kind of datasheet: motor or linear-axis.")
+        str | None,
+        typer.Argument(metavar="[PLANT]", help="Kind of datasheet: motor (rigid-motor too) or linear-axis."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -32,7 +34,9 @@ def parameters(
     from emsid.models.plants.registry import described
 
     if plant is not None and plant not in described():
-        raise DataError(f"no datasheet of {plant!r}; there are {', '.join(described())}")
+        raise DataError(
+            f"no datasheet of {plant!r}{did_you_mean(plant, described())}; there are {', '.join(described())}"
+        )
     if not json:
         say(motor_template() if plant is None else datasheet_template(plant))
         return

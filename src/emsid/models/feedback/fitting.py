@@ -115,7 +115,7 @@ class FreeRun:
                 if samples.start:
                     self.check()
                 with np.errstate(all="ignore"):
-                    derivative[:free, samples] = self.spread.T @ rows[:, :count].T
+                    np.matmul(self.spread.T, rows[:, :count].T, out=derivative[:free, samples])
                 derivative[own : own + model.states, samples] = rows[:, count:].T
             if not np.isfinite(derivative[:, skipped:]).all():
                 raise Infeasible(f"the derivative of {model.name} is not finite")

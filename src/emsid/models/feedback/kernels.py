@@ -197,7 +197,12 @@ def derivative(
     of_maps = to_output + width
     of_offsets = of_maps + q
     p = of_offsets + m + 1 + n
-    new = np.empty((n + 1, p))
+    from_maps = np.empty((n + 1, q))
+    for i in range(n + 1):
+        for j in range(q):
+            from_maps[i, j] = matrix[i if i < n else n + m, n + 1 + owners[j]]
+    before, after = np.zeros((n + 1, p)), np.zeros((n + 1, p))
+    before[:n] = now
     closed, back = np.empty((n + 1, n)), np.empty((m, n))
     for t in range(len(u)):
         for k in range(m):
@@ -210,45 +215,61 @@ def derivative(
                 closed[i, j] = matrix[row, j]
                 for k in range(m):
                     closed[i, j] += matrix[row, n + 1 + k] * back[k, j]
-        multiply(closed, now, rows, new)
+        multiply(closed, before, rows, after)
         for i in range(rows):
             row, own = (i, i * width) if i < n else (n + m, to_output)
             for j in range(n):
-                new[i, own + j] += x[t, j]
-            new[i, own + n] += u[t]
+                after[i, own + j] += x[t, j]
+            after[i, own + n] += u[t]
             for k in range(m):
-                new[i, own + n + 1 + k] += w[t, k]
+                after[i, own + n + 1 + k] += w[t, k]
                 through = matrix[row, n + 1 + k] * slopes[t, k]
                 of_z = to_maps + k * (n + 1)
                 for j in range(n):
-                    new[i, of_z + j] += through * x[t, j]
-                new[i, of_z + n] += through * u[t]
-                new[i, of_offsets + k] += through
+                    after[i, of_z + j] += through * x[t, j]
+                after[i, of_z + n] += through * u[t]
+                after[i, of_offsets + k] += through
             for j in range(q):
-                new[i, of_maps + j] += matrix[row, n + 1 + owners[j]] * gradient[t, j]
+                after[i, of_maps + j] += from_maps[i, j] * gradient[t, j]
         if rows > n:
-            new[n, of_offsets + m] += 1.0
-            for k in range(p):
-                out[t // every, k] = new[n, k]
-        for i in range(n):
-            for k in range(p):
-                now[i, k] = new[i, k]
+            after[n, of_offsets + m] += 1.0
+            out[t // every] = after[n]
+        before, after = after, before
+    now[:] = before[:n]
 
 
 @numba.njit(cache=True, nogil=True)
 def multiply(factors: Array, states: Array, rows: int, out: Array) -> None:
-    """The first rows of factors·states: vectors of four states, of two and of one at a time."""
-    n, width = states.shape
+    """The first rows of factors·states: six, four or two states at once, then the others by two and one.
+
+    Args:
+        factors: (r, n).
+        states: (n or more, p).
+        rows: of ``factors`` that are wanted.
+        out: (r, p) receives them.
+    """
+    n, width = factors.shape[1], states.shape[1]
     for i in range(rows):
-        for k in range(width):
-            out[i, k] = 0.0
-        j = 0
-        while j + 4 <= n:
-            a, b, c, d = factors[i, j], factors[i, j + 1], factors[i, j + 2], factors[i, j + 3]
+        if n >= 6:
+            a, b, c, d, e, f = factors[i, 0], factors[i, 1], factors[i, 2], factors[i, 3], factors[i, 4], factors[i, 5]
             for k in range(width):
-                out[i, k] += a * states[j, k] + b * states[j + 1, k] + c * states[j + 2, k] + d * states[j + 3, k]
-            j += 4
-        if j + 2 <= n:
+                four = a * states[0, k] + b * states[1, k] + c * states[2, k] + d * states[3, k]
+                out[i, k] = four + (e * states[4, k] + f * states[5, k])
+            j = 6
+        elif n >= 4:
+            a, b, c, d = factors[i, 0], factors[i, 1], factors[i, 2], factors[i, 3]
+            for k in range(width):
+                out[i, k] = a * states[0, k] + b * states[1, k] + c * states[2, k] + d * states[3, k]
+            j = 4
+        elif n >= 2:
+            a, b = factors[i, 0], factors[i, 1]
+            for k in range(width):
+                out[i, k] = a * states[0, k] + b * states[1, k]
+            j = 2
+        else:
+            out[i, :width] = 0.0
+            j = 0
+        while j + 2 <= n:
             a, b = factors[i, j], factors[i, j + 1]
             for k in range(width):
                 out[i, k] += a * states[j, k] + b * states[j + 1, k]

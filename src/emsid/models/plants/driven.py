@@ -108,7 +108,7 @@ class Driven(BasePlant):
         self, inputs: Sequence[Array], dt: float, states: Sequence[Array], signals: Sequence[Signal]
     ) -> list[Array]:
         """See `BasePlant.simulate_each`; drive and forces of one mass are computed for all runs at once."""
-        on = None if len(inputs) < 2 or Signal.CURRENT in signals else self.drive.acting_each(inputs, dt)
+        on = None if Signal.CURRENT in signals else self.drive.acting_each(inputs, dt)
         sliding = None if on is None else self._as_one_mass(on[0].voltage, on[0].conducts)
         if on is None or sliding is None:
             return super().simulate_each(inputs, dt, states, signals)

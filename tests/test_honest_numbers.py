@@ -37,7 +37,7 @@ from emsid.report.notebook import parameter_rows
 from emsid.report.views import parameter_table
 from emsid.validation.comparison import assess_model
 from emsid.validation.correlation import cross_correlation
-from emsid.validation.nonlinear_correlation import free_run_tests, nonlinear_terms, nonlinear_tests
+from emsid.validation.nonlinear_correlation import nonlinear_terms, nonlinear_tests
 from independent.fitting import START, fitted
 from independent.regressions import EQUATIONS, Equation
 from independent.settings import DT, RESISTANCE, SETTINGS, TRUTH, mass_of
@@ -392,7 +392,7 @@ def test_a_cube_shows_the_odd_nonlinearity_that_the_input_does_not():
     error = np.where(best.simulation.counted, (record.output - best.simulation.output)[:, 0], np.nan)
     u = record.input[:, 0]
     assert np.max(np.abs(cross_correlation(error, u, (), 50)[50:])) < 3.5
-    square, cube, absolute, product = free_run_tests(best, 0)
+    square, cube, absolute, product = best.nonlinear_tests[0]
     assert (square.term, cube.term, absolute.term) == ("u1²", "u1³", "|u1|")
     assert cube.depends
     assert abs(cube.largest) > 2 * cube.limit

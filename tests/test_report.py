@@ -71,7 +71,6 @@ from emsid.report.views import grey_box as grey_box_views
 from emsid.report.views.timeline import timeline
 from emsid.validation.comparison import Row, assess, assess_model, compare
 from emsid.validation.correlation import autocorrelation, cross_correlation
-from emsid.validation.nonlinear_correlation import free_run_tests
 from emsid.wording import sentence
 
 NASTY = '<script>alert("$x_1$")</script>'
@@ -742,7 +741,7 @@ def test_labels_name_the_method_where_a_model_stands_there_twice():
 
 def test_nonlinear_correlations_are_drawn_with_the_band_of_their_test():
     result = COMPARISONS["whole"]
-    tests = free_run_tests(result.best, 0)
+    tests = result.best.nonlinear_tests[0]
     plots = views.nonlinear_correlations(result.assessments).plots
     assert [plot.title for plot in plots] == [f"Residual against {test.term}" for test in tests]
     for plot, test in zip(plots, tests, strict=True):

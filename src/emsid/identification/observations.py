@@ -21,7 +21,6 @@ from emsid.models.plants.search.diagnostics import Profile
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record
 from emsid.validation.comparison import Assessment, Comparison, models_noise
-from emsid.validation.nonlinear_correlation import free_run_tests
 from emsid.validation.regions import worst_region
 from emsid.validation.residual_test import residual_tests
 
@@ -167,7 +166,7 @@ def about_nonlinear_terms(best: Assessment) -> list[Finding]:
     """The nonlinear function of inputs that the residual of the best free run depends on most, for every output."""
     findings = []
     for channel, output in enumerate(best.record.output_names):
-        tests = [test for test in free_run_tests(best, channel) if test.depends]
+        tests = [test for test in best.nonlinear_tests[channel] if test.depends]
         if tests:
             worst = max(tests, key=lambda test: abs(test.largest))
             data = {

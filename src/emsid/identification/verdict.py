@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.fit import Ending
+from emsid.estimation.threads import cores, short_tasks
 from emsid.findings import Finding, finite
 from emsid.identification.conclusions import POOR, PREDICTABLE, predictable_shares
 from emsid.identification.plausibility import DIVERGES, IMPLAUSIBLE
@@ -25,7 +26,6 @@ from emsid.selection.improvement import STRETCHES
 from emsid.validation.agreement import difference_of_pieces
 from emsid.validation.comparison import Assessment, Comparison, Row, models_noise
 from emsid.validation.correlation import input_test
-from emsid.validation.nonlinear_correlation import free_run_tests
 from emsid.validation.residual_test import residual_tests
 
 Array = NDArray[np.float64]
@@ -56,11 +56,12 @@ def model_verdicts(on_record: Comparison, on_unseen: Comparison, findings: Itera
     for finding in findings:
         if finding.code in IMPLAUSIBLE:
             against.setdefault(finding.model, []).append({"code": finding.code, **finding.data})
-    shares = _shares(on_unseen.assessments)
-    return tuple(
-        _verdict(each, fitted[each.row.model], against.get(each.row.model, []), share)
-        for each, share in zip(on_unseen.assessments, shares, strict=True)
-    )
+
+    def verdict(unseen: Assessment, shares: Sequence[float]) -> Finding:
+        return _verdict(unseen, fitted[unseen.row.model], against.get(unseen.row.model, []), shares)
+
+    in_turn = short_tasks(cores()).map  # transforms of long residuals, which leave the interpreter free
+    return tuple(in_turn(verdict, on_unseen.assessments, _shares(on_unseen.assessments)))
 
 
 def implausible_models(findings: Iterable[Finding]) -> frozenset[str]:
@@ -126,7 +127,7 @@ def residual_table(assessment: Assessment) -> list[Reason]:
                 "limit": each.limit,
                 "passed": not each.depends,
             }
-            for each in free_run_tests(assessment, channel)
+            for each in assessment.nonlinear_tests[channel]
         ]
     if models_noise(assessment.fit.model):
         found += [

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from emsid.models.model import Model, Run
 from emsid.presentation import Presented
 from emsid.record import Record, concatenate
 from emsid.validation.metrics import Array, fit_percent
+from emsid.validation.nonlinear_correlation import NonlinearTest, free_run_tests
 
 
 @dataclass(frozen=True)
@@ -125,6 +127,11 @@ class Assessment:
     row: Row
     simulation: Run
     prediction: Run
+
+    @cached_property
+    def nonlinear_tests(self) -> tuple[tuple[NonlinearTest, ...], ...]:
+        """The residual of every output against nonlinear functions of the inputs, see `free_run_tests`."""
+        return free_run_tests(self.record, self.simulation)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

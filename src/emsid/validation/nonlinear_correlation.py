@@ -13,15 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.models.model import Run
+from emsid.record import Record
 from emsid.validation.correlation import cross_correlation
-
-if TYPE_CHECKING:
-    from emsid.validation.comparison import Assessment
 
 Array = NDArray[np.float64]
 
@@ -113,18 +112,19 @@ def nonlinear_tests(
     return tuple(tests)
 
 
-def free_run_tests(each: Assessment, channel: int) -> tuple[NonlinearTest, ...]:
-    """The tests of an output of a free run, the products of the inputs and the simulated output among them."""
-    record, counted = each.record, each.simulation.counted
-    error = np.where(counted, (record.output - each.simulation.output)[:, channel], np.nan)
-    terms = nonlinear_terms(record.input, record.input_names)
-    simulated = each.simulation.output[:, channel]
-    if np.isfinite(simulated).all():
-        y = _scaled(simulated)
-        names = [f"{name}·{record.output_names[channel]} (simulated)" for name in record.input_names]
-        products = [_product(_scaled(u), y, name) for u, name in zip(record.input.T, names, strict=True)]
-        terms += [term for term in products if float(np.std(term.signal)) > NOTHING]
-    return nonlinear_tests(error, terms, record.breaks)
+def free_run_tests(record: Record, simulation: Run) -> tuple[tuple[NonlinearTest, ...], ...]:
+    """The tests of every output of a free run, the products of the inputs and that output among them."""
+    of_inputs, tests = nonlinear_terms(record.input, record.input_names), []
+    for output, measured, simulated in zip(record.output_names, record.output.T, simulation.output.T, strict=True):
+        terms = of_inputs
+        if np.isfinite(simulated).all():
+            y = _scaled(simulated)
+            names = [f"{name}·{output} (simulated)" for name in record.input_names]
+            products = [_product(_scaled(u), y, name) for u, name in zip(record.input.T, names, strict=True)]
+            terms = [*terms, *(term for term in products if float(np.std(term.signal)) > NOTHING)]
+        error = np.where(simulation.counted, measured - simulated, np.nan)
+        tests.append(nonlinear_tests(error, terms, record.breaks))
+    return tuple(tests)
 
 
 def _scaled(u: Array) -> Array:

@@ -14,7 +14,6 @@ from emsid.report.document import Axis, Dash, Figure, Histogram, Level, Line, Ma
 from emsid.report.views.conventions import MODELS, channels, labels, of_output, output_axis
 from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.validation.correlation import autocorrelation, cross_correlation
-from emsid.validation.nonlinear_correlation import free_run_tests
 
 if TYPE_CHECKING:
     from emsid.validation.comparison import Assessment
@@ -138,7 +137,7 @@ def _nonlinear_plots(assessments: Sequence[Assessment], channel: int) -> list[Pl
     marks: dict[str, list[Mark]] = {}
     limit = 0.0
     for label, stroke, each in zip(labels(assessments), cycle(MODELS), assessments, strict=False):
-        for k, test in enumerate(free_run_tests(each, channel)):
+        for k, test in enumerate(each.nonlinear_tests[channel]):
             limit = max(limit, test.limit)
             lag = record.dt * np.arange(len(test.curve), dtype=np.float64)
             marks.setdefault(test.term, []).append(Line(lag, test.curve, "" if k else label, stroke))

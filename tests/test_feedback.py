@@ -29,9 +29,9 @@ from emsid.models.feedback.search.directions import Direction
 from emsid.models.feedback.search.magnitudes import as_feedback, of_magnitudes
 from emsid.models.feedback.search.starts import started_beside_line
 from emsid.models.feedback.search.trials import Bench, FeedbackSearch, Steps, Trial
-from emsid.models.feedback.start import starting
 from emsid.models.free_run import squared_errors
 from emsid.models.one_channel import segments_longer_than
+from emsid.models.start_states import starting
 from emsid.record import concatenate
 from emsid.selection.improvement import StretchErrors
 from test_models_contract import DT, LOOP, MAPS, TWO_LOOPS

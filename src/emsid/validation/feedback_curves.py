@@ -18,7 +18,7 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.feedback.coordinates import Visited
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.start import starting
+from emsid.models.start_states import starting
 from emsid.record import Record
 from emsid.validation.frequency_responses import about_rest, output_at_rest
 

@@ -44,7 +44,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.linear.filtering import filter_rows
-from emsid.estimation.nonlinear.few_unknowns import few_unknowns
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.block import Block, block_from_data
 from emsid.models.blocks.filters import Rational
@@ -53,6 +52,7 @@ from emsid.models.interpolation import INTERPOLATION_REACH, between, interpolate
 from emsid.models.linear_parts import python_control
 from emsid.models.model import levels
 from emsid.models.one_channel import OneChannelMethods
+from emsid.models.start_states import starting
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
@@ -63,18 +63,8 @@ Array = NDArray[np.float64]
 
 # Samples for every element of the initial state of a segment.
 SAMPLES_PER_STATE = 8
-# Weight of the state at rest in the first estimate of an initial state, relative to the samples of the start.
-REST = 1e-2
 # An offset this small, relative to the largest parameter, is rounding.
 ROUNDING = 1e-12
-# Effort to find an initial state: within half a standard error for the first estimate, which gives the variance of the
-# residual, and then within a twentieth.
-FIRST_LOOK: dict[str, Any] = {"max_iterations": 4, "tolerance": 0.5}
-START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05}
-# At most this many reachable states are tried as starts of the search for the initial state.
-TRIAL_STATES = 64
-# Reachable states are collected over this many samples; the least relative spread of them in any direction.
-REACHABLE_SAMPLES, LEAST_SPREAD = 10_000, 1e-12
 
 
 class CascadeState(NamedTuple):
@@ -289,45 +279,22 @@ class Cascade(OneChannelMethods):
         return np.concatenate(states)
 
     def starting(self, u: Array, y: Array) -> Array:
-        """(s,) initial states, estimated from the first samples of a segment with a prior.
+        """(s,) initial states for an input (N,), from the first outputs (m ≤ N,); see `emsid.models.start_states`."""
+        return starting(self, u, y)
 
-        A few samples hardly determine the state of a slow pole, and its error would last long. So states are estimated
-        twice: without a prior, for the variance of the residual, and then with a prior weighted by that variance. The
-        prior is the mean and covariance of the states that this input produces in the blocks. Behind a map that loses
-        the sign there are several minima; the search starts at rest or at one of these states, whichever fits best.
+    def with_state_gradient(self, u: Array, states: Array) -> tuple[Array, Array]:
+        """(N,) the free run, and (N, s) its derivative with respect to the initial states."""
+        signals = self.signals(u, states)
+        return self.sampled(signals), self.state_gradient(signals).T
 
-        Args:
-            u: (N,) input of the segment.
-            y: (m ≤ N,) measured output of its first samples; without it, the states at rest are returned.
-        """
-        rest = self.resting(float(u[0])) if len(u) else np.zeros(self.states)
-        if not (self.states and len(y)):
-            return rest
-        start = u[: len(y)]
-        cloud = self._reachable_states(u[:REACHABLE_SAMPLES])
-        trials = [rest, *cloud[:, :: -(-cloud.shape[1] // TRIAL_STATES)].T]
-        errors = (self.outputs(start, np.array(trials)) - y)[:, self.edge :]
-        begin = trials[int(np.argmin(np.einsum("ij,ij->i", errors, errors)))]
-        rows = self.state_gradient(self.signals(start, begin))[:, self.edge :]
-        weak = np.diag(REST * np.linalg.norm(rows, axis=1))
-        free, (error, _) = few_unknowns(_Start(self, start, y, rest, weak), begin, **FIRST_LOOK)
-        freedom = len(y) - self.edge - self.states
-        variance = float(error @ error) / freedom if freedom > 0 else 0.0
-        centre, spread = cloud.mean(axis=1), np.atleast_2d(np.cov(cloud))
-        if not (variance > 0 and np.trace(spread) > 0):
-            return free
-        size, axes = np.linalg.eigh(spread)
-        firmness = np.sqrt(variance / np.maximum(size, LEAST_SPREAD * size[-1]))[:, None] * axes.T
-        return few_unknowns(_Start(self, start, y, centre, firmness), free, **START_BUDGET)[0]
-
-    def _reachable_states(self, u: Array) -> Array:
-        """(s, 2N) the states that an input (N,) produces from zero and from rest."""
+    def reachable(self, u: Array) -> Array:
+        """(2N, s) the states that an input (N,) produces from zero and from rest."""
         reachable = []
         for states in (np.zeros(self.states), self.resting(float(u[0]))):
             signals = self.signals(u, states)
             visited = [block.visited(x, y) for block, x, y in zip(self.blocks, signals[:-1], signals[1:], strict=True)]
             reachable.append(np.concatenate(visited))
-        return np.concatenate(reachable, axis=1)
+        return np.concatenate(reachable, axis=1).T
 
     def at_rest(self, level: ArrayLike = 0.0, dt: float | None = None) -> CascadeState:
         """The steady state for a constant input; see `Model.at_rest`."""
@@ -463,25 +430,3 @@ class Cascade(OneChannelMethods):
             late = min(self.delay * self.oversampling, len(x))
             x = np.concatenate([np.full(late, u[0]), x[: len(x) - late]])
         return x - self.input_offset
-
-
-@dataclass(frozen=True, eq=False)
-class _Start:
-    """The least-squares problem for the initial states of one segment, with a prior ‖firmness·(states − centre)‖."""
-
-    cascade: Cascade
-    u: Array
-    y: Array
-    centre: Array
-    firmness: Array
-
-    def residuals(self, theta: Array) -> list[Array]:
-        error = self.cascade.output(self.u, theta) - self.y
-        return [error[self.cascade.edge :], self.firmness @ (theta - self.centre)]
-
-    def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
-        signals = self.cascade.signals(self.u, theta)
-        rows = self.cascade.state_gradient(signals)
-        error = self.cascade.sampled(signals) - self.y
-        edge = self.cascade.edge
-        return [(error[edge:], rows[:, edge:].T), (self.firmness @ (theta - self.centre), self.firmness)]

@@ -25,8 +25,8 @@ from emsid.findings import Finding
 from emsid.models.feedback.coordinates import Visited, coordinates, normal_form, whitened
 from emsid.models.feedback.kernels import LoopSignals
 from emsid.models.feedback.model import BLOCK, FeedbackModel
-from emsid.models.feedback.start import starting
 from emsid.models.one_channel import Segments, segments_longer_than
+from emsid.models.start_states import starting
 from emsid.models.terms import check_whole
 from emsid.record import Record
 

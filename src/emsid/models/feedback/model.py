@@ -42,10 +42,10 @@ from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.blocks.block import block_from_data
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.feedback.kernels import LoopSignals, Tables, derivative, run, run_reference, tables_of
-from emsid.models.feedback.start import starting
 from emsid.models.interpolation import INTERPOLATION_REACH, between, interpolated
 from emsid.models.model import levels
 from emsid.models.one_channel import OneChannelMethods
+from emsid.models.start_states import starting
 from emsid.models.terms import check_whole
 from emsid.record import Record
 
@@ -246,6 +246,22 @@ class FeedbackModel(OneChannelMethods):
         """(N,) the free run from an input (N,) and an initial state (n,)."""
         return self.trajectory(u, x).y[:: self.oversampling]
 
+    def outputs(self, u: Array, states: Array) -> Array:
+        """(k, N) the free runs from several initial states (k, n); NaN from where one diverges."""
+        v = self.entering(u)
+        return np.array([self.stepped(v, x)[0].y[:: self.oversampling] for x in states])
+
+    def reachable(self, u: Array) -> Array:
+        """(K, n) the states that an input (N,) produces from rest, until the run diverges."""
+        out, _ = self.stepped(self.entering(u), self.resting(float(u[0])))
+        visited: Array = out.x[np.isfinite(out.y)]
+        return visited
+
+    def with_state_gradient(self, u: Array, states: Array) -> tuple[Array, Array]:
+        """(N,) the free run, and (N, n) its derivative with respect to the initial state."""
+        passed = self.trajectory(u, states)
+        return passed.y[:: self.oversampling], self.gradient(u, passed)[:, len(self.parameters) :]
+
     def gradient(self, u: Array, passed: LoopSignals) -> Array:
         """(N, p + n) the derivative of the output with respect to parameters and initial state.
 
@@ -320,7 +336,7 @@ class FeedbackModel(OneChannelMethods):
         return FeedbackState(np.full(self._kept, u), self.resting(u))
 
     def initial(self, segment: Record, samples: int) -> FeedbackState:
-        """The state after the first ``samples`` samples of a segment, see `emsid.models.feedback.start`."""
+        """The state after the first ``samples`` samples of a segment, see `emsid.models.start_states`."""
         u, y = segment.input[:, 0], segment.output[:samples, 0]
         x = starting(self, u, y)
         passed = max(samples - self.latency, 0) * self.oversampling

@@ -22,8 +22,8 @@ from emsid.models.feedback.fitting import Found, conclude, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.choice import chosen
 from emsid.models.feedback.search.trials import SEARCHED, FeedbackSearch, Trial, runs_away
-from emsid.models.feedback.start import starting
 from emsid.models.one_channel import Segments, check_one_channel, segments_longer_than
+from emsid.models.start_states import starting
 from emsid.models.terms import check_whole
 from emsid.record import Record
 from emsid.record.excerpt import excerpt

@@ -1,0 +1,173 @@
+"""The states that a free run begins with, estimated from the first samples of a segment.
+
+A few samples hardly determine the state of a slow pole, and its error would last long. So the estimate has a prior,
+mean m and covariance C of the states that this input produces, weighted by the variance σ² of the residual:
+
+    Σ (y − ŷ(x))² + σ² (x − m)ᵀ C⁻¹ (x − m).
+
+Nobody knows σ² at first, and a model that loses the sign of a signal has several minima. So short searches begin at
+those reachable states that fit best and are not alike, with the prior for the error of the best of them, which is too
+firm; and one begins at the best of them with hardly a prior, which is too loose. The least residual of all gives σ².
+Each search goes on with it, and the least sum is the estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.errors import ModelError
+from emsid.estimation.nonlinear.few_unknowns import few_unknowns
+
+Array = NDArray[np.float64]
+
+# Weight of the state at rest where there is hardly a prior, relative to the samples of the start.
+REST = 1e-2
+# Effort: within half a standard error for the first searches, and then within a twentieth.
+FIRST_LOOK: dict[str, Any] = {"max_iterations": 6, "tolerance": 0.5}
+START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05}
+# At most this many reachable states are compared; the searches begin at this many of them.
+TRIAL_STATES, STARTS = 64, 3
+# Reachable states are collected over this many samples; the least relative spread of them in any direction.
+REACHABLE_SAMPLES, LEAST_SPREAD = 10_000, 1e-12
+
+
+class Startable(Protocol):
+    """What the estimation of states needs of a model."""
+
+    @property
+    def states(self) -> int:
+        """How many there are, n."""
+        ...
+
+    @property
+    def edge(self) -> int:
+        """Samples at the start of a segment that do not count, as the input before them is not known."""
+        ...
+
+    def resting(self, level: float) -> Array:
+        """(n,) the states at rest with a constant input."""
+        ...
+
+    def reachable(self, u: Array) -> Array:
+        """(K, n) states that an input (N,) produces."""
+        ...
+
+    def output(self, u: Array, states: Array) -> Array:
+        """(N,) the free run from an input (N,) and states (n,)."""
+        ...
+
+    def outputs(self, u: Array, states: Array) -> Array:
+        """(k, N) the free runs from several states (k, n); not finite from where a run diverges."""
+        ...
+
+    def with_state_gradient(self, u: Array, states: Array) -> tuple[Array, Array]:
+        """(N,) the free run, and (N, n) its derivative with respect to the states."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """The least-squares problem for the states of one segment, with a prior ‖firmness·(states − centre)‖."""
+
+    model: Startable
+    u: Array
+    y: Array
+    centre: Array
+    firmness: Array
+
+    def residuals(self, theta: Array) -> list[Array]:
+        error = self.model.output(self.u, theta) - self.y
+        return [error[self.model.edge :], self.firmness @ (theta - self.centre)]
+
+    def linearised(self, theta: Array) -> list[tuple[Array, Array]]:
+        (y, rows), edge = self.model.with_state_gradient(self.u, theta), self.model.edge
+        return [((y - self.y)[edge:], rows[edge:]), (self.firmness @ (theta - self.centre), self.firmness)]
+
+
+Found = tuple[Array, list[Array]]
+"""States, and their residuals: of the samples and of the prior."""
+
+
+def starting(model: Startable, u: Array, y: Array) -> Array:
+    """(n,) the states at the first sample of a segment.
+
+    Args:
+        model: with parameters.
+        u: (N,) input of the segment.
+        y: (m ≤ N,) measured output of its first samples; without it, the states at rest are returned.
+    """
+    rest = model.resting(float(u[0])) if len(u) else np.zeros(model.states)
+    if not (model.states and len(y)):
+        return rest
+    u = np.ascontiguousarray(u)
+    begin, cloud = u[: len(y)], model.reachable(u[:REACHABLE_SAMPLES])
+    trials = np.vstack([rest, cloud[:: -(-len(cloud) // TRIAL_STATES) or 1]])
+    with np.errstate(over="ignore", invalid="ignore"):
+        errors = (model.outputs(begin, trials) - y)[:, model.edge :]
+        missed = np.einsum("ij,ij->i", errors, errors)
+    finite = np.isfinite(missed)
+    if not finite.any():
+        return rest
+    starts = _apart(trials[finite], missed[finite])
+    freedom = len(y) - model.edge - model.states
+    centre, size, axes = _prior(cloud)
+    known = freedom > 0 and size[-1] > 0
+
+    def weighted(variance: float) -> _Start:
+        firmness = np.sqrt(variance / np.maximum(size, LEAST_SPREAD * size[-1]))[:, None] * axes.T
+        return _Start(model, begin, y, centre, firmness)
+
+    rows = model.with_state_gradient(begin, starts[0])[1][model.edge :]
+    loose = _Start(model, begin, y, rest, np.diag(REST * np.linalg.norm(rows, axis=0)))
+    found = list(_searched(loose, starts[:1], FIRST_LOOK))
+    if known:
+        found += _searched(weighted(float(missed[finite].min()) / freedom), starts, FIRST_LOOK)
+    if not found:
+        return starts[0]
+    least = min(found, key=_of_samples)
+    if known and _of_samples(least) > 0:
+        problem = weighted(_of_samples(least) / freedom)
+        ends = list(_searched(problem, [states for states, _ in found], START_BUDGET))
+        least = min(ends, key=lambda each: sum(float(part @ part) for part in each[1]), default=least)
+    return least[0]
+
+
+def _prior(cloud: Array) -> tuple[Array, Array, Array]:
+    """The mean (n,) of states (K, n), and the eigenvalues (n,) and -vectors (n, n) of their covariance; else zeros."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        spread = np.atleast_2d(np.cov(cloud.T)) if len(cloud) > 1 else np.full((1, 1), np.inf)
+        if not np.isfinite(spread).all():
+            return np.zeros(1), np.zeros(1), np.zeros((1, 1))
+        return cloud.mean(axis=0), *np.linalg.eigh(spread)
+
+
+def _searched(problem: _Start, starts: list[Array], effort: dict[str, Any]) -> Iterator[Found]:
+    """The minima from several starts, without those that diverge."""
+    for start in starts:
+        with suppress(ModelError):
+            yield few_unknowns(problem, start, **effort)
+
+
+def _of_samples(found: Found) -> float:
+    """The squared residual of the samples."""
+    residual = found[1][0]
+    return float(residual @ residual)
+
+
+def _apart(states: Array, missed: Array) -> list[Array]:
+    """The best states that differ by the standard deviation of all of them, at most `STARTS`."""
+    size = np.std(states, axis=0)
+    size[size == 0] = 1.0
+    chosen: list[Array] = []
+    for k in np.argsort(missed):
+        if all(np.abs((states[k] - each) / size).max() > 1 for each in chosen):
+            chosen.append(states[k])
+        if len(chosen) == STARTS:
+            break
+    return chosen

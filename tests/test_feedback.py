@@ -439,6 +439,9 @@ def test_models_that_fit_a_record_alike_are_chosen_by_parts_that_are_left_out(mo
     with monkeypatch.context() as patched:
         patched.setattr(trials, "FEWEST", 1 + len(record) // other.parameters)
         assert choice._least_left_out(bench, [other], best) is best  # too few samples for its parameters
+    with monkeypatch.context() as patched:
+        patched.setattr(choice, "LIKELY", 0.9)
+        assert choice._least_left_out(bench, [other], best) is best  # its prediction error is too large
     no_better = replace(begun, found=replace(begun.found, model=loop("spline")))
     bench.folds[id(best)] = best, StretchErrors.of(np.full(16, 1.01 * best.prediction_error))
     assert choice._least_left_out(bench, [no_better], best) is best

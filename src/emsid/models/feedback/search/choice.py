@@ -48,6 +48,8 @@ ORDERS, OF_MAGNITUDES, OF_DELAY = (1, 2, 3), (2, 3, 4), 2
 # A family whose error on the fitted data is larger than that of another one by this factor is not tried with higher
 # orders, more steps or more maps.
 HOPELESS = 2.0
+# Of a short record, models with at most this many times the final prediction error of the best one may replace it.
+LIKELY = 2.0
 # A second or third map takes at least this many samples for every knot, or degree.
 PER_KNOT = 20
 # Families and sizes that every order is tried with, the first two always and the others until one is better than none;
@@ -103,7 +105,8 @@ def _least_left_out(bench: Bench, tried: Sequence[Trial], best: Trial) -> Trial:
     """Of the models fitted to a short record the one with the least error on parts left out, if it is less by a share
     that matters; the best one where the record is long.
 
-    Models are asked in the order of their final prediction errors, until that of the next is no smaller. Where a
+    Models are asked in the order of their final prediction errors, until that of the next is no smaller, or is far
+    larger than that of the best one: even if that diverges in a part, a model that misses much is no better. Where a
     sensor may lose the sign the best one stays: the first samples of a part leave the sign of its state open.
     """
     if bench.compared or any(each.family is MAGNITUDE for each in tried):
@@ -111,7 +114,7 @@ def _least_left_out(bench: Bench, tried: Sequence[Trial], best: Trial) -> Trial:
     least = best
     for trial in sorted(tried, key=lambda each: each.prediction_error):
         error = bench.left_out(least).mean
-        if not matters(trial.prediction_error, error):
+        if not matters(trial.prediction_error, min(error, LIKELY * best.prediction_error)):
             break
         if not (np.isfinite(trial.errors.mean) and bench.suffices(trial)):
             continue

@@ -482,7 +482,7 @@ def test_refinements_keep_to_a_datasheet():
     [
         ({"friction.coulomb": 25.0}, -8.0, {"offset": -8.0}),
         ({"friction.coulomb.forward": 25.0}, -8.0, {"offset": -8.0, "friction.coulomb.backward": 25.0}),
-        ({"offset": -8.0}, -8.0, {"friction.coulomb.forward": 25.0, "friction.coulomb.backward": 25.0}),
+        ({"offset": -8.0}, -8.0, {"friction.coulomb": 25.0}),
         ({"viscous_friction.backward": 220.0}, 0.0, {"friction.coulomb": 25.0}),
         ({}, -8.0, {"friction.coulomb.forward": 17.0, "friction.coulomb.backward": 33.0}),
     ],
@@ -888,6 +888,9 @@ def test_a_fit_that_stalls_says_whether_others_end_there_too(monkeypatch, wanted
     )
     assert fit.ending is ending
     assert {code, "parameter-at-bound"} <= set(codes(fit))
+    (said,) = [finding for finding in fit.findings if finding.code == code]
+    assert said.data["starts"] == 7
+    assert 4 <= said.data["agreeing"] <= 7
 
 
 def test_a_parameter_whose_bounds_are_one_value_is_not_reported_at_a_bound():

@@ -62,7 +62,10 @@ def test_costs_that_data_cannot_tell_apart_are_the_same(higher: float, ending: E
     slow = replace(white, residuals=(0.01 * np.sin(problem.t),))
     assert effective_samples(slow.residuals) == FEWEST
     ends = [((1 + higher) * white.cost, white.estimate + apart) for apart in (-0.02, 0.01, 0.02)]
-    assert confirmed(white, ends).ending is Ending.STALLED
+    few = confirmed(white, ends)
+    assert few.ending is Ending.STALLED
+    (said,) = few.findings
+    assert (said.code, said.data["starts"], said.data["agreeing"]) == ("search-stalled", 4, 1)
     judged = confirmed(slow, ends)
     assert judged.ending is ending
     if ending is Ending.CONVERGED:

@@ -117,6 +117,7 @@ EXAMPLES: tuple[Finding, ...] = (
     ),
     # searches
     Finding("search-stalled", data=SO_FAR),
+    Finding("search-stalled", data={**SO_FAR, "starts": 7, "agreeing": 2}),
     Finding("minimum-not-smooth", data={"starts": 7, "agreeing": 5}),
     Finding("alternatives-fit-as-well", data={"instead": ["inductance", "sensor.lag"], "of": "drive.delay"}),
     Finding("alternatives-fit-as-well", data={"instead": ["drive.delay"], "of": None}),

@@ -7,7 +7,8 @@ from emsid.wording.catalogue import Severity, Spelling, words
 
 @words("search-stalled", Severity.PROBLEM)
 def search_stalled(f: Finding, argument: Spelling) -> str:
-    return f"the search stalled before a minimum ({_so_far(f)}); the estimates and intervals are not reliable"
+    others = f", where {f.data['agreeing']} of {f.data['starts']} searches end" if "starts" in f.data else ""
+    return f"the search stalled before a minimum ({_so_far(f)}){others}; the estimates and intervals are not reliable"
 
 
 @words("minimum-not-smooth")

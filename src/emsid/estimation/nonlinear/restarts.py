@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
@@ -46,20 +46,26 @@ class Search(Protocol):
         ...
 
 
-def drawn(slopes: Array, residuals: Sequence[Array], rng: np.random.Generator) -> Array:
+def drawn(slopes: Array, residuals: Sequence[Array], rng: np.random.Generator, most: ArrayLike = np.inf) -> Array:
     """(p,) a draw from `FAR` times the covariance of an estimate in coloured noise.
+
+    Along what the data hardly determine, the covariance is that of a straight line that the residual does not follow
+    so far. So no direction may move a parameter by more than is plausible.
 
     Args:
         slopes: (N, p) derivative of the residual, or its triangular factor.
         residuals: (Nᵢ,) of every experiment.
         rng: source of random numbers.
+        most: (p,) by how much a parameter may be moved along one direction.
     """
     sizes = np.linalg.norm(slopes, axis=0)
     sizes[sizes == 0] = 1.0
     _, lengths, axes = np.linalg.svd(slopes / sizes, full_matrices=False)
     square = sum(float(residual @ residual) for residual in residuals)
     draw = rng.standard_normal(len(lengths)) / np.maximum(lengths, 1e-8 * lengths[0])
-    return np.asarray(FAR * np.sqrt(square / effective_samples(residuals)) * (axes.T @ draw) / sizes)
+    moves = FAR * np.sqrt(square / effective_samples(residuals)) * (axes.T * draw) / sizes[:, None]
+    beyond = np.max(np.abs(moves) / np.broadcast_to(most, sizes.shape)[:, None], axis=0)
+    return np.asarray((moves / np.maximum(beyond, 1.0)).sum(axis=1))
 
 
 def begun_again(minimum: Minimum, search: Search, own: int, control: Control = FREE) -> Minimum:
@@ -97,7 +103,9 @@ def _same(minimum: Minimum, ends: Sequence[tuple[float, Array]], part: float = S
 
 
 def confirmed(minimum: Minimum, ends: Sequence[tuple[float, Array]]) -> Minimum:
-    """A search that stalled, as converged if others that began around its end found no lower cost and some the same.
+    """A search that stalled, with how many of those that began around its end ended with the same cost.
+
+    It counts as converged if these are some, and none found a lower cost.
 
     The error of a free run is not smooth where the motion sticks for one value and slides for the next, so that the
     derivative promises a descent that there is not. The estimates of ends with the same cost differ by more than the
@@ -110,16 +118,21 @@ def confirmed(minimum: Minimum, ends: Sequence[tuple[float, Array]]) -> Minimum:
         minimum: the end of the search.
         ends: cost and leading parameters of the others.
     """
-    if minimum.ending is not Ending.STALLED or not np.isfinite(minimum.covariance).all():
+    if minimum.ending is not Ending.STALLED or not ends:
         return minimum
     same = _same(minimum, ends, max(SAME, CLOSE**2 / effective_samples(minimum.residuals)))
-    if len(same) < AGREEING:
-        return minimum
+    agreement = {"starts": len(ends) + 1, "agreeing": len(same) + 1}
+
+    def said(finding: Finding) -> tuple[Finding, ...]:
+        return tuple(finding if each.code == "search-stalled" else each for each in minimum.findings)
+
+    if len(same) < AGREEING or not np.isfinite(minimum.covariance).all():
+        stalls = (each.data for each in minimum.findings if each.code == "search-stalled")
+        return replace(minimum, findings=said(Finding("search-stalled", "", {**next(stalls, {}), **agreement})))
     count = len(same[0])
     apart = np.zeros((len(minimum.estimate), len(same)))
     apart[:count] = np.array(same).T - minimum.estimate[:count, None]
     apart[~minimum.free] = 0.0
-    finding = Finding("minimum-not-smooth", "", {"starts": len(ends) + 1, "agreeing": len(same) + 1})
-    findings = tuple(finding if each.code == "search-stalled" else each for each in minimum.findings)
+    findings = said(Finding("minimum-not-smooth", "", agreement))
     spread = minimum.covariance + apart @ apart.T / len(same)
     return replace(minimum, ending=Ending.CONVERGED, covariance=spread, findings=findings)

@@ -24,6 +24,8 @@ def least_squares_step(information: Information) -> Array:
     from scipy.linalg.lapack import dtrcon, dtrtrs
 
     triangle, projected, length = _scaled(information)
+    if not len(length):
+        return length
     smallest = RANK * len(length)
     well_conditioned = dtrcon(triangle)[0] > smallest * len(length)  # the 1-norm estimate needs a margin of n
     solve = dtrtrs if well_conditioned else partial(np.linalg.lstsq, rcond=smallest)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
 from typing import TYPE_CHECKING, Any, Self
@@ -70,8 +70,8 @@ class Driven(BasePlant):
         return self.drive.largest(inputs)
 
     @abstractmethod
-    def with_motion(self, motion: Motion) -> Self:
-        """The plant with this motion."""
+    def with_motion(self, motion: Motion, fixed: Collection[str] = ()) -> Self:
+        """The plant with this motion; other parameters follow from those of ``fixed`` as they are."""
 
     def force_scale(self, command: float, output: float) -> float:
         """The scale of the command; the gain from command to force does not change."""

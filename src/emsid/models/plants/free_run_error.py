@@ -340,6 +340,11 @@ class FreeRunError:
         return np.array([*self._typical(), *(self._state_size(s, i) for s, i in self._places)])
 
     @property
+    def plausible(self) -> Array:
+        """The `scales` of the parameters and the sizes of the initial states."""
+        return np.concatenate([self.scales, self.sizes[len(self.free) :]])
+
+    @property
     def scales(self) -> Array:
         """The physical scale of every parameter: its value, or what is plausible in these records if that is larger."""
         plausible = zip(self.free, self._plausible(), strict=True)

@@ -7,7 +7,7 @@ simulated by the fast loop of `one_mass`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from math import inf, isfinite
@@ -176,9 +176,9 @@ class LinearAxis(Driven):
         part = StateSpace(a, b, out / self.sensor.ratio, np.zeros((len(out), 1)), ("speed", "position"))
         return part.with_lag(self.sensor.lag, tuple(range(len(out))))
 
-    def with_motion(self, motion: Motion) -> Self:
-        """The axis with this motion: the gain gives the mass, and the mass gives the rest."""
-        mass = max(self.drive.gain / motion.gain, TINY)
+    def with_motion(self, motion: Motion, fixed: Collection[str] = ()) -> Self:
+        """The axis with this motion: the gain gives the mass, unless it is fixed, and the mass gives the rest."""
+        mass = self.mass if "mass" in fixed else max(self.drive.gain / motion.gain, TINY)
         zone = motion.dead_zone * abs(self.drive.gain)
         return replace(
             self,

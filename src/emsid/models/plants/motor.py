@@ -9,7 +9,7 @@ which the fast loop of `one_mass` simulates.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, fields, replace
 from functools import cache
 from math import inf
@@ -421,10 +421,11 @@ class DrivenMotor(Driven):
         torque = motor.motor_constant * made if self.feed is Feed.CURRENT else made
         return torque if motor.torque_dead_zone is None else motor.torque_dead_zone(torque), np.zeros(len(made))
 
-    def with_motion(self, motion: Motion) -> Self:
+    def with_motion(self, motion: Motion, fixed: Collection[str] = ()) -> Self:
         """The motor with this motion of one mass; resistance, viscous friction and the ratio of inertias are kept.
 
-        With R_a given, K_m follows from the damping, J from K_m and the gain, and the friction from J. For a current
+        With R_a given, K_m follows from the damping, J from K_m and the gain, and the friction from J. Where K_m or J
+        is fixed, the other one follows from the gain, and the viscous friction from the damping. For a current
         input, K_m is kept, and J and the friction follow from it.
         """
         motor = self.motor
@@ -440,14 +441,23 @@ class DrivenMotor(Driven):
             )
         share = motor.rotor_inertia / (motor.rotor_inertia + motor.load_inertia)
         gain = motion.gain / self.drive.gain  # rad/s² per volt
-        constant = max(motion.damping / gain, 1e-6 * motor.motor_constant)
-        inertia = constant / (motor.resistance * gain)
+        viscous = 0.0
+        if {"motor_constant", "rotor_inertia"}.isdisjoint(fixed):
+            constant = max(motion.damping / gain, 1e-6 * motor.motor_constant)
+            inertia = constant / (motor.resistance * gain)
+        else:
+            constant, inertia = motor.motor_constant, motor.rotor_inertia + motor.load_inertia
+            if "motor_constant" not in fixed:
+                constant = inertia * motor.resistance * gain
+            elif "rotor_inertia" not in fixed:
+                inertia = constant / (motor.resistance * gain)
+            viscous = inertia * motion.damping - constant**2 / motor.resistance - motor.load_viscous
         found = replace(
             motor,
             motor_constant=constant,
             rotor_inertia=inertia * share,
             load_inertia=inertia * (1 - share),
-            rotor_viscous=min(motor.rotor_viscous, 0.02 * inertia * motion.damping),
+            rotor_viscous=max(viscous, min(motor.rotor_viscous, 0.02 * inertia * motion.damping)),
             load_viscous=min(motor.load_viscous, 0.02 * inertia * motion.damping),
             rotor_friction=motor.rotor_friction.sliding_at(inertia * max(motion.coulomb, 0.0)),
             voltage_dead_zone=None

@@ -7,7 +7,7 @@ and candidates.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -330,8 +330,8 @@ class DrivenPlant(Plant, Protocol):
         """The divisor of forces when commands and outputs are divided by these; see `scaling`."""
         ...
 
-    def with_motion(self, motion: Motion) -> Self:
-        """The plant with this motion."""
+    def with_motion(self, motion: Motion, fixed: Collection[str] = ()) -> Self:
+        """The plant with this motion; other parameters follow from those of ``fixed`` as they are."""
         ...
 
     def reversed_drive(self) -> Self:

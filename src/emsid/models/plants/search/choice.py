@@ -234,7 +234,7 @@ class _Choice:
         self._rng = np.random.default_rng(0)
         self._starts = [start]
         if not start.secondary:  # the search has looked at the others already, and every step is slow
-            self._starts += _started(start, task.segments, signals)
+            self._starts += _started(start, task.segments, signals, self._fixed)
         self.trial = Trial(start, tuple(reached.names), states, reached.minimum.cost, [])
 
     def _fewer(self, record: Record, signals: Sequence[Signal], hold: Hold | str | None) -> Record:
@@ -490,9 +490,11 @@ def _has_load(trial: Trial) -> bool:
     return load in trial.names or set(sides) <= set(trial.names)
 
 
-def _started(plant: DrivenPlant, segments: Sequence[Record], signals: Sequence[Signal]) -> list[DrivenPlant]:
+def _started(
+    plant: DrivenPlant, segments: Sequence[Record], signals: Sequence[Signal], fixed: Sequence[str]
+) -> list[DrivenPlant]:
     """The plant with the motions that regressions on the records suggest, and with plausible ones."""
-    found = []
+    found, known = [], {name: plant.value(name) for name in fixed}
     is_position = signals[0] is Signal.POSITION
     commanded = after_drive(plant.drive, segments)
     likely = list(motions(commanded, 0, is_position, True, plant.drive.offset))
@@ -500,7 +502,7 @@ def _started(plant: DrivenPlant, segments: Sequence[Record], signals: Sequence[S
         likely += plausible_motions(commanded, 0)
     for motion in likely:
         try:
-            found.append(plant.with_motion(motion))
+            found.append(plant.with_motion(motion, known).with_values(known))
         except EmsidError:  # a motion that this plant cannot have
             continue
     return found

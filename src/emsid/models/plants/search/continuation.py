@@ -104,6 +104,7 @@ class _Rounds:
         steps: taken so far.
         bar: the cost above which what was kept at its start in the last round must not be kept there.
         stayed: the problem with it kept where the search had it.
+        released: what was kept and is estimated again.
         so_far: where the last round ended, None before the first.
     """
 
@@ -119,6 +120,7 @@ class _Rounds:
         self.task, self.start, self.max_iterations = task, start, max_iterations
         self.problem, self.names = problem, names
         self.steps, self.bar, self.stayed = 0, inf, problem
+        self.released: set[str] = set()
         self.so_far = so_far
 
     def next(self) -> Minimum | None:
@@ -152,10 +154,33 @@ class _Rounds:
             self._keep(self.names, [], ended)
             return None
         if len(kept) == len(inside) and not under_way:
+            if len(inside) < len(self.names) < len(self.task.asked) and self._release(inside, ended):
+                return None
             return replace(ended, findings=tuple(_after(self.steps, finding) for finding in ended.findings))
         if len(kept) < len(inside):
             self._keep(inside, kept, ended)
         return None
+
+    def _release(self, inside: Sequence[str], ended: Minimum) -> bool:
+        """Estimate also what was kept, where it is identifiable now that one it was inseparable from is at zero.
+
+        Two parameters that make up for one another do so until one of them is zero, such as friction. The start of the
+        other one would decide then where the search ends. Nothing is released twice.
+        """
+        left = [name for name in self.task.asked if name not in self.names and name not in self.released]
+        plant, states = self.problem.plant, self.problem.states(self.problem.start)
+        whole = self.task.problem(plant, [*self.names, *left], states)
+        absent = {name for name in self.names if name not in inside and plant.value(name) == 0}
+        groups = [group for group in identified_by(whole, whole.free, ended).groups if not absent.isdisjoint(group)]
+        left = [name for name in left if any(name in group for group in groups)]
+        free = [*inside, *left]
+        kept = keep_identifiable(identified_by(whole, free, ended), free, self.task.preference)
+        found = [name for name in left if name in kept]
+        if not found or not set(inside) <= set(kept):
+            return False
+        self.names, self.released = [*self.names, *found], {*self.released, *found}
+        self.problem, self.bar = self.task.problem(plant, self.names, states), inf
+        return True
 
     def _keep(self, inside: Sequence[str], kept: Sequence[str], ended: Minimum) -> None:
         """Estimate only ``kept`` of ``inside`` from now on; the rest goes back to its start, if that is as good."""

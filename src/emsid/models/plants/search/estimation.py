@@ -29,7 +29,7 @@ from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.plants.beginning import agrees, starts_from_samples
 from emsid.models.plants.drive import Hold
-from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
+from emsid.models.plants.free_run_error import FreeRunError, Recent, Weighting, all_alike
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Plant
@@ -37,7 +37,7 @@ from emsid.models.plants.search import continuation
 from emsid.models.plants.search.between_samples import as_hold, is_open, straight_if_better
 from emsid.models.plants.search.by_record import asked_together, experiments, own_names, separated
 from emsid.models.plants.search.conclusion import concluded
-from emsid.models.plants.search.continuation import Reached, identified_by, keep_identifiable
+from emsid.models.plants.search.continuation import LOOK, Reached, identified_by, keep_identifiable
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.starts import starts_of, usual_rates
 from emsid.models.plants.search.task import Task, prepare
@@ -47,6 +47,10 @@ from emsid.record import Record
 
 Array = NDArray[np.float64]
 
+TURNS = 3
+"""How often searches begin around the end of one that has not converged, as long as they lower the cost."""
+SHORT = 0.02
+"""After which part of the longest segment errors are forgotten where a search begins at rest."""
 INSIDE = (0.1, 0.5)
 """Where a parameter that ended at zero begins again, as a part of what is plausible."""
 
@@ -134,6 +138,8 @@ def searched(
     task = replace(task, hold_given=hold is not None, free_starts=not starts_from_samples(task.plant, task.signals))
     start = _promising(task, starts_of(task)) if find_start else task.plant
     reached = continuation.search(task, start, max_iterations)
+    if find_start and reached.unended and not reached.names:
+        reached = from_rest(task, reached, max_iterations)
     if find_start and reached.unended:
         reached = off_zero(task, reached, max_iterations)
     first = reached = begun_again(task, reached, max_iterations)
@@ -195,6 +201,21 @@ def _promising(task: Task, starts: Sequence[Plant]) -> Plant:
         return first
 
 
+def from_rest(task: Task, reached: Reached, max_iterations: int) -> Reached:
+    """A search that ended where no parameter has an effect, or a better one whose errors were first forgotten.
+
+    The free run of a position that is a little wrong leaves more than a mass that never moves, whose error no parameter
+    changes. Of errors that are forgotten (`Recent`), the moving one leaves less.
+    """
+    longest = max(len(segment) * segment.dt for segment in task.segments)
+    with suppress(EmsidError, Stopped):
+        forgetting = replace(task, weighting=Recent(SHORT * longest))
+        there = continuation.search(forgetting, _promising(forgetting, starts_of(forgetting)), LOOK)
+        again = continuation.search(task, there.problem.plant, max_iterations)
+        return again if again.minimum.cost < reached.minimum.cost else reached
+    return reached
+
+
 def off_zero(task: Task, reached: Reached, max_iterations: int) -> Reached:
     """A search, or a better one where it has taken a parameter to zero.
 
@@ -219,23 +240,46 @@ def off_zero(task: Task, reached: Reached, max_iterations: int) -> Reached:
 
 
 def begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
-    """The best of a search that stalled and of some that begin around its end: free runs have narrow, bent valleys."""
-    driven = reached.problem.plant.driven
-    if reached.minimum.ending is not Ending.STALLED:
-        return reached
+    """The best of a search that did not converge and of some that begin around its end, until none of them is better.
+
+    Free runs have narrow, bent valleys. One that used up its steps may also follow a rate of Stribeck friction without
+    end, so it begins again with usual rates too. No search begins again that was to take a few steps only.
+    """
+    driven, rng = reached.problem.plant.driven, np.random.default_rng(0)
     if driven is None:
-        return _own_begun_again(task, reached, max_iterations)
-    states = reached.problem.states(reached.problem.start)
-    residuals = reached.problem.residuals(reached.problem.start)
-    here = Trial(driven, tuple(reached.names), states, reached.minimum.cost, residuals)
+        stalled = reached.minimum.ending is Ending.STALLED
+        return _own_begun_again(task, reached, max_iterations) if stalled else reached
+    may_end = max_iterations < LOOK or bool(driven.secondary)
     with suppress(Stopped):
-        there = _trials(task).around(here, np.random.default_rng(0), RESTARTS)
-        if there.cost < here.cost:
-            again = continuation.search(task, there.plant, max_iterations)
-            reached = again if again.minimum.cost < reached.minimum.cost else reached
-        if reached.minimum.ending is Ending.STALLED and tuple(reached.names) == there.names:
-            return reached._replace(minimum=confirmed(reached.minimum, there.ends))
+        for _ in range(TURNS):
+            used_up = reached.minimum.ending is Ending.OUT_OF_BUDGET
+            if not (reached.minimum.ending is Ending.STALLED or (used_up and not may_end)):
+                break
+            here = _trial(reached)
+            there = _trials(task).around(here, rng, RESTARTS)
+            others = [_usual(task, here)] if used_up else []
+            best = min([there, *(each for each in others if each is not None)], key=lambda each: each.cost)
+            if best.cost < here.cost or used_up:
+                again = continuation.search(task, best.plant, max_iterations)
+                reached = again if again.minimum.cost < reached.minimum.cost else reached
+            if reached.minimum.ending is Ending.STALLED and tuple(reached.names) == there.names:
+                reached = reached._replace(minimum=confirmed(reached.minimum, there.ends))
+            if reached.minimum.cost > (1 - SLOW) * here.cost:
+                break
     return reached
+
+
+def _trial(reached: Reached) -> Trial:
+    problem, driven = reached.problem, reached.problem.plant.driven
+    assert driven is not None
+    states, residuals = problem.states(problem.start), problem.residuals(problem.start)
+    return Trial(driven, tuple(reached.names), states, reached.minimum.cost, residuals)
+
+
+def _usual(task: Task, trial: Trial) -> Trial | None:
+    """A trial begun again with usual rates of Stribeck friction; None where it has none."""
+    rates = usual_rates(task, trial.names)
+    return _trials(task).fitted([trial.plant.with_values(rates)], trial.names, trial.states) if rates else None
 
 
 def _own_begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:

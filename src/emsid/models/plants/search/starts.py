@@ -47,6 +47,8 @@ SETTLING = (0.5, 1.5, 5.0, 15.0)
 """Time constants of a mass that settles quickly, in samples."""
 PLAUSIBLE = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 """Time constants in samples that are tried whatever the regressions say."""
+SLIDING, OFFSET = 2, 3
+"""Columns of the regression: the direction of motion, and ones."""
 RATE = 20.0
 """A rate of Stribeck friction to begin with, times the top speed."""
 LEVELS = (0.02, 0.1)
@@ -79,11 +81,13 @@ def motions(
             matrix = np.concatenate(rows)
             if len(matrix) < 12:
                 continue
+            one_way = (matrix[:, SLIDING] < 0).all() or (matrix[:, SLIDING] > 0).all()
+            matrix[:, OFFSET] *= not one_way  # an offset is the same as friction there
             gain, damping, coulomb, drop = solved(matrix[:, :-1], matrix[:, -1])
             if gain != 0:
                 yield Motion(gain, max(damping, 0.0), coulomb, drop, width)
             if samples == FILTERS[0]:
-                gain, coulomb, drop = solved(matrix[:, [0, 2, 3]], -matrix[:, 1])
+                gain, coulomb, drop = solved(matrix[:, [0, SLIDING, OFFSET]], -matrix[:, 1])
                 if gain != 0:
                     for time in SETTLING:
                         rate = 1 / (time * segments[0].dt)
@@ -167,11 +171,12 @@ def _suggested(plant: Plant, task: Task) -> list[tuple[float, Plant]]:
         _refuse_signs(first, against)
         return [(cost_of(first), plant)]
     zone = any("dead_zone" in name for name in asked)
+    kept = driven.handles.keys() - asked
     commanded = after_drive(drive, first.segments)
 
     def tried(motion: Motion, plant: DrivenPlant) -> tuple[float, float, Plant]:
         try:
-            suggested = plant.with_motion(motion)
+            suggested = plant.with_motion(motion, kept)
             moved = task.problem(
                 plant.with_values({n: float(np.clip(suggested.value(n), *limits[n])) for n in asked}), asked
             )

@@ -41,6 +41,8 @@ KEPT, FIRST_STEPS = 4, 3
 """How many starts take steps, and how many steps before all but the best stop."""
 HOPELESS = 10.0
 """A start whose cost is more than this many times that of the best one takes no steps."""
+SHORTER = 0.25 ** np.arange(8)
+"""Parts of a draw from a covariance that are tried until one is not hopeless: far away the covariance means little."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +153,10 @@ class Trials:
             lower, upper = problem.within(self._bounds(trial.plant, trial.names))
             try:
                 slopes = np.vstack([jacobian for _, jacobian in problem.exactly(problem.start)])
-                theta = np.clip(problem.start + drawn(slopes, trial.residuals, rng), lower, upper)
-                again = self._searched(problem.begun_at(theta), STEPS)
+                step = drawn(slopes, trial.residuals, rng, problem.plausible)
+                begun = (problem.begun_at(np.clip(problem.start + s * step, lower, upper)) for s in SHORTER)
+                near = next((each for each in begun if 0.5 * cost_of(each) <= HOPELESS * trial.cost), None)
+                again = None if near is None else self._searched(near, STEPS)
             except EmsidError:
                 continue
             if again is None:

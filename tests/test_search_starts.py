@@ -1,0 +1,114 @@
+"""Where a search for a plant begins, and that it ends at the same minimum from there.
+
+The records come from simulators of the tests' own, which share nothing with `emsid.plant`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from emsid import Record
+from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear.restarts import drawn
+from emsid.findings import Finding
+from emsid.models.plants.one_mass import Motion
+from emsid.models.plants.registry import PLANTS
+from emsid.models.plants.search import continuation
+from emsid.models.plants.search.estimation import begun_again, searched
+from emsid.models.plants.search.starts import motions
+from emsid.models.plants.search.task import prepare
+from independent.cases import axis, levels
+from independent.one_mass import OneMass
+
+RIGID, AXIS = PLANTS["rigid-motor"].start.driven, PLANTS["linear-axis"].start.driven
+MOTION = Motion(gain=50.0, damping=4.0, coulomb=30.0, offset=0.0, dead_zone=0.0)
+
+
+@pytest.mark.parametrize("fixed", [(), ("motor_constant",), ("rotor_inertia",)])
+def test_a_motor_has_a_motion_also_with_a_value_that_is_known(fixed):
+    known = RIGID.with_values({"motor_constant": 0.03, "rotor_inertia": 1e-3, "rotor_viscous": 0.0, "resistance": 2.0})
+    motor = known.with_motion(MOTION, fixed).motor
+    inertia = motor.rotor_inertia + motor.load_inertia
+    assert motor.motor_constant / (motor.resistance * inertia) == pytest.approx(MOTION.gain, rel=1e-9)
+    damping = (motor.motor_constant**2 / motor.resistance + motor.rotor_viscous + motor.load_viscous) / inertia
+    assert damping == pytest.approx(max(MOTION.damping, MOTION.gain * motor.motor_constant), rel=1e-6)
+    assert motor.rotor_friction.coulomb == pytest.approx((inertia * MOTION.coulomb,) * 2, rel=1e-9)
+    for name in fixed:
+        assert getattr(motor, name) == getattr(known.motor, name)
+
+
+def test_an_axis_of_known_mass_has_the_damping_of_a_motion():
+    axis = AXIS.with_values({"mass": 7.0}).with_motion(MOTION, ("mass",))
+    assert (axis.mass, axis.viscous_friction) == (7.0, (28.0, 28.0))
+
+
+def test_friction_of_a_motion_in_one_direction_is_no_offset():
+    truth = OneMass(gain=50.0, viscous=(4.0, 4.0), coulomb=(30.0, 30.0), smooth=1e-3)
+    u = 2.0 + 0.5 * levels(2000, np.random.default_rng(1), 100)
+    record = Record(u, truth.run(u, 2e-3)[0][:2000], 2e-3)
+    found = next(motions([record], 0, False, False))
+    assert found.offset == 0
+    assert found.gain == pytest.approx(50, rel=0.02)
+    assert found.coulomb == pytest.approx(30, rel=0.1)
+
+
+def test_a_draw_moves_no_parameter_further_than_is_plausible():
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal(400)
+    slopes = np.column_stack([x, x + 1e-9 * rng.standard_normal(400), rng.standard_normal(400)])
+    residual = rng.standard_normal(400)
+    far = drawn(slopes, [residual], np.random.default_rng(1))
+    near = drawn(slopes, [residual], np.random.default_rng(1), np.array([2.0, 3.0, 1.0]))
+    assert np.abs(far[:2]).min() > 1e4
+    assert np.abs(near[:2]).max() < 3
+    assert near[2] == pytest.approx(far[2], rel=1e-3)  # well determined: as drawn
+    assert near[2] != 0
+
+
+def test_what_is_kept_is_estimated_where_a_bound_leaves_it_no_choice():
+    """Friction by direction and an offset make up for one another, until a friction is zero."""
+    truth = OneMass(gain=1.0, viscous=(2.0, 2.0), coulomb=(0.05, 0.05), offset=0.1, smooth=1e-4)
+    rng = np.random.default_rng(3)
+    u = 0.1 + 3 * lfilter([0.02], [1, -0.98], levels(2400, rng, 150))
+    walk = np.cumsum(rng.standard_normal(2400))
+    position = truth.run(u, 5e-3, 0.1 * walk / np.std(walk))[1][:2400] + 1e-3 * rng.standard_normal(2400)
+    record = Record(u, position, 5e-3, output_units="m")
+    others = ("mass", "viscous_friction", "friction.coulomb.forward", "offset")
+    reached = searched(AXIS, record, free=(*others, "friction.coulomb.backward"))[2]
+    assert reached.problem.plant.value("friction.coulomb.backward") == 0
+    without = searched(AXIS, record, free=others, fixed={"friction.coulomb.backward": 0.0})[2]
+    assert reached.minimum.cost == pytest.approx(without.minimum.cost, rel=1e-3)
+
+
+@pytest.mark.parametrize(("most", "again"), [(60, True), (5, False)])
+def test_a_search_that_follows_a_rate_without_end_begins_again(most, again):
+    truth = OneMass(
+        gain=1.0, viscous=(2.0, 2.0), coulomb=(0.2, 0.2), stribeck=(0.2, 0.2), stribeck_speed=0.1, smooth=1e-4
+    )
+    rng = np.random.default_rng(3)
+    u = 1.2 * levels(2000, rng, 60)
+    record = Record(u, truth.run(u, 5e-3)[0][:2000] + 5e-3 * rng.standard_normal(2000), 5e-3, output_units="m/s")
+    free = ("mass", "viscous_friction", "friction.coulomb", "friction.stribeck", "friction.stribeck_rate")
+    task = prepare(AXIS.with_values({"friction.stribeck": 0.1, "friction.stribeck_rate": 3000.0}), record, free=free)
+    short = continuation.search(task, task.plant, 3)
+    finding = Finding("steps-used-up", "", {"steps": 60, "offset": 10.0})
+    short = short._replace(minimum=replace(short.minimum, ending=Ending.OUT_OF_BUDGET, findings=(finding,)))
+    reached = begun_again(task, short, most)
+    assert short.minimum.cost > 1.05 * 0.5 * 2000 * 25e-6
+    assert (reached is not short) == again
+    if again:
+        assert reached.minimum.cost == pytest.approx(0.5 * 2000 * 25e-6, rel=0.1)
+
+
+def test_a_search_of_a_position_does_not_end_with_a_mass_that_never_moves():
+    """The free run of every start is worse than no motion at all, which no parameter changes."""
+    case = axis(102, drifts=True)
+    record = replace(case.fitted, output_units=("m",))
+    sides = ("viscous_friction.forward", "viscous_friction.backward")
+    free = ("mass", *sides, "friction.coulomb", "friction.stribeck", "friction.stribeck_rate")
+    reached = searched(AXIS, record, free=free)[2]
+    assert reached.minimum.cost < 0.5 * len(record) * case.error_of_truth(case.fitted) ** 2

@@ -531,7 +531,7 @@ def test_of_names_that_share_a_value_one_replaces_the_other():
 @pytest.mark.parametrize(
     ("table", "message"),
     [
-        ({"resistence": 2.0}, "motor has no parameter 'resistence'; it has resistance, "),
+        ({"resistence": 2.0}, r"motor has no parameter 'resistence'; did you mean resistance\?"),
         ({"rotor_friction": {"columb": 2.0}}, r"motor has no parameter 'rotor_friction\.columb'"),
         ({"resistance": -2.0}, "motor resistance is -2 Ω; it must be positive and finite"),
         ({"resistance": "inf"}, "motor resistance is 'inf'; give a number in ohm"),
@@ -778,7 +778,7 @@ GOOD = record_of(MOTOR)
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"free": ["resistence"]}, "rigid-motor has no parameter 'resistence'; it has resistance, "),
+        ({"free": ["resistence"]}, r"rigid-motor has no parameter 'resistence'; did you mean resistance\?"),
         ({"free": ["shaft_stiffness"]}, "rigid-motor has no parameter 'shaft_stiffness'"),
         ({"free": ["resistance"], "fixed": {"resistance": 1.0}}, "resistance is both free and fixed at 1"),
         ({"free": ["resistance"], "bounds": {"resistance": (3.0, 4.0)}}, "of resistance exclude its start 2"),

@@ -14,6 +14,7 @@ from .comparison import assess_model as assess_model
 from .comparison import compare as compare
 from .metrics import fit_percent as fit_percent
 from .metrics import mean_squared_error as mean_squared_error
+from .nonlinear_correlation import NonlinearTest as NonlinearTest
 from .reestimation import Reestimation as Reestimation
 from .reestimation import reestimate as reestimate
 from .regions import RecordError as RecordError

@@ -278,9 +278,9 @@ class Cascade(OneChannelMethods):
             states.append(state)
         return np.concatenate(states)
 
-    def starting(self, u: Array, y: Array) -> Array:
+    def starting(self, u: Array, y: Array, quick: bool = False) -> Array:
         """(s,) initial states for an input (N,), from the first outputs (m ≤ N,); see `emsid.models.start_states`."""
-        return starting(self, u, y)
+        return starting(self, u, y, quick)
 
     def with_state_gradient(self, u: Array, states: Array) -> tuple[Array, Array]:
         """(N,) the free run, and (N, s) its derivative with respect to the initial states."""

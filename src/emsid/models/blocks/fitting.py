@@ -148,7 +148,7 @@ class FreeRun:
     @cached_property
     def start(self) -> Array:
         """φ₀, and the initial states of a free run."""
-        states = [self.cascade.starting(u, y[: self.cascade.memory]) for u, y in self.segments]
+        states = [self.cascade.starting(u, y[: self.cascade.memory], quick=True) for u, y in self.segments]
         return np.concatenate([self.freedom.start[self.freedom.free], *states])
 
     @cached_property

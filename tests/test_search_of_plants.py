@@ -19,7 +19,7 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
-from emsid.models.plants.beginning import agrees, beginning
+from emsid.models.plants.beginning import Start, agree, beginning
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Recent, all_alike
 from emsid.models.plants.motor import DrivenMotor
@@ -41,7 +41,7 @@ from emsid.models.plants.search.task import prepare
 from emsid.models.plants.search.thinning import thinned
 from emsid.models.plants.search.trials import Trial, Trials
 from emsid.plant import Friction, GaussianStribeck, Motor, simulate
-from independent.cases import CASES, levels, sines
+from independent.cases import CASES, KINDS, levels, sines
 from independent.one_mass import OneMass
 
 Array = NDArray[np.float64]
@@ -119,9 +119,10 @@ def test_the_first_samples_of_a_position_show_where_it_starts():
     assert abs(seen.speed[0] - 0.3) < 4 * seen.speed[1] < 0.02
     assert abs(seen.position[0] - 0.2) < 4 * seen.position[1] < 4e-4
     record = Record(t, exact + noise, 1e-3)
-    assert agrees(record, 0.3, 0.2)
-    assert not agrees(record, 0.3, 0.201)
-    assert not agrees(record, 0.9, 0.2)
+    assert agree([record], [np.array([0.3, 0.2])])
+    assert not agree([record], [np.array([0.3, 0.201])])
+    assert not agree([record], [np.array([0.9, 0.2])])
+    assert not agree([record, record], [np.array([0.3, 0.2]), np.zeros(2)])
 
 
 def test_a_start_that_bends_is_taken_from_fewer_samples():
@@ -385,6 +386,32 @@ def test_a_stalled_search_of_two_masses_says_how_many_starts_agree():
     (said,) = [finding.data for finding in minimum.findings if finding.code == "minimum-not-smooth"]
     assert said["starts"] == 7
     assert said["agreeing"] >= 4
+
+
+@pytest.mark.parametrize(
+    ("speed", "position", "expected"), [(0.0, 0.0, Start.REST), (0.0, 0.02, Start.FREE), (0.4, 0.0, Start.FREE)]
+)
+def test_a_position_starts_at_rest_at_zero_where_the_record_allows_it(speed, position, expected):
+    truth = OneMass(gain=1.0, viscous=(2.0, 2.0), coulomb=(0.3, 0.3), smooth=1e-4)
+    u = 3 * lfilter([0.02], [1, -0.98], levels(1500, np.random.default_rng(2), 150))
+    y = truth.run(u, 5e-3, 0.0, (speed, position))[1][:1500]
+    record = Record(u, y + 1e-3 * np.random.default_rng(0).standard_normal(1500), 5e-3, output_units="m")
+    fit = simulation_error(AXIS, record, hold="zero")
+    assert fit.begins is expected
+    assert abs(fit.states[0][0] - speed) < 0.03
+    assert abs(fit.states[0][1] - position) < 5e-4
+    errors = np.abs(fit.estimate - [1.0, 2.0, 0.3, 0.0]) / fit.standard_error
+    assert errors.max() < 4
+
+
+def test_a_choice_settles_the_start_once_the_plant_fits():
+    """The four parameters to begin with fit worse than the samples show the start; the chosen plant does not."""
+    case = KINDS["axis"](609, samples=4000)
+    fit = choose(AXIS, replace(case.fitted, output_units=("m",)))
+    run = fit.model.plant.simulate(case.fitted.input, case.fitted.dt, fit.states[0], fit.model.signals)
+    left = np.sqrt(np.mean((case.fitted.output - run) ** 2))
+    assert left < 1.01 * case.error_of_truth(case.fitted)
+    assert not [name for name in fit.names if "stribeck" in name]
 
 
 # --- slow drift ------------------------------------------------------------------------------------------------------

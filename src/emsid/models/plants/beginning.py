@@ -3,17 +3,22 @@
 A position keeps for ever what its start was off by, so where a model is less exact than the sensor, a free start would
 be bent to make up for errors that come later. It is then taken from the first samples alone: from a polynomial of
 second order through as many of them as it fits as well as their noise allows. A start that was estimated from a whole
-record is believed only where it agrees with that.
+record is believed only where it agrees with that. Many records begin at rest with a counter at zero; where the record
+does not contradict that, it is assumed, as a free run is then more exact: an unknown start costs precision of all
+parameters.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import Enum
+from math import inf, log
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.record import Record
@@ -28,6 +33,14 @@ AGREES = 5.0
 """By how many standard deviations an estimated start may differ from what the first samples show."""
 
 
+class Start(Enum):
+    """How a fit has the initial states of its segments."""
+
+    SAMPLES = "as the first samples show it"
+    FREE = "estimated"
+    REST = "at rest at position zero"
+
+
 class Beginning(NamedTuple):
     """What the first samples of a position show, as (value, standard deviation)."""
 
@@ -37,17 +50,57 @@ class Beginning(NamedTuple):
 
 def starts_from_samples(plant: Plant, signals: Sequence[Signal]) -> bool:
     """Whether the start of a free run can be taken from the first samples: where a position is all that is measured."""
-    return plant.driven is not None and tuple(signals) == (Signal.POSITION,)
+    return plant.channels is not None and tuple(signals) == (Signal.POSITION,)
 
 
-def agrees(segment: Record, speed: float, position: float) -> bool:
-    """Whether a speed and a position at the start are such as the first samples of a measured position show.
+def begun(
+    plant: Plant,
+    signals: Sequence[Signal],
+    segments: Sequence[Record],
+    start: Start,
+    states: Sequence[Array] | None = None,
+) -> tuple[list[Array], list[tuple[int, ...]]]:
+    """The initial state of every segment, and which of its elements are estimated.
+
+    Args:
+        plant: with its parameters.
+        signals: of the outputs.
+        segments: of which every one has a start.
+        start: how it is found; it is estimated where more than a position is measured.
+        states: to begin with, by default what the first samples show.
+    """
+    first = [plant.first_state(signals, segment) for segment in segments] if states is None else list(states)
+    if start is Start.FREE or not starts_from_samples(plant, signals):
+        return first, [plant.free_states(signals, segment) for segment in segments]
+    none: list[tuple[int, ...]] = [() for _ in segments]
+    return [np.zeros_like(state) for state in first] if start is Start.REST else first, none
+
+
+def agree(segments: Sequence[Record], states: Sequence[Array]) -> bool:
+    """Whether estimated starts are such as the first samples of a measured position show, in every segment.
 
     Few samples are looked at: of many, a polynomial is off by more than their noise.
     """
-    seen = beginning(segment.output[: SAMPLES[0], 0], segment.dt)
-    both = ((speed, *seen.speed), (position, *seen.position))
-    return all(abs(found - value) <= AGREES * deviation for found, value, deviation in both)
+    seen = [beginning(segment.output[: SAMPLES[0], 0], segment.dt) for segment in segments]
+    return all(
+        abs(found - value) <= AGREES * deviation
+        for state, each in zip(states, seen, strict=True)
+        for found, (value, deviation) in zip(state, each, strict=False)
+    )
+
+
+def may_rest(resting: float, free: float, residuals: Sequence[Array]) -> bool:
+    """Whether starts at rest at position zero leave no more than noise explains (χ², at 95 %).
+
+    Args:
+        resting: the cost with such starts.
+        free: that with estimated starts.
+        residuals: with estimated starts, of every segment.
+    """
+    from scipy.special import chdtri
+
+    added = effective_samples(residuals) * log(resting / free) if free > 0 else inf
+    return added <= float(chdtri(2 * len(residuals), 0.05))
 
 
 def beginning(y: Array, dt: float) -> Beginning:

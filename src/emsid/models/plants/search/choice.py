@@ -31,7 +31,6 @@ from math import inf, log
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.threads import cores, one_blas_thread
@@ -63,7 +62,7 @@ from emsid.models.plants.search.refinements.stribeck_shape import usual_shape
 from emsid.models.plants.search.refinements.usual import by_direction, stribeck
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
-from emsid.models.plants.search.starts import after_drive, motions, plausible_motions
+from emsid.models.plants.search.starts import started
 from emsid.models.plants.search.support import unsupported
 from emsid.models.plants.search.task import known_values
 from emsid.models.plants.search.thinning import thinned
@@ -226,15 +225,11 @@ class _Choice:
         limits = {**physical, **sides, **task.limits}
         complete = whole if self.thinned and signals == (Signal.POSITION,) else None
         states = reached.problem.states(reached.problem.start)
-        self._start_agrees = not all(
-            np.array_equal(state, start.first_state(signals, segment))
-            for state, segment in zip(states, task.segments, strict=True)
-        )
-        self._trials = Trials(task.segments, signals, limits, self.weighting, control, complete)
+        self._trials = Trials(task.segments, signals, limits, self.weighting, control, complete, begins=task.begins)
         self._rng = np.random.default_rng(0)
         self._starts = [start]
         if not start.secondary:  # the search has looked at the others already, and every step is slow
-            self._starts += _started(start, task.segments, signals, self._fixed)
+            self._starts += started(start, task.segments, signals, self._fixed)
         self.trial = Trial(start, tuple(reached.names), states, reached.minimum.cost, [])
 
     def _fewer(self, record: Record, signals: Sequence[Signal], hold: Hold | str | None) -> Record:
@@ -300,7 +295,7 @@ class _Choice:
 
     def _begin(self, weighting: Weighting) -> None:
         self.weighting = weighting
-        self._trials = replace(self._trials, weighting=weighting, free_starts=self._start_agrees)
+        self._trials = replace(self._trials, weighting=weighting)
         self._starts = self._trials.by_cost(self._starts, self.trial.names)
         self._fit_again(self._starts)
 
@@ -359,6 +354,7 @@ class _Choice:
             best = next((trial for trial, refine in richer if self._is_safe(trial, refine)), None)
             if best is not None:
                 self._take(self._trials.around(best, self._rng, RESTARTS))
+                self._trials, self.trial = self._trials.settled(self.trial)
             self.hopeless = done == 0 and self.left > self._most_left
             if best is None or self.hopeless:
                 break
@@ -488,21 +484,3 @@ def _has_load(trial: Trial) -> bool:
     """Whether a trial has a constant load, or levels by direction, which say the same."""
     load, sides = trial.plant.load_name, parts(trial.plant, level_name(trial.plant))
     return load in trial.names or set(sides) <= set(trial.names)
-
-
-def _started(
-    plant: DrivenPlant, segments: Sequence[Record], signals: Sequence[Signal], fixed: Sequence[str]
-) -> list[DrivenPlant]:
-    """The plant with the motions that regressions on the records suggest, and with plausible ones."""
-    found, known = [], {name: plant.value(name) for name in fixed}
-    is_position = signals[0] is Signal.POSITION
-    commanded = after_drive(plant.drive, segments)
-    likely = list(motions(commanded, 0, is_position, True, plant.drive.offset))
-    if not is_position:
-        likely += plausible_motions(commanded, 0)
-    for motion in likely:
-        try:
-            found.append(plant.with_motion(motion, known).with_values(known))
-        except EmsidError:  # a motion that this plant cannot have
-            continue
-    return found

@@ -55,6 +55,7 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
             identifiability=identifiability,
             segments=task.segments,
             states=tuple(states),
+            begins=task.begins,
             weighting=task.weighting,
             limits=task.limits,
             cost=minimum.cost,

@@ -15,6 +15,7 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.threads import cores, one_blas_thread
+from emsid.models.plants.beginning import begun
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.result import GreyBoxFit
@@ -223,8 +224,8 @@ def _error_if_free(fit: GreyBoxFit, k: int) -> float:
 def _problem(fit: GreyBoxFit, plant: Plant, free: Sequence[str], states: Sequence[Array]) -> FreeRunError:
     """That of the fit, begun elsewhere, with some of its parameters."""
     signals = fit.model.signals
-    unknown = [plant.free_states(signals, segment) for segment in fit.segments]
-    return FreeRunError(plant, signals, fit.segments, free, states, unknown, fit.weighting, cores())
+    first, unknown = begun(plant, signals, fit.segments, fit.begins, states)
+    return FreeRunError(plant, signals, fit.segments, free, first, unknown, fit.weighting, cores())
 
 
 def _profile(costs: Mapping[float, float], unit: float) -> tuple[Array, Array]:

@@ -27,9 +27,9 @@ from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.restarts import RESTARTS, SLOW, confirmed
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
-from emsid.models.plants.beginning import agrees, starts_from_samples
+from emsid.models.plants.beginning import Start, agree, may_rest, starts_from_samples
 from emsid.models.plants.drive import Hold
-from emsid.models.plants.free_run_error import FreeRunError, Recent, Weighting, all_alike
+from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Plant
@@ -135,7 +135,7 @@ def searched(
     task = prepare(
         plant if hold is None else plant.with_hold(as_hold(hold)), records, from_datasheet=find_start, **asked
     )
-    task = replace(task, hold_given=hold is not None, free_starts=not starts_from_samples(task.plant, task.signals))
+    task = replace(task, hold_given=hold is not None, begins=Start.SAMPLES)
     start = _promising(task, starts_of(task)) if find_start else task.plant
     reached = continuation.search(task, start, max_iterations)
     if find_start and reached.unended and not reached.names:
@@ -143,12 +143,9 @@ def searched(
     if find_start and reached.unended:
         reached = off_zero(task, reached, max_iterations)
     first = reached = begun_again(task, reached, max_iterations)
-    if not task.free_starts and reached.unended:
-        freed = replace(task, free_starts=True)
+    if starts_from_samples(task.plant, task.signals) and reached.unended:
         with suppress(Stopped):
-            again = continuation.search(freed, reached.problem.plant, max_iterations)
-            if _starts_agree(freed, again.problem):
-                task, reached = freed, again
+            task, reached = _begun_as_seen(task, reached, max_iterations)
     if not task.hold_given and reached.unended and is_open(task.plant, task.segments):
         reached = straight_if_better(task, reached, max_iterations)
     if reached is not first and reached.unended:
@@ -177,15 +174,27 @@ def _by_record(
     return separated(together, segments, own, hold_given=hold is not None, **{name: options[name] for name in kept})
 
 
-def _starts_agree(task: Task, problem: FreeRunError) -> bool:
-    """Whether the estimated starts are such as the first samples of every segment show."""
-    states = problem.states(problem.start)
-    starts = [(segment, float(state[0]), float(state[1])) for segment, state in zip(task.segments, states, strict=True)]
-    return all(agrees(segment, speed, position) for segment, speed, position in starts)
+def _begun_as_seen(task: Task, reached: Reached, max_iterations: int) -> tuple[Task, Reached]:
+    """A search with starts from the first samples, or one with estimated starts, or at rest, where records allow it.
+
+    Where the load drifts, the uncertainty of the start is a part of the weighting.
+    """
+    freed, resting = (replace(task, begins=start) for start in (Start.FREE, Start.REST))
+    free = continuation.search(freed, reached.problem.plant, max_iterations)
+    states = free.problem.states(free.problem.start)
+    if not agree(task.segments, states):
+        return task, reached
+    if isinstance(task.weighting, tuple) or not agree(task.segments, list(np.zeros_like(states))):
+        return freed, free
+    with suppress(Stopped):
+        still = continuation.search(resting, free.problem.plant, max_iterations)
+        if may_rest(still.minimum.cost, free.minimum.cost, free.problem.residuals(free.problem.start)):
+            return resting, still
+    return freed, free
 
 
 def _trials(task: Task) -> Trials:
-    return Trials(task.segments, task.signals, task.limits, task.weighting, task.control)
+    return Trials(task.segments, task.signals, task.limits, task.weighting, task.control, begins=task.begins)
 
 
 def _promising(task: Task, starts: Sequence[Plant]) -> Plant:

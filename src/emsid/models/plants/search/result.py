@@ -15,6 +15,7 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.identifiability import Identifiability
 from emsid.findings import Finding, plain
+from emsid.models.plants.beginning import Start
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox
@@ -117,6 +118,7 @@ class GreyBoxFit(Fit[GreyBox]):
         identifiability: of the parameters that were asked for, at the estimate.
         segments: the records it was fitted to, without gaps.
         states: their initial states.
+        begins: how these were found.
         weighting: how errors counted by their age.
         limits: bounds of the free parameters, those of a datasheet and of physics included.
         cost: V at the minimum, half the weighted sum of squares.
@@ -128,6 +130,7 @@ class GreyBoxFit(Fit[GreyBox]):
     identifiability: Identifiability | None = None
     segments: tuple[Record, ...] = ()
     states: tuple[Array, ...] = ()
+    begins: Start = Start.FREE
     weighting: Weighting = all_alike
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     cost: float = float("nan")

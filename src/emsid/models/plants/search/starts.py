@@ -281,3 +281,21 @@ def smoothed(values: Array, samples: float) -> Array:
     decay = np.exp(-1.0 / samples)
     padding = min(int(3 * samples) + 3, len(values) - 1)
     return filtered_both_ways([1.0 - decay], [1.0, -decay], values, padding)
+
+
+def started(
+    plant: DrivenPlant, segments: Sequence[Record], signals: Sequence[Signal], fixed: Sequence[str]
+) -> list[DrivenPlant]:
+    """The plant with the motions that regressions on the records suggest, and with plausible ones."""
+    found, known = [], {name: plant.value(name) for name in fixed}
+    is_position = signals[0] is Signal.POSITION
+    commanded = after_drive(plant.drive, segments)
+    likely = list(motions(commanded, 0, is_position, True, plant.drive.offset))
+    if not is_position:
+        likely += plausible_motions(commanded, 0)
+    for motion in likely:
+        try:
+            found.append(plant.with_motion(motion, known).with_values(known))
+        except EmsidError:  # a motion that this plant cannot have
+            continue
+    return found

@@ -14,6 +14,7 @@ from emsid.errors import DataError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.estimation.threads import cores
+from emsid.models.plants.beginning import Start, begun
 from emsid.models.plants.by_name import as_bounds, as_signals, by_full_name, full_names
 from emsid.models.plants.datasheet import Given, as_datasheet, without_tolerances
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
@@ -47,7 +48,7 @@ class Task:
         threads: how many.
         control: when to stop.
         hold_given: whether the user gave the hold of the input.
-        free_starts: whether initial states are estimated, and not taken from the first samples; see `beginning`.
+        begins: how the initial states are found; see `beginning`.
     """
 
     given: Plant
@@ -63,7 +64,7 @@ class Task:
     threads: int
     control: Control
     hold_given: bool = False
-    free_starts: bool = True
+    begins: Start = Start.FREE
 
     @property
     def known(self) -> dict[str, float]:
@@ -77,10 +78,7 @@ class Task:
 
     def problem(self, plant: Plant, names: Sequence[str], states: Sequence[Array] | None = None) -> FreeRunError:
         """The least-squares problem of some parameters, from a plant and initial states."""
-        first = [plant.first_state(self.signals, s) for s in self.segments] if states is None else states
-        free: list[tuple[int, ...]] = [() for _ in self.segments]
-        if self.free_starts:
-            free = [plant.free_states(self.signals, s) for s in self.segments]
+        first, free = begun(plant, self.signals, self.segments, self.begins, states)
         return FreeRunError(plant, self.signals, self.segments, names, first, free, self.weighting, self.threads)
 
 

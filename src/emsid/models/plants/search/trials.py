@@ -27,7 +27,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.restarts import SLOW, STEPS, drawn
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
-from emsid.models.plants.beginning import starts_from_samples
+from emsid.models.plants.beginning import Start, agree, begun, may_rest, starts_from_samples
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant, Limits
@@ -95,7 +95,7 @@ class Trials:
         complete: the segment with all samples of which ``segments`` are parts with fewer samples (`thinning`); it shows
             the initial states. None where they show them.
         counted: (N,) of every segment, 0 for samples whose errors do not count; None where all of them do.
-        free_starts: whether initial states are estimated also where the first samples show them; see `beginning`.
+        begins: how the initial states are found; see `beginning`.
     """
 
     segments: tuple[Record, ...]
@@ -105,7 +105,7 @@ class Trials:
     control: Control = FREE
     complete: Record | None = None
     counted: tuple[Array, ...] | None = None
-    free_starts: bool = False
+    begins: Start = Start.SAMPLES
 
     def fitted(
         self, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None = None
@@ -166,6 +166,23 @@ class Trials:
                 trial = self._trial(again)
         return replace(trial, ends=tuple(ends))
 
+    def settled(self, trial: Trial) -> tuple[Trials, Trial]:
+        """These trials with the kind of start that the records allow at a plant, and the plant fitted with it.
+
+        The start of a position is estimated where that agrees with its first samples. Where the load drifts, the
+        uncertainty of the start is a part of the weighting.
+        """
+        if not starts_from_samples(trial.plant, self.signals) or isinstance(self.weighting, tuple):
+            return self, trial
+        freed, resting = (replace(self, begins=start) for start in (Start.FREE, Start.REST))
+        free = freed.fitted([trial.plant], trial.names, trial.states)
+        if free is None or not agree(self.seen, free.states):
+            return self, trial
+        still = resting.fitted([trial.plant], trial.names, trial.states)
+        if still is None or not agree(self.seen, still.states) or not may_rest(still.cost, free.cost, free.residuals):
+            return freed, free
+        return resting, still
+
     def residuals(self, trial: Trial) -> list[Array]:
         """The weighted free-run error of a trial in every segment; infinite where it cannot be simulated."""
         problem = self._problem(trial.plant, (), trial.states)
@@ -177,21 +194,20 @@ class Trials:
         bounds = self._bounds(plant, names)
         try:
             inside = plant.with_values({name: float(np.clip(plant.value(name), *bounds[name])) for name in names})
-            seen = [self._beginning(segment) for segment in self.segments]
-            first = [inside.first_state(self.signals, s) for s in seen] if states is None else states
-            free: list[tuple[int, ...]] = [() for _ in self.segments]
-            if self.free_starts or not starts_from_samples(inside, self.signals):
-                free = [inside.free_states(self.signals, s) for s in seen]
+            first, free = begun(inside, self.signals, self.seen, self.begins, states)
             return FreeRunError(
                 inside, self.signals, self.segments, names, first, free, self.weighting, 1, self.counted
             )
         except EmsidError:
             return None
 
-    def _beginning(self, segment: Record) -> Record:
-        """A segment with all its samples."""
+    @property
+    def seen(self) -> list[Record]:
+        """The segments with all their samples."""
         whole = self.complete
-        return segment if whole is None else whole[round((segment.times[0] - whole.times[0]) / whole.dt) :]
+        if whole is None:
+            return list(self.segments)
+        return [whole[round((segment.times[0] - whole.times[0]) / whole.dt) :] for segment in self.segments]
 
     def _bounds(self, plant: DrivenPlant, names: Sequence[str]) -> Limits:
         handles = plant.handles

@@ -145,7 +145,10 @@ def searched(
     first = reached = begun_again(task, reached, max_iterations)
     if starts_from_samples(task.plant, task.signals) and reached.unended:
         with suppress(Stopped):
-            task, reached = _begun_as_seen(task, reached, max_iterations)
+            begin = reached.problem.plant if find_start else start
+            task, reached = _begun_as_seen(task, reached, begin, max_iterations)
+            if find_start and reached is not first:  # a start that was off took other parameters to zero
+                reached = off_zero(task, reached, max_iterations)
     if not task.hold_given and reached.unended and is_open(task.plant, task.segments):
         reached = straight_if_better(task, reached, max_iterations)
     if reached is not first and reached.unended:
@@ -174,13 +177,13 @@ def _by_record(
     return separated(together, segments, own, hold_given=hold is not None, **{name: options[name] for name in kept})
 
 
-def _begun_as_seen(task: Task, reached: Reached, max_iterations: int) -> tuple[Task, Reached]:
+def _begun_as_seen(task: Task, reached: Reached, begin: Plant, max_iterations: int) -> tuple[Task, Reached]:
     """A search with starts from the first samples, or one with estimated starts, or at rest, where records allow it.
 
     Where the load drifts, the uncertainty of the start is a part of the weighting.
     """
     freed, resting = (replace(task, begins=start) for start in (Start.FREE, Start.REST))
-    free = continuation.search(freed, reached.problem.plant, max_iterations)
+    free = continuation.search(freed, begin, max_iterations)
     states = free.problem.states(free.problem.start)
     if not agree(task.segments, states):
         return task, reached

@@ -19,7 +19,7 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
-from emsid.models.plants.beginning import Start, agree, beginning
+from emsid.models.plants.beginning import InitialState, agree, beginning
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Recent, all_alike
 from emsid.models.plants.motor import DrivenMotor
@@ -389,7 +389,8 @@ def test_a_stalled_search_of_two_masses_says_how_many_starts_agree():
 
 
 @pytest.mark.parametrize(
-    ("speed", "position", "expected"), [(0.0, 0.0, Start.REST), (0.0, 0.02, Start.FREE), (0.4, 0.0, Start.FREE)]
+    ("speed", "position", "expected"),
+    [(0.0, 0.0, InitialState.REST), (0.0, 0.02, InitialState.FREE), (0.4, 0.0, InitialState.FREE)],
 )
 def test_a_position_starts_at_rest_at_zero_where_the_record_allows_it(speed, position, expected):
     truth = OneMass(gain=1.0, viscous=(2.0, 2.0), coulomb=(0.3, 0.3), smooth=1e-4)

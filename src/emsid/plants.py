@@ -6,6 +6,7 @@
 """
 
 from emsid.models.plants.base_plant import BasePlant
+from emsid.models.plants.beginning import InitialState
 from emsid.models.plants.cogging import Cogging
 from emsid.models.plants.datasheet import Given, datasheet
 from emsid.models.plants.drifting_load import DriftingLoad, LoadDrift
@@ -52,6 +53,7 @@ __all__ = [
     "GreyBoxFit",
     "Handle",
     "Hold",
+    "InitialState",
     "LawParameter",
     "LinearAxis",
     "LoadDrift",

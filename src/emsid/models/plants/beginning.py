@@ -33,7 +33,7 @@ AGREES = 5.0
 """By how many standard deviations an estimated start may differ from what the first samples show."""
 
 
-class Start(Enum):
+class InitialState(Enum):
     """How a fit has the initial states of its segments."""
 
     SAMPLES = "as the first samples show it"
@@ -57,7 +57,7 @@ def begun(
     plant: Plant,
     signals: Sequence[Signal],
     segments: Sequence[Record],
-    start: Start,
+    start: InitialState,
     states: Sequence[Array] | None = None,
 ) -> tuple[list[Array], list[tuple[int, ...]]]:
     """The initial state of every segment, and which of its elements are estimated.
@@ -70,10 +70,10 @@ def begun(
         states: to begin with, by default what the first samples show.
     """
     first = [plant.first_state(signals, segment) for segment in segments] if states is None else list(states)
-    if start is Start.FREE or not starts_from_samples(plant, signals):
+    if start is InitialState.FREE or not starts_from_samples(plant, signals):
         return first, [plant.free_states(signals, segment) for segment in segments]
     none: list[tuple[int, ...]] = [() for _ in segments]
-    return [np.zeros_like(state) for state in first] if start is Start.REST else first, none
+    return [np.zeros_like(state) for state in first] if start is InitialState.REST else first, none
 
 
 def agree(segments: Sequence[Record], states: Sequence[Array]) -> bool:

@@ -13,7 +13,7 @@ from emsid.errors import ModelError, listed
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
-from emsid.models.plants.beginning import Start
+from emsid.models.plants.beginning import InitialState
 from emsid.models.plants.by_name import by_full_name, full_names
 from emsid.models.plants.by_record import PlantByRecord, names_of
 from emsid.models.plants.parameters import without_overlap
@@ -111,7 +111,7 @@ def separated(
         threads=threads,
         control=FREE if ended_early else control,
     )
-    task = replace(task, hold_given=hold_given, begins=Start.SAMPLES)
+    task = replace(task, hold_given=hold_given, begins=InitialState.SAMPLES)
     reached = continuation.search(task, task.plant, 0 if ended_early else max_iterations)
     if not hold_given and reached.unended and not ended_early and is_open(plant, task.segments):
         reached = straight_if_better(task, reached, max_iterations)

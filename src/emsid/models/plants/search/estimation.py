@@ -27,7 +27,7 @@ from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.restarts import RESTARTS, SLOW, confirmed
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
-from emsid.models.plants.beginning import Start, agree, may_rest, starts_from_samples
+from emsid.models.plants.beginning import InitialState, agree, may_rest, starts_from_samples
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
 from emsid.models.plants.motor import DrivenMotor
@@ -135,7 +135,7 @@ def searched(
     task = prepare(
         plant if hold is None else plant.with_hold(as_hold(hold)), records, from_datasheet=find_start, **asked
     )
-    task = replace(task, hold_given=hold is not None, begins=Start.SAMPLES)
+    task = replace(task, hold_given=hold is not None, begins=InitialState.SAMPLES)
     start = _promising(task, starts_of(task)) if find_start else task.plant
     reached = continuation.search(task, start, max_iterations)
     if find_start and reached.unended and not reached.names:
@@ -182,7 +182,7 @@ def _begun_as_seen(task: Task, reached: Reached, begin: Plant, max_iterations: i
 
     Where the load drifts, the uncertainty of the start is a part of the weighting.
     """
-    freed, resting = (replace(task, begins=start) for start in (Start.FREE, Start.REST))
+    freed, resting = (replace(task, begins=start) for start in (InitialState.FREE, InitialState.REST))
     free = continuation.search(freed, begin, max_iterations)
     states = free.problem.states(free.problem.start)
     if not agree(task.segments, states):

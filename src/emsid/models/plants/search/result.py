@@ -15,7 +15,7 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.identifiability import Identifiability
 from emsid.findings import Finding, plain
-from emsid.models.plants.beginning import Start
+from emsid.models.plants.beginning import InitialState
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.grey_box import GreyBox
@@ -130,7 +130,7 @@ class GreyBoxFit(Fit[GreyBox]):
     identifiability: Identifiability | None = None
     segments: tuple[Record, ...] = ()
     states: tuple[Array, ...] = ()
-    begins: Start = Start.FREE
+    begins: InitialState = InitialState.FREE
     weighting: Weighting = all_alike
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     cost: float = float("nan")

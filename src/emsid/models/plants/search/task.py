@@ -14,7 +14,7 @@ from emsid.errors import DataError, ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.estimation.threads import cores
-from emsid.models.plants.beginning import Start, begun
+from emsid.models.plants.beginning import InitialState, begun
 from emsid.models.plants.by_name import as_bounds, as_signals, by_full_name, full_names
 from emsid.models.plants.datasheet import Given, as_datasheet, without_tolerances
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
@@ -64,7 +64,7 @@ class Task:
     threads: int
     control: Control
     hold_given: bool = False
-    begins: Start = Start.FREE
+    begins: InitialState = InitialState.FREE
 
     @property
     def known(self) -> dict[str, float]:

@@ -27,7 +27,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.restarts import SLOW, STEPS, drawn
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
-from emsid.models.plants.beginning import Start, agree, begun, may_rest, starts_from_samples
+from emsid.models.plants.beginning import InitialState, agree, begun, may_rest, starts_from_samples
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant, Limits
@@ -105,7 +105,7 @@ class Trials:
     control: Control = FREE
     complete: Record | None = None
     counted: tuple[Array, ...] | None = None
-    begins: Start = Start.SAMPLES
+    begins: InitialState = InitialState.SAMPLES
 
     def fitted(
         self, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None = None
@@ -174,7 +174,7 @@ class Trials:
         """
         if not starts_from_samples(trial.plant, self.signals) or isinstance(self.weighting, tuple):
             return self, trial
-        freed, resting = (replace(self, begins=start) for start in (Start.FREE, Start.REST))
+        freed, resting = (replace(self, begins=start) for start in (InitialState.FREE, InitialState.REST))
         free = freed.fitted([trial.plant], trial.names, trial.states)
         if free is None or not agree(self.seen, free.states):
             return self, trial

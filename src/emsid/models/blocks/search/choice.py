@@ -131,13 +131,9 @@ def _from_new_starts(
     family = choice.family
     if family is None:
         return choice
-    model, sizes = (
-        choice.model,
-        [len(block.denominator) for block in choice.model.blocks if isinstance(block, Rational)],
-    )
-    given = iter(sizes)
-    orders = (next(given) if topology.first else None, next(given) if topology.second else None)
-    starts = ordered_starts(topology, part, orders, settings, model, control)
+    sizes = iter([len(block.denominator) for block in choice.model.blocks if isinstance(block, Rational)])
+    orders = (next(sizes) if topology.first else None, next(sizes) if topology.second else None)
+    starts = ordered_starts(topology, part, orders, settings, choice.model, control)
     plans = [Plan(_with_map(start, topology, family, choice.size, part), family, choice.size) for start in starts]
     found = refined(plans, part, rounds, settings.threads, control, choice)
     return min([choice, *found], key=lambda each: each.known)

@@ -415,6 +415,26 @@ def test_a_choice_settles_the_start_once_the_plant_fits():
     assert not [name for name in fit.names if "stribeck" in name]
 
 
+@pytest.mark.parametrize("find_start", [True, False])
+def test_a_search_from_the_true_values_keeps_what_a_start_that_is_off_would_take_to_zero(find_start):
+    """The first samples show the start so badly that Stribeck friction goes to zero with it."""
+    case = KINDS["axis"](904)
+    mass = 1 / case.truth.gain
+    level, excess = np.mean(case.truth.coulomb) * mass, case.truth.stribeck[0] * mass
+    known = {
+        "mass": mass,
+        "viscous_friction": case.truth.viscous[0] * mass,
+        "friction.coulomb": level,
+        "friction.stribeck": excess,
+        "friction.stribeck_rate": 1 / case.truth.stribeck_speed,
+        "offset": (case.truth.coulomb[0] - level / mass) * mass,
+    }
+    record = replace(case.fitted, output_units=("m",))
+    fit = simulation_error(AXIS.with_values(known), record, free=tuple(known), hold="zero", find_start=find_start)
+    assert fit.cost < 1.01 * 0.5 * len(record) * case.error_of_truth(record) ** 2
+    assert fit.model.plant.value("friction.stribeck") == pytest.approx(excess, rel=0.1)
+
+
 # --- slow drift ------------------------------------------------------------------------------------------------------
 
 

@@ -143,8 +143,16 @@ class Trials:
         moved = ((k, self._searched(problem, FIRST_STEPS)) for _, k, problem in ranked)
         return [(cost_of(problem), k, problem) for k, problem in moved if problem is not None]
 
-    def around(self, trial: Trial, rng: np.random.Generator, tries: int) -> Trial:
-        """The best of a trial and of some more that begin around it, with where these ended."""
+    def around(self, trial: Trial, rng: np.random.Generator, tries: int, stalled: bool = False) -> Trial:
+        """The best of a trial and of some more that begin around it, with where these ended.
+
+        Args:
+            trial: to begin around.
+            rng: source of random numbers.
+            tries: how many more.
+            stalled: whether the trial is no minimum, so that its covariance means little: no parameter is moved further
+                than is plausible then, and not to where the cost is hopeless.
+        """
         ends = []
         for _ in range(tries):
             problem = self._problem(trial.plant, trial.names, trial.states)
@@ -153,9 +161,11 @@ class Trials:
             lower, upper = problem.within(self._bounds(trial.plant, trial.names))
             try:
                 slopes = np.vstack([jacobian for _, jacobian in problem.exactly(problem.start)])
-                step = drawn(slopes, trial.residuals, rng, problem.plausible)
-                begun = (problem.begun_at(np.clip(problem.start + s * step, lower, upper)) for s in SHORTER)
-                near = next((each for each in begun if 0.5 * cost_of(each) <= HOPELESS * trial.cost), None)
+                step = drawn(slopes, trial.residuals, rng, problem.plausible if stalled else np.inf)
+                parts = SHORTER if stalled else SHORTER[:1]
+                begun = (problem.begun_at(np.clip(problem.start + s * step, lower, upper)) for s in parts)
+                good = (each for each in begun if not stalled or 0.5 * cost_of(each) <= HOPELESS * trial.cost)
+                near = next(good, None)
                 again = None if near is None else self._searched(near, STEPS)
             except EmsidError:
                 continue

@@ -43,9 +43,9 @@ FEEDBACK = 0.15
 FEW_STEPS = 8
 """A deviation of fewer quantisation steps is coarse."""
 FASTEST, SLOWEST = 1.5, 200.0
-FAST_SHARE, PROPORTIONAL = 0.05, 0.9
-"""A response of few samples needs so much of the input's power at such frequencies, and so large a correlation."""
 """Samples in a time constant below which sampling is too slow, and above which it is too fast."""
+FAST_SHARE, PROPORTIONAL = 0.05, 0.9
+"""The least share of the input's power at high frequencies, and the least correlation, to say that it is too slow."""
 SHORTEST_REST, FEWEST_RESTS, CONTRADICTIONS = 3, 5, 0.15
 """Samples of a rest; rests from which a break-away is found; the largest share of inputs that contradict it."""
 SPIKE = 12.0

@@ -163,8 +163,8 @@ class Trials:
                 slopes = np.vstack([jacobian for _, jacobian in problem.exactly(problem.start)])
                 step = drawn(slopes, trial.residuals, rng, problem.plausible if stalled else np.inf)
                 parts = SHORTER if stalled else SHORTER[:1]
-                begun = (problem.begun_at(np.clip(problem.start + s * step, lower, upper)) for s in parts)
-                good = (each for each in begun if not stalled or 0.5 * cost_of(each) <= HOPELESS * trial.cost)
+                moved = (problem.begun_at(np.clip(problem.start + s * step, lower, upper)) for s in parts)
+                good = (each for each in moved if not stalled or 0.5 * cost_of(each) <= HOPELESS * trial.cost)
                 near = next(good, None)
                 again = None if near is None else self._searched(near, STEPS)
             except EmsidError:

@@ -12,10 +12,11 @@ from scipy.signal import lfilter
 
 import emsid
 from emsid.findings import Finding
-from emsid.first_look.advice import advice, breakaway, dead_zone, questions, repeated, responses_of
+from emsid.first_look.advice import advice, questions, repeated, responses_of
 from emsid.first_look.baseline import baseline
 from emsid.first_look.dynamics import Response, influence, response
 from emsid.first_look.nonlinearity import nonlinearity
+from emsid.first_look.standstill import at_rest, breakaway, dead_zone
 from emsid.identification.delay import LONGEST_SEARCHED, with_delay
 from emsid.identification.options import Options
 from emsid.record import Record
@@ -366,6 +367,36 @@ class TestBreakaway:
 
     def test_rests_that_end_without_input_do_not_show_it(self) -> None:
         assert breakaway(np.zeros(400), np.arange(400) % 40 < 20, 1) is None
+
+
+class TestRest:
+    """At rest a speed stays at one value; in a reversal, or between two moves, it passes through zero."""
+
+    t = np.arange(8000) * 1e-3
+    moves = np.cos(2 * np.pi * t) ** 3
+
+    @pytest.mark.parametrize("noise", [0.0, 5e-4])
+    def test_a_reversal_and_a_turn_are_none(self, noise: float) -> None:
+        noisy = noise * np.random.default_rng(0).standard_normal(len(self.t))
+        assert at_rest(np.cos(2 * np.pi * self.t) + noisy).mean() < 0.005
+        assert at_rest(np.cos(2 * np.pi * self.t) ** 2 + noisy).mean() < 0.005
+
+    @pytest.mark.parametrize("noise", [0.0, 5e-4, 4e-3])
+    def test_a_motor_that_sticks_rests(self, noise: float) -> None:
+        """Noise of 0.4 % of the largest speed is a fifth of the limit of what is close to zero."""
+        sticks = np.abs(self.moves) < 0.3
+        y = np.where(sticks, 0.0, self.moves) + noise * np.random.default_rng(0).standard_normal(len(self.t))
+        np.testing.assert_array_equal(at_rest(y), sticks)
+
+    def test_an_axis_that_reverses_shows_no_dead_zone(self) -> None:
+        """A large force turns the axis around: its speed is close to zero for a moment, but it does not rest."""
+        u = np.sign(np.sin(2 * np.pi * self.t)) * 2 + np.sin(6 * np.pi * self.t)
+        y = -np.cos(2 * np.pi * self.t)
+        record = Record(u, y, 1e-3, "u", "y")
+        (seen,) = responses_of([record])
+        codes = {finding.code for finding in advice(record, seen)}
+        assert "motion" in codes
+        assert not codes & {"dead-zone-likely", "amplitude-near-dead-zone"}
 
 
 def test_feedback_is_seen_between_the_steps_of_a_reference() -> None:

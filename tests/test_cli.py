@@ -128,6 +128,20 @@ def test_validate_reproduces_the_errors_of_identify(result, run, tmp_path):
         assert after["horizon_mse"] == pytest.approx(expected, rel=1e-9, abs=1e-25)
 
 
+def test_validate_says_that_the_model_was_fitted_to_these_data(result, run, tmp_path):
+    """The model was fitted to the first 210 samples; a part of them, or a copy of the file, is no unseen record."""
+    log, other = result.parent / "log.csv", table(tmp_path / "other.csv", seed=1)
+    copy = tmp_path / "copy.csv"
+    copy.write_text(log.read_text())
+
+    def seen(*words: object) -> tuple[str, bool]:
+        (document,) = json.loads(run("validate", result / "arx.json", *words, "--json")[1])["records"]
+        return document["data"], "data-not-unseen" in {finding["code"] for finding in document["findings"]}
+
+    assert seen(copy) == seen(log, "--rows", "20:150") == ("identification", True)
+    assert seen(log, "--rows", "210:300") == seen(other) == ("unseen", False)
+
+
 def test_identify_with_validation_file_and_chosen_models(run, log, tmp_path):
     other = table(tmp_path / "other.csv", seed=1)
     words = ("identify", log, *IDENTIFY, "--validate", other, "--models", "arx", "--na", "1", "--nb", "1", "--nk", "1")
@@ -481,7 +495,7 @@ def test_errors_on_identification_data_are_reported_as_such(run, log, tmp_path):
     words = ("-u", "u", "-y", "y", "--dt", 0.01, "--models", "arx, arx", *FIRST_ORDER, "--out", tmp_path / "out")
     status, printed, _ = run("identify", log, "--validate", log, *words)
     assert status == 0
-    assert "is among the data the models were fitted to, so these errors say nothing about unseen data" in printed
+    assert "contains data of the fit, so these errors say nothing about unseen data" in printed
     assert "say nothing about unseen data" not in run("identify", log, *words)[1]
 
 
@@ -886,7 +900,8 @@ def test_codes_for_the_bridge_are_options(run, tmp_path, bare):
 
 
 def test_a_model_run_on_other_channels_is_reported(result, run):
-    words = ("validate", result / "arx.json", result.parent / "log.csv", "--dt", "0.01", "--input")
+    rows = ("--rows", "210:300")  # without those that it was fitted to
+    words = ("validate", result / "arx.json", result.parent / "log.csv", *rows, "--dt", "0.01", "--input")
     (same,) = json.loads(run(*words, "u", "--output", "y", "--json")[1])["records"]
     assert same["findings"] == []
     status, out, _ = run(*words, "y", "--output", "u", "--json")
@@ -1006,7 +1021,7 @@ def test_validate_remembers_how_the_record_was_read(run, tmp_path):
     status, out, err = run("validate", tmp_path / "out" / "arx.json", path, "--json")
     assert (status, err) == (0, "")
     (row,) = json.loads(out)["records"]
-    assert (row["model"], row["findings"]) == ("arx", [])
+    assert (row["model"], [finding["code"] for finding in row["findings"]]) == ("arx", ["data-not-unseen"])
     status, out, _ = run("validate", tmp_path / "out" / "arx.json", path, "--mask", "", "--json")
     (whole,) = json.loads(out)["records"]
     assert whole["samples"] > row["samples"]

@@ -363,6 +363,10 @@ def test_two_files_of_one_signal_each(write: Write) -> None:
         (look,), _ = describe_files(paths)
         assert look.reading == {"input": f"{u}:voltage", "output": f"{y}:speed", "time": "t"}
         assert (look.response.delay, "role-uncertain" in codes(look)) == (1, False)
+    headed = [write({name: values}, f"{name[0]}.csv") for name, values in (("voltage (V)", U), ("Speed (RPM)", Y))]
+    (look,), _ = describe_files(headed, dt=0.01)
+    assert look.reading["units"] == {"voltage (V)": "V", "Speed (RPM)": "rpm"}
+    assert {look.roles.input, look.roles.output} == set(look.reading["units"])
     assert len(describe_files([u, late])[0]) == 2
     with pytest.raises(DataError, match=r"the times in 't' of 0\.csv and 2\.csv differ"):
         emsid.read(late, input=f"{u}:voltage", output="speed", time="t")

@@ -31,7 +31,8 @@ from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import GreyBoxFit, Status
-from emsid.record import Record
+from emsid.record import Record, concatenate
+from emsid.record.overlap import fingerprint, has_fingerprint
 from emsid.report.identification_page import which_model
 from emsid.report.notebook import parameter_rows
 from emsid.report.views import parameter_table
@@ -362,6 +363,25 @@ def test_overlapping_records_are_seen():
     assert holds_some_of(whole[:200], whole[168:])
     assert not holds_some_of(whole[:300], whole[300:])
     assert not holds_some_of(WHITE.record(1, 600), whole)
+
+
+def test_a_fingerprint_is_that_of_the_samples():
+    whole, other = WHITE.record(0, 600), WHITE.record(1, 600)
+    known = fingerprint(whole[:400])
+    assert has_fingerprint(whole, known)
+    assert has_fingerprint(whole[350:], known) is False  # 50 samples are fewer than a stretch
+    assert has_fingerprint(concatenate([other, whole[150:300]]), known)
+    assert not has_fingerprint(whole[400:], known)
+    assert not has_fingerprint(other, known)
+
+
+def test_constant_speed_and_short_records_have_no_fingerprint():
+    """At 3.5 counts a sample, the counts 3 and 4 take turns in every experiment."""
+    turns, rng = np.tile([3.0, 4.0], 60), np.random.default_rng(0)
+    one, other = (Record(np.ones(320), np.concatenate([rng.integers(0, 9, 200), turns]), 0.1) for _ in range(2))
+    assert has_fingerprint(one, fingerprint(one))
+    assert not has_fingerprint(other, fingerprint(one))
+    assert fingerprint(WHITE.record(0, 40)) == fingerprint(one[200:]) == b""
 
 
 def test_coarse_readings_that_repeat_by_chance_are_not_an_overlap():

@@ -234,6 +234,8 @@ def test_detrending_subtracts_one_polynomial_from_all_segments() -> None:
         ramp().detrend(1.5)  # type: ignore[arg-type]
     with pytest.raises(DataError, match="order -1"):
         record.detrend(-1)
+    with pytest.raises(DataError, match=r"order 99; give .* at most 5, because a higher"):
+        record.detrend(99)
 
 
 def test_decimation_keeps_the_slow_and_removes_the_fast() -> None:

@@ -26,6 +26,7 @@ from emsid.first_look.columns import FEWEST_LEVELS, quantisation
 from emsid.first_look.dynamics import Response, correlation, feedback, response
 from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.first_look.nonlinearity import nonlinearity
+from emsid.first_look.standstill import NEAR_ZERO, at_rest, breakaway, dead_zone, near_zero
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -34,8 +35,6 @@ LINEAR_ORDER, FRICTION_ORDER = 4, 8
 """The order of excitation that a linear model of second order needs, and that of a regression with friction terms."""
 TOLERANCE = 1e-3
 """Singular values of the lagged input below this share of the largest are no excitation."""
-REST = 0.02
-"""An output below this share of its largest absolute value is at rest."""
 MUCH_REST = 0.3
 """A larger share of samples at rest is mentioned."""
 FEEDBACK = 0.15
@@ -46,8 +45,6 @@ FASTEST, SLOWEST = 1.5, 200.0
 """Samples in a time constant below which sampling is too slow, and above which it is too fast."""
 FAST_SHARE, PROPORTIONAL = 0.05, 0.9
 """The least share of the input's power at high frequencies, and the least correlation, to say that it is too slow."""
-SHORTEST_REST, FEWEST_RESTS, CONTRADICTIONS = 3, 5, 0.15
-"""Samples of a rest; rests from which a break-away is found; the largest share of inputs that contradict it."""
 SPIKE = 12.0
 """A single sample this many standard deviations away from its neighbours is an outlier."""
 
@@ -81,9 +78,14 @@ class _Data:
         return self.record.output_names[0]
 
     @cached_property
+    def near_zero(self) -> NDArray[np.bool_]:
+        """(N,) whether the output is close to zero: at rest, or passing through."""
+        return near_zero(self.y)
+
+    @cached_property
     def resting(self) -> NDArray[np.bool_]:
         """(N,) whether the output is at rest."""
-        return np.asarray(np.abs(self.y) <= REST * np.max(np.abs(self.y)))
+        return at_rest(self.y)
 
     @cached_property
     def linear(self) -> Baseline | None:
@@ -178,10 +180,10 @@ def _without_sign(data: _Data) -> Iterable[Finding]:
 def motion(data: _Data) -> Iterable[Finding]:
     """Standstill, reversals, and the amplitude of the input against the dead zone."""
     share = float(np.mean(data.resting))
-    moving = np.sign(data.y[~data.resting])
+    moving = np.sign(data.y[~data.near_zero])
     reversals = int(np.count_nonzero(np.diff(moving)))
     numbers = {"share": share, "reversals": reversals}
-    if share > 1 - 1e-3 or not len(moving):
+    if np.mean(data.near_zero) > 1 - 1e-3:
         yield Finding("all-standstill", data.output, numbers)
         return
     yield Finding("much-standstill" if share > MUCH_REST else "motion", data.output, numbers)
@@ -196,67 +198,6 @@ def motion(data: _Data) -> Iterable[Finding]:
         yield Finding(code, data.input, zones)
 
 
-def breakaway(u: Array, resting: NDArray[np.bool_], delay: int) -> float | None:
-    """The input at which the output starts to move from rest; None where the data do not show it.
-
-    In every rest, inputs that did not end it are below the limit, and the one that did is above. The limit with the
-    fewest contradictions is taken. A motor that coasts is at rest for a small part of the samples only, though its
-    input passes the dead zone often.
-
-    Args:
-        u: (N,) the input.
-        resting: (N,) whether the output is at rest.
-        delay: samples from the input to its first effect.
-    """
-    edges = np.diff(np.concatenate([[0], resting.astype(np.int8), [0]]))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    below, above = [], []
-    for start, end in zip(starts, ends, strict=True):
-        moved = end - delay
-        if end - start < delay + SHORTEST_REST or end == len(u):
-            continue
-        below.append(float(np.max(np.abs(u[start:moved]))))
-        above.append(float(abs(u[moved])))
-    if len(below) < FEWEST_RESTS:
-        return None
-    held, passed = np.array(below), np.array(above)
-    levels = np.unique(np.concatenate([[0.0], held, passed]))
-    if len(levels) < 2:  # the output came to rest and left it without any input
-        return None
-    limits = (levels[1:] + levels[:-1]) / 2
-    wrong = np.array([np.count_nonzero(held > x) + np.count_nonzero(passed < x) for x in limits])
-    best = np.flatnonzero(wrong == wrong.min())
-    low, high = levels[best[0]], levels[best[-1] + 1]
-    clear = wrong.min() <= CONTRADICTIONS * 2 * len(held) and high - low <= low
-    return float(f"{(low + high) / 2:.3g}") if clear else None
-
-
-def dead_zone(u: Array, resting: NDArray[np.bool_]) -> float | None:
-    """The input below which the output mostly rests; None where no such limit is seen.
-
-    Args:
-        u: (N,) the input.
-        resting: (N,) whether the output is at rest.
-    """
-    size = np.abs(u)
-    edges = np.quantile(size, np.linspace(0, 1, 31))
-    edges = np.unique(edges)
-    if len(edges) < 4 or not 0.01 < resting.mean() < 0.95:
-        return None
-    which = np.clip(np.searchsorted(edges, size, side="right") - 1, 0, len(edges) - 2)
-    counts = np.bincount(which, minlength=len(edges) - 1)
-    share = np.bincount(which, weights=resting, minlength=len(edges) - 1) / np.maximum(counts, 1)
-    known = counts > 0
-    share, upper = share[known], edges[1:][known]
-    inside = np.flatnonzero(share > 0.5)
-    if not len(inside) or inside[-1] == len(share) - 1 or inside[0] > 1:
-        return None
-    last = int(inside[-1])
-    zone = float(upper[last])
-    clear = share[: last + 1].mean() > 0.5 and share[last + 1 :].mean() < 0.2 and zone > 0.01 * size.max()
-    return float(f"{zone:.3g}") if clear else None
-
-
 def resolution(data: _Data) -> Iterable[Finding]:
     """Quantisation of the output, and samples at a limit of its range."""
     for name, x in ((data.output, data.y), (data.input, data.u)):
@@ -269,8 +210,8 @@ def resolution(data: _Data) -> Iterable[Finding]:
             continue
         for side, k, near in (("lower", 0, counts[1:11]), ("upper", -1, counts[-11:-1])):
             share = float(counts[k] / counts.sum())
-            at_rest = abs(levels[k]) <= REST * np.max(np.abs(x))
-            if share < 0.01 or counts[k] < 10 * np.median(near) or at_rest:
+            is_zero = abs(levels[k]) <= NEAR_ZERO * np.max(np.abs(x))
+            if share < 0.01 or counts[k] < 10 * np.median(near) or is_zero:
                 continue
             if is_output and not _moves_meanwhile(data.u, x == levels[k]):
                 continue
@@ -308,7 +249,7 @@ def sampling(data: _Data) -> Iterable[Finding]:
         yield Finding(
             "clock-jitters", data.record.name, {"jitter": float(axis.jitter), "deviation": float(axis.deviation)}
         )
-    held = repeated(data.y[~data.resting] if (~data.resting).any() else data.y)
+    held = repeated(data.y[~data.near_zero] if (~data.near_zero).any() else data.y)
     if held > 1:
         yield Finding("samples-repeated", data.output, {"factor": held, "dt": dt, "better": held * dt})
         return

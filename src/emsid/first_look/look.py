@@ -29,6 +29,7 @@ from emsid.first_look.roles import Roles, find_direction, find_roles, is_differe
 from emsid.first_look.systems import Source, systems
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, as_numbers
+from emsid.io.other_files import with_other_files
 from emsid.io.reading import ParsedFile, read, read_columns
 from emsid.io.sampling import SECONDS
 from emsid.presentation import Presented
@@ -108,7 +109,9 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
     """
     file = Path(path)
     parsed = ParsedFile(file, read_columns(file))
-    raw = parsed.columns
+    given = {side: as_names(reading.get(side) or ()) for side in ("input", "output")}
+    named = [name for names in given.values() for name in names]
+    raw, called = with_other_files(parsed.columns, file, named, reading.get("time"), read_columns)
     if raw.clocks:
         counts = {clock: len(raw.series[clock]) for clock in raw.clocks.values()}
         raw = on_one_clock(raw, max(counts, key=counts.__getitem__), raw.series)
@@ -116,7 +119,8 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
     columns = tuple(_column(name, raw) for name in raw.series)
     table = [column for column in columns if column.rows == rows]
     clock = find_clock(table, raw.preamble, file.name, reading.get("time") or "")
-    roles = find_roles(table, clock.column, *(_bare(reading.get(side)) for side in ("input", "output")))
+    known = (_bare([called.get(name, name) for name in names]) for names in given.values())
+    roles = find_roles(table, clock.column, *known)
     found = {column.name: column for column in columns}
     noticed: list[Finding] = []
     if roles.input in found:
@@ -245,9 +249,9 @@ def _column(name: str, raw: Columns) -> Column:
     return column_of_numbers(name, kind, said, values)
 
 
-def _bare(given: Any) -> str:
-    """The column of the first channel that is given."""
-    first = next(iter(as_names(given or ())), "")
+def _bare(given: Sequence[str]) -> str:
+    """The column of the first channel that is given; empty where none is."""
+    first = next(iter(given), "")
     inner = re.fullmatch(r"d\((.+)\)", first)
     return inner[1] if inner else first
 

@@ -10,7 +10,8 @@ schema    version of this layout, a whole number
 type      kind of model, a key of `emsid.models.MODELS`
 model     what the ``to_data`` of that kind gives
 sha256    checksum of all other entries with their keys sorted and no blanks: a file may be laid out anew, not altered
-origin    may be missing: ``dt`` in s, ``inputs`` and ``outputs`` as [name, unit] of what the model was identified from
+origin    may be missing: ``dt`` in s, ``inputs`` and ``outputs`` as [name, unit] of what the model was identified from,
+          and a ``fingerprint`` in base 64 that shows whether a record contains some of these data
 reading   may be missing: how the file of that record was read, the arguments of `emsid.io.read` but path and rows
 ========  =============================================================================================================
 
@@ -34,6 +35,7 @@ from emsid.errors import EmsidError, FormatError, ModelError, listed
 from emsid.findings import Finding
 from emsid.io.files import atomic_write, read_bytes
 from emsid.io.limits import check_limits
+from emsid.record.overlap import fingerprint, has_fingerprint
 
 if TYPE_CHECKING:
     from emsid.models.model import Model
@@ -55,26 +57,33 @@ class _Head(msgspec.Struct):
     schema: int
 
 
-class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Origin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The channels and sample time of the record that a model was identified from.
 
     Attributes:
         dt: sample time in seconds.
         inputs, outputs: name and unit of every channel.
+        fingerprint: shows whether a record contains some of that record, see `emsid.record.overlap`.
     """
 
     dt: float
     inputs: tuple[tuple[str, str], ...]
     outputs: tuple[tuple[str, str], ...]
+    fingerprint: bytes = b""
 
     @classmethod
     def of(cls, record: Record) -> Origin:
-        """The channels of a record."""
+        """The channels and the fingerprint of a record."""
         return cls(
             record.dt,
             tuple(zip(record.input_names, record.input_units, strict=True)),
             tuple(zip(record.output_names, record.output_units, strict=True)),
+            fingerprint(record),
         )
+
+    def seen(self, record: Record) -> bool:
+        """Whether a record contains data that the model was fitted to."""
+        return has_fingerprint(record, self.fingerprint)
 
     def differences(self, record: Record) -> list[Finding]:
         """The differences between a record and the record that the model was identified from."""
@@ -111,7 +120,7 @@ def save(
     Args:
         model: the model.
         path: the file.
-        origin: the record that it was identified from; its channels and sample time are written.
+        origin: the record that it was identified from; its channels, sample time and fingerprint are written.
         reading: arguments of `emsid.io.read` with which that record was read, to read other files in the same way.
 
     Raises:
@@ -221,8 +230,7 @@ def _visible(text: str) -> str:
 
 
 def _checksum(document: _Document) -> str:
-    entries: dict[str, Any] = asdict(document)
-    content = {name: value for name, value in entries.items() if name != "sha256" and value is not None}
+    content = {name: value for name, value in msgspec.to_builtins(document).items() if name != "sha256"}
     return hashlib.sha256(msgspec.json.encode(content, order="sorted")).hexdigest()
 
 

@@ -11,7 +11,8 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
-_SEEN = 100  # lines at the end of the file that show whether it is from a monitor
+LAST_LINES = 100
+"""This many lines at the end of a file determine its structure."""
 
 _TIMED = re.compile(r"\s*(\d{1,2}:\d{2}:\d{2}(?:\.\d+)?)\s*->[ \t]*(.*)")
 _LABELLED = re.compile(
@@ -45,12 +46,12 @@ def monitor_lines(texts: Sequence[str]) -> MonitorLines:
     A line that has no such time, or other labels than most, is left as it is.
     """
     texts, times = list(texts), []
-    last = texts[-_SEEN:]
+    last = texts[-LAST_LINES:]
     if 2 * sum(_TIMED.fullmatch(text) is not None for text in last) > len(last):
         timed = [_TIMED.fullmatch(text) for text in texts]
         times = [found[1] if found else "" for found in timed]
         texts = [found[2] if found else text for found, text in zip(timed, texts, strict=True)]
-    labels, count = Counter(_labels(_labelled(text)) for text in texts[-_SEEN:]).most_common(1)[0]
+    labels, count = Counter(_labels(_labelled(text)) for text in texts[-LAST_LINES:]).most_common(1)[0]
     if not labels or 2 * count <= len(last):
         return MonitorLines(texts, times, (), ())
     units = [""] * len(labels)

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from emsid.errors import FormatError
 from emsid.io.columns import Columns, DamagedRow
 from emsid.io.files import looks_like
-from emsid.io.serial_monitor import monitor_lines
+from emsid.io.serial_monitor import LAST_LINES, monitor_lines
 from emsid.units import known_unit
 
 if TYPE_CHECKING:
@@ -40,7 +40,6 @@ _TIME_OF_DAY = "%H:%M:%S%.f"
 TIME = "time"
 """The name of the column with the times before an arrow."""
 _CELL = "\x1f"  # separates the cells of a split line; a file that contains it is refused as binary
-_TAIL = 100  # lines at the end of the file that determine its structure
 _BETWEEN_BLANKS = re.compile(r'"[^"]*"|[^\s"]+')
 _DIGIT = re.compile(r"\d")
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
@@ -77,13 +76,13 @@ def read_table(content: bytes) -> Columns:
         raise FormatError("there is no table in this file, only comments or blank lines; check how it was exported")
 
     texts, times, labels, units = monitor_lines(texts)
-    tail = [text for text in texts[-_TAIL:] if _DIGIT.search(text)]
+    tail = [text for text in texts[-LAST_LINES:] if _DIGIT.search(text)]
     separator = "\t" if labels else _separator(tail[len(tail) // 2 :])
     texts = _with_marks(numbers, texts, separator)
     if times:
         texts = [f"{time}{_CELL}{text}" for time, text in zip(times, texts, strict=True)]
         labels, units = labels and ("", *labels), units and ("", *units)
-    width = _width(texts[-_TAIL:])
+    width = _width(texts[-LAST_LINES:])
     start = _first_data_line(texts, width)
     header = _Header(None, list(labels), list(units)) if len(labels) == width else _header(texts, start, width)
     header = header or _commented_header(comments, numbers[start], separator, width)

@@ -5,10 +5,10 @@ mean m and covariance C of the states that this input produces, weighted by the 
 
     Σ (y − ŷ(x))² + σ² (x − m)ᵀ C⁻¹ (x − m).
 
-Nobody knows σ² at first, and a model that loses the sign of a signal has several minima. So short searches begin at
-those reachable states that fit best and are not alike, with the prior for the error of the best of them, which is too
-firm; and one begins at the best of them with hardly a prior, which is too loose. The least residual of all gives σ².
-Each search goes on with it, and the least sum is the estimate.
+The variance σ² is not known in advance, and the sum has several minima for a model that loses the sign of a signal.
+Short searches therefore begin at those reachable states that fit best and differ from each other. Their σ² is the error
+of the best of these states, which is too large. One more search begins at the best state with a very small σ². The
+least residual of all searches gives σ²; every search continues with it, and the least sum is the estimate.
 """
 
 from __future__ import annotations

@@ -4,6 +4,10 @@ Samples are compared exactly. Stretches of `STRETCH` samples that are equal show
 the other. A stretch at standstill shows nothing, as every experiment has some like it: of a stretch that counts, at
 least half of the samples change some output. The readings of a coarse sensor may repeat by chance, so the records have
 samples in common only if they are equal wherever they overlap after the shift.
+
+A model file has no samples to compare with, but a fingerprint: the numbers of some stretches of the record that the
+model was fitted to. They are longer, and occur once in that record: a coarse sensor at constant speed may repeat some
+counts in any record.
 """
 
 from __future__ import annotations
@@ -15,6 +19,27 @@ from emsid.record.record import Record
 
 STRETCH = 16
 """Samples of a stretch that is looked for; a common part of twice as many contains one wherever it begins."""
+
+LONG, FINGERPRINTED = 64, 32
+"""Samples of a stretch in a fingerprint, and the largest number of these."""
+
+
+def fingerprint(record: Record) -> bytes:
+    """The numbers of stretches spread over a record, 8 bytes each; empty for a short, constant or periodic record."""
+    numbers = np.concatenate([_stretches(segment, LONG) for segment in record.segments])
+    distinct, first, count = np.unique(numbers, return_index=True, return_counts=True)
+    once = np.sort(first[(count == 1) & (distinct != 0)])
+    kept = once[np.linspace(0, len(once) - 1, min(FINGERPRINTED, len(once))).round().astype(int)]
+    return bytes(numbers[kept].astype("<u8").tobytes())
+
+
+def has_fingerprint(record: Record, known: bytes) -> bool:
+    """Whether a record contains some of the record that a fingerprint is from.
+
+    It sees a part that is longer than `LONG` samples and a `FINGERPRINTED`-th of that record.
+    """
+    sought = np.frombuffer(known[: len(known) // 8 * 8], dtype="<u8")
+    return any(bool(np.isin(sought, _stretches(segment, LONG)).any()) for segment in record.segments)
 
 
 def shared_stretch(one: Record, other: Record) -> bool:
@@ -42,19 +67,21 @@ def _equal_after(few: Record, many: Record, shift: int) -> bool:
     return np.array_equal(few.output[here], many.output[there]) and np.array_equal(few.input[here], many.input[there])
 
 
-def _stretches(segment: Record) -> NDArray[np.uint64]:
-    """(N − `STRETCH` + 1,) a number for every stretch, alike only if it is alike; zero at a standstill."""
+def _stretches(segment: Record, length: int = STRETCH) -> NDArray[np.uint64]:
+    """(N − length + 1,) a number for every stretch, alike only if it is alike; zero at a standstill."""
+    if len(segment) < length:
+        return np.zeros(0, dtype=np.uint64)
     values = np.column_stack([segment.input, segment.output]) + 0.0  # no negative zero
     bits = np.ascontiguousarray(values).view(np.uint64)
     rng = np.random.default_rng(0)
-    factors = rng.integers(1, 2**63, bits.shape[1] + STRETCH, dtype=np.uint64) | np.uint64(1)
-    row = _mixed((bits * factors[STRETCH:]).sum(axis=1, dtype=np.uint64))
-    count = len(segment) - STRETCH + 1
+    factors = rng.integers(1, 2**63, length + bits.shape[1], dtype=np.uint64) | np.uint64(1)
+    row = _mixed((bits * factors[length:]).sum(axis=1, dtype=np.uint64))
+    count = len(segment) - length + 1
     number = np.zeros(count, dtype=np.uint64)
-    for k, factor in enumerate(factors[:STRETCH]):
+    for k, factor in enumerate(factors[:length]):
         number += row[k : k + count] * factor
     changes = np.concatenate([[0], np.cumsum(np.any(np.diff(segment.output, axis=0) != 0, axis=1))])
-    moving = changes[STRETCH - 1 :] - changes[:count] >= STRETCH // 2
+    moving = changes[length - 1 :] - changes[:count] >= STRETCH // 2
     return np.where(moving, number, np.uint64(0))
 
 

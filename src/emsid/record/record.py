@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+LARGEST_TREND = 5
+"""The largest order of a trend. One of a higher order follows the motion, which is then subtracted too."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Record(Presented):
@@ -295,8 +298,14 @@ class Record(Presented):
         """The record minus a polynomial in time of this order, fitted to every channel over the whole record.
 
         Order 0 subtracts the mean. All segments share one polynomial, so they keep one operating point.
+
+        Raises:
+            DataError: for an order above `LARGEST_TREND`.
         """
-        order = _whole(order, 0, f"{self.name}: detrending of order {order}; give 0 (mean), 1 (line) or more")
+        problem = f"{self.name}: detrending of order {order}; give 0 (mean), 1 (line) or at most {LARGEST_TREND}"
+        order = _whole(order, 0, problem)
+        if order > LARGEST_TREND:
+            raise DataError(f"{problem}, because a higher order subtracts the motion too", arguments=("detrend",))
         powers = np.polynomial.legendre.legvander(_to_unit_interval(self.time), order)
 
         def without_trend(values: Array) -> Array:

@@ -264,14 +264,14 @@ def _each_output(record: Record, measured: Array, free: Array, ahead: Array) -> 
     return tuple(errors)
 
 
-def assess_model(model: Model, record: Record, transient: int | None = None) -> Assessment:
+def assess_model(model: Model, record: Record, transient: int | None = None, *, data: str = "unseen") -> Assessment:
     """Compute the free run and the one-step prediction of a model without a fit, such as one from a file.
 
     Args:
         model: the model.
-        record, transient: see `assess`.
+        record, transient, data: see `assess`.
     """
-    return assess(as_fit(model), record, transient)
+    return assess(as_fit(model), record, transient, data=data)
 
 
 def compare(

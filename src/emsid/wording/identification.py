@@ -118,7 +118,7 @@ def interrupted(f: Finding, argument: Spelling) -> str:
 @words("data-not-unseen", Severity.WARNING)
 def data_not_unseen(f: Finding, argument: Spelling) -> str:
     """Subject: the record."""
-    return f"{f.subject} is among the data the models were fitted to, so these errors say nothing about unseen data"
+    return f"{f.subject} contains data of the fit, so these errors say nothing about unseen data"
 
 
 @words("few-unseen-samples", Severity.WARNING)

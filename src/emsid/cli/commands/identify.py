@@ -256,6 +256,7 @@ def _run(
     """Identify, write and print the result, draw the report."""
     from emsid.identification import candidates
     from emsid.io import save
+    from emsid.record import concatenate
     from emsid.report.identification_page import report
 
     with working() as control:
@@ -267,7 +268,8 @@ def _run(
     with kept(result, "identification") as result:
         write(out, {"result.json": result.to_data()}, result.fits, result.record, reader.remembered)
         if result.on_all_data is not None:
-            save(result.on_all_data, out / RECOMMENDED, result.record, reader.remembered)
+            everything = concatenate((result.record, result.unseen))
+            save(result.on_all_data, out / RECOMMENDED, everything, reader.remembered)
         if json:
             say_json(as_json(result.to_data()))
         else:

@@ -61,6 +61,7 @@ def validate(
       emsid validate emsid-result/arx.json other.csv --dt 10ms --mask "" --out check
       emsid validate emsid-result/rigid-motor.json heavier.csv --free rotor_inertia
     """
+    from emsid.findings import Finding
     from emsid.io import load, origin, read_options
     from emsid.validation.comparison import assess_model
     from emsid.validation.reestimation import reestimate
@@ -79,14 +80,18 @@ def validate(
     again: list[Reestimation | None] = [None] * len(records)
     if free is not None:
         again = [reestimate(loaded, each, names(free, "--free"), part=part, transient=transient) for each in records]
+    seen = [source is not None and source.seen(record) for record in records]
     assessed = [
-        assess_model(loaded, record, transient) if some is None else some.assessment
-        for record, some in zip(records, again, strict=True)
+        assess_model(loaded, record, transient, data="identification" if fitted else "unseen")
+        if some is None
+        else some.assessment
+        for record, some, fitted in zip(records, again, seen, strict=True)
     ]
     by_region = list(map(errors_by_region, assessed))
     documents = []
-    for each, regions, some in zip(assessed, by_region, again, strict=True):
-        differences = [*each.record.findings, *([] if source is None else source.differences(each.record))]
+    for each, regions, some, fitted in zip(assessed, by_region, again, seen, strict=True):
+        differences = [Finding("data-not-unseen", each.record.name)] if fitted else []
+        differences += [*each.record.findings, *([] if source is None else source.differences(each.record))]
         differences += [finding] if (finding := worst_region(each)) else []
         documents.append(_document(each, regions, differences, some, horizon, transient))
         if not json:

@@ -179,9 +179,7 @@ def _from_the_start(model: Cascade, records: Sequence[Record], how: Search) -> l
 def _grown(
     model: Cascade, noise: ProcessNoise, records: Sequence[Record], orders: Orders, how: Search, free_map: bool
 ) -> Cascade:
-    """The model with filters of larger orders, or a spline, where Schwarz's criterion prefers them on a part of the
-    records.
-    """
+    """The model with filters of larger orders, or a spline, where Schwarz's criterion on some data prefers it."""
     part = _first_segments(records, model, how)
     samples = sum(len(record) for record in part)
     weightings = _weightings(model, _from_the_start(model, part, how), noise)

@@ -18,7 +18,16 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search.map_families import family_of
 from emsid.models.blocks.search.sign_recovery import may_be_magnitudes
-from emsid.models.blocks.static_maps import STATIC_MAPS, Abs, CubicSpline, DeadZone, Polynomial, Saturation, UserMap
+from emsid.models.blocks.static_maps import (
+    STATIC_MAPS,
+    Abs,
+    CubicSpline,
+    DeadZone,
+    PiecewiseLinear,
+    Polynomial,
+    Saturation,
+    UserMap,
+)
 from emsid.models.feedback import fitting
 from emsid.models.feedback.coordinates import Visited, coordinates, directions, normal_form, whitened, with_line
 from emsid.models.feedback.fitting import fit_feedback, searched
@@ -535,6 +544,28 @@ def test_a_state_of_unknown_sign_is_found() -> None:
         noisy = y[: model.memory] + 0.02 * rng.normal(size=model.memory)
         errors.append(float(np.abs(model.output(u, starting(model, u, noisy)) - y).max()))
     assert max(errors) < 0.3
+
+
+def test_a_start_is_found_however_far_the_first_searches_get(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two tanks that overflow; the prior is weighted by the variance of the residual at the estimate."""
+    monkeypatch.setattr("emsid.models.start_states.FIRST_LOOK", {"max_iterations": 0, "tolerance": 0.5})
+    height = np.linspace(0, 15, 31)
+    level = np.minimum(height, 10)
+    falls = PiecewiseLinear(height, 0.2 * np.sqrt(level))
+    stays, seen = (PiecewiseLinear(height, each) for each in (level - falls.values, level))
+    matrix = np.zeros((7, 7))
+    matrix[0, [2, 4]] = matrix[1, [3, 5]] = matrix[[2, 3], 0] = matrix[[4, 5], 1] = matrix[6, 6] = 1.0
+    model, errors = FeedbackModel(matrix, (falls, stays, stays, seen)), []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        u, x = (
+            0.2 * np.interp(np.arange(1000), np.arange(0, 1000, 25), rng.uniform(1.2, 3.8, 40)),
+            rng.uniform(1, 12, 2),
+        )
+        y = model.output(u, x)
+        noisy = y[: model.memory] + 0.02 * rng.normal(size=model.memory)
+        errors.append(float(np.sqrt(np.mean((model.output(u, starting(model, u, noisy)) - y)[:100] ** 2))))
+    assert np.mean(np.array(errors) < 0.1) > 0.9
 
 
 def test_the_last_steps_of_a_fit_never_lose_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,12 +8,13 @@ mean m and covariance C of the states that this input produces, weighted by the 
 The variance σ² is not known in advance, and the sum has several minima for a model that loses the sign of a signal.
 Short searches therefore begin at those reachable states that fit best and differ from each other. Their σ² is the error
 of the best of these states, which is too large. One more search begins at the best state with a very small σ². The
-least residual of all searches gives σ²; every search continues with it, and the least sum is the estimate.
+least residual of all searches gives σ²; every search continues with it, and the least sum is the estimate. Where its
+residual is much smaller, σ² was too large, and the search continues from there with the smaller one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -31,6 +32,8 @@ REST = 1e-2
 # Effort: within half a standard error for the first searches, and then within a twentieth.
 FIRST_LOOK: dict[str, Any] = {"max_iterations": 6, "tolerance": 0.5}
 START_BUDGET: dict[str, Any] = {"max_iterations": 8, "tolerance": 0.05}
+# Rounds of searches, and the share of the squared residual before above which one is the last.
+ROUNDS, SETTLED = 6, 0.8
 # At most this many reachable states are compared; the searches begin at this many of them.
 TRIAL_STATES, STARTS = 64, 3
 # Reachable states are collected over this many samples; the least relative spread of them in any direction.
@@ -132,11 +135,27 @@ def starting(model: Startable, u: Array, y: Array, quick: bool = False) -> Array
         found += _searched(weighted(float(missed[finite].min()) / freedom), starts, FIRST_LOOK)
     if not found:
         return starts[0]
-    least = min(found, key=_of_samples)
-    if known and _of_samples(least) > 0:
-        problem = weighted(_of_samples(least) / freedom)
-        ends = list(_searched(problem, [states for states, _ in found], START_BUDGET))
+    return _agreeing(weighted, found, freedom) if known else min(found, key=_of_samples)[0]
+
+
+def _agreeing(weighted: Callable[[float], _Start], found: list[Found], freedom: int) -> Array:
+    """(n,) the states of the least sum for the σ² of their own residual.
+
+    Args:
+        weighted: the problem with a σ².
+        found: where the first searches have ended.
+        freedom: samples less states.
+    """
+    least, begun = min(found, key=_of_samples), [states for states, _ in found]
+    for _ in range(ROUNDS):
+        before = _of_samples(least)
+        if before == 0:
+            break
+        ends = _searched(weighted(before / freedom), begun, START_BUDGET)
         least = min(ends, key=lambda each: sum(float(part @ part) for part in each[1]), default=least)
+        if _of_samples(least) > SETTLED * before:
+            break
+        begun = [least[0]]
     return least[0]
 
 

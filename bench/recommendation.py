@@ -4,8 +4,8 @@ Every folder below FOLDER, and FOLDER itself, is a set of recordings. As a new u
 describe`` for the command to run, and runs it, with a part of the data left out: of four files or more every fourth,
 otherwise the last fifth of every file. ``emsid identify`` chooses on a part of what is left. Then all its models run
 freely over the part that was left out. The recommended one should have the smallest error there, or one that is at most
-5 % larger. Where it was fitted again to all data that the command was given (``recommended.json``), the ratio of that
-model's error to the smallest one is shown too.
+5 % larger. The ratio of the error of the model in ``recommended.json``, which is fitted again to all data that the
+command was given where these are few, to the smallest one is shown too.
 
 Of long files the first rows only are used (``--rows``), and a command that does not end in time is stopped
 (``--seconds``); then the models that it had found by then are compared.
@@ -116,7 +116,7 @@ def run(trial: Trial, out: Path, seconds: float) -> float:
 
 
 AGAIN = "fitted again"
-"""The recommended model, fitted again to all data."""
+"""The model in ``recommended.json``, where the data are few fitted again to all of them."""
 
 
 def errors(trial: Trial, out: Path) -> dict[str, float]:
@@ -128,10 +128,8 @@ def errors(trial: Trial, out: Path) -> dict[str, float]:
     fits = [emsid.load(out / f"{each['model']}.json") for each in result["fits"]]
     start = max(model.memory for model in fits)
     found = {row.model: float(np.sqrt(row.ranked_by)) for row in emsid.compare(fits, record, transient=start).rows}
-    if (out / "recommended.json").exists():
-        (row,) = emsid.compare(emsid.load(out / "recommended.json"), record, transient=start).rows
-        found[AGAIN] = float(np.sqrt(row.ranked_by))
-    return found
+    (row,) = emsid.compare(emsid.load(out / "recommended.json"), record, transient=start).rows
+    return {**found, AGAIN: float(np.sqrt(row.ranked_by))}
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -160,12 +158,11 @@ def main(arguments: Sequence[str]) -> None:
                 board.add_row(trial.title, f"failed: {(log or [str(problem)])[-1][:80]}")
                 continue
             chosen = json.loads((out / "result.json").read_text("utf-8"))["chosen"]
-        again = found.pop(AGAIN, None)
+        again = found.pop(AGAIN)
         best = min(found, key=found.__getitem__)
         ratio = found[chosen] / found[best]
         ratios.append(ratio)
-        again_ratio = f"{again / found[best]:.3f}" if again else ""
-        numbers = (f"{found[chosen]:.4g}", f"{found[best]:.4g}", best, f"{ratio:.3f}", again_ratio)
+        numbers = (f"{found[chosen]:.4g}", f"{found[best]:.4g}", best, f"{ratio:.3f}", f"{again / found[best]:.3f}")
         board.add_row(trial.title, chosen, *numbers, str(len(found)), f"{seconds:.0f}")
         if options.show:
             console.print(shlex.join(trial.words), {name: float(f"{x:.4g}") for name, x in found.items()})

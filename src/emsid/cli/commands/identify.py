@@ -193,8 +193,8 @@ def identify(
     Models are ranked by their free run (simulation from the input alone) on unseen data, to which no model was fitted.
 
     The program chooses orders, delay and knots that are not given. It writes report.html, result.json, a file for
-    every model, and the figures as SVG. The recommended model is fitted again to all data where these are few; that
-    one is in recommended.json.
+    every model, and the figures as SVG. The recommended model is also in recommended.json, where the data are few
+    fitted again to all of them.
 
     \b
     Examples:
@@ -267,17 +267,16 @@ def _run(
         )
     with kept(result, "identification") as result:
         write(out, {"result.json": result.to_data()}, result.fits, result.record, reader.remembered)
-        if result.on_all_data is not None:
-            everything = concatenate((result.record, result.unseen))
-            save(result.on_all_data, out / RECOMMENDED, everything, reader.remembered)
+        again = result.on_all_data is not None
+        seen = concatenate((result.record, result.unseen)) if again else result.record
+        save(result.recommended, out / RECOMMENDED, seen, reader.remembered)
         if json:
             say_json(as_json(result.to_data()))
         else:
             _print(result)
     drawn = draw(out, lambda: report(result, option), pdf, interrupted=result.interrupted)
     if not json:
-        written = [f"{fit.model.name}.json" for fit in result.fits]
-        written += [] if result.on_all_data is None else [RECOMMENDED]
+        written = [*(f"{fit.model.name}.json" for fit in result.fits), RECOMMENDED]
         possible = [RECOMMENDED, *(f"{name}.json" for name in candidates.CANDIDATES)]
         say_where(out, drawn, "result.json", *written, possible=possible)
     INTERRUPTION.end(result.interrupted or not drawn)

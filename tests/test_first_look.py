@@ -328,6 +328,18 @@ def test_bad_rows_are_skipped_and_said(write: Write) -> None:
     assert data(look, "rows-skipped")["line"] == 501
 
 
+@pytest.mark.parametrize("cell", ["", "nan", "N/A", "ERR"])
+def test_a_gap_is_masked_and_said(write: Write, cell: str) -> None:
+    rows = table(",", T, "t,u,y\n").splitlines()
+    rows[301:341] = [f"{row.rpartition(',')[0]},{cell}" for row in rows[301:341]]
+    look = describe(write("\n".join(rows)))
+    assert look.reading == {"input": "u", "output": "y", "time": "t", "mask": "isnan(y)"}
+    assert data(look, "values-missing") == {"count": 40, "rows": 800}
+    assert look.record is not None
+    assert (len(look.record), look.record.breaks) == (760, (300,))
+    assert "values-missing" not in codes(describe(write(table(",", T, "t,u,y\n"))))
+
+
 def test_a_record_that_cannot_be_read_is_said(write: Write) -> None:
     rows = table(",", T, "t,u,y\n").splitlines()
     rows[1::25] = ["[message]"] * len(rows[1::25])

@@ -508,6 +508,7 @@ EXAMPLES: tuple[Finding, ...] = (
             ],
         },
     ),
+    Finding("values-missing", "y", {"count": 99, "rows": 2000}),
     Finding("value-stuck", "y", {"row": 400, "length": 120, "value": 3.5}),
     Finding("position-differentiated", "qm", {"input": ""}),
     Finding("position-differentiated", "y", {"input": "u"}),

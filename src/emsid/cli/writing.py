@@ -22,11 +22,16 @@ LEFT_OUT = "the report is left out"
 Result = TypeVar("Result", "Study", "Identification")
 
 
-def check_folder(folder: Path) -> None:
-    """Refuse a folder that cannot be written to, before a long search starts."""
+def check_folder(folder: Path, given: str = "--out ") -> None:
+    """Refuse a folder that cannot be written to, before a long search starts.
+
+    Args:
+        folder: to write into.
+        given: how the command line names it.
+    """
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
-        raise DataError(f"--out {folder}: {there} is not a folder that can be written to; choose another")
+        raise DataError(f"{given}{folder}: {there} is not a folder that can be written to; choose another")
 
 
 def write(

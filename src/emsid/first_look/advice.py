@@ -110,10 +110,11 @@ def advice(record: Record, response: Response, tolerance: float = TOLERANCE) -> 
     if not record.output.shape[1]:
         return []
     constant = [name for name in record.input_names + record.output_names if not np.ptp(record.channel(name))]
-    if constant:
-        return [Finding("channel-constant", name, {"level": float(record.channel(name)[0])}) for name in constant]
+    found = [Finding("channel-constant", name, {"level": float(record.channel(name)[0])}) for name in constant]
     if len(record) < FEWEST_SAMPLES:
-        return [Finding("record-too-short", record.name, {"samples": len(record), "needed": FEWEST_SAMPLES})]
+        found = [Finding("record-too-short", record.name, {"samples": len(record), "needed": FEWEST_SAMPLES}), *found]
+    if found:
+        return found
     data = _Data(record, response, tolerance)
     return [finding for check in CHECKS for finding in check(data)]
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.first_look.names import Meaning
+from emsid.io.selection import MOST_SKIPPED
 
 Array = NDArray[np.float64]
 
@@ -91,6 +92,11 @@ class Column:
     def constant(self) -> bool:
         """Whether all of its numbers are the same, or there are none."""
         return not self.high > self.low
+
+    @property
+    def gaps(self) -> bool:
+        """Whether more of its numbers are missing than may be skipped, though most are there."""
+        return MOST_SKIPPED * self.rows < self.missing < self.rows / 2
 
     @property
     def signal(self) -> Array:

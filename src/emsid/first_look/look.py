@@ -275,7 +275,7 @@ def _proposal(raw: Columns, columns: Mapping[str, Column], clock: Clock, roles: 
     else:
         reading["dt"] = clock.dt
     names = [*(column.name for column in used), *([clock.column] if clock.column else [])]
-    bad = sum(columns[name].missing for name in names) + len(raw.damaged)
+    bad = sum(columns[name].missing for name in names if not columns[name].gaps) + len(raw.damaged)
     reading["skip_bad_rows"] = True if bad else None
     return reading
 
@@ -286,12 +286,14 @@ def _convertible(said: Meaning) -> str:
 
 
 def _mask(columns: Sequence[Column]) -> str | None:
-    """The condition that leaves out the codes of some columns."""
+    """The condition that leaves out the codes of some columns, and the missing values of those with many."""
     conditions = []
     for column in columns:
+        name = column.name if re.fullmatch(r"[A-Za-z_]\w*", column.name) else f'"{column.name}"'
+        if column.gaps:
+            conditions.append(f"isnan({name})")
         if not column.codes:
             continue
-        name = column.name if re.fullmatch(r"[A-Za-z_]\w*", column.name) else f'"{column.name}"'
         limit = max(abs(column.low), abs(column.high))
         if all(abs(code.value) > limit for code in column.codes):
             conditions.append(f"abs({name}) > {limit:g}")
@@ -330,6 +332,8 @@ def _about_column(column: Column, look: FirstLook) -> list[Finding]:
             for code in column.codes
         ]
         findings.append(Finding("isolated-values", name, {"codes": codes, "low": column.low, "high": column.high}))
+    if column.gaps:
+        findings.append(Finding("values-missing", name, {"count": column.missing, "rows": column.rows}))
     if column.stuck and _input_moves(look, column.stuck):
         data = {"row": column.stuck.start, "length": column.stuck.length, "value": column.stuck.value}
         findings.append(Finding("value-stuck", name, data))

@@ -45,6 +45,7 @@ READERS: dict[str, Callable[[bytes], Columns]] = {
     ".tsv": read_table,
     ".dat": read_table,
     ".txt": read_table,
+    ".log": read_table,
     ".mat": read_mat,
     ".parquet": read_parquet,
     ".npz": read_npz,
@@ -137,9 +138,9 @@ def read(
     """Read a record from a file.
 
     Args:
-        path: a CSV, TSV, ``.dat`` or ``.txt`` table, a MAT file (version 5 to 7.3), Parquet, Arrow, Feather or NPZ;
-            with an optional package a spreadsheet, TDMS, MDF, WPILOG, MCAP or a bag of ROS 1 or 2 (a folder); or a
-            file that is parsed already.
+        path: a table (CSV, TSV, ``.dat``, ``.txt`` or ``.log``), a MAT file (version 5 to 7.3), Parquet, Arrow, Feather
+            or NPZ; with an optional package a spreadsheet, TDMS, MDF, WPILOG, MCAP or a bag of ROS 1 or 2 (a folder);
+            or a file that is parsed already.
         input: the column, or columns, that drive the system. ``d(name)`` is the derivative of column
             ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name. ``x.csv:1`` is the first
             column of another file, and ``x.csv:name`` one by name.

@@ -83,6 +83,16 @@ def not_readable(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("values-missing", Severity.WARNING)
+def values_missing(f: Finding, argument: Spelling) -> str:
+    """Subject: the column. Data: count, rows."""
+    count, rows = f.data["count"], f.data["rows"]
+    return (
+        f"{f.subject} has no number in {count:,} of {rows:,} rows ({100 * count / rows:.2g} %); leave them out with "
+        f"{argument('mask')} and isnan, and a new segment begins after each gap"
+    )
+
+
 @words("several-experiments", Severity.WARNING)
 def several_experiments(f: Finding, argument: Spelling) -> str:
     """Subject: the file. Data: chosen, pairs (of input and output)."""

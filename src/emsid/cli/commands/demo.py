@@ -36,7 +36,10 @@ COMMANDS = {
             "--out circuit-result",
             "a linear model, and three blocks whose static map is chosen",
         ),
-        ("validate circuit-result/wiener-hammerstein.json circuit.csv", "the free run of a saved model"),
+        (
+            "validate circuit-result/wiener-hammerstein.json circuit.csv --rows 4200:6000",
+            "the free run of a saved model on the rows that it was not fitted to",
+        ),
     ),
 }
 """The arguments of ``emsid`` to try on each example, and what they show."""
@@ -58,7 +61,7 @@ def demo(
     from emsid.io import atomic_write, write_record
     from emsid.study.demonstration import EXAMPLES
 
-    check_folder(folder)
+    check_folder(folder, given="")
     for example in EXAMPLES:
         record = example.record()
         write_record(record, folder / f"{example.name}.csv")

@@ -13,6 +13,7 @@ from coverage_grey_box import FREE, MOTOR, coverage, least_share, simulated_reco
 from emsid.errors import DataError, FormatError, ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Control, Stopped
+from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.uncertainty.identifiability import identifiability
 from emsid.findings import Finding
 from emsid.io import read, read_datasheet
@@ -444,6 +445,26 @@ def test_interrupting_the_choice_of_refinements_keeps_the_plain_motor(stage):
     fit = choose(MOTOR, record, refinements=(late_command,), control=control)
     assert fit.ending is Ending.INTERRUPTED
     assert fit.findings[0].code == "choice-interrupted"
+    assert fit.model.plant.value("motor_constant") == pytest.approx(MOTOR.value("motor_constant"), rel=0.05)
+
+
+def test_an_interrupted_choice_begins_no_search_for_its_intervals(monkeypatch):
+    seen, steps = [], []
+
+    def watched(*args, max_iterations, **more):
+        found = gauss_newton(*args, max_iterations=max_iterations, **more)
+        steps.append(max_iterations)
+        return found
+
+    monkeypatch.setattr("emsid.models.plants.search.continuation.gauss_newton", watched)
+    control = Control(
+        report=lambda activity: seen.append(activity.doing), cancelled=lambda: "adding refinements" in " ".join(seen)
+    )
+    record = record_of(MOTOR.with_values({"drive.delay": 0.5 * DT}), noise=0.1)[:1200]
+    fit = choose(MOTOR, record, refinements=(late_command,), control=control)
+    assert fit.ending is Ending.INTERRUPTED
+    last = len(steps) - steps[::-1].index(0) - 1
+    assert steps[last:] == [0]  # it is evaluated; structures that do as well are not looked for
     assert fit.model.plant.value("motor_constant") == pytest.approx(MOTOR.value("motor_constant"), rel=0.05)
 
 

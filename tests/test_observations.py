@@ -16,7 +16,7 @@ from emsid.models.free_run import free_run_error
 from emsid.models.model import Run
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Bridge
-from emsid.report.identification_page import summary
+from emsid.report.identification_page import report, summary
 from emsid.validation.comparison import assess
 from emsid.validation.residual_test import residual_tests
 
@@ -294,6 +294,11 @@ def test_a_search_that_is_cancelled_keeps_the_models_found_so_far(plain):
     assert [fit.model.name for fit in result.fits] == ["arx"]
     assert result.interrupted
     assert Finding("interrupted", data={"missing": ["friction-narx", "wiener"]}) in result.findings
+    assert all((plain.verdicts, plain.curves, plain.recommendation[1:]))
+    assert (result.verdicts, result.curves, len(result.recommendation)) == ((), (), 1)
+    assert {"code": "residual-untested"} in result.model_verdicts[0].data["reasons"]
+    assert not any("residual" in code for code in codes(result))
+    assert len(list(report(result).figures)) < len(list(report(plain).figures))
     with pytest.raises(Stopped):
         emsid.identify(driven(0), models="arx", control=Control(cancelled=lambda: True))
     assert "interrupted" not in codes(plain)

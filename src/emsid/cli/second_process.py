@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 MOST = 64
 """Of more models it fits none."""
-LAST = 1.0
+LAST = 0.5
 """Seconds that an interrupted search may take to end with its best result."""
 
 

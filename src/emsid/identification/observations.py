@@ -34,6 +34,8 @@ def observations(
     unseen: Record,
     profiles: Mapping[str, tuple[Profile, ...]],
     choice: Comparison | None = None,
+    *,
+    tests: bool = True,
 ) -> list[Finding]:
     """All findings about the free runs of the models on unseen data, and about their profiles.
 
@@ -43,13 +45,13 @@ def observations(
         unseen: what their errors are from.
         profiles: by model.
         choice: the models on further unseen data that chose among them; None where ``unseen`` did.
+        tests: whether the residuals of the best model are tested.
     """
     seen = holds_some_of(unseen, record)
     return [
         *([Finding("data-not-unseen", unseen.name)] if seen else []),
         *_about_the_best(comparison, unseen, seen, choice),
-        *about_the_residual(comparison.best),
-        *about_nonlinear_terms(comparison.best),
+        *([*about_the_residual(comparison.best), *about_nonlinear_terms(comparison.best)] if tests else []),
         *([found] if (found := worst_region(comparison.best)) else []),
         *_about_few_samples(comparison.best.row.samples, unseen),
         *about_the_unseen_input(record, unseen, seen),

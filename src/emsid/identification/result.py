@@ -37,7 +37,7 @@ class Identification(Presented):
         on_unseen: the models on `unseen`, the chosen one first.
         findings: all findings, including those of the fits; a finding about a model has its name in the data.
         profiles: likelihood profiles of physical parameters, by model.
-        interrupted: whether it was stopped before all models were done.
+        interrupted: whether it was stopped before its end; then residuals are not tested, and there are no curves.
         on_choice: the models on further unseen data that chose among them; None where `unseen` did.
         model_verdicts: the verdict on every model, with its residual tests and reasons, the recommended one first.
         ranking: the models with their errors over the folds that ranked them, the smallest first.
@@ -75,14 +75,12 @@ class Identification(Presented):
         return model if self.on_all_data is None else self.on_all_data
 
     @cached_property
-    def recommendation(self) -> tuple[Finding, Finding]:
-        """The recommended model with the reasons for it, and the experiment to run next."""
+    def recommendation(self) -> tuple[Finding, ...]:
+        """The recommended model with the reasons for it, and unless interrupted the experiment to run next."""
         verdict = self.model_verdicts[0]
         choice = self.on_choice or self.on_unseen
-        return (
-            recommendation(choice, self.ranking, verdict, self.findings, seen=self.seen),
-            experiment(verdict, self.record, self.unseen, seen=self.seen),
-        )
+        why = recommendation(choice, self.ranking, verdict, self.findings, seen=self.seen)
+        return (why,) if self.interrupted else (why, experiment(verdict, self.record, self.unseen, seen=self.seen))
 
     @property
     def fits(self) -> tuple[Fit[Any], ...]:
@@ -116,13 +114,16 @@ class Identification(Presented):
 
     @cached_property
     def curves(self) -> tuple[BandedCurve, ...]:
-        """Responses, static map, friction and dead zone of the chosen model with 95 % bands, as far as it has them."""
-        return curves(self.chosen, self.record)
+        """Responses, static map, friction and dead zone of the chosen model with 95 % bands, as far as it has them.
+
+        None where the identification was interrupted.
+        """
+        return () if self.interrupted else curves(self.chosen, self.record)
 
     @cached_property
     def verdicts(self) -> tuple[Finding, ...]:
-        """Whether the residual of the best free run still depends on the input, for every output."""
-        return verdicts(self.on_unseen.best)
+        """Whether the residual of the best free run depends on the input, for every output; none if interrupted."""
+        return () if self.interrupted else verdicts(self.on_unseen.best)
 
     @cached_property
     def next_steps(self) -> tuple[Finding, ...]:

@@ -41,15 +41,19 @@ CONCENTRATED = 0.5
 UNFINISHED = {Ending.STALLED, Ending.OUT_OF_BUDGET, Ending.INTERRUPTED}
 
 Reason = dict[str, Any]
+UNTESTED: Reason = {"code": "residual-untested"}
 
 
-def model_verdicts(on_record: Comparison, on_unseen: Comparison, findings: Iterable[Finding]) -> tuple[Finding, ...]:
+def model_verdicts(
+    on_record: Comparison, on_unseen: Comparison, findings: Iterable[Finding], *, tests: bool = True
+) -> tuple[Finding, ...]:
     """A verdict on every model, in the order of their ranks.
 
     Args:
         on_record: the models on the data they were fitted to.
         on_unseen: the models on unseen data.
         findings: about the models; some make them implausible.
+        tests: whether residuals are tested; if not, the verdicts say so.
     """
     fitted = {each.row.model: each for each in on_record.assessments}
     against: dict[str, list[Reason]] = {}
@@ -57,9 +61,11 @@ def model_verdicts(on_record: Comparison, on_unseen: Comparison, findings: Itera
         if finding.code in IMPLAUSIBLE:
             against.setdefault(finding.model, []).append({"code": finding.code, **finding.data})
 
-    def verdict(unseen: Assessment, shares: Sequence[float]) -> Finding:
+    def verdict(unseen: Assessment, shares: Sequence[float] | None = None) -> Finding:
         return _verdict(unseen, fitted[unseen.row.model], against.get(unseen.row.model, []), shares)
 
+    if not tests:
+        return tuple(map(verdict, on_unseen.assessments))
     in_turn = short_tasks(cores()).map  # transforms of long residuals, which leave the interpreter free
     return tuple(in_turn(verdict, on_unseen.assessments, _shares(on_unseen.assessments)))
 
@@ -74,11 +80,15 @@ def excluded_models(findings: Iterable[Finding]) -> frozenset[str]:
     return frozenset(finding.model for finding in findings if finding.code == DIVERGES)
 
 
-def _verdict(unseen: Assessment, fitted: Assessment, implausible: list[Reason], shares: Sequence[float]) -> Finding:
+def _verdict(
+    unseen: Assessment, fitted: Assessment, implausible: list[Reason], shares: Sequence[float] | None
+) -> Finding:
+    """The verdict on a model; its residual is not tested where the predictable shares are not given."""
     row = unseen.row
     useless = unusable(row)
-    tests = [] if useless else residual_table(unseen)
-    limits = [] if useless else [*_poor(row), *_from_tests(tests, unseen, shares), *_disagreements(unseen, fitted)]
+    tests = [] if useless or shares is None else residual_table(unseen)
+    tested = [UNTESTED] if shares is None else _from_tests(tests, unseen, shares)
+    limits = [] if useless else [*_poor(row), *tested, *_disagreements(unseen, fitted)]
     if unseen.fit.ending in UNFINISHED:
         limits.append({"code": "search-not-finished", "ending": unseen.fit.ending.value})
     data = {"model": row.model, "reasons": [*useless, *implausible, *limits], "tests": tests}

@@ -135,7 +135,8 @@ def identify(
             `emsid.read`.
 
     Returns:
-        The models with their errors, and all findings. If it is stopped before its end, the models found by then.
+        The models with their errors, and all findings. If it is stopped before its end, the models found by then,
+        without what takes time and is not needed to use them: residual tests, the next experiment and bands of curves.
 
     Raises:
         ModelError: for an unknown name, for options that no model can meet, or where no model can be fitted.
@@ -164,7 +165,6 @@ def identify(
     later = int(whole is not train and not bootstrap)
     found = _fit_all(names, train, options, control, finished, None if budget else elsewhere, later)
     found = _with_bootstrap(found, train, bootstrap, seed, control)
-    findings += [Finding("interrupted", data={"missing": list(found.missing)})] if found.stopped else []
     findings += [finding for fit in found.fits for finding in built_in_values(fit, options)]
     judged = Compared.of(found.fits, train, test, options, control, outside, transient=transient, divide=not others)
     if later and not found.stopped:
@@ -174,16 +174,17 @@ def identify(
     stopped = found.stopped or taken.stopped or control.cancelled()
     on_unseen = judged.on_unseen
     findings = [
-        *observations(on_unseen, train, on_unseen.best.record, taken.profiles, judged.on_choice),
+        *observations(on_unseen, train, on_unseen.best.record, taken.profiles, judged.on_choice, tests=not stopped),
         *judged.findings,
         *found.failed,
         *findings,
+        *([Finding("interrupted", data={"missing": list(found.missing)})] if stopped else []),
         *about_excerpt(judged, whole),
         *([] if final is None else [fitted_to_all_data(final.name, train, record)]),
         *([] if stopped else _difference_of_records(on_unseen, (*several, *others))),
         *taken.failed,
     ]
-    verdicts = model_verdicts(judged.on_record, on_unseen, judged.findings)
+    verdicts = model_verdicts(judged.on_record, on_unseen, judged.findings, tests=not stopped)
     about = tuple(findings), taken.profiles, stopped, judged.on_choice, verdicts, judged.ranking, final
     each_record = by_record(on_unseen.fits, (*several, *others), transient)
     return Identification(train, on_unseen.best.record, judged.on_record, on_unseen, *about, each_record)

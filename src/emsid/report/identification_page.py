@@ -24,7 +24,6 @@ from emsid.wording import Severity, Spelling, as_python, sentence, severity
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
     from emsid.validation.bands import Band
-    from emsid.validation.comparison import Assessment
 
 # Responses of this many models are drawn with bands; a free run with its band, if samples times parameters are fewer.
 BANDED, MOST = 3, 1_000_000
@@ -33,7 +32,7 @@ CHARACTERISTICS, NOTICES = 6, 6
 
 
 def report(result: Identification, argument: Spelling = as_python) -> Report:
-    """The page of an identification.
+    """The page of an identification; of one that was interrupted, without figures of details.
 
     Args:
         result: what to show.
@@ -53,7 +52,7 @@ def report(result: Identification, argument: Spelling = as_python) -> Report:
         opening=Section(
             "",
             terms=(terms.FREE_RUN, terms.FIT),
-            figures=(views.measured_and_simulated(best, band=_band(best), name="best-free-run"),),
+            figures=(views.measured_and_simulated(best, band=_band(result), name="best-free-run"),),
         ),
         notices=tuple(Notice(sentence(each, argument), severity(each).value) for each in first),
         advice=tuple(sentence(each, argument) for each in (*result.recommendation, *result.next_steps)),
@@ -62,8 +61,7 @@ def report(result: Identification, argument: Spelling = as_python) -> Report:
             where_errors_are(result),
             verdicts(result, argument),
             *([Section("More findings", remarks=others)] if others else []),
-            free_runs(result),
-            Section("The data", figures=(views.inputs((result.record, result.unseen)),)),
+            *([] if result.interrupted else in_detail(result)),
             *(_model(result, fit, argument, with_bands=k < BANDED) for k, fit in enumerate(result.fits)),
         ),
         imprint=f"emsid, from {result.record}",
@@ -73,16 +71,19 @@ def report(result: Identification, argument: Spelling = as_python) -> Report:
 def _model(result: Identification, fit: Fit[Any], argument: Spelling, *, with_bands: bool) -> Section:
     """The section of a model, with the bands of its responses."""
     profiles = result.profiles.get(fit.model.name, ())
-    section = views.model_section(fit, result.record, profiles=profiles, argument=argument)
-    figures = views.banded(fit, result.record) if with_bands else ()
+    drawn = not result.interrupted
+    section = views.model_section(fit, result.record, profiles=profiles, argument=argument, drawn=drawn)
+    figures = views.banded(fit, result.record) if with_bands and drawn else ()
     return replace(section, figures=(*section.figures, *figures))
 
 
-def _band(best: Assessment) -> Band | None:
-    """The band of a free run, if it can be computed in a moment."""
+def _band(result: Identification) -> Band | None:
+    """The band of the best free run, if it can be computed in a moment."""
     from emsid.validation.bands import free_run_band
 
-    if not best.fit.has_intervals or len(best.record) * max(len(best.fit.estimate), 1) > MOST:
+    best = result.on_unseen.best
+    large = len(best.record) * max(len(best.fit.estimate), 1) > MOST
+    if result.interrupted or large or not best.fit.has_intervals:
         return None
     try:
         return free_run_band(best.fit, best.record, transient=int(np.argmax(best.simulation.counted)))
@@ -222,8 +223,9 @@ def verdicts(result: Identification, argument: Spelling) -> Section:
         "with past inputs as large together as these. Whiteness: of one-step errors (Ljung–Box), for models of noise."
     )
     remarks = tuple(sentence(each, argument) for each in result.model_verdicts)
+    tested = any(each.data["tests"] for each in result.model_verdicts)
     table = Table(head, tuple(rows), f"Residual tests on {result.unseen.name}.", note)
-    return Section("Verdicts", tables=(table,) if rows else (), remarks=remarks)
+    return Section("Verdicts", tables=(table,) if tested else (), remarks=remarks)
 
 
 def _tested(tests: Sequence[Mapping[str, Any]], kind: str) -> tuple[str, str]:
@@ -241,13 +243,13 @@ def _p_values(tests: Sequence[Mapping[str, Any]], kind: str) -> str:
     return number(min(found)) if found else "–"
 
 
-def free_runs(result: Identification) -> Section:
-    """The free runs of all models in detail, and their residuals."""
+def in_detail(result: Identification) -> tuple[Section, Section]:
+    """The free runs of all models with their residuals, and the data."""
     linear_first = sorted(result.on_unseen.assessments, key=lambda each: each.row.model != "arx")
     intervals = views.critical_intervals(
         result.unseen, _stretch(result.unseen), result.unseen.output - linear_first[0].simulation.output
     )
-    return Section(
+    runs = Section(
         f"Free runs on {result.ranked_on}",
         figures=(
             views.responses(linear_first, intervals),
@@ -255,6 +257,7 @@ def free_runs(result: Identification) -> Section:
             *(each for each in (views.nonlinear_correlations(linear_first),) if each is not None),
         ),
     )
+    return runs, Section("The data", figures=(views.inputs((result.record, result.unseen)),))
 
 
 def _unit(result: Identification) -> str:

@@ -109,7 +109,10 @@ def interrupted(f: Finding, argument: Spelling) -> str:
     """Data: missing (models that were not reached)."""
     missing = f.data["missing"]
     rest = f"; not fitted: {listed(missing)}" if missing else ""
-    return f"the identification was stopped before its end{rest}"
+    return (
+        f"the identification was stopped before its end{rest}. Residual tests, bands and the next experiment were not "
+        f"computed; for them run it to its end, with fewer models ({argument('models')}) if that takes too long"
+    )
 
 
 # --- errors, and the data they were computed on ----------------------------------------------------------------------

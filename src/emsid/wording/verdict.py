@@ -42,6 +42,7 @@ _SHORT: dict[str, Callable[[Reason], str]] = {
         f"its one-step errors are correlated (up to {d['largest']:.2f} at lag {d['at_lag']}), so its prediction is not "
         "the best one"
     ),
+    "residual-untested": lambda d: "its residual was not tested",
     "pieces-differ": lambda d: (
         f"the {d['kind']} of {d['output']} differs by up to {_spread(d)} between pieces of the data, which makes "
         f"{100 * d['share']:.0f} % of the squared error"

@@ -32,6 +32,7 @@ def model_section(
     name: str = "",
     profiles: Sequence[Profile] = (),
     argument: Spelling = as_python,
+    drawn: bool = True,
 ) -> Section:
     """The equation and the parameters of one model, and the figures of its kind.
 
@@ -45,6 +46,7 @@ def model_section(
             of one name.
         profiles: likelihood profiles of its parameters, where it is a physical model.
         argument: how names of arguments are written in its findings.
+        drawn: whether it has figures.
     """
     from emsid.models.blocks.cascade import Cascade
     from emsid.models.feedback.model import FeedbackModel
@@ -90,7 +92,7 @@ def model_section(
         equations, drawings = (model.equation(),), []
         tables = (parameter_table(fit, columns=regressor_column(fit)),)
     drawings = [*drawings, *(partial(view, fit, record, prefix) for view in VIEWS)]
-    return Section(name or model.name, paragraphs, equations, tables, _drawable(drawings), remarks)
+    return Section(name or model.name, paragraphs, equations, tables, _drawable(drawings if drawn else ()), remarks)
 
 
 def _drawable(drawings: Sequence[Callable[[], Figure | None]]) -> tuple[Figure, ...]:

@@ -142,6 +142,7 @@ def choose(
         )  # fmt: skip
     search = _Choice(plant, record, free, values, sheet, hold, control)
     stopped = search.run(weighting, refinements, rule, linear)
+    last = {"max_iterations": 0, "control": Control(cancelled=control.cancelled)} if stopped else {"control": control}
 
     def concluded() -> GreyBoxFit:
         return simulation_error(
@@ -154,7 +155,7 @@ def choose(
             hold=hold if search.between_samples_open else search.found.hold,
             per_record=per_record,
             find_start=False,
-            **({"max_iterations": 0} if stopped else {"control": control}),
+            **last,
         )
 
     fit = concluded()

@@ -141,7 +141,7 @@ class _Rounds:
             self.problem, self.bar = self.stayed, inf
             if not interrupted:
                 return None
-            back = _search(self.problem, self.task.limits, 0, FREE)
+            back = _search(self.problem, self.task.limits, 0, self.task.control)
             ended = replace(back, ending=ended.ending, findings=ended.findings, iterations=ended.iterations)
         if interrupted:
             self.problem = self.problem.begun_at(ended.estimate)
@@ -259,6 +259,7 @@ def search_once(problem: FreeRunError, task: Task, max_iterations: int) -> Minim
 
 def _search(problem: FreeRunError, limits: Limits, max_iterations: int, control: Control) -> Minimum:
     lower, upper = problem.within(limits)
+    control = control if max_iterations else FREE  # a search of no steps only evaluates, and is not stopped
     with problem.under(control):
         return gauss_newton(
             problem,

@@ -225,6 +225,18 @@ def test_a_command_in_the_unit_of_something_else_is_refused(unit, plant):
         simulation_error(plant, record)
 
 
+def test_a_short_step_from_rest_is_judged_alike_with_a_lag_and_without():
+    """The rise is all that such a record shows; the samples that start a lag in motion contain it."""
+    u = np.where(np.arange(120) < 5, 0.0, 6.0)
+    plain = MOTOR
+    lagging = replace(plain, sensor=Sensor(lag=0.2 * DT))
+    record = Record(u, lagging.simulate(u[:, None], DT, np.zeros(3), SPEED), DT)
+    runs = [GreyBox(plant, SPEED).simulate(record) for plant in (plain, lagging)]
+    assert all(run.counted.all() for run in runs)
+    np.testing.assert_allclose(runs[1].output, record.output, atol=1e-9)
+    assert 97 < fit_percent(record.output, runs[0].output) < 100
+
+
 def test_a_sensor_scales_lags_and_averages():
     motor = DrivenMotor(replace(RIGID, rotor_friction=Friction(8e-3)))
     plain = record_of(motor).output[:, 0]

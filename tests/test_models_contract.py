@@ -31,7 +31,7 @@ from emsid.models.blocks.static_maps import (
     UserMap,
 )
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.free_run import RUNAWAY
+from emsid.models.free_run import RUNAWAY, begins_at_rest
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.model import Model
@@ -246,6 +246,30 @@ def test_a_free_run_is_the_start_and_then_inputs_only(model: Model) -> None:
     np.testing.assert_array_equal(run.output[: model.memory], record.output[: model.memory])
     assert run.counted.tolist() == [k >= model.memory for k in range(len(record))]
     assert run.diverged_at is None
+
+
+@every_model
+def test_a_segment_that_begins_at_rest_counts_whole(model: Model) -> None:
+    """Whatever the model needs to find the state of one in motion, which is in the same record here."""
+    u = np.concatenate([np.zeros(4), np.linspace(0.2, 1.0, 5), inputs()])
+    y = model.simulate(u, dt=DT).output
+    y[:4] = y[0]  # an interpolated input acts a little before it changes
+    rest, moving = Record(u, y, DT), measured(model)
+    run = model.simulate(concatenate([rest, moving]))
+    assert run.counted.tolist() == [True] * len(u) + [k >= model.memory for k in range(len(moving))]
+    np.testing.assert_allclose(run.output[: len(u)], y, atol=0.03 * np.std(y))
+    assert model.predict(rest).counted.all()
+    np.testing.assert_array_equal(model.simulate(rest, model.memory + 7).counted, True)
+
+
+def test_only_what_is_seen_to_rest_counts_whole() -> None:
+    u, y = np.zeros(40), np.zeros(40)
+    u[6:], y[7:] = 1.0, np.linspace(0.1, 1.0, 33)
+    assert begins_at_rest(Record(u, y, DT))
+    assert begins_at_rest(Record(u, y + 0.3, DT)), "an offset of the sensor"
+    assert not begins_at_rest(Record(u + 1, y, DT)), "something drives it already"
+    assert not begins_at_rest(Record(u[4:], y[4:], DT)), "too short to be seen"
+    assert not begins_at_rest(Record(u, y + 1e-9 * np.arange(40), DT)), "it moves"
 
 
 @every_model

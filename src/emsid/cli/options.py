@@ -165,7 +165,7 @@ def _known(key: str, plants: Sequence[Any]) -> tuple[str, Any]:
 
 Transient = Annotated[
     int | None,
-    typer.Option(metavar="N", help="Samples at the start of a free run that are left out of every error.", min=0),
+    typer.Option(metavar="N", help="Samples that start a free run in motion and are left out of errors.", min=0),
 ]
 Out = Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report, the figures and the results.")]
 Pdf = Annotated[bool, typer.Option("--pdf", help="Write every figure as PDF too.")]

@@ -63,7 +63,7 @@ class Compared:
             options: how they were fitted.
             control: when to stop; the unseen data then decide alone.
             outside: the data outside an excerpt that the models were fitted to.
-            transient: samples at the start of every segment that start the models and are left out of every error.
+            transient: samples that start the models where a segment begins in motion; they enter no error.
             divide: whether the unseen data are divided, and the models followed over folds of all data.
         """
         on_record = compare(fits, train, transient=transient, data="identification")

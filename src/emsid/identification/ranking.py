@@ -120,7 +120,7 @@ def ranked(
         return tuple(alone)
     usable = [each for each in choice.assessments if each.row.model not in excluded] or [choice.best]
     followed = [each for each in usable if each.row.ranked_by <= HOPELESS**2 * usable[0].row.ranked_by]
-    start = int(np.argmax(choice.best.simulation.counted))
+    start = choice.best.transient
     if len(followed) < 2 or len(fitted) // (FOLDS - 1) < LEAST * start:
         return tuple(alone)
     folds = _outside(outside, start) if outside else _left_out(fitted, choice.best.record, start)
@@ -231,7 +231,7 @@ def _over_folds(
     followed: Sequence[Assessment], folds: Sequence[Fold], scale: Array, options: Options, control: Control
 ) -> list[Ranked]:
     """The models with their errors on the held-back part and on the other folds."""
-    start = int(np.argmax(followed[0].simulation.counted))
+    start = followed[0].transient
     found = [[_errors(each.simulation, each.record, scale, STRETCHES // FOLDS)] for each in followed]
     for number, (others, part) in enumerate(folds, 2):
         for one, errors in zip(followed, found, strict=True):

@@ -125,7 +125,7 @@ def identify(
         budget: time in s for all searches. Each model may take its share of the time that is left; a search that runs
             out of time keeps its best result.
         options: given orders, delay, knots and others; by default all are chosen.
-        transient: samples at the start of every segment that start a free run and are left out of every error.
+        transient: samples that start a free run where a segment begins in motion; they enter no error.
         bootstrap, seed: number and seed of the fits to drawn pieces of the data that give intervals, see
             `emsid.bootstrap`; zero takes the robust covariance.
         control: when to stop, and where to report progress.

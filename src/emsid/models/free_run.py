@@ -1,8 +1,9 @@
 """The free run of a model over a record: segments, initial state, transient and divergence.
 
 Every segment is run on its own. With measured outputs, its first samples give the initial state (`Model.initial`);
-after them the model sees only the input. Without outputs, a segment starts at rest with zero input; `Model.at_rest` and
-`Model.run` allow another constant input before the start.
+after them the model sees only the input, and they enter no error. Where a segment begins at rest (`begins_at_rest`), it
+was at rest before: its first sample, repeated, gives the initial state, and all of its samples count. Without outputs,
+a segment starts at rest with zero input; `Model.at_rest` and `Model.run` allow another constant input before the start.
 
 A run has diverged if it is `RUNAWAY` times larger than the measured output. If that is constant, as for a motor at
 standstill, or missing, only a run that is not finite has diverged.
@@ -11,6 +12,7 @@ standstill, or missing, only a run that is not finite has diverged.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +27,8 @@ Array = NDArray[np.float64]
 RUNAWAY = 1e3
 # Sample times that differ by a smaller fraction count as equal.
 SAME_DT = 1e-3
+# The fewest equal samples that show rest.
+RESTING = 3
 
 
 def free_run(model: Model, record: Record, transient: int | None = None) -> Run:
@@ -33,8 +37,8 @@ def free_run(model: Model, record: Record, transient: int | None = None) -> Run:
     Args:
         model: any model.
         record: with the channels of the model; without outputs, every segment starts at rest.
-        transient: samples at the start of every segment that are left out of errors; with outputs they give the initial
-            state, and are at least `Model.memory`, which is the default.
+        transient: samples at the start of every segment in motion that give its initial state and are left out of
+            errors; at least `Model.memory`, which is the default.
 
     Raises:
         ModelError: for a record with other channels or another sample time, or without a segment longer than the
@@ -78,7 +82,7 @@ class RunMethods:
 
         Args:
             record: a record, or inputs (N,) or (N, nu) alone, which start at rest.
-            transient: samples at the start of every segment, at least `memory`, which is the default.
+            transient: samples that start a segment in motion, at least `memory`, which is the default.
             dt: sample time in s of inputs alone, for models that have none of their own.
 
         Raises:
@@ -197,17 +201,44 @@ def continued(model: Model, state: object, segment: Record, samples: int) -> Arr
         return model.run(state, rest)[0][late:]
 
 
+def begins_at_rest(segment: Record) -> bool:
+    """Whether nothing drives a segment at its start, and nothing moves until something does.
+
+    Its first inputs, at least `RESTING` of them, are exactly zero, and its outputs are exactly equal meanwhile.
+    """
+    driven = np.flatnonzero(segment.input.any(axis=1))
+    still = segment.output[: driven[0] if len(driven) else None]
+    return len(still) >= RESTING and bool((still == still[0]).all())
+
+
+def from_rest(segment: Record, samples: int) -> Record:
+    """A segment whose first ``samples`` samples start a model and enter no error.
+
+    A segment in motion is that itself. Before one that begins at rest, its first sample is repeated so many times.
+    """
+    if not (samples and begins_at_rest(segment)):
+        return segment
+    both = ((samples, 0), (0, 0))
+    return replace(
+        segment,
+        input=np.pad(segment.input, both, mode="edge"),
+        output=np.pad(segment.output, both, mode="edge"),
+        times=(segment.times[0] - samples * segment.dt,),
+    )
+
+
 def _over_segments(
     model: Model, record: Record, transient: int | None, values_of: Callable[[Record, int], Array]
 ) -> Run:
-    """A run of ``values_of(segment, samples)`` over every segment that is longer than its transient."""
+    """A run of ``values_of(segment, samples)`` over every segment, `from_rest`, that is longer than its transient."""
     model.check_record(record)
     check_sample_time(model, record)
     check_samples(model.name, "a transient", transient, 0)
     measured = bool(record.output.shape[1])
     least = model.memory if measured else 0
     start, segments = max(least, transient or 0), record.segments
-    if all(len(segment) <= least for segment in segments):
+    begun = [from_rest(segment, start) if measured else segment for segment in segments]
+    if all(len(segment) <= least for segment in begun):
         raise ModelError(
             f"{record.name}: no segment is longer than the {least} samples that start {model.name}; record longer, "
             "leave out less, or choose a model of smaller order"
@@ -215,10 +246,10 @@ def _over_segments(
     bound, diverged_at, first = _bound(record.output), None, 0
     output = record.output.copy() if measured else None
     counted = np.zeros(len(record), dtype=bool)
-    for segment in segments:
+    for segment, whole in zip(segments, begun, strict=True):
         stop = first + len(segment)
-        if not measured or len(segment) > start:
-            values = values_of(segment, start)
+        if not measured or len(whole) > start:
+            values = values_of(whole, start)
             lost = _first_beyond(values, bound)
             if lost is not None:
                 values[lost:] = np.nan
@@ -226,7 +257,7 @@ def _over_segments(
             if output is None:
                 output = np.zeros((len(record), values.shape[1]))
             output[stop - len(values) : stop] = values
-            counted[first + start : stop] = True
+            counted[stop - len(values) if measured else first + start : stop] = True
         first = stop
     return Run(np.zeros((len(record), 0)) if output is None else output, counted, diverged_at)
 

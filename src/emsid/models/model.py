@@ -31,7 +31,8 @@ class Run:
 
     Attributes:
         output: (N, ny) model output; in the transient of every segment, the measured output.
-        counted: (N,) whether the sample is after the transient; only these samples enter errors.
+        counted: (N,) whether the sample is after the transient; only these samples enter errors. A segment that begins
+            at rest has no transient.
         diverged_at: the first sample at which the run has diverged, or None. From there to the end of its segment the
             output is NaN.
     """
@@ -131,7 +132,7 @@ class Model(Protocol):
 
         Args:
             record: a record, or inputs (N,) or (N, nu) alone.
-            transient: samples at the start of every segment, at least `memory`, which is the default.
+            transient: samples that start a segment in motion, at least `memory`, which is the default.
             dt: sample time in s of inputs alone, for models that have none of their own.
         """
         ...

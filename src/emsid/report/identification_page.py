@@ -7,8 +7,6 @@ from dataclasses import replace
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from emsid.errors import EmsidError
 from emsid.identification.characteristics import Characteristic
 from emsid.identification.result import Identification
@@ -86,7 +84,7 @@ def _band(result: Identification) -> Band | None:
     if result.interrupted or large or not best.fit.has_intervals:
         return None
     try:
-        return free_run_band(best.fit, best.record, transient=int(np.argmax(best.simulation.counted)))
+        return free_run_band(best.fit, best.record, transient=best.transient)
     except EmsidError:
         return None
 

@@ -120,6 +120,7 @@ class Assessment:
         row: its errors.
         simulation: the free run.
         prediction: the prediction one step ahead.
+        transient: the number of samples that start a segment in motion.
     """
 
     fit: Fit[Model]
@@ -127,6 +128,7 @@ class Assessment:
     row: Row
     simulation: Run
     prediction: Run
+    transient: int
 
     @cached_property
     def nonlinear_tests(self) -> tuple[tuple[NonlinearTest, ...], ...]:
@@ -200,7 +202,8 @@ def assess(
 
     Args:
         fit: the model.
-        record: the data. The first ``transient`` samples of every segment start the model and are left out of errors.
+        record: the data. The first ``transient`` samples of a segment in motion start the model and are left out of
+            errors; a segment that begins at rest counts whole.
         transient: in samples; by default as many as the model needs.
         experiment, data: labels of the row.
 
@@ -239,6 +242,7 @@ def assess(
         ),
         simulation,
         prediction,
+        max(transient or 0, fit.model.memory),
     )
 
 
@@ -290,8 +294,8 @@ def compare(
         models: a fit or a model, or a list of them.
         more: further models, and last the record.
         record: unseen data, if given by name; several records are joined by `emsid.concatenate`.
-        transient: samples at the start of every segment that start the models and are left out of every error; by
-            default the largest number that one of the models needs.
+        transient: samples at the start of a segment in motion that start the models and are left out of every error;
+            by default the largest number that one of the models needs.
         experiment, data: labels of the rows.
 
     Raises:

@@ -18,6 +18,7 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.models.feedback.coordinates import Visited
 from emsid.models.feedback.model import FeedbackModel
+from emsid.models.free_run import from_rest
 from emsid.models.start_states import starting
 from emsid.record import Record
 from emsid.validation.frequency_responses import about_rest, output_at_rest
@@ -76,7 +77,8 @@ def feedback_run_error(fit: Fit[Any], record: Record, transient: int | None) -> 
     known = np.isfinite(np.diag(fit.covariance))
     covariance = np.where(np.outer(known, known), fit.covariance, 0.0)
     errors = []
-    for segment in record.segments:
+    for begun in record.segments:
+        segment = from_rest(begun, first)
         error = np.full((len(segment), 1), np.nan)
         if len(segment) > first:
             u, y = np.ascontiguousarray(segment.input[:, 0]), segment.output[:first, 0]
@@ -89,7 +91,7 @@ def feedback_run_error(fit: Fit[Any], record: Record, transient: int | None) -> 
             moved = np.linalg.pinv(by_state[begin], rcond=SHOWN) @ by_theta[begin]
             slopes = (by_theta - by_state @ moved)[first:]
             error[first:, 0] = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slopes, covariance, slopes), 0.0))
-        errors.append(error)
+        errors.append(error[len(segment) - len(begun) :])
     return np.concatenate(errors)
 
 

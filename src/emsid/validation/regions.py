@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.findings import Finding
+from emsid.models.free_run import from_rest
 from emsid.record import Record
 from emsid.validation.comparison import Assessment, Comparison
 
@@ -139,7 +140,7 @@ def by_record(fits: Sequence[Any], records: Sequence[Record], transient: int | N
     Args:
         fits: fitted models.
         records: with their channels; one that is too short for the models is left out.
-        transient: samples at the start of every segment without error; at least what the models need.
+        transient: samples at the start of a segment in motion without error; at least what the models need.
     """
     if len(records) < 2:
         return ()
@@ -147,7 +148,7 @@ def by_record(fits: Sequence[Any], records: Sequence[Record], transient: int | N
     found = []
     for fit in fits:
         for record in records:
-            if all(len(segment) <= start for segment in record.segments):
+            if all(len(from_rest(segment, start)) <= start for segment in record.segments):
                 continue
             run = fit.model.simulate(record, start)
             squares = (record.output - run.output)[run.counted] ** 2

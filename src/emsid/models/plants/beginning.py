@@ -10,14 +10,16 @@ parameters.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from enum import Enum
 from math import inf, log
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
@@ -48,6 +50,28 @@ class Beginning(NamedTuple):
     position: tuple[float, float]
 
 
+class Fitted(Protocol):
+    """Where a search has ended."""
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of squares of the error."""
+        ...
+
+    @property
+    def states(self) -> list[Array]:
+        """The initial state of every segment."""
+        ...
+
+    @property
+    def residuals(self) -> list[Array]:
+        """The weighted error of every segment."""
+        ...
+
+
+Found = TypeVar("Found", bound=Fitted)
+
+
 def starts_from_samples(plant: Plant, signals: Sequence[Signal]) -> bool:
     """Whether the start of a free run can be taken from the first samples: where a position is all that is measured."""
     return plant.channels is not None and tuple(signals) == (Signal.POSITION,)
@@ -74,6 +98,30 @@ def begun(
         return first, [plant.free_states(signals, segment) for segment in segments]
     none: list[tuple[int, ...]] = [() for _ in segments]
     return [np.zeros_like(state) for state in first] if start is InitialState.REST else first, none
+
+
+def as_seen(
+    segments: Sequence[Record], search: Callable[[InitialState, Found | None], Found | None], *, drifts: bool
+) -> tuple[InitialState, Found] | None:
+    """How the records allow a fit to have its initial states other than from the first samples, and the fit with them.
+
+    Args:
+        segments: with all their samples.
+        search: a fit with such initial states, begun where an earlier one ended; None where nothing can be simulated.
+        drifts: whether the load drifts; the uncertainty of the start is then a part of the weighting.
+
+    Returns:
+        None where estimated initial states are not what the first samples show.
+    """
+    free = search(InitialState.FREE, None)
+    if free is None or not agree(segments, free.states):
+        return None
+    if not drifts and agree(segments, [np.zeros_like(state) for state in free.states]):
+        with suppress(Stopped):
+            still = search(InitialState.REST, free)
+            if still is not None and may_rest(still.cost, free.cost, free.residuals):
+                return InitialState.REST, still
+    return InitialState.FREE, free
 
 
 def agree(segments: Sequence[Record], states: Sequence[Array]) -> bool:

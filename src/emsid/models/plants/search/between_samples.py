@@ -103,9 +103,9 @@ def _promises_more(task: Task, problem: FreeRunError, straight: Plant, cost: flo
 def straight_if_better(task: Task, reached: Reached, max_iterations: int) -> Reached:
     """Where the search ends with a command that goes straight from sample to sample, if that simulates better."""
     with suppress(Stopped):
-        for straight in promising(task, reached.problem, reached.minimum.cost):
+        for straight in promising(task, reached.problem, reached.cost):
             again = continuation.search(task, straight, max_iterations)
-            if again.minimum.cost < reached.minimum.cost:
+            if again.cost < reached.cost:
                 reached = again
     return reached
 

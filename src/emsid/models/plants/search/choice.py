@@ -225,13 +225,12 @@ class _Choice:
         sides = {side: both for name, both in task.limits.items() for side in parts(plant, name)}
         limits = {**physical, **sides, **task.limits}
         complete = whole if self.thinned and signals == (Signal.POSITION,) else None
-        states = reached.problem.states(reached.problem.start)
         self._trials = Trials(task.segments, signals, limits, self.weighting, control, complete, begins=task.begins)
         self._rng = np.random.default_rng(0)
         self._starts = [start]
         if not start.secondary:  # the search has looked at the others already, and every step is slow
             self._starts += started(start, task.segments, signals, self._fixed)
-        self.trial = Trial(start, tuple(reached.names), states, reached.minimum.cost, [])
+        self.trial = Trial(start, tuple(reached.names), reached.states, reached.cost, [])
 
     def _fewer(self, record: Record, signals: Sequence[Signal], hold: Hold | str | None) -> Record:
         """The record that trials see, with a command that is held where it has fewer samples.

@@ -52,6 +52,21 @@ class Reached(NamedTuple):
     steps: int
 
     @property
+    def cost(self) -> float:
+        """Half the sum of squares of the weighted error."""
+        return self.minimum.cost
+
+    @property
+    def states(self) -> list[Array]:
+        """The initial state of every segment."""
+        return self.problem.states(self.problem.start)
+
+    @property
+    def residuals(self) -> list[Array]:
+        """The weighted error of every segment."""
+        return self.problem.residuals(self.problem.start)
+
+    @property
     def unended(self) -> bool:
         """Whether it ran without being ended early."""
         return self.minimum.ending is not Ending.INTERRUPTED

@@ -27,7 +27,7 @@ from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.restarts import RESTARTS, SLOW, confirmed
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
-from emsid.models.plants.beginning import InitialState, agree, may_rest, starts_from_samples
+from emsid.models.plants.beginning import InitialState, as_seen, starts_from_samples
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
 from emsid.models.plants.motor import DrivenMotor
@@ -178,22 +178,14 @@ def _by_record(
 
 
 def _begun_as_seen(task: Task, reached: Reached, begin: Plant, max_iterations: int) -> tuple[Task, Reached]:
-    """A search with starts from the first samples, or one with estimated starts, or at rest, where records allow it.
+    """A search with starts from the first samples, or one with estimated starts, or at rest, where records allow it."""
 
-    Where the load drifts, the uncertainty of the start is a part of the weighting.
-    """
-    freed, resting = (replace(task, begins=start) for start in (InitialState.FREE, InitialState.REST))
-    free = continuation.search(freed, begin, max_iterations)
-    states = free.problem.states(free.problem.start)
-    if not agree(task.segments, states):
-        return task, reached
-    if isinstance(task.weighting, tuple) or not agree(task.segments, list(np.zeros_like(states))):
-        return freed, free
-    with suppress(Stopped):
-        still = continuation.search(resting, free.problem.plant, max_iterations)
-        if may_rest(still.minimum.cost, free.minimum.cost, free.problem.residuals(free.problem.start)):
-            return resting, still
-    return freed, free
+    def search(start: InitialState, before: Reached | None) -> Reached:
+        plant = begin if before is None else before.problem.plant
+        return continuation.search(replace(task, begins=start), plant, max_iterations)
+
+    found = as_seen(task.segments, search, drifts=isinstance(task.weighting, tuple))
+    return (task, reached) if found is None else (replace(task, begins=found[0]), found[1])
 
 
 def _trials(task: Task) -> Trials:
@@ -224,7 +216,7 @@ def from_rest(task: Task, reached: Reached, max_iterations: int) -> Reached:
         forgetting = replace(task, weighting=Recent(SHORT * longest))
         there = continuation.search(forgetting, _promising(forgetting, starts_of(forgetting)), LOOK)
         again = continuation.search(task, there.problem.plant, max_iterations)
-        return again if again.minimum.cost < reached.minimum.cost else reached
+        return again if again.cost < reached.cost else reached
     return reached
 
 
@@ -247,7 +239,7 @@ def off_zero(task: Task, reached: Reached, max_iterations: int) -> Reached:
         trial = _trials(task).fitted([driven.with_values(each) for each in inside], names) if inside else None
         if trial is not None and trial.cost < (1 - SLOW) * minimum.cost:
             again = continuation.search(task, trial.plant, max_iterations)
-            return again if again.minimum.cost < minimum.cost else reached
+            return again if again.cost < minimum.cost else reached
     return reached
 
 
@@ -273,19 +265,18 @@ def begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
             best = min([there, *(each for each in others if each is not None)], key=lambda each: each.cost)
             if best.cost < here.cost or used_up:
                 again = continuation.search(task, best.plant, max_iterations)
-                reached = again if again.minimum.cost < reached.minimum.cost else reached
+                reached = again if again.cost < reached.cost else reached
             if reached.minimum.ending is Ending.STALLED and tuple(reached.names) == there.names:
                 reached = reached._replace(minimum=confirmed(reached.minimum, there.ends))
-            if reached.minimum.cost > (1 - SLOW) * here.cost:
+            if reached.cost > (1 - SLOW) * here.cost:
                 break
     return reached
 
 
 def _trial(reached: Reached) -> Trial:
-    problem, driven = reached.problem, reached.problem.plant.driven
+    driven = reached.problem.plant.driven
     assert driven is not None
-    states, residuals = problem.states(problem.start), problem.residuals(problem.start)
-    return Trial(driven, tuple(reached.names), states, reached.minimum.cost, residuals)
+    return Trial(driven, tuple(reached.names), reached.states, reached.cost, reached.residuals)
 
 
 def _usual(task: Task, trial: Trial) -> Trial | None:
@@ -308,8 +299,8 @@ def _own_begun_again(task: Task, reached: Reached, max_iterations: int) -> Reach
 
     with suppress(Stopped):
         minimum = restarts.begun_again(reached.minimum, search, len(reached.names), task.control)
-        if minimum.cost >= reached.minimum.cost:
+        if minimum.cost >= reached.cost:
             return reached._replace(minimum=minimum)
         again = continuation.search(task, problem.plant_at(minimum.estimate), max_iterations)
-        return again if again.minimum.cost < reached.minimum.cost else reached
+        return again if again.cost < reached.cost else reached
     return reached

@@ -27,7 +27,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.restarts import SLOW, STEPS, drawn
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
-from emsid.models.plants.beginning import InitialState, agree, begun, may_rest, starts_from_samples
+from emsid.models.plants.beginning import InitialState, as_seen, begun, starts_from_samples
 from emsid.models.plants.free_run_error import FreeRunError, Weighting, all_alike
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant, Limits
@@ -184,14 +184,13 @@ class Trials:
         """
         if not starts_from_samples(trial.plant, self.signals) or isinstance(self.weighting, tuple):
             return self, trial
-        freed, resting = (replace(self, begins=start) for start in (InitialState.FREE, InitialState.REST))
-        free = freed.fitted([trial.plant], trial.names, trial.states)
-        if free is None or not agree(self.seen, free.states):
-            return self, trial
-        still = resting.fitted([trial.plant], trial.names, trial.states)
-        if still is None or not agree(self.seen, still.states) or not may_rest(still.cost, free.cost, free.residuals):
-            return freed, free
-        return resting, still
+
+        def search(start: InitialState, before: Trial | None) -> Trial | None:
+            begin = before or trial
+            return replace(self, begins=start).fitted([begin.plant], begin.names, begin.states)
+
+        found = as_seen(self.seen, search, drifts=False)
+        return (self, trial) if found is None else (replace(self, begins=found[0]), found[1])
 
     def residuals(self, trial: Trial) -> list[Array]:
         """The weighted free-run error of a trial in every segment; infinite where it cannot be simulated."""

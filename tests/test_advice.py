@@ -151,6 +151,18 @@ def test_jitter() -> None:
     assert "clock-jitters" not in findings(U, motor(U), time_axis=time_axis(0.01 * np.arange(N)))
 
 
+@pytest.mark.parametrize("late", [0, 1, 2])
+def test_a_step_and_an_unnamed_position_do_not_drift(late: int) -> None:
+    """A step is a part of a trend; a system that integrates goes on."""
+    step = (np.arange(1900) > 300 + 100 * late) * 4.0
+    noise = 0.05 * np.random.default_rng(late).standard_normal(1900)
+    held = np.repeat(lfilter([0.05], [1, -1.6, 0.65], step)[::5], 5)  # a sensor that is slower than the log
+    assert "output-drifts" not in findings(step, np.roll(held, 8) + noise)
+    speed = np.where(np.arange(400) % 200 < 100, 1.0, -0.9 - 0.1 * late)
+    position = np.cumsum(lfilter([0.1], [1, -0.9], speed)) + noise[:400]
+    assert "output-drifts" not in findings(speed, position)
+
+
 def test_sizes() -> None:
     """What the findings measure is right."""
     assert findings(*CASES["dead-zone-likely"]())["dead-zone-likely"].data["dead_zone"] == pytest.approx(4, rel=0.3)

@@ -391,6 +391,23 @@ def test_coarse_readings_that_repeat_by_chance_are_not_an_overlap():
     assert not holds_some_of(one, other)
 
 
+def test_the_end_of_a_record_at_constant_speed_is_unseen():
+    """The last stretch of the fitted part is like the first of the rest: 55.4 counts a sample in whole counts."""
+    y = np.diff(np.floor(55.4 * np.arange(301)))
+    y[:20] = np.arange(20)
+    record = Record(np.where(np.arange(300) < 5, 0.0, 255.0), y, 0.01)
+    assert not holds_some_of(record[200:], record[:200])
+    assert holds_some_of(record[:200], record)
+
+
+def test_a_short_end_that_is_like_the_beginning_of_the_rest_is_no_overlap():
+    counts = 55.0 + np.random.default_rng(0).integers(0, 2, 200)
+    counts[100:116] = counts[84:100]
+    record = Record(np.full(200, 255.0), counts, 0.01)
+    assert not holds_some_of(record[100:], record[:100])
+    assert holds_some_of(record[68:], record[:100])
+
+
 def test_standstills_of_two_records_are_not_an_overlap():
     rest = np.zeros(100)
     one, other = (np.concatenate([rest, np.random.default_rng(k).standard_normal(100)]) for k in (0, 1))

@@ -293,20 +293,29 @@ def repeated(y: Array) -> int:
 
 
 def drift(data: _Data) -> Iterable[Finding]:
-    """A slow change of the output that the input does not explain; a position keeps every disturbance, and drifts."""
+    """A slow change of the output that the input does not explain; a position keeps every disturbance, and drifts.
+
+    The dynamics of a linear model are those of the record without its trends, so that no slow pole follows the drift.
+    Gain, offset and slope are then fitted together: a step of the input is a part of a trend, too. There is no drift
+    where a linear model without one is as good, as of a system that integrates.
+    """
     if data.linear is None or data.linear.fit < 0.3 or is_position(data.record):
         return
-    changing = baseline(data.record.detrend(1), data.response.delay)  # so that no slow pole follows the drift
+    changing = baseline(data.record.detrend(1), data.response.delay)
     if changing is None:
         return
     t = np.linspace(-0.5, 0.5, len(data.y))
-    trends = [float(t @ (x - x.mean()) / (t @ t)) for x in (data.y, data.u)]
-    residual = changing.residual + t * (trends[0] - changing.gain * trends[1])
-    blocks = [float(part.mean()) for part in np.array_split(residual, 12)]
+    known = np.column_stack([changing.answer(data.u, data.record.breaks), np.ones(len(t))])
+    ahead = t - known @ np.linalg.lstsq(known, t, rcond=None)[0]
+    gains = np.linalg.lstsq(np.column_stack([known, t]), data.y, rcond=None)[0]
+    drifting = data.y - known @ gains[:2]
+    if np.linalg.norm(drifting - gains[2] * t) > np.linalg.norm(data.linear.residual):
+        return
+    blocks = [float(part.mean()) for part in np.array_split(drifting, 12)]
     k = np.arange(12.0) - 5.5
     slope = float(k @ blocks / (k @ k))
     rest = np.array(blocks) - np.mean(blocks) - slope * k
-    error = float(np.sqrt(rest @ rest / 10 / (k @ k)))
+    error = float(np.sqrt(rest @ rest / 10 / (k @ k) * (t @ t) / (ahead @ ahead)))
     change = 12 * slope
     if abs(slope) > 6 * error and abs(change) > 0.1 * data.y.std():
         sure = round(min(0.95, abs(slope) / error / 20 + 0.5), 2)

@@ -2,12 +2,12 @@
 
 Samples are compared exactly. Stretches of `STRETCH` samples that are equal show how far one record is shifted against
 the other. A stretch at standstill shows nothing, as every experiment has some like it: of a stretch that counts, at
-least half of the samples change some output. The readings of a coarse sensor may repeat by chance, so the records have
-samples in common only if they are equal wherever they overlap after the shift.
+least half of the samples change some output, and it occurs only once in its record: at constant speed a coarse sensor
+repeats some counts, in any record. The records have samples in common only if they are equal wherever they overlap
+after the shift, in twice as many samples at least: the end of one may be like the beginning of the next by chance.
 
 A model file has no samples to compare with, but a fingerprint: the numbers of some stretches of the record that the
-model was fitted to. They are longer, and occur once in that record: a coarse sensor at constant speed may repeat some
-counts in any record.
+model was fitted to. They are longer than those of two records.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from emsid.record.record import Record
 
 STRETCH = 16
 """Samples of a stretch that is looked for; a common part of twice as many contains one wherever it begins."""
+COMMON = 2 * STRETCH
+"""The fewest common samples of two segments, where the shorter one has as many."""
 
 LONG, FINGERPRINTED = 64, 32
 """Samples of a stretch in a fingerprint, and the largest number of these."""
@@ -27,8 +29,7 @@ LONG, FINGERPRINTED = 64, 32
 def fingerprint(record: Record) -> bytes:
     """The numbers of stretches spread over a record, 8 bytes each; empty for a short, constant or periodic record."""
     numbers = np.concatenate([_stretches(segment, LONG) for segment in record.segments])
-    distinct, first, count = np.unique(numbers, return_index=True, return_counts=True)
-    once = np.sort(first[(count == 1) & (distinct != 0)])
+    once = np.flatnonzero(_occurs_once(numbers))
     kept = once[np.linspace(0, len(once) - 1, min(FINGERPRINTED, len(once))).round().astype(int)]
     return bytes(numbers[kept].astype("<u8").tobytes())
 
@@ -52,8 +53,9 @@ def shared_stretch(one: Record, other: Record) -> bool:
     if len(few) < STRETCH:
         return False
     sought, present = _stretches(few), _stretches(many)
+    once = _occurs_once(sought)
     for start in range(0, len(sought), STRETCH):
-        if sought[start] and any(
+        if once[start] and any(
             _equal_after(few, many, int(k) - start) for k in np.flatnonzero(present == sought[start])
         ):
             return True
@@ -63,6 +65,8 @@ def shared_stretch(one: Record, other: Record) -> bool:
 def _equal_after(few: Record, many: Record, shift: int) -> bool:
     """Whether segments are equal wherever they overlap if sample 0 of the first is sample ``shift`` of the second."""
     here = slice(max(0, -shift), min(len(few), len(many) - shift))
+    if here.stop - here.start < min(COMMON, len(few)):
+        return False
     there = slice(here.start + shift, here.stop + shift)
     return np.array_equal(few.output[here], many.output[there]) and np.array_equal(few.input[here], many.input[there])
 
@@ -83,6 +87,12 @@ def _stretches(segment: Record, length: int = STRETCH) -> NDArray[np.uint64]:
     changes = np.concatenate([[0], np.cumsum(np.any(np.diff(segment.output, axis=0) != 0, axis=1))])
     moving = changes[length - 1 :] - changes[:count] >= STRETCH // 2
     return np.where(moving, number, np.uint64(0))
+
+
+def _occurs_once(numbers: NDArray[np.uint64]) -> NDArray[np.bool_]:
+    """(N,) whether a stretch is no standstill, and like no other of its record."""
+    _, group, count = np.unique(numbers, return_inverse=True, return_counts=True)
+    return np.asarray((count[group] == 1) & (numbers != 0))
 
 
 def _mixed(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:

@@ -116,7 +116,7 @@ class Identification(Presented):
     def curves(self) -> tuple[BandedCurve, ...]:
         """Responses, static map, friction and dead zone of the chosen model with 95 % bands, as far as it has them.
 
-        None where the identification was interrupted.
+        There are none where the identification was interrupted.
         """
         return () if self.interrupted else curves(self.chosen, self.record)
 

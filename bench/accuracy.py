@@ -4,7 +4,7 @@ Simulated plants come from a simulator that is not the program's own (``tests/in
 from the folder that the environment variable EMSID_RECORDINGS names, as in the tests; those that are missing are left
 out. ``python bench/accuracy.py "simulated=axis with drift 100-109"`` takes plants of other seeds. The part
 ``regressions`` is that of ``bench/regressions.py``. The parts ``pairs`` and ``cascades`` take several CPU minutes,
-``steps`` eight, ``rules`` and ``starts`` ten each; name parts to print only these: ``python bench/accuracy.py emps``.
+``steps`` eight, ``rules`` ten, ``starts`` twelve; name parts to print only these: ``python bench/accuracy.py emps``.
 """
 
 from __future__ import annotations

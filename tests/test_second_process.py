@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -17,6 +18,7 @@ from emsid.cli.imports import without_collection
 from emsid.cli.second_process import SecondProcess, second_process, taken
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.threads import short_tasks
 from emsid.identification import Options, workflow
 from emsid.identification.candidates import CANDIDATES
 
@@ -130,7 +132,13 @@ def test_an_interrupted_identification_keeps_what_was_found_elsewhere() -> None:
     assert {fit.model.name for fit in found.fits} == {"arx", "polynomial-narx"}
 
 
+forks = pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system has no second process")
+
+
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")  # from Python 3.12 on
+@forks
 def test_the_second_process_finds_the_same() -> None:
+    short_tasks(1).submit(len, ()).result()  # a pool whose thread the other process does not have
     record, second = lagging(), SecondProcess()
     try:
         second.begin(("arx", "polynomial-narx"), record, OPTIONS)
@@ -147,6 +155,15 @@ def test_the_second_process_finds_the_same() -> None:
     assert second.fitted("polynomial-narx", FREE) is fit
     second.begin(("arx", "friction-narx"), record, OPTIONS)
     assert not second.has_begun("friction-narx")
+
+
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")  # from Python 3.12 on
+@forks
+def test_the_second_process_ends_with_the_first() -> None:
+    second = SecondProcess()
+    second._connection.close()  # as the system does where a process ends in any way
+    second._process.join(5)
+    assert second._process.exitcode == 0
 
 
 def test_each_model_is_taken_by_one_process_only(monkeypatch) -> None:

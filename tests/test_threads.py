@@ -1,12 +1,13 @@
 """Libraries start no threads while searches run in parallel, and may again afterwards."""
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import scipy.linalg  # noqa: F401
 from threadpoolctl import threadpool_info
 
-from emsid.estimation.threads import cores, one_blas_thread, sharing_cores
+from emsid.estimation.threads import cores, one_blas_thread, sharing_cores, short_tasks
 
 
 def blas_threads() -> list[int]:
@@ -21,6 +22,19 @@ def test_one_thread_inside_and_the_old_number_afterwards() -> None:
             assert set(blas_threads()) == {1}
         assert set(blas_threads()) == {1}
     assert blas_threads() == before
+
+
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")  # from Python 3.12 on
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_a_forked_process_has_its_own_pool_of_short_tasks() -> None:
+    short_tasks(1).submit(len, ()).result()
+    child = os.fork()
+    if child == 0:
+        try:
+            os._exit(short_tasks(1).submit(len, (1, 2, 3)).result(5))
+        except BaseException:
+            os._exit(255)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
 
 
 def test_it_applies_to_threads_started_inside() -> None:

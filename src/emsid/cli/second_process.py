@@ -1,8 +1,8 @@
 """A second process that fits some of the models of `emsid identify` at the same time.
 
-Most searches spend their time in Python, where threads wait for each other. The process is started before
-the files are read, so that its imports take no time of their own. It computes what this process would; what it does not
-answer is computed here. Each of the two takes the next model as soon as it is done with one, this process from the
+Most searches spend their time in Python, where threads wait for each other. The process is a fork of this one, made
+once all is imported and before there are threads. It computes what this process would; what it does not answer is
+computed here. Each of the two takes the next model as soon as it is done with one, this process from the
 first on and the other one from the last on, so both end at about the same time. It ends with this process.
 """
 
@@ -17,8 +17,6 @@ from queue import SimpleQueue
 from threading import Thread
 from time import monotonic
 from typing import TYPE_CHECKING, Any
-
-from emsid.cli.imports import load_identification, without_collection
 
 if TYPE_CHECKING:
     from ctypes import c_byte
@@ -40,13 +38,13 @@ class SecondProcess:
     """The process, seen from the one that started it."""
 
     def __init__(self) -> None:
-        from multiprocessing import get_context, resource_tracker
+        from multiprocessing import get_context
 
-        resource_tracker.ensure_running()  # `start` does it otherwise, and lets signals through again
-        context = get_context("spawn")
+        context = get_context("fork")
         self._connection, other = context.Pipe()
         self._taken, self._ending = context.Array("b", MOST), context.RawValue("b")
-        self._process = context.Process(target=serve, args=(other, self._taken, self._ending), daemon=True)
+        ends = self._connection, other
+        self._process = context.Process(target=serve, args=(*ends, self._taken, self._ending), daemon=True)
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # it never hears Ctrl-C
         try:
             self._process.start()
@@ -130,12 +128,18 @@ def taken(flags: "SynchronizedArray[int]", k: int) -> bool:
     return free
 
 
-def serve(connection: "Connection", flags: "SynchronizedArray[int]", ending: "c_byte") -> None:
-    """The work of the second process, until the connection ends."""
+def serve(theirs: "Connection", connection: "Connection", flags: "SynchronizedArray[int]", ending: "c_byte") -> None:
+    """The work of the second process, until the connection ends.
+
+    Args:
+        theirs: the end of the first process, closed here; otherwise it would not be closed where that process ends.
+        connection: the other end.
+        flags, ending: shared with the first process.
+    """
+    theirs.close()
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     tasks = SimpleQueue[Any]()
     Thread(target=_listen, args=(connection, tasks), daemon=True).start()
-    with without_collection():  # while the first process reads the files
-        load_identification()
     from emsid.estimation.threads import sharing_cores
 
     while True:

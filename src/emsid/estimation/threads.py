@@ -59,6 +59,10 @@ def short_tasks(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads)
 
 
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=short_tasks.cache_clear)  # a forked process has none of its threads
+
+
 @cache
 def _controller() -> Any:
     """The controller of the libraries of this process; cached, as the search for them takes milliseconds."""

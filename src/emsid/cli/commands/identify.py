@@ -207,12 +207,12 @@ def identify(
       emsid identify arm.csv -u force -y x --time t --models linear-axis --free mass,offset --datasheet arm.toml
     """
     begun = monotonic()
+    asked = names(models, "--models")
     with without_collection():
-        asked = names(models, "--models")
-        second = None if quick or budget else second_process(asked, alone=INTERRUPTION.own_process)
         load_identification()
         from emsid.identification import Options, candidates, workflow
-
+    second = None if quick or budget else second_process(asked, alone=INTERRUPTION.own_process)
+    with without_collection():
         plants = [each.plant for each in _physical_first(asked or candidates.USUAL)]
         options = Options(
             na=na, nb=nb, nk=nk, degree=degree, taps=taps, knots=knots, forgetting=forgetting,

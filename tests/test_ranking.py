@@ -350,3 +350,10 @@ def test_the_front_is_drawn_with_its_numbers_and_standard_errors():
     assert [row[0] for row in front_table(rows).rows] == ["1 small", "2 large"]
     assert b"<svg" in draw(figure)["svg"]
     assert front_figure(rows[:1]) is None
+
+
+def test_points_that_cover_each_other_have_one_label():
+    errors = noisy(0.8, 0.1)
+    ranking = [model(3, errors, "one"), model(3, 1.001 * errors, "same"), model(3, 3 * errors, "worse")]
+    (plot,) = page_figure(front_figure(front_rows([*ranking, model(9, errors, "large")], "one"))).plots
+    assert {text for _, _, text in plot.notes} - {""} == {"1, 2", "3", "4"}

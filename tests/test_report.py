@@ -23,6 +23,7 @@ from emsid.errors import DataError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.findings import Finding
+from emsid.identification.candidates import usual_for
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import fit_cascade, static_band
@@ -68,6 +69,7 @@ from emsid.report.page import page, write_report
 from emsid.report.page_plots import HEIGHT, PAGE_POINTS, WIDTH, page_figure
 from emsid.report.views import cascade as cascade_views
 from emsid.report.views import grey_box as grey_box_views
+from emsid.report.views.conventions import MODELS
 from emsid.report.views.timeline import timeline
 from emsid.validation.comparison import Row, assess, assess_model, compare
 from emsid.validation.correlation import autocorrelation, cross_correlation
@@ -1340,6 +1342,15 @@ def test_the_page_loads_nothing(html):
     for link in re.findall(r"(?:src|href)\s*=\s*[\"']?([^\"'\s>]+)", own):
         assert link.startswith("#")
     assert "default-src 'none'" in own
+
+
+def test_an_option_and_a_percentage_stay_on_one_line():
+    own = page(Report("A drive", (), (Section("Results", remarks=("fix <R> (--fix-all), 3 % of it",)),)))
+    assert 'fix &lt;R&gt; (<span class="option">--fix-all</span>), 3\u00a0% of it' in own
+
+
+def test_every_default_model_has_its_own_look():
+    assert len(set(MODELS)) == len(MODELS) >= len(usual_for(Record(np.ones(9), np.ones(9), 0.1)))
 
 
 def test_texts_cannot_become_markup():

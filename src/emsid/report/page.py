@@ -7,6 +7,7 @@ all texts, and the content security policy of the page forbids loading anything.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
@@ -32,7 +33,16 @@ def page(report: Report) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["flowing"] = _flowing
     return environment.get_template("page.html.j2").render(report=report, plots=page_figure, script=any(report.figures))
+
+
+def _flowing(text: str) -> str:
+    """A sentence whose lines break neither before a percent sign nor within an option such as --fix."""
+    from markupsafe import Markup, escape
+
+    whole = re.sub(r"--[a-z][\w-]*", r'<span class="option">\g<0></span>', str(escape(text)))
+    return Markup(whole.replace(" %", "\u00a0%"))
 
 
 def write_report(

@@ -19,8 +19,9 @@ BAND = "95 % band"
 HALF_WIDTH = 1.959963984540054
 """Half the width of a 95 % interval, in standard errors."""
 MEASURED = Stroke(Ink.BLUE, Dash.SOLID, 1.6)
-# The looks of models, in the order in which they are given. The first two are the paper's: the linear model solid
-# red, the nonlinear one dotted blue (dark, on the lighter solid blue of the measurement).
+# The looks of models, in the order in which they are given: enough for all that are tried by default. The first two are
+# the paper's: the linear model solid red, the nonlinear one dotted blue (dark, on the lighter solid blue of the
+# measurement).
 MODELS = (
     Stroke(Ink.RED, Dash.SOLID, 1.0),
     Stroke(Ink.NAVY, Dash.DOTTED, 1.4),
@@ -30,6 +31,11 @@ MODELS = (
     Stroke(Ink.GREY, Dash.DASHED, 1.2),
     Stroke(Ink.BLACK, Dash.DASH_DOTTED, 0.9),
     Stroke(Ink.GREEN, Dash.SOLID, 0.9),
+    Stroke(Ink.RED, Dash.DASHED, 1.2),
+    Stroke(Ink.NAVY, Dash.SOLID, 1.0),
+    Stroke(Ink.ORANGE, Dash.DOTTED, 1.4),
+    Stroke(Ink.PURPLE, Dash.DASHED, 1.2),
+    Stroke(Ink.GREY, Dash.DOTTED, 1.4),
 )
 
 

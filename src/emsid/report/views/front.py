@@ -16,6 +16,8 @@ from emsid.validation.regions import REGIONS, RecordError, RegionError
 Array = NDArray[np.float64]
 WIDE = 6.0
 """The least ratio of the ends of the axis of errors."""
+COVERED = 0.06
+"""Points that are closer than this share of the axis of errors have one label."""
 COLUMNS = 6
 """At most this many records have a column each in the table of errors by record; more have a row each."""
 GREY = Stroke(Ink.GREY, width=1.0)
@@ -70,8 +72,9 @@ def front_figure(rows: Sequence[FrontRow]) -> Figure | None:
         ("other models", Ink.BLUE, [each for each in known if not each[1].recommended]),
         ("recommended", Ink.RED, [each for each in known if each[1].recommended]),
     )
+    shown = _labels(known)
     points = [
-        Points(_sizes(_rows(some)), 100 * _errors(_rows(some)), label, ink, tuple(name for name, _ in some))
+        Points(_sizes(_rows(some)), 100 * _errors(_rows(some)), label, ink, tuple(shown[name] for name, _ in some))
         for label, ink, some in groups
         if some
     ]
@@ -88,6 +91,27 @@ def front_figure(rows: Sequence[FrontRow]) -> Figure | None:
             ),
         ),
     )
+
+
+def _labels(known: Sequence[tuple[str, FrontRow]]) -> dict[str, str]:
+    """The label of every point; points that cover each other have one label, at the first of them."""
+    low, high = _range(_errors(_rows(known)))
+    shown: dict[str, str] = {}
+    first: dict[str, FrontRow] = {}
+    for name, row in known:
+        covers = (
+            each
+            for each, other in first.items()
+            if other.parameters == row.parameters
+            and abs(np.log(other.error / row.error)) < COVERED * np.log(high / low)
+        )
+        at = next(covers, "")
+        shown[name] = "" if at else name
+        if at:
+            shown[at] += f", {name}"
+        else:
+            first[name] = row
+    return shown
 
 
 def _rows(some: Iterable[tuple[str, FrontRow]]) -> list[FrontRow]:

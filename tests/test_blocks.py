@@ -19,6 +19,7 @@ from emsid.models.blocks.static_maps import (
     CoulombLinear,
     CubicSpline,
     DeadZone,
+    EvenSpline,
     MonotoneSpline,
     OddSpline,
     PiecewiseLinear,
@@ -50,6 +51,7 @@ MAPS: dict[str, StaticMap] = {
     "smooth coulomb": CoulombLinear(0.4, 1.2, width=0.3),
     "piecewise-linear": PiecewiseLinear(KNOTS, VALUES),
     "spline": CubicSpline(KNOTS, VALUES),
+    "even-spline": EvenSpline(np.array([0.1, 1.0, 2.0]), np.array([0.2, 0.9, 2.2])),
     "odd-spline": OddSpline(np.array([0.5, 1.0, 2.0]), np.array([0.4, 0.9, 1.2])),
     "monotone-spline": MonotoneSpline(np.array([-1.0, 0.0, 1.5]), 0.3, np.array([0.2, -0.5, 0.1])),
     "abs": Abs(),
@@ -88,6 +90,19 @@ def test_an_odd_map_is_odd_and_a_monotone_one_rises_whatever_its_parameters() ->
         rising = MonotoneSpline(np.cumsum(rng.uniform(0.1, 1, 4)) - 1, 0.0, 3 * rng.standard_normal(4))
         assert np.all(np.diff(rising.value(x)) > 0)
         np.testing.assert_allclose(rising.scaled(-2.0, 3.0).value(-2 * x), 3 * rising.value(x), atol=1e-9)
+
+
+def test_an_even_spline_loses_the_sign_and_contains_the_magnitude() -> None:
+    rng, x = np.random.default_rng(8), np.linspace(-4, 4, 401)
+    for _ in range(20):
+        even = EvenSpline(np.cumsum(rng.uniform(0.1, 1, 4)), rng.standard_normal(4))
+        np.testing.assert_allclose(even.value(-x), even.value(x), atol=1e-12)
+        np.testing.assert_allclose(even.scaled(-2.0, 3.0).value(2 * x), 3 * even.value(x), atol=1e-9)
+    magnitude = EvenSpline.started(x, np.abs(x) + 1.0, 10)
+    np.testing.assert_allclose(magnitude.value(x), np.abs(x) + 1.0, atol=1e-6)
+    np.testing.assert_allclose(magnitude.roughness() @ magnitude.values, 0.0, atol=1e-6)
+    with pytest.raises(ModelError, match="zero or above"):
+        EvenSpline([-1.0, 1.0], [0.0, 1.0])
 
 
 def test_maps_of_a_shape_begin_at_the_closest_curve() -> None:
@@ -168,7 +183,7 @@ def test_scaling(name: str) -> None:
 @pytest.mark.parametrize("name", MAPS)
 def test_inverse(name: str) -> None:
     block = MAPS[name]
-    if name in ("abs", "user"):
+    if name in ("abs", "even-spline", "user"):
         with pytest.raises(ModelError, match="inverse"):
             block.inverse(0.5)
         return
@@ -194,7 +209,7 @@ def test_no_inverse_without_monotony(block: StaticMap) -> None:
         block.inverse([0.1, 0.2])
 
 
-@pytest.mark.parametrize("name", [name for name in MAPS if name not in ("abs", "user")])
+@pytest.mark.parametrize("name", [name for name in MAPS if name not in ("abs", "even-spline", "user")])
 def test_inverse_of_any_shape_of_numbers_and_of_none(name: str) -> None:
     block = MAPS[name]
     assert block.inverse([]).shape == (0,)

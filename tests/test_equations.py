@@ -86,6 +86,11 @@ def odd_spline(x: Array, *pairs: tuple[float, float]) -> Array:
     return points("spline")(x, *mirrored, (0.0, 0.0), *pairs)
 
 
+def even_spline(x: Array, *pairs: tuple[float, float]) -> Array:
+    """The natural spline through points, of the magnitude."""
+    return points("spline")(np.abs(x), *pairs)
+
+
 def monotone_spline(x: Array, first: float, *pairs: tuple[float, float]) -> Array:
     """The integral of straight lines through (knot, slope), ``first`` at the first knot."""
     knots, slopes = np.array(pairs).T
@@ -97,6 +102,7 @@ def monotone_spline(x: Array, first: float, *pairs: tuple[float, float]) -> Arra
 MAPS = {
     "linear": points("linear"),
     "spline": points("spline"),
+    "even_spline": even_spline,
     "odd_spline": odd_spline,
     "monotone_spline": monotone_spline,
     "f": lambda x, p1: p1 * np.cbrt(x),

@@ -120,7 +120,7 @@ def _deviation_of_mean(values: Array) -> float:
     return float(np.sqrt(power / (len(values) - 1) / len(values) * (1 + correlation) / (1 - correlation)))
 
 
-def schwarz_gain(error: float, than: float, samples: float, parameters: int) -> float:
+def schwarz_gain(error: float, than: float, samples: float, parameters: float) -> float:
     """By how much Schwarz's criterion, n·log MSE + k·log n, prefers a more complex model; negative for the simpler one.
 
     Args:

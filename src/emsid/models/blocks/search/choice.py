@@ -22,7 +22,7 @@ from emsid.models.blocks.search.cross_validation import Round, as_arrays, shorte
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.order_growth import larger_cascades
 from emsid.models.blocks.search.orders import map_sizes, oversamplings
-from emsid.models.blocks.search.refinement import Choice, Plan, refined, simplest
+from emsid.models.blocks.search.refinement import Choice, Plan, bends, refined, simplest
 from emsid.models.blocks.search.sources import ordered_starts
 from emsid.models.blocks.search.starts import grown, started
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
@@ -84,7 +84,12 @@ def improving(
         best = refined_further(best, [(family, _typical(family, sizes[family], False)) for family in families[1:]])
         yield best
     assert best.family is not None
-    if not best.family.smooth:
+    if best.family.plain:
+        control.doing(f"{best.family.plain.name} in place of the {best.family.name}")
+        plan = Plan(_with_map(best.model, topology, best.family.plain, 0, part), best.family.plain)
+        plainer = refined([plan], part, rounds, settings.threads, control, best)
+        best = next((choice for choice in plainer if not bends(best, choice)), best)
+    if best.family in sizes and not best.family.smooth:
         control.doing(f"size of the {best.family.name}")
         best = refined_further(best, [(best.family, size) for size in sizes[best.family] if size != best.size])
     yield from _of_higher_orders(best, topology, part, rounds, orders, settings, control)

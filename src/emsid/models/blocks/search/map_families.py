@@ -43,6 +43,8 @@ class Family:
         smooth: whether a penalty keeps its maps smooth, so that choices use the first size and the last fit the last.
         loses_sign: whether its maps lose the sign, so that signs must be recovered before a linear start.
         trial: for the input of the map, maps that are linear in their parameters and test the filters.
+        direct: whether the trial maps are of this family, and not others in their place.
+        plain: the family of the trial map, if it is a map of this family without its bends.
     """
 
     name: str
@@ -51,11 +53,8 @@ class Family:
     smooth: bool = False
     loses_sign: bool = False
     trial: Callable[[Array], tuple[StaticMap, ...]] = spline_trial
-
-    @property
-    def direct(self) -> bool:
-        """Whether the trial map is of this family, and not a spline in its place."""
-        return self.trial is not spline_trial
+    direct: bool = False
+    plain: Family | None = None
 
 
 @cache
@@ -67,12 +66,16 @@ def family(map_: type[StaticMap]) -> Family:
     """
     own_trials = map_.trials.__func__ is not StaticMap.trials.__func__  # type: ignore[attr-defined]
     trial = map_.trials if own_trials else spline_trial
-    return Family(map_.kind, map_.started, map_.sizes, map_.smooth, map_.loses_sign, trial)
+    made = Family(map_.kind, map_.started, map_.sizes, map_.smooth, map_.loses_sign, trial)
+    tried = {type(each) for each in trial(np.linspace(-1.0, 1.0, 2 * TRIAL_KNOTS))} if own_trials else set()
+    if tried <= {map_}:
+        return replace(made, direct=own_trials)
+    return replace(made, plain=family(tried.pop()))
 
 
 def given(map_: StaticMap, name: str = "given") -> Family:
     """The family of one map, for example a user's own, which starts with its own parameters."""
-    return Family(name, lambda x, z, size: map_, trial=lambda x: (map_,))
+    return Family(name, lambda x, z, size: map_, trial=lambda x: (map_,), direct=True)
 
 
 def families() -> dict[str, Family]:
@@ -84,11 +87,10 @@ def tried_families(magnitudes: bool = False) -> tuple[Family, ...]:
     """The families that a search tries if no static map is given; the spline is first, because trials are splines.
 
     Args:
-        magnitudes: whether the output shows magnitudes only; maps that lose the sign are then the first.
+        magnitudes: whether the output shows magnitudes only; maps that lose the sign are then tried, and the spline.
     """
-    if magnitudes:
-        return (*(each for each in families().values() if each.loses_sign), SPLINE)
-    return tuple(family(map_) for map_ in STATIC_MAPS.values() if map_.tried)
+    found = tuple(family(map_) for map_ in STATIC_MAPS.values() if map_.tried and map_.loses_sign == magnitudes)
+    return (*found, SPLINE) if magnitudes else found
 
 
 def family_of(static: Any) -> Family:

@@ -17,13 +17,14 @@ import numpy as np
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.minimum import Minimum
+from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.fitting import FreeRun, Search, search
 from emsid.models.blocks.search.cross_validation import Round
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.free_run import free_run_error
 from emsid.record import Record
-from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters
+from emsid.selection.improvement import STRETCHES, StretchErrors, better, matters, schwarz_gain
 
 T = TypeVar("T")
 
@@ -50,6 +51,8 @@ class Choice:
         model: the model with all its parameters.
         unseen: its free-run error on unseen data.
         known: the same on the data that it was refined on.
+        independent: the number of independent samples that its errors there are worth.
+        determined: the number of parameters and initial states that these data determine, and no penalty.
         size: the size of its map.
         family: the family of its map; None for a trial map.
     """
@@ -59,6 +62,8 @@ class Choice:
     known: float
     size: int = 0
     family: Family | None = None
+    independent: float = 0.0
+    determined: float = 0.0
 
     @property
     def error(self) -> float:
@@ -98,7 +103,8 @@ def refined(
 
     def refine(plan: Plan) -> Choice:
         found = searched(plan.model, part, **(budget | Search(correlated=plan.correlated)))
-        return Choice(found.model, UNKNOWN, found.error, plan.size, plan.family)
+        evidence = effective_samples(found.minimum.residuals), found.determined
+        return Choice(found.model, UNKNOWN, found.error, plan.size, plan.family, *evidence)
 
     def compare(choice: Choice) -> Choice:
         return replace(choice, unseen=unseen_errors(choice.model, rounds, control, best))
@@ -228,6 +234,12 @@ class Found:
         return float(np.sqrt(free_run_error(self.model, self.records)))
 
     @property
+    def determined(self) -> float:
+        """The number of parameters and initial states that the data determine, and no penalty."""
+        varied = np.flatnonzero(self.minimum.free)
+        return len(varied) - self.minimum.penalty.held(self.minimum.information, varied)
+
+    @property
     def drifts(self) -> bool:
         """Whether its free-run error is larger than that of the start."""
         before = np.concatenate(self.problem.residuals(self.problem.start))
@@ -263,6 +275,15 @@ def simplest(choices: Sequence[Choice]) -> Choice:
         if better(choice.unseen, chosen.unseen) and choice.known < chosen.known:
             chosen = choice
     return chosen
+
+
+def bends(choice: Choice, plain: Choice) -> bool:
+    """Whether the data show the bends of a penalised map, by Schwarz's criterion against the same map without them.
+
+    The data have chosen the weight of the penalty too, which counts as one more parameter.
+    """
+    more = choice.determined - plain.determined + 1
+    return schwarz_gain(choice.known**2, plain.known**2, choice.independent, more) > 0
 
 
 def _kind(cascade: Cascade) -> tuple[tuple[str, int], ...]:

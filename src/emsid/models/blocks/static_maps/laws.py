@@ -15,8 +15,7 @@ from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.findings import Finding
 from emsid.models.blocks.static_maps.inverse import monotone_inverse, numbers_of
 from emsid.models.blocks.static_maps.numbered_map import NumberedMap
-from emsid.models.blocks.static_maps.static_map import Pieces, Scaling, StaticMap, closest, combination
-from emsid.models.blocks.static_maps.through_points import CubicSpline
+from emsid.models.blocks.static_maps.static_map import Pieces, closest, combination
 from emsid.models.terms import sum_of_terms
 
 Array = NDArray[np.float64]
@@ -383,67 +382,3 @@ class CoulombLinear(NumberedMap):
     def _sign(self, x: Array) -> Array:
         sign: Array = np.tanh(x / self.width) if self.width else np.sign(x)
         return sign
-
-
-@dataclass(frozen=True, eq=False)
-class Abs(NumberedMap):
-    """f(x) = |x|: a sensor that loses the sign."""
-
-    kind: ClassVar[str] = "abs"
-    letters: ClassVar[tuple[str, ...]] = ()
-    slope_letter: ClassVar[str] = ""
-    sizes: ClassVar[tuple[int, ...]] = (0, 6, 9, 13)
-    loses_sign: ClassVar[bool] = True
-    scaling: ClassVar[Scaling] = Scaling.JOINT
-    absorbs_shift: ClassVar[bool] = False
-
-    def value(self, x: Array) -> Array:
-        """|x|."""
-        value: Array = np.abs(x)
-        return value
-
-    def slope(self, x: Array) -> Array:
-        """sgn(x)."""
-        slope: Array = np.sign(x)
-        return slope
-
-    def pieces(self) -> Pieces:
-        """Two lines."""
-        return Pieces.lines([0.0], [-1.0, 1.0], 0.0)
-
-    def parameter_gradient(self, x: Array) -> Array:
-        """(0, N)."""
-        return np.zeros((0, len(x)))
-
-    def inverse(self, z: ArrayLike) -> Array:
-        """Not available: the sign is lost.
-
-        Raises:
-            ModelError: always.
-        """
-        raise ModelError("|x| has no inverse: the sign is lost")
-
-    def scaled(self, input: float, output: float) -> Abs:
-        """The map itself, if output = |input|."""
-        if not np.isclose(output, abs(input)):
-            raise ModelError("|x| can take a factor in only where it gives the same factor out")
-        return self
-
-    def expression(self, x: str) -> str:
-        """abs(x)."""
-        return f"abs({x})"
-
-    @classmethod
-    def started(cls, x: Array, z: Array, size: int) -> StaticMap:
-        """|x|, or a spline with ``size`` knots, because real sensors round the kink and are not straight."""
-        return CubicSpline.started(x, z, size) if size else cls()
-
-    @classmethod
-    def trials(cls, x: Array) -> tuple[StaticMap, ...]:
-        """|x| itself."""
-        return (cls(),)
-
-    def breaks(self, low: float, high: float) -> Array:
-        """The kink at zero."""
-        tiny = 1e-9 * (high - low)
-        return np.array([-tiny, 0.0, tiny]) if low < 0 < high else np.zeros(0)

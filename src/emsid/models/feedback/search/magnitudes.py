@@ -25,7 +25,7 @@ from emsid.models.blocks.search.cross_validation import as_arrays
 from emsid.models.blocks.search.map_families import family_of
 from emsid.models.blocks.search.starts import sign_recovery_candidates, started
 from emsid.models.blocks.search.trials import scanned
-from emsid.models.blocks.static_maps import StaticMap
+from emsid.models.blocks.static_maps import Abs, CubicSpline, StaticMap
 from emsid.models.feedback.fitting import Found, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.starts import in_observer_form
@@ -77,7 +77,8 @@ def of_magnitudes(records: Sequence[Record], states: int, control: Control) -> l
 
 
 def _curve(knots: int, x: Array, z: Array) -> StaticMap:
-    return MAGNITUDE.start(x, z, knots)
+    """|x|, or a spline, which need not be even: it stands for what acts in the loop too."""
+    return CubicSpline.started(x, z, knots) if knots else Abs()
 
 
 def _refined(start: Cascade, records: Sequence[Record], control: Control) -> Found:

@@ -291,13 +291,14 @@ def test_a_sensor_with_offsets_loses_the_sign_of_a_resonance() -> None:
     assert unexplained(fit, other) < 0.02
 
 
-def test_only_a_sensor_with_a_curve_gets_knots() -> None:
+@pytest.mark.parametrize("static", [ABS, None])
+def test_only_a_sensor_with_a_curve_gets_knots(static: Family | None) -> None:
     curve = np.linspace(-4, 4, 41)
     bent = CubicSpline(curve, np.sqrt(curve**2 + 0.1) + 0.1 * curve**2)
     drive = Rational([0.0, 0.1], [-0.9])
     for sensor, kind in ((bent, EvenSpline), (Abs(), Abs)):
         truth = Cascade((drive, sensor), input_offset=0.3)  # type: ignore[arg-type]
-        fit = wiener(held_levels(truth, 800, 0), 1, replace(AT_RATE, static=ABS))
+        fit = wiener(held_levels(truth, 800, 0), 1, replace(AT_RATE, static=static, magnitudes=True))
         assert isinstance(fit.model.blocks[1], kind)
         assert unexplained(fit, held_levels(truth, 800, 1)) < 0.03
 

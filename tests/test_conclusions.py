@@ -121,6 +121,16 @@ def test_a_residual_of_zero_is_not_tested():
     assert verdict.code in ("residual-not-tested", "residual-independent-of-input")
 
 
+@pytest.mark.parametrize("constant", [True, False])
+def test_a_residual_with_a_constant_input_is_not_tested(constant):
+    """Nothing can depend on an input that does not change."""
+    fit, record = least_squares(arx(1, 1), drive(noise=0.05)), drive(noise=0.05, seed=2)
+    if constant:
+        record = Record(np.ones_like(record.input), record.output, DT)
+    (verdict,) = verdicts(assess(fit, record))
+    assert (verdict.code == "residual-not-tested") == constant
+
+
 def steps(record, unseen):
     comparison = compare([least_squares(arx(1, 1), record)], unseen)
     return [finding.code for finding in next_steps(comparison.best, verdicts(comparison.best), comparison.fits, record)]

@@ -145,6 +145,16 @@ def test_a_source_without_faults_gives_no_finding(tmp_path: Path) -> None:
     assert (len(record), record.breaks, record.input_units, record.dt) == (6000, (), ("V",), pytest.approx(DT))
 
 
+def test_errors_that_follow_each_other_are_said(tmp_path: Path) -> None:
+    """A slow disturbance that the model does not have stays in its prediction errors."""
+    rows = lines(3000).decode().splitlines()
+    for k, row in enumerate(rows[1:], 1):
+        before, _, y = row.rpartition(",")
+        rows[k] = f"{before},{float(y) + np.sin(k / 10):.6f}"
+    _, found = tracked("\n".join([*rows, ""]).encode(), folder=tmp_path)
+    assert "tracking-errors-coloured" in findings(found)
+
+
 def test_a_change_of_the_motor_is_announced_with_its_delay(tmp_path: Path) -> None:
     settings = Settings(0.01, patience=1, false_alarm=3600)
     session, found = tracked(lines(4000, step=3500, dt=0.01), folder=tmp_path, settings=settings)

@@ -232,6 +232,10 @@ def test_even_terms_are_named_where_the_motor_is_the_same_in_both_directions(res
     assert not found(heavy, "study-even-terms")
 
 
+def test_a_study_without_records_of_the_user_is_of_a_virtual_bench(result):
+    assert [finding.subject for finding in found(result, "study-virtual-bench")] == [EXPERIMENT]
+
+
 def test_what_checks_the_estimator_only_is_said_where_it_stands(result):
     (finding,) = found(result, "study-own-simulator")
     assert (finding.subject, finding.data["study"]) == (TWO_MASSES, SIMULATION)

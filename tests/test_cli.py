@@ -778,6 +778,31 @@ def test_being_terminated_is_quiet(run, log, tmp_path, pressed_at):
     assert (status, err) == (143, "")
 
 
+COMPILED = """
+import hashlib, signal
+from emsid.cli.interruption import INTERRUPTION
+signal.signal(signal.SIGINT, INTERRUPTION)
+INTERRUPTION.watch()
+with INTERRUPTION.asked("stopping"):
+    print("begun", flush=True)
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 100_000_000)
+"""
+
+
+def test_a_second_ctrl_c_ends_a_step_that_python_does_not_leave():
+    process = subprocess.Popen(
+        [sys.executable, "-c", COMPILED], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "begun\n"
+    time.sleep(0.1)
+    for _ in range(2):
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.3)
+    _, err = process.communicate(timeout=5)
+    assert (process.returncode, err) == (130, "emsid: ended within a step that cannot be interrupted\n")
+
+
 def test_a_terminated_program_ends_soon_but_not_while_it_writes(monkeypatch):
     left = []
     monkeypatch.setattr("emsid.cli.interruption.CLEANING", 0.01)

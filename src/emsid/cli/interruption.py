@@ -62,6 +62,32 @@ class Interruption:
             Thread(target=self._leave_soon, name="leaving", daemon=True).start()
         sys.exit(TERMINATED)
 
+    def watch(self) -> None:
+        """From now on end this process soon after a second Ctrl-C, also within compiled code, which Python waits for.
+
+        Python calls a handler of a signal between two of its own steps; to compile a function for the first time, or to
+        factor a large matrix, is one step of several seconds.
+        """
+        receiving, sending = os.pipe()
+        os.set_blocking(sending, False)
+        signal.set_wakeup_fd(sending, warn_on_full_buffer=False)
+        Thread(target=self._watch, args=(receiving,), name="watching", daemon=True).start()
+
+    def _watch(self, receiving: int) -> None:
+        """Read the number of every signal as soon as it arrives."""
+        pressed = 0
+        while number := os.read(receiving, 1):
+            pressed += number[0] == signal.SIGINT
+            if pressed > 1 and number[0] == signal.SIGINT:
+                Thread(target=self._leave_unanswered, args=(monotonic(),), name="leaving", daemon=True).start()
+
+    def _leave_unanswered(self, pressed: float) -> None:
+        """End the process if by then Python has not called the handler of a signal that came at this time."""
+        sleep(CLEANING)
+        if self._when < pressed - CLEANING / 2 and not self._deferred:
+            tell("ended within a step that cannot be interrupted")
+            os._exit(INTERRUPTED)
+
     def _leave_soon(self) -> None:
         sleep(CLEANING)
         while self._deferred:

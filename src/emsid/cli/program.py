@@ -28,6 +28,8 @@ def main() -> None:
         warnings.simplefilter("ignore")  # warnings are for programmers
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # a shell ignores it for background jobs
         signal.signal(signal.SIGINT, INTERRUPTION)
+        if INTERRUPTION.own_process:
+            INTERRUPTION.watch()
     signal.signal(signal.SIGTERM, INTERRUPTION.terminate)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):

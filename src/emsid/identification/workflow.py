@@ -252,7 +252,14 @@ def _fit_all(
 ) -> _Fits:
     """Every model fitted to the record: one after the other here, and some of them elsewhere meanwhile.
 
-    A time limit leaves a share for so many ``later`` fits; where there are any, these here only compare.
+    Args:
+        names: of the models.
+        record: what they are fitted to.
+        options: how.
+        control: when to stop; of a time limit every fit gets an equal share.
+        finished: called with every fit.
+        elsewhere: where some of them are fitted at the same time.
+        later: the number of fits that follow; where there are any, these here only compare.
 
     Raises:
         EmsidError: of the first model, where none can be fitted.

@@ -6,6 +6,8 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from scipy.special import ndtri
+
 from emsid.report.document import Axis, Dash, Ink, Stroke
 from emsid.report.numbers import capital
 from emsid.units import name_and_unit
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 
 
 BAND = "95 % band"
-HALF_WIDTH = 1.959963984540054
+HALF_WIDTH = float(ndtri(0.975))
 """Half the width of a 95 % interval, in standard errors."""
 MEASURED = Stroke(Ink.BLUE, Dash.SOLID, 1.6)
 # The looks of models, in the order in which they are given: enough for all that are tried by default. The first two are

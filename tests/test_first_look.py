@@ -522,5 +522,5 @@ def test_json_and_a_page(run: Run, write: Write, tmp_path: Path) -> None:
 def test_many_files_are_described_in_a_line_each(run: Run, write: Write) -> None:
     paths = [write({"t": T, "u": U, "y": Y}, f"{k}.csv") for k in range(4)]
     out = run("describe", *paths)[1]
-    assert "- in 4 of 4 files: u is persistently exciting of order at least 50" in out
+    assert "- in 4 of 4 files, such as 0.csv: u is persistently exciting of order at least 50" in out
     assert shlex.split(out.splitlines()[-1])[2:6] == list(map(str, paths))

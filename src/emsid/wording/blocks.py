@@ -38,10 +38,9 @@ def dead_zone_unseen(f: Finding, argument: Spelling) -> str:
 @words("limit-unseen", Severity.WARNING)
 def limit_unseen(f: Finding, argument: Spelling) -> str:
     share = 100 * f.data["share"]
-    return (
-        f"{_block(f)}: the signal reaches the {f.data['side']} limit in {share:.2g} % of the samples only, so it "
-        "is not known; record a larger input"
-    )
+    where = f"the {f.data['side']} limit"
+    reached = f"reaches {where} in {share:.2g} % of the samples only" if share else f"does not reach {where}"
+    return f"{_block(f)}: the signal {reached}, so it is not known; record a larger input"
 
 
 @words("knots-without-data", Severity.WARNING)

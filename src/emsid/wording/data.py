@@ -81,7 +81,7 @@ def few_input_levels(f: Finding, argument: Spelling) -> str:
 def input_may_be_continuous(f: Finding, argument: Spelling) -> str:
     """Subject: the input."""
     return (
-        f"{f.subject} is smooth and may go on between its samples; physical models decide this from the data unless "
+        f"{f.subject} is smooth and may change between its samples; physical models decide this from the data unless "
         f"{argument('hold')} is given"
     )
 
@@ -113,7 +113,7 @@ def response_delay(f: Finding, argument: Spelling) -> str:
     d = f.data
     many = "s" * (d["delay"] != 1)
     return (
-        f"{f.subject} {how_sure(d['confidence'])} answers {d['input']} after {d['delay']} sample{many} "
+        f"{f.subject} {how_sure(d['confidence'])} responds to {d['input']} after {d['delay']} sample{many} "
         f"({_milliseconds(d['time'])}), with the same sign"
     )
 
@@ -123,8 +123,8 @@ def delay_from_data(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: input, delay (samples), time (s)."""
     d = f.data
     return (
-        f"all models have a delay of {d['delay']} samples ({_milliseconds(d['time'])}), because {f.subject} answers "
-        f"{d['input']} so late; {argument('nk')} sets another one"
+        f"all models have a delay of {d['delay']} samples ({_milliseconds(d['time'])}), because {f.subject} responds "
+        f"to {d['input']} so late; {argument('nk')} sets another one"
     )
 
 
@@ -134,7 +134,7 @@ def response_negative(f: Finding, argument: Spelling) -> str:
     d = f.data
     many = "s" * (d["delay"] != 1)
     return (
-        f"{f.subject} {how_sure(d['confidence'])} answers {d['input']} with the opposite sign, after {d['delay']} "
+        f"{f.subject} {how_sure(d['confidence'])} responds to {d['input']} with the opposite sign, after {d['delay']} "
         f"sample{many} ({_milliseconds(d['time'])}): the leads or the sensor are reversed; turn the sign with "
         f"{argument('scale')} {d['input']}=-1"
     )

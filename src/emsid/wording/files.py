@@ -180,7 +180,7 @@ def value_stuck(f: Finding, argument: Spelling) -> str:
 def position_differentiated(f: Finding, argument: Spelling) -> str:
     """Subject: the column. Data: input (whose effect shows it; empty where the name of the column says it)."""
     u = f.data["input"]
-    why = f"seems to be a position, because its change answers {u} and it does not" if u else "is a position"
+    why = f"seems to be a position, because its change responds to {u} and it does not" if u else "is a position"
     return f"{f.subject} {why}; its derivative d({f.subject}) is proposed, because a speed is easier to identify"
 
 
@@ -188,7 +188,7 @@ def position_differentiated(f: Finding, argument: Spelling) -> str:
 def direction_column(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: column (with its sign), output."""
     return (
-        f"{f.subject} has no sign, and {f.data['output']} answers it more clearly with that of {f.data['column']}, "
+        f"{f.subject} has no sign, and {f.data['output']} responds to it more clearly with that of {f.data['column']}, "
         f"which is taken as its direction ({argument('direction')})"
     )
 

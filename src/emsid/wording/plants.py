@@ -50,8 +50,8 @@ def input_between_samples(f: Finding, argument: Spelling) -> str:
     straight, held = f.data["straight"], f.data["held"]
     some = f" in {straight} of {straight + held} segments (in the others it keeps its value until the next one)"
     return (
-        f"the data show that {f.subject} goes straight from sample to sample{some if held else ''}, and is simulated "
-        f"so; {argument('hold')} sets this"
+        f"the data show that {f.subject} changes linearly between samples{some if held else ''}, and it is "
+        f"simulated so; {argument('hold')} sets this"
     )
 
 

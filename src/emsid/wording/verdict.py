@@ -73,7 +73,7 @@ def model_supported(f: Finding, argument: Spelling) -> str:
     """Data: reasons (none), tests."""
     failed = [each for each in f.data["tests"] if not each["passed"]]
     but = " (residual tests fail by little: the inputs predict hardly any of it)" if failed else ""
-    return f"supported by these data: nothing speaks against it{but}"
+    return f"supported by these data: no test contradicts it{but}"
 
 
 @words("model-limited")
@@ -121,7 +121,7 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
 
 
 _LEVELS = {
-    "model-supported": "nothing speaks against it",
+    "model-supported": "no test contradicts it",
     "model-limited": "use it with its limits in mind: ",
     "model-implausible": "no plausible model is as good, but be careful: ",
 }

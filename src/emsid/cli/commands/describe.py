@@ -93,14 +93,18 @@ def _print(look: "FirstLook") -> None:
 
 
 def _counted(looks: "Sequence[FirstLook]") -> list[str]:
-    """The findings of many files: the first of each code, and in how many files there are such."""
+    """The findings of many files: the first of each code, with its file, and in how many files there are such."""
     from emsid.wording import sentence
 
-    by_code: dict[str, list[Finding]] = {}
+    by_code: dict[str, list[tuple[str, Finding]]] = {}
     for look in looks:
         for code, finding in {finding.code: finding for finding in look.findings}.items():
-            by_code.setdefault(code, []).append(finding)
-    return [f"- in {len(found)} of {len(looks)} files: {sentence(found[0], option)}" for found in by_code.values()]
+            by_code.setdefault(code, []).append((look.name, finding))
+    return [
+        f"- in {len(found)} of {len(looks)} files, {'such as ' if len(found) > 1 else ''}{found[0][0]}: "
+        f"{sentence(found[0][1], option)}"
+        for found in by_code.values()
+    ]
 
 
 def proposals(looks: "Sequence[FirstLook]") -> list[list[str]]:

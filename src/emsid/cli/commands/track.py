@@ -52,7 +52,7 @@ ModelFile = Annotated[
     Path | None, typer.Option("--model", metavar="FILE", help="A saved model to run freely beside the estimate.")
 ]
 StateFile = Annotated[
-    Path | None, typer.Option("--state", metavar="FILE", help="Go on from the state.json of an earlier tracking.")
+    Path | None, typer.Option("--state", metavar="FILE", help="Continue from the state.json of an earlier tracking.")
 ]
 Header = Annotated[str, typer.Option(metavar="NAMES", help="Columns of a source without header: t[ms],u[V],y[rpm].")]
 InputColumns = Annotated[str | None, typer.Option("--input", "-u", metavar="COL,...", help="Input columns.")]

@@ -236,8 +236,8 @@ class Found:
     @property
     def determined(self) -> float:
         """The number of parameters and initial states that the data determine, and no penalty."""
-        varied = np.flatnonzero(self.minimum.free)
-        return len(varied) - self.minimum.penalty.held(self.minimum.information, varied)
+        square, variance = 2 * self.minimum.cost, self.minimum.noise_variance
+        return self.minimum.samples - square / variance if variance > 0 else 0.0
 
     @property
     def drifts(self) -> bool:

@@ -423,7 +423,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("delay-longer-than-rise", data={"model": "arx", **TOO_LATE}),
     Finding("zero-cancels-pole", data={"model": "arx", "pole": [0.9, 0.0]}),
     # the quality of data
-    Finding("channel-constant", "u", {"level": 2.0}),
+    Finding("channel-constant", "u", {"level": 2.0, "unit": "V"}),
     Finding("record-too-short", "log.csv", {"samples": 14, "needed": 50}),
     *(
         Finding(code, "u", {"order": order, "linear": 4, "friction": 8, "at_least": True})
@@ -450,9 +450,9 @@ EXAMPLES: tuple[Finding, ...] = (
         Finding(code, "u", {"dead_zone": 0.8, "amplitude": high, "inside": 0.3, "unit": "V", "confidence": 0.7})
         for code, high in (("dead-zone-likely", 6.0), ("amplitude-near-dead-zone", 1.1))
     ),
-    Finding("coarse-values", "y", {"step": 4.06, "levels": 7.7}),
-    Finding("values-cut-off", "y", {"side": "upper", "limit": 10.0, "share": 0.08}),
-    Finding("command-limited", "u", {"side": "lower", "limit": -255.0, "share": 0.18}),
+    Finding("coarse-values", "y", {"step": 4.06, "unit": "rad/s", "levels": 7.7}),
+    Finding("values-cut-off", "y", {"side": "upper", "limit": 10.0, "unit": "rad/s", "share": 0.08}),
+    Finding("command-limited", "u", {"side": "lower", "limit": -255.0, "unit": "", "share": 0.18}),
     *(Finding("outliers", "y", {"count": n, "sample": 123, "size": 80.0, "confidence": 0.8}) for n in (1, 4)),
     Finding("clock-jitters", "log.csv", {"jitter": 0.03, "deviation": 3e-4}),
     Finding("samples-repeated", "y", {"factor": 5, "dt": 0.001, "better": 0.005}),

@@ -110,13 +110,22 @@ def advice(record: Record, response: Response, tolerance: float = TOLERANCE) -> 
     if not record.output.shape[1]:
         return []
     constant = [name for name in record.input_names + record.output_names if not np.ptp(record.channel(name))]
-    found = [Finding("channel-constant", name, {"level": float(record.channel(name)[0])}) for name in constant]
+    units = _units(record)
+    found = [
+        Finding("channel-constant", name, {"level": float(record.channel(name)[0]), "unit": units[name]})
+        for name in constant
+    ]
     if len(record) < FEWEST_SAMPLES:
         found = [Finding("record-too-short", record.name, {"samples": len(record), "needed": FEWEST_SAMPLES}), *found]
     if found:
         return found
     data = _Data(record, response, tolerance)
     return [finding for check in CHECKS for finding in check(data)]
+
+
+def _units(record: Record) -> dict[str, str]:
+    """The unit of every channel by its name; a column such as ``speed (RPM)`` may be in another one."""
+    return dict(zip(record.input_names + record.output_names, record.input_units + record.output_units, strict=True))
 
 
 FEWEST_SAMPLES = 50
@@ -201,12 +210,14 @@ def motion(data: _Data) -> Iterable[Finding]:
 
 def resolution(data: _Data) -> Iterable[Finding]:
     """Quantisation of the output, and samples at a limit of its range."""
+    units = _units(data.record)
     for name, x in ((data.output, data.y), (data.input, data.u)):
+        unit = units[name]
         levels, counts = np.unique(x, return_counts=True)
         step = quantisation(levels)
         is_output = name == data.output
         if is_output and step is not None and x.std() < FEW_STEPS * step:
-            yield Finding("coarse-values", name, {"step": step, "levels": float(x.std() / step)})
+            yield Finding("coarse-values", name, {"step": step, "unit": unit, "levels": float(x.std() / step)})
         if len(levels) < FEWEST_LEVELS:
             continue
         for side, k, near in (("lower", 0, counts[1:11]), ("upper", -1, counts[-11:-1])):
@@ -217,7 +228,7 @@ def resolution(data: _Data) -> Iterable[Finding]:
             if is_output and not _moves_meanwhile(data.u, x == levels[k]):
                 continue
             code = "values-cut-off" if is_output else "command-limited"
-            yield Finding(code, name, {"side": side, "limit": float(levels[k]), "share": share})
+            yield Finding(code, name, {"side": side, "limit": float(levels[k]), "unit": unit, "share": share})
 
 
 def _moves_meanwhile(u: Array, there: NDArray[np.bool_]) -> bool:

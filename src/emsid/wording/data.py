@@ -23,8 +23,9 @@ def _in_unit(value: float, unit: str) -> str:
 
 @words("channel-constant", Severity.PROBLEM)
 def channel_constant(f: Finding, argument: Spelling) -> str:
-    """Subject: the channel. Data: level."""
-    return f"{f.subject} is constant at {f.data['level']:g}, so nothing can be identified; record with a changing input"
+    """Subject: the channel. Data: level, unit."""
+    level = _in_unit(f.data["level"], f.data["unit"])
+    return f"{f.subject} is constant at {level}, so nothing can be identified; record with a changing input"
 
 
 @words("record-too-short", Severity.PROBLEM)
@@ -224,9 +225,10 @@ def amplitude_near_dead_zone(f: Finding, argument: Spelling) -> str:
 
 @words("coarse-values", Severity.WARNING)
 def coarse_values(f: Finding, argument: Spelling) -> str:
-    """Subject: the channel. Data: step, levels (standard deviation in steps)."""
+    """Subject: the channel. Data: step, unit, levels (standard deviation in steps)."""
     return (
-        f"{f.subject} has steps of {f.data['step']:g}, and its standard deviation is {f.data['levels']:.2g} of them; "
+        f"{f.subject} has steps of {_in_unit(f.data['step'], f.data['unit'])}, and its standard deviation is "
+        f"{f.data['levels']:.2g} of them; "
         "one-step errors then show the rounding, so compare free runs, or measure over a longer time or with a finer "
         "sensor"
     )
@@ -234,10 +236,11 @@ def coarse_values(f: Finding, argument: Spelling) -> str:
 
 @words("values-cut-off", Severity.WARNING)
 def values_cut_off(f: Finding, argument: Spelling) -> str:
-    """Subject: the channel. Data: side, limit, share."""
+    """Subject: the channel. Data: side, limit, unit, share."""
     d = f.data
     return (
-        f"{f.subject} stands at its {d['side']} limit {d['limit']:g} in {100 * d['share']:.2g} % of the samples, as a "
+        f"{f.subject} stands at its {d['side']} limit {_in_unit(d['limit'], d['unit'])} in "
+        f"{100 * d['share']:.2g} % of the samples, as a "
         "saturated sensor or command does; where the true value is unknown, leave these samples out with "
         f"{argument('mask')}"
     )
@@ -245,9 +248,12 @@ def values_cut_off(f: Finding, argument: Spelling) -> str:
 
 @words("command-limited")
 def command_limited(f: Finding, argument: Spelling) -> str:
-    """Subject: the input. Data: side, limit, share."""
+    """Subject: the input. Data: side, limit, unit, share."""
     d = f.data
-    return f"{f.subject} stands at its {d['side']} limit {d['limit']:g} in {100 * d['share']:.2g} % of the samples"
+    return (
+        f"{f.subject} stands at its {d['side']} limit {_in_unit(d['limit'], d['unit'])} in "
+        f"{100 * d['share']:.2g} % of the samples"
+    )
 
 
 @words("outliers", Severity.WARNING)

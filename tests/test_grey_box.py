@@ -338,6 +338,23 @@ def test_voltage_and_speed_identify_combinations_only():
         assert abs(combination.quantity.value - true[name]) < 4 * combination.standard_error, name
 
 
+@pytest.mark.parametrize("kept", [1.0, 1.5, 3.0])
+def test_what_only_the_start_does_not_separate_is_estimated(kept):
+    """Where q is 1, p and q are the same gain; the start of p must not decide where the search ends."""
+    table = tuple(Parameter(name, name, "1", "of the gain") for name in "pq")
+
+    def gain(p, q):
+        both = lambda x, u, v: [v[0] * v[1] * x[0] + (v[1] - 1) ** 2 * x[0] ** 3]  # noqa: E731
+        return OwnPlant(lambda x, u, v: [5 * (u[0] - x[0])], both, table, (p, q), 1)
+
+    rng = np.random.default_rng(4)
+    u = np.repeat(rng.standard_normal(30), 10)[:, None]
+    y = gain(2.0, 1.5).simulate(u, 0.1, np.zeros(1), SPEED) + 0.01 * rng.standard_normal((300, 1))
+    fit = simulation_error(gain(kept, 1.0), Record(u, y, 0.1))
+    assert fit.names == ("p", "q")
+    assert fit.estimate == pytest.approx([2.0, 1.5], rel=2e-3)
+
+
 def test_steps_from_rest_do_not_separate_a_dead_zone_from_coulomb_friction():
     steps = [record_of(MOTOR, np.repeat([0.0, v], [20, 200]), noise=0.02) for v in (2.0, 3.0, 5.0, -2.0, -4.0)]
     fit = simulation_error(MOTOR, steps, free=FREE)

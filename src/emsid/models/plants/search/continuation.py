@@ -120,6 +120,7 @@ class _Rounds:
         bar: the cost above which what was kept at its start in the last round must not be kept there.
         stayed: the problem with it kept where the search had it.
         released: what was kept and is estimated again.
+        dropped: what an end of the search did not identify.
         so_far: where the last round ended, None before the first.
     """
 
@@ -136,6 +137,7 @@ class _Rounds:
         self.problem, self.names = problem, names
         self.steps, self.bar, self.stayed = 0, inf, problem
         self.released: set[str] = set()
+        self.dropped: set[str] = set()
         self.so_far = so_far
 
     def next(self) -> Minimum | None:
@@ -169,7 +171,7 @@ class _Rounds:
             self._keep(self.names, [], ended)
             return None
         if len(kept) == len(inside) and not under_way:
-            if len(inside) < len(self.names) < len(self.task.asked) and self._release(inside, ended):
+            if len(self.names) < len(self.task.asked) and self._release(inside, ended):
                 return None
             return replace(ended, findings=tuple(_after(self.steps, finding) for finding in ended.findings))
         if len(kept) < len(inside):
@@ -177,28 +179,35 @@ class _Rounds:
         return None
 
     def _release(self, inside: Sequence[str], ended: Minimum) -> bool:
-        """Estimate also what was kept, where it is identifiable now that one it was inseparable from is at zero.
+        """Estimate also what was kept, where it is identifiable now; nothing is released twice.
 
-        Two parameters that make up for one another do so until one of them is zero, such as friction. The start of the
-        other one would decide then where the search ends. Nothing is released twice.
+        Its start would decide else where the search ends. Two parameters may make up for one another at the start only,
+        or until one of them is zero, such as friction. What an end of the search did not identify stays kept otherwise,
+        and so it does beside a parameter at a bound that is not zero, which may be all that identifies it.
         """
         left = [name for name in self.task.asked if name not in self.names and name not in self.released]
         plant, states = self.problem.plant, self.problem.states(self.problem.start)
+        if not left:
+            return False
         whole = self.task.problem(plant, [*self.names, *left], states)
         absent = {name for name in self.names if name not in inside and plant.value(name) == 0}
         groups = [group for group in identified_by(whole, whole.free, ended).groups if not absent.isdisjoint(group)]
-        left = [name for name in left if any(name in group for group in groups)]
+        bounded = {name for name in self.names if name not in inside}
+        new = set(left) - self.dropped if bounded == absent else set()
+        left = [name for name in left if name in new or any(name in group for group in groups)]
         free = [*inside, *left]
         kept = keep_identifiable(identified_by(whole, free, ended), free, self.task.preference)
         found = [name for name in left if name in kept]
         if not found or not set(inside) <= set(kept):
             return False
-        self.names, self.released = [*self.names, *found], {*self.released, *found}
+        self.names = [name for name in self.task.asked if name in self.names or name in found]
+        self.released |= set(found)
         self.problem, self.bar = self.task.problem(plant, self.names, states), inf
         return True
 
     def _keep(self, inside: Sequence[str], kept: Sequence[str], ended: Minimum) -> None:
         """Estimate only ``kept`` of ``inside`` from now on; the rest goes back to its start, if that is as good."""
+        self.dropped |= set(inside) - set(kept)
         self.names = [name for name in self.names if name not in inside or name in kept]
         bar = ended.cost + _tolerable(ended)
         states = self.problem.states(self.problem.start)

@@ -375,6 +375,10 @@ def test_resampling_times_of_many_digits_neither_delays_nor_loses_samples() -> N
     np.testing.assert_allclose(record.output[:, 0], range(3000), atol=1e-4)
 
 
+def test_a_time_whose_rounding_exceeds_the_sample_time_is_one_sample() -> None:
+    assert len(resample([2e24], Record([1.0], [2.0], 0.1), 0.1)) == 1
+
+
 @pytest.mark.parametrize("start", [-7.3, 0.0, 1e4])
 def test_resampling_a_regular_axis_changes_nothing(start: float) -> None:
     t = start + 0.1 * np.arange(200)

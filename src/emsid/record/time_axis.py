@@ -173,7 +173,7 @@ def resample(time: ArrayLike, record: Record, dt: float | None = None) -> Record
     t, u, y = t[last], record.input[last], record.output[last]
     if np.any(np.diff(t) <= 0):
         raise DataError(f"{record.name}: the time column goes back; sort the file by time first")
-    late = 1e-9 * step + _rounding(t)  # by how much rounding may make a time later than the grid
+    late = min(1e-9 * step + _rounding(t), step / 2)  # by how much rounding may make a time later than the grid
     grid = t[0] + step * np.arange(int(np.floor((t[-1] - t[0] + late) / step)) + 1)
     held = np.searchsorted(t, grid + late, side="right") - 1
     columns = [np.interp(grid, t, y[:, k]) for k in range(y.shape[1])]

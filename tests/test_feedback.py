@@ -407,11 +407,30 @@ def test_a_third_map_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench.of([record], FeedbackSearch(), FREE)
     begun = bench.judged(searched(without, bench.segments(without), 0, 30), family_of("polynomial"), 3)
     assert begun.found.error > 0.015
-    monkeypatch.setattr(choice, "THIRD", (("dead-zone", 0),))
-    (trial,) = choice._third_map(bench, begun, FeedbackSearch())
+    monkeypatch.setattr(choice, "MORE", (("dead-zone", 0),))
+    (trial,) = choice._one_map_more(bench, begun, FeedbackSearch())
     assert len(trial.found.model.maps) == 3
     assert trial.found.error < 0.0105
-    assert not list(choice._third_map(bench, begun, FeedbackSearch(maps=2)))
+
+
+def test_a_map_is_added_to_the_best_model_and_to_the_one_that_explains_most() -> None:
+    """Of models with as many maps; one that leaves the range of the data is not extended."""
+    _, begun = _begun(200)
+    minimum = begun.found.minimum
+
+    def trial(size: float) -> Trial:
+        residuals = [size * residual for residual in minimum.residuals]
+        scaled = replace(minimum, residuals=residuals, noise_variance=size**2 * minimum.noise_variance)
+        return replace(begun, found=replace(begun.found, minimum=scaled))
+
+    few, other, most, away = map(trial, (3.0, 2.0, 1.0, 0.5))
+    away = replace(away, errors=StretchErrors.of(np.full(16, np.inf)))
+    tried = [few, other, most, away]
+    assert choice._to_extend(tried, few, 1) == [few, most]
+    assert choice._to_extend(tried, most, 1) == [most]
+    assert choice._to_extend(tried, few, 2) == []
+    two = replace(most, found=replace(most.found, model=FeedbackModel(np.zeros((3, 3)), ())))
+    assert choice._to_extend(tried, two, 1) == [most]  # the best one has another number of maps
 
 
 def test_parts_that_are_left_out_decide_between_models_of_many_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -433,42 +452,6 @@ def test_parts_that_are_left_out_decide_between_models_of_many_parameters(monkey
     assert not bench.prefers(straight, bent)
     monkeypatch.setattr(trials, "FEWEST", 1 + len(u) // bent.parameters)
     assert not bench.prefers(bent, straight)  # too few samples for every parameter
-
-
-def test_models_that_fit_a_record_alike_are_chosen_by_parts_that_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    record, begun = _begun(200)
-    bench = Bench.of([record], FeedbackSearch(), FREE)
-    best, other, worse, divergent = (replace(begun, size=k) for k in range(4))
-    divergent = replace(divergent, errors=StretchErrors.of(np.full(16, np.inf)))
-    for trial, factor in ((best, 9.0), (other, 1.5), (worse, 4.0), (divergent, 1.2)):
-        errors = StretchErrors.of(np.full(16, factor * trial.prediction_error))
-        bench.folds[id(trial)] = trial, errors
-    for tried in ([best, worse, other, divergent], [other, best]):
-        assert choice._least_left_out(bench, tried, best) is other
-    with monkeypatch.context() as patched:
-        patched.setattr(trials, "FEWEST", 1 + len(record) // other.parameters)
-        assert choice._least_left_out(bench, [other], best) is best  # too few samples for its parameters
-    with monkeypatch.context() as patched:
-        patched.setattr(choice, "LIKELY", 0.9)
-        assert choice._least_left_out(bench, [other], best) is best  # its prediction error is too large
-    no_better = replace(begun, found=replace(begun.found, model=loop("spline")))
-    bench.folds[id(best)] = best, StretchErrors.of(np.full(16, 1.01 * best.prediction_error))
-    assert choice._least_left_out(bench, [no_better], best) is best
-    assert id(no_better) not in bench.folds  # its prediction error is no smaller, so it is not asked
-    longer, sign_lost = replace(bench, unseen=[record]), replace(worse, family=family_of("abs"))
-    assert choice._least_left_out(longer, [other], worse) is worse
-    assert choice._least_left_out(bench, [other, sign_lost], worse) is worse
-
-
-def test_a_model_that_exceeds_an_error_is_fitted_to_no_other_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    record, begun = _begun(200)
-    bench, fits = Bench.of([record], FeedbackSearch(), FREE), []
-    refit = trials.searched
-    monkeypatch.setattr(trials, "searched", lambda *asked: (fits.append(asked), refit(*asked))[1])
-    assert bench.left_out(begun, 1e-9).mean == np.inf
-    assert (len(fits), bench.folds) == (1, {})
-    assert bench.left_out(begun, 1e9).mean == bench.left_out(begun).mean < np.inf
-    assert len(fits) == 5
 
 
 @pytest.mark.parametrize("line", [0.0, -1.0, 2.0])
@@ -513,7 +496,7 @@ def test_no_map_is_added_to_noise() -> None:
     found = searched(truth, bench.segments(truth), 0, 5)
     trial = bench.judged(found, family_of("polynomial"), 3)
     assert bench.leaves_noise(trial)
-    assert not list(choice._second_map(bench, trial, FeedbackSearch()))
+    assert not list(choice._one_map_more(bench, trial, FeedbackSearch()))
     linear = bench.linear(2, Steps(1, False), 0)
     assert bench.more_than_noise(linear)
     assert not bench.leaves_noise(replace(trial, found=linear))

@@ -7,9 +7,7 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
    for an output that shows magnitudes only, also a model before a sensor that loses the sign (`magnitudes`);
 2. with the best order, twice the rate, for a continuous input;
 3. other families of maps;
-4. a second map, and then a third one;
-5. in a short record, of all models with maps, the one with the least error on parts that are left out of its fit: as
-   good on the record, structures differ by how they extrapolate.
+4. further maps, one after the other, beside those of the best model and of the one with the least prediction error.
 
 If no direction of a map explains more than noise, only linear models are fitted; if a linear model is as good as the
 best one with a map, the search ends after the first step with a map at this linear model. A model whose free run
@@ -18,9 +16,9 @@ diverges on an input a little larger than that of the record, forward or backwar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
@@ -48,17 +46,15 @@ ORDERS, OF_MAGNITUDES, OF_DELAY = (1, 2, 3), (2, 3, 4), 2
 # A family whose error on the fitted data is larger than that of another one by this factor is not tried with higher
 # orders, more steps or more maps.
 HOPELESS = 2.0
-# Of a short record, models with at most this many times the final prediction error of the best one may replace it.
-LIKELY = 2.0
-# A second or third map takes at least this many samples for every knot, or degree.
+# A further map takes at least this many samples for every knot, or degree.
 PER_KNOT = 20
 # Families and sizes that every order is tried with, the first two always and the others until one is better than none;
-# those that are tried in their place, as a second map and as a third one.
+# those that are tried in their place, and beside other maps.
 FIRST, RESERVE = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), "spline"
 OTHERS = (("polynomial", 5), ("spline", 0), ("monotone-spline", 0), ("dead-zone", 0), ("saturation", 0))
-SECOND = ("spline", "dead-zone")
-THIRD = (("polynomial", 3), ("dead-zone", 0), ("saturation", 0))
-ORDINALS = {2: "second", 3: "third"}
+MORE = (("polynomial", 3), ("spline", 0), ("dead-zone", 0))
+ORDINALS = {2: "second", 3: "third", 4: "fourth"}
+MOST_MAPS = max(ORDINALS)
 
 
 def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Iterator[Trial]:
@@ -84,43 +80,65 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
             yield best
         return
     yield best
-    steps: tuple[Callable[[Bench, Trial, FeedbackSearch], Iterator[Trial]], ...] = (_second_map,)
-    if best.family is not MAGNITUDE:
-        steps = (_sooner, _faster, _other_families, _second_map, _third_map, _sooner)
-    for step in steps:
-        begun = [best]
-        if step in (_faster, _second_map) and not bench.leaves_noise(best):
-            begun += _runner_up(tried, best)
+    contest = Contest(bench, tried, best)
+    for step in () if best.family is MAGNITUDE else (_sooner, _faster, _other_families):
+        begun = [contest.best]
+        if step is _faster and not bench.leaves_noise(contest.best):
+            begun += _runner_up(tried, contest.best)
         for each in begun:
-            for trial in step(bench, each, settings):
-                tried.append(trial)
-                if bench.prefers(trial, best):
-                    best = trial
-                    yield best
-    if (surest := _least_left_out(bench, tried, best)) is not best:
-        yield surest
+            yield from contest.entered(step(bench, each, settings))
+    yield from _more_maps(contest, settings)
+    yield from contest.entered(_sooner(bench, contest.best, settings))
 
 
-def _least_left_out(bench: Bench, tried: Sequence[Trial], best: Trial) -> Trial:
-    """Of the models fitted to a short record the one with the least error on parts left out, if it is less by a share
-    that matters; the best one where the record is long.
+@dataclass(eq=False)
+class Contest:
+    """The trials of a search, and the best one so far.
 
-    Models are asked in the order of their final prediction errors, until that of the next is no smaller, or is far
-    larger than that of the best one: even if that diverges in a part, a model that misses much is no better. Where a
-    sensor may lose the sign the best one stays: the first samples of a part leave the sign of its state open.
+    Attributes:
+        bench: that compares them.
+        tried: all of them.
+        best: of them.
     """
-    if bench.compared or any(each.family is MAGNITUDE for each in tried):
-        return best
-    least = best
-    for trial in sorted(tried, key=lambda each: each.prediction_error):
-        error = bench.left_out(least).mean
-        if not matters(trial.prediction_error, min(error, LIKELY * best.prediction_error)):
-            break
-        if not (np.isfinite(trial.errors.mean) and bench.suffices(trial)):
-            continue
-        if matters(bench.left_out(trial, error).mean, error):
-            least = trial
-    return least
+
+    bench: Bench
+    tried: list[Trial]
+    best: Trial
+
+    def entered(self, trials: Iterable[Trial]) -> Iterator[Trial]:
+        """Those of further trials that replace the best one, one after the other."""
+        for trial in trials:
+            self.tried.append(trial)
+            if self.bench.prefers(trial, self.best):
+                self.best = trial
+                yield trial
+
+
+def _more_maps(contest: Contest, settings: FeedbackSearch) -> Iterator[Trial]:
+    """With further maps, one after the other, until none makes the model better or it leaves noise only."""
+    most = 2 if contest.best.family is MAGNITUDE else MOST_MAPS
+    for number in range(2, min(settings.maps or most, most) + 1):
+        before = contest.best
+        if settings.maps is None and contest.bench.leaves_noise(before):
+            return
+        for each in _to_extend(contest.tried, before, number - 1):
+            yield from contest.entered(_one_map_more(contest.bench, each, settings))
+        if contest.best is before:
+            return
+
+
+def _to_extend(tried: Sequence[Trial], best: Trial, maps: int) -> list[Trial]:
+    """The models that a map more is added to: of those with so many maps the one with the least final prediction error,
+    and the best of all where it has so many.
+
+    Where a map is missing, the residual is a slow signal with few independent errors. The rule that compares models
+    then prefers those with few parameters, but the next map may only find its place beside one that explains more.
+    """
+    if best.family is MAGNITUDE:
+        return [best, *_runner_up(tried, best)]
+    equal = [each for each in tried if len(each.found.model.maps) == maps and np.isfinite(each.errors.mean)]
+    least = sorted(equal, key=lambda each: each.prediction_error)[:1]
+    return [best, *(each for each in least if each is not best)] if best in equal else least
 
 
 def _runner_up(tried: Sequence[Trial], best: Trial) -> list[Trial]:
@@ -304,33 +322,16 @@ def _other_families(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iter
             yield bench.refined(start, states, family, size)
 
 
-def _second_map(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
-    """With a second map of the same family, or a spline."""
-    if settings.maps == 1:
-        return
-    names = [(best.family, best.size)]
-    if best.family is MAGNITUDE:  # what acts in the loop is no sensor, and one that is limited cannot make it diverge
-        names = [(family_of("saturation"), 0)]
-    elif settings.static is None:
-        names += [(family_of(name), 0) for name in SECOND if best.family.name != name]
-    yield from _one_map_more(bench, best, settings, names)
-
-
-def _third_map(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
-    """With a third map, beside two."""
-    if settings.maps not in (None, 3) or len(best.found.model.maps) < 2:
-        return
-    names = [(family_of(name), size) for name, size in THIRD]
-    yield from _one_map_more(bench, best, settings, names if settings.static is None else [(best.family, best.size)])
-
-
-def _one_map_more(
-    bench: Bench, best: Trial, settings: FeedbackSearch, names: Sequence[tuple[Family, int]]
-) -> Iterator[Trial]:
-    """With a map more of each of these families, where samples suffice for it and more than noise is left."""
+def _one_map_more(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+    """With a map more, where samples suffice for it and more than noise is left."""
     samples, number = sum(map(len, bench.shown)), len(best.found.model.maps) + 1
     if settings.maps is None and not bench.more_than_noise(best.found):
         return
+    names = [(family_of(name), size) for name, size in MORE]
+    if best.family is MAGNITUDE:  # what acts in the loop is no sensor, and one that is limited cannot make it diverge
+        names = [(family_of("saturation"), 0)]
+    elif settings.static is not None:
+        names = [(best.family, best.size)]
     for family, size in names:
         if settings.maps is None and samples < PER_KNOT * _size(family, size):
             continue

@@ -18,7 +18,7 @@ from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
 from emsid.models.blocks.search.map_families import Family, family_of
 from emsid.models.blocks.static_maps import StaticMap
-from emsid.models.feedback.fitting import Found, conclude, searched
+from emsid.models.feedback.fitting import STEPS, Found, conclude, searched
 from emsid.models.feedback.model import FeedbackModel
 from emsid.models.feedback.search.choice import chosen
 from emsid.models.feedback.search.trials import SEARCHED, FeedbackSearch, Trial, runs_away
@@ -132,7 +132,7 @@ def feedback(
         order: of the linear part; None chooses it on unseen data.
         static: the family of its maps: a name such as ``dead-zone``, a map or its class; None chooses it.
         size: number of knots, or degree; 0 for the usual one of the family.
-        maps: the number of maps, 1 to 3; None chooses it.
+        maps: the number of maps, 1 to 4; None chooses it.
         delay: from the input to its first effect, in samples; None chooses it.
         oversampling: steps of the model per sample of the record; None tries 1 and 2.
         held: whether the input is held between its samples; otherwise it is band-limited. None tries both.
@@ -212,7 +212,7 @@ def _minimum(begun: Found, records: Sequence[Record], control: Control, iteratio
         return _in_few_steps(model, begun.settled, segments, control)
     known = states if len(states) == len(segments) else None
     here = searched(model, segments, model.edge, iterations, 0.05, control, states=known)
-    return conclude(here, segments, model.edge, 0.05, control, iterations)
+    return conclude(here, segments, model.edge, 0.05, control, min(iterations, 2 * STEPS))
 
 
 def _in_few_steps(model: FeedbackModel, settled: bool, segments: Segments, control: Control) -> Fit[Any]:

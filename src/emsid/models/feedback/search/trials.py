@@ -53,7 +53,7 @@ class FeedbackSearch:
 
     Attributes:
         order: of the linear part.
-        maps: the number of static maps, one to three.
+        maps: the number of static maps, one to four.
         static: the family of the maps.
         size: their number of knots, or degree; 0 for the usual one of the family.
         delay: from the input to its first effect, in samples.
@@ -239,16 +239,11 @@ class Bench:
             wins = gain > 0
         return wins if richer else not wins
 
-    def left_out(self, trial: Trial, most: float = np.inf) -> StretchErrors:
-        """The errors of a model on the parts of a short record, each of which is left out of a fit once.
-
-        Args:
-            trial: the model.
-            most: a mean square that the parts need not be fitted any more to exceed; the errors are then infinite.
-        """
+    def left_out(self, trial: Trial) -> StretchErrors:
+        """The errors of a model on the parts of a short record, each of which is left out of a fit once."""
         key = id(trial)
         if key not in self.folds:
-            model, parts, left = trial.found.model, list[StretchErrors](), most * sum(map(len, self.shown))
+            model, parts = trial.found.model, list[StretchErrors]()
             for train, unseen in folded(self.shown)[1]:
                 squares = np.full(1, np.inf)
                 with suppress(EmsidError):
@@ -256,9 +251,6 @@ class Bench:
                     again = searched(model, segments, model.edge, REFITTED, 0.2, self.control.quietly(), SAVING)
                     squares = squared_errors(again.model, unseen)
                 parts.append(StretchErrors.of(squares, STRETCHES // FOLDS))
-                left -= float(np.nansum(squares))
-                if left < 0:
-                    return StretchErrors.of(np.full(STRETCHES, np.inf))
             self.folds[key] = trial, StretchErrors.joined(parts)
         return self.folds[key][1]
 

@@ -1,7 +1,7 @@
 """A second process that fits some of the models of `emsid identify` at the same time.
 
 Most searches spend their time in Python, where threads wait for each other. The process is a fork of this one, made
-once all is imported and before there are threads. It computes what this process would; what it does not answer is
+once all is imported and before any thread computes. It computes what this process would; what it does not answer is
 computed here. Each of the two takes the next model as soon as it is done with one, this process from the
 first on and the other one from the last on, so both end at about the same time. It ends with this process.
 """

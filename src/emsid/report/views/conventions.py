@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from statistics import NormalDist
 from typing import TYPE_CHECKING
-
-from scipy.special import ndtri
 
 from emsid.report.document import Axis, Dash, Ink, Stroke
 from emsid.report.numbers import capital
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 
 
 BAND = "95 % band"
-HALF_WIDTH = float(ndtri(0.975))
+HALF_WIDTH = NormalDist().inv_cdf(0.975)
 """Half the width of a 95 % interval, in standard errors."""
 MEASURED = Stroke(Ink.BLUE, Dash.SOLID, 1.6)
 # The looks of models, in the order in which they are given: enough for all that are tried by default. The first two are

@@ -415,22 +415,40 @@ def test_a_third_map_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_map_is_added_to_the_best_model_and_to_the_one_that_explains_most() -> None:
     """Of models with as many maps; one that leaves the range of the data is not extended."""
-    _, begun = _begun(200)
-    minimum = begun.found.minimum
-
-    def trial(size: float) -> Trial:
-        residuals = [size * residual for residual in minimum.residuals]
-        scaled = replace(minimum, residuals=residuals, noise_variance=size**2 * minimum.noise_variance)
-        return replace(begun, found=replace(begun.found, minimum=scaled))
-
-    few, other, most, away = map(trial, (3.0, 2.0, 1.0, 0.5))
+    few, other, most, away = (_scaled(size) for size in (3.0, 2.0, 1.0, 0.5))
     away = replace(away, errors=StretchErrors.of(np.full(16, np.inf)))
     tried = [few, other, most, away]
     assert choice._to_extend(tried, few, 1) == [few, most]
     assert choice._to_extend(tried, most, 1) == [most]
     assert choice._to_extend(tried, few, 2) == []
-    two = replace(most, found=replace(most.found, model=FeedbackModel(np.zeros((3, 3)), ())))
-    assert choice._to_extend(tried, two, 1) == [most]  # the best one has another number of maps
+    assert choice._to_extend(tried, _scaled(1.0, maps=2), 1) == [most]  # the best one has another number of maps
+
+
+def test_maps_are_added_as_long_as_one_more_explains_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second map is not preferred, as its residual has few independent errors, but the third one beside it is."""
+
+    class Judge:
+        leaves_noise = staticmethod(lambda trial: False)
+        prefers = staticmethod(lambda trial, best: trial is third)
+
+    first, second, third, idle = _scaled(4.0), _scaled(2.0, maps=2), _scaled(1.0, maps=3), _scaled(4.0, maps=2)
+    found = {1: [second], 2: [third]}
+    monkeypatch.setattr(choice, "_one_map_more", lambda bench, each, settings: found[len(each.found.model.maps)])
+    contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
+    assert list(choice._more_maps(contest, FeedbackSearch(maps=3))) == [third]
+    found[1] = [idle]
+    contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
+    assert list(choice._more_maps(contest, FeedbackSearch(maps=3))) == []
+
+
+def _scaled(size: float, maps: int = 1) -> Trial:
+    """A trial with so many maps whose residual is multiplied by a factor."""
+    _, begun = _begun(200)
+    minimum = begun.found.minimum
+    residuals = [size * residual for residual in minimum.residuals]
+    scaled = replace(minimum, residuals=residuals, noise_variance=size**2 * minimum.noise_variance)
+    model = FeedbackModel(np.zeros((2 + maps, 2 + maps)), maps * (Saturation(),))
+    return replace(begun, found=replace(begun.found, model=model, minimum=scaled))
 
 
 def test_parts_that_are_left_out_decide_between_models_of_many_parameters(monkeypatch: pytest.MonkeyPatch) -> None:

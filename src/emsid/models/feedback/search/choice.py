@@ -115,30 +115,38 @@ class Contest:
 
 
 def _more_maps(contest: Contest, settings: FeedbackSearch) -> Iterator[Trial]:
-    """With further maps, one after the other, until none makes the model better or it leaves noise only."""
+    """With further maps, one after the other, until none explains more or the best model leaves noise only."""
     most = 2 if contest.best.family is MAGNITUDE else MOST_MAPS
     for number in range(2, min(settings.maps or most, most) + 1):
-        before = contest.best
+        before, fewer = contest.best, _that_explain_most(contest.tried, number - 1)
         if settings.maps is None and contest.bench.leaves_noise(before):
             return
         for each in _to_extend(contest.tried, before, number - 1):
             yield from contest.entered(_one_map_more(contest.bench, each, settings))
-        if contest.best is before:
+        more = _that_explain_most(contest.tried, number)
+        if contest.best is before and not (more and matters(more[0].prediction_error, fewer[0].prediction_error)):
             return
 
 
+def _that_explain_most(tried: Sequence[Trial], maps: int) -> list[Trial]:
+    """Of the models with so many maps that do not run away, the one with the least final prediction error, if any."""
+    equal = [each for each in tried if len(each.found.model.maps) == maps and np.isfinite(each.errors.mean)]
+    return sorted(equal, key=lambda each: each.prediction_error)[:1]
+
+
 def _to_extend(tried: Sequence[Trial], best: Trial, maps: int) -> list[Trial]:
-    """The models that a map more is added to: of those with so many maps the one with the least final prediction error,
-    and the best of all where it has so many.
+    """The models that a map more is added to: of those with so many maps the one that explains most, and the best of
+    all where it has so many.
 
     Where a map is missing, the residual is a slow signal with few independent errors. The rule that compares models
     then prefers those with few parameters, but the next map may only find its place beside one that explains more.
     """
     if best.family is MAGNITUDE:
         return [best, *_runner_up(tried, best)]
-    equal = [each for each in tried if len(each.found.model.maps) == maps and np.isfinite(each.errors.mean)]
-    least = sorted(equal, key=lambda each: each.prediction_error)[:1]
-    return [best, *(each for each in least if each is not best)] if best in equal else least
+    most = _that_explain_most(tried, maps)
+    if len(best.found.model.maps) != maps:
+        return most
+    return [best, *(each for each in most if each is not best)]
 
 
 def _runner_up(tried: Sequence[Trial], best: Trial) -> list[Trial]:

@@ -15,6 +15,7 @@ import emsid
 from emsid.blocks import PiecewiseLinear, Rational
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import Control, Stopped
+from emsid.identification import all_data
 from emsid.identification import ranking as ranking_module
 from emsid.identification.options import Options
 from emsid.identification.ranking import FOLDS, Ranked, front_rows, ranked
@@ -286,16 +287,47 @@ def test_the_recommended_model_is_fitted_again_to_all_data(monkeypatch):
     structure = result.chosen.model.structure
     np.testing.assert_allclose(result.recommended.parameters, least_squares(structure, whole).estimate, rtol=1e-9)
     (finding,) = (each for each in result.findings if each.code == "fitted-to-all-data")
-    assert finding.data == {"model": "friction-narx", "samples": 1200, "of": len(result.record)}
+    assert finding.data == {"model": "friction-narx", "samples": 1200, "of": len(result.record), "searched": False}
     errors = [free_run_error(model, [other]) for model in (result.chosen.model, result.recommended)]
     assert errors[1] < 1.05 * errors[0]
 
     given_by_name = emsid.identify(whole, other, models="friction-narx")
     assert given_by_name.on_all_data is None
     assert given_by_name.recommended is given_by_name.chosen.model
-    monkeypatch.setattr(ranking_module, "MANY", 300)
+    monkeypatch.setattr(all_data, "MANY", 300)
     long = emsid.identify(whole, models="friction-narx")
     assert "fitted-to-all-data" not in {each.code for each in long.findings}
+
+
+def limited(seed: int, large: int) -> emsid.Record:
+    """A limit at 1 in a loop; the input reaches it in so many samples at the end only."""
+    rng = np.random.default_rng(seed)
+    u, y = np.repeat(rng.uniform(-0.8, 0.8, 200), 5), np.zeros(1000)
+    u[len(u) - large :] *= 4
+    for t in range(1, len(u)):
+        y[t] = 0.5 * y[t - 1] + np.clip(0.5 * u[t - 1] - 0.3 * y[t - 1], -0.4, 0.4)
+    return emsid.Record(u, y + 0.005 * rng.standard_normal(len(y)), 0.01)
+
+
+def test_the_structure_is_chosen_again_where_the_held_back_part_shows_what_it_lacks():
+    result = emsid.identify(limited(1, 300), models="feedback")
+    (finding,) = (each for each in result.findings if each.code == "fitted-to-all-data")
+    assert finding.data["searched"]
+    other = limited(2, 1000)
+    errors = [np.sqrt(free_run_error(model, [other])) for model in (result.chosen.model, result.recommended)]
+    assert errors[0] > 0.03
+    assert errors[1] < 0.0055
+
+
+def test_a_structure_that_simulates_all_data_worse_is_not_taken(monkeypatch):
+    monkeypatch.setattr(all_data, "_lacks_maps", lambda judged: True)
+    searches = [emsid.arx(1, 1, nk=40), emsid.arx(2, 2)]
+    fits = {"arx": lambda record, options, control: emsid.fit(searches.pop(0), record)}
+    monkeypatch.setattr(all_data, "CANDIDATES", fits)
+    for taken in (False, True):
+        result = emsid.identify(drive(1), models="arx", options=Options(na=2, nb=2, nk=1))
+        (finding,) = (each for each in result.findings if each.code == "fitted-to-all-data")
+        assert finding.data["searched"] is taken
 
 
 # --- the front -------------------------------------------------------------------------------------------------------

@@ -105,15 +105,17 @@ ENOUGH = 200
 """Samples of a half on which a model is chosen, or judged."""
 
 
-def fitted_to_all_data(model: str, fitted: Record, whole: Record) -> Finding:
+def fitted_to_all_data(model: str, fitted: Record, whole: Record, *, searched: bool) -> Finding:
     """The finding that a model is there with parameters from all data too.
 
     Args:
         model: its name.
         fitted: the data of the fit that the errors are from.
         whole: all data.
+        searched: whether its structure is chosen from all data too.
     """
-    return Finding("fitted-to-all-data", whole.name, {"model": model, "samples": len(whole), "of": len(fitted)})
+    data = {"model": model, "samples": len(whole), "of": len(fitted), "searched": searched}
+    return Finding("fitted-to-all-data", whole.name, data)
 
 
 def chosen_and_judged_apart(comparison: Comparison) -> list[float] | None:

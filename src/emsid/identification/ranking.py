@@ -29,11 +29,9 @@ from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.identification.options import Options
-from emsid.models.free_run import free_run, squared_errors
-from emsid.models.model import Model, Run
-from emsid.models.plants.grey_box import GreyBox
+from emsid.models.free_run import free_run
+from emsid.models.model import Run
 from emsid.models.refitting import refitted
-from emsid.models.regression.search.judge import BEYOND, diverges, enlarged
 from emsid.record import Record, concatenate
 from emsid.record.holding_back import left_out_once, parted
 from emsid.selection.improvement import STRETCHES, StretchErrors, better_by_ratio, front
@@ -181,32 +179,6 @@ def compared(ranking: Sequence[Ranked]) -> list[Ranked]:
     """The models that were followed over all folds, so that their errors are on the same samples."""
     most = max(len(each.folds) for each in ranking)
     return [each for each in ranking if len(each.folds) == most]
-
-
-def on_all_data(
-    fit: Fit[Any], held_back: Record, whole: Record, options: Options, control: Control = FREE
-) -> Model | None:
-    """A recommended model with its parameters from all data; the folds show its errors on data that it has not seen.
-
-    Args:
-        fit: to all data but those that were held back.
-        held_back: these data.
-        whole: all data.
-        options: how regressions are fitted.
-        control: when to stop.
-
-    Returns:
-        None where the data are so many that it would change little, or where the model simulates them no better.
-    """
-    if len(held_back) >= MANY:
-        return None
-    try:
-        model = refitted(fit, whole, linear=options.estimate, control=control)
-        before, after = (float(np.nanmean(squared_errors(each, (whole,)))) for each in (fit.model, model))
-        far = not isinstance(model, GreyBox) and diverges(model, enlarged(whole, BEYOND))
-    except (EmsidError, Stopped):
-        return None
-    return model if after < before and not far else None
 
 
 Fold = tuple[Record | None, Record]

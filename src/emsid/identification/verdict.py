@@ -177,11 +177,20 @@ def _disagreements(unseen: Assessment, fitted: Assessment) -> list[Reason]:
         spread = max(differs.values) - min(differs.values)
         data = {"kind": differs.difference.name, "output": differs.output, "unit": differs.unit}
         found.append({"code": "pieces-differ", **data, "spread": spread, "share": differs.share})
-    sizes = [1 - each.row.fit_percent / 100 for each in (fitted, unseen)]
-    if np.isfinite(sizes).all() and sizes[1] > max(LARGER * sizes[0], SMALL) and sizes[0] > 0:
-        found.append({"code": "larger-on-unseen", "ratio": sizes[1] / sizes[0]})
+    if (ratio := larger_on_unseen(unseen, fitted)) is not None:
+        found.append({"code": "larger-on-unseen", "ratio": ratio})
     found += _concentrated(unseen)
     return found
+
+
+def larger_on_unseen(unseen: Assessment, fitted: Assessment) -> float | None:
+    """How many times larger the error of a model is on unseen data, each as a share of the output's deviation.
+
+    None where it is not much larger than on the fitted data, or small on both.
+    """
+    sizes = [1 - each.row.fit_percent / 100 for each in (fitted, unseen)]
+    larger = np.isfinite(sizes).all() and sizes[1] > max(LARGER * sizes[0], SMALL) and sizes[0] > 0
+    return sizes[1] / sizes[0] if larger else None
 
 
 def _concentrated(unseen: Assessment) -> list[Reason]:

@@ -20,6 +20,7 @@ from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.estimation.threads import sharing_cores
 from emsid.findings import Finding
 from emsid.first_look.advice import questions, responses_of
+from emsid.identification.all_data import from_all_data
 from emsid.identification.candidates import CANDIDATES, QUICK, usual_for
 from emsid.identification.compared import Compared
 from emsid.identification.delay import with_delay
@@ -33,7 +34,6 @@ from emsid.identification.observations import (
     profile_failure,
 )
 from emsid.identification.options import Options
-from emsid.identification.ranking import on_all_data
 from emsid.identification.records import Records, given_records
 from emsid.identification.regressions import OF_OUTPUT_ERROR, REGRESSIONS
 from emsid.identification.requests import (
@@ -170,7 +170,7 @@ def identify(
     if later and not found.stopped:
         judged = on_all_samples(judged, whole, options, control)
     taken = _profiles(judged.fits, () if found.stopped else options.profile, control)
-    final = None if others or found.stopped else on_all_data(judged.fits[0], test, record, options, control)
+    final = None if others or found.stopped else from_all_data(judged, test, record, options, control)
     stopped = found.stopped or taken.stopped or control.cancelled()
     on_unseen = judged.on_unseen
     findings = [
@@ -180,12 +180,12 @@ def identify(
         *findings,
         *([Finding("interrupted", data={"missing": list(found.missing)})] if stopped else []),
         *about_excerpt(judged, whole),
-        *([] if final is None else [fitted_to_all_data(final.name, train, record)]),
+        *([] if final is None else [fitted_to_all_data(final.model.name, train, record, searched=final.searched)]),
         *([] if stopped else _difference_of_records(on_unseen, (*several, *others))),
         *taken.failed,
     ]
     verdicts = model_verdicts(judged.on_record, on_unseen, judged.findings, tests=not stopped)
-    about = tuple(findings), taken.profiles, stopped, judged.on_choice, verdicts, judged.ranking, final
+    about = tuple(findings), taken.profiles, stopped, judged.on_choice, verdicts, judged.ranking, final and final.model
     each_record = by_record(on_unseen.fits, (*several, *others), transient)
     return Identification(train, on_unseen.best.record, judged.on_record, on_unseen, *about, each_record)
 

@@ -142,11 +142,14 @@ def quick_look(f: Finding, argument: Spelling) -> str:
 
 @words("fitted-to-all-data")
 def fitted_to_all_data(f: Finding, argument: Spelling) -> str:
-    """Subject: the data. Data: model (its name), samples (of all data), of (of those that the errors are from)."""
+    """Subject: the data. Data: model (its name), samples (of all data), of (of those that the errors are from),
+    searched (whether its structure is chosen again)."""
     d = f.data
+    again = "its structure is chosen again from" if d["searched"] else "it is fitted again to"
+    why = ", as its error on unseen data is much larger than on those fitted" if d["searched"] else ""
     return (
-        f"it is fitted again to all {d['samples']:,} samples after the choice, for use; the errors are those of the "
-        f"fit to {d['of']:,}"
+        f"{again} all {d['samples']:,} samples after the choice, for use{why}; the errors are those of the fit to "
+        f"{d['of']:,}"
     )
 
 

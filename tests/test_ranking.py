@@ -299,6 +299,26 @@ def test_the_recommended_model_is_fitted_again_to_all_data(monkeypatch):
     assert "fitted-to-all-data" not in {each.code for each in long.findings}
 
 
+def test_a_model_from_all_data_was_fitted_to_those_that_chose_it_too():
+    whole = drive(1, samples=7000)
+    result = emsid.identify(whole, models=("arx", "wiener-hammerstein-regression"), options=Options(na=1, nb=2, nk=1))
+    assert result.on_all_data is not None
+    assert result.on_choice is not None
+    np.testing.assert_array_equal(result.fitted_by_recommended.output, whole.output)
+
+
+def test_another_fit_is_assessed_on_the_same_samples():
+    """Of a segment that begins at rest all samples count, so they do not show how many start the others."""
+    moving = drive(2)
+    rest = replace(
+        moving[:20], input=np.repeat([[0.0], [1.0]], 10, axis=0), output=np.repeat([[0.0], [0.7]], 10, axis=0)
+    )
+    record = emsid.concatenate([rest, moving])
+    one, other = emsid.fit(emsid.arx(1, 1), record), emsid.fit(emsid.arx(3, 3), record)
+    both = compare([one, other], record)
+    assert {each.row.samples for each in both.with_fit(one).assessments} == {both.rows[0].samples}
+
+
 def limited(seed: int, large: int) -> emsid.Record:
     """A limit at 1 in a loop; the input reaches it in so many samples at the end only."""
     rng = np.random.default_rng(seed)

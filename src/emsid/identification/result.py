@@ -14,7 +14,7 @@ from emsid.identification.curves import BandedCurve, curves
 from emsid.identification.ranking import FrontRow, Ranked, front_rows
 from emsid.identification.recommendation import experiment, recommendation
 from emsid.presentation import Presented
-from emsid.record import Record
+from emsid.record import Record, concatenate
 from emsid.record.overlap import shared_stretch
 from emsid.validation.regions import RecordError, RegionError, by_region
 
@@ -73,6 +73,14 @@ class Identification(Presented):
         """The model to use: `on_all_data`, or that of `chosen`, which the errors are from."""
         model: Model = self.chosen.model
         return model if self.on_all_data is None else self.on_all_data
+
+    @property
+    def fitted_by_recommended(self) -> Record:
+        """The data that `recommended` was fitted to; of a long record, the excerpt that the models were compared on."""
+        if self.on_all_data is None:
+            return self.record
+        choice = () if self.on_choice is None else (self.on_choice.best.record,)
+        return concatenate((self.record, *choice, self.unseen))
 
     @cached_property
     def recommendation(self) -> tuple[Finding, ...]:

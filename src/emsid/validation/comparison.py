@@ -163,8 +163,7 @@ class Comparison(Presented):
         def assessed(before: Assessment) -> Assessment:
             if before.row.model != fit.model.name:
                 return before
-            start = int(np.argmax(before.simulation.counted))
-            return assess(fit, before.record, start, experiment=before.row.experiment, data=before.row.data)
+            return assess(fit, before.record, before.transient, experiment=before.row.experiment, data=before.row.data)
 
         return Comparison(tuple(map(assessed, self.assessments)))
 

@@ -256,7 +256,6 @@ def _run(
     """Identify, write and print the result, draw the report."""
     from emsid.identification import candidates
     from emsid.io import save
-    from emsid.record import concatenate
     from emsid.report.identification_page import report
 
     with working() as control:
@@ -267,9 +266,7 @@ def _run(
         )
     with kept(result, "identification") as result:
         write(out, {"result.json": result.to_data()}, result.fits, result.record, reader.remembered)
-        again = result.on_all_data is not None
-        seen = concatenate((result.record, result.unseen)) if again else result.record
-        save(result.recommended, out / RECOMMENDED, seen, reader.remembered)
+        save(result.recommended, out / RECOMMENDED, result.fitted_by_recommended, reader.remembered)
         if json:
             say_json(as_json(result.to_data()))
         else:

@@ -4,8 +4,15 @@ The names listed in ``__init__.pyi`` are the library; each is imported when it i
 and ``emsid --help`` load neither compiler nor plotting library.
 """
 
+from functools import partial
+from importlib import import_module
+
 import lazy_loader
+
+from emsid.presentation import present_with
 
 __version__ = "0.1.0"
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+present_with(partial(import_module, "emsid.report.notebook"))

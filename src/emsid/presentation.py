@@ -1,29 +1,48 @@
 """`Presented`: base class of results that print as a table, draw themselves in a notebook, and can be plotted.
 
-`emsid.report.notebook` makes the table and the plot of each kind of result. It is imported inside these three methods,
-so that the report is loaded only when a result is shown. No other import in the package points from left to right.
+Results know nothing of the report that shows them. The package names it when it is imported (`present_with`), and it is
+loaded when a result is shown.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+class Presenter(Protocol):
+    """What shows results."""
+
+    def text(self, thing: object, /) -> str:
+        """A result as a table of text."""
+
+    def html(self, thing: object, /) -> str:
+        """A result as HTML for a notebook."""
+
+    def plot(self, thing: object, /) -> Figure:
+        """A result as a Matplotlib figure."""
+
+
+_presenter: Callable[[], Presenter]
+
+
+def present_with(presenter: Callable[[], Presenter]) -> None:
+    """Let all results be shown by what ``presenter`` gives. It is called when the first of them is shown."""
+    global _presenter
+    _presenter = presenter
 
 
 class Presented:
     """A result that prints as a table, draws itself in a notebook, and can be plotted."""
 
     def __str__(self) -> str:
-        from emsid.report.notebook import text
-
-        return text(self)
+        return _presenter().text(self)
 
     def _repr_html_(self) -> str:
-        from emsid.report.notebook import html
-
-        return html(self)
+        return _presenter().html(self)
 
     def plot(self) -> Figure:
         """A Matplotlib figure, to be shown, changed, or saved with ``savefig("figure.svg")``.
@@ -32,6 +51,4 @@ class Presented:
         model; an identification with its comparison on unseen data; a fit of a plant with the free run on the data it
         was fitted to, any other fit with the width of the interval of every parameter.
         """
-        from emsid.report.notebook import plot
-
-        return plot(self)
+        return _presenter().plot(self)

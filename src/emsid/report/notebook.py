@@ -1,4 +1,4 @@
-"""Results as text, as HTML for a notebook, and as Matplotlib figures, used by `emsid.presentation`.
+"""Results as text, as HTML for a notebook, and as Matplotlib figures, which `emsid.presentation` is given to show them.
 
 The HTML of a result has its table and an embedded image, so that a notebook stays one file. All text that may come from
 a file is escaped.

@@ -375,6 +375,13 @@ def test_a_fingerprint_is_that_of_the_samples():
     assert not has_fingerprint(other, known)
 
 
+def test_a_fingerprint_shows_a_small_part_of_a_long_record():
+    whole = WHITE.record(0, 100_000)
+    known = fingerprint(whole)
+    assert len(known) < 1_000
+    assert has_fingerprint(whole[61_200:62_500], known)
+
+
 def test_constant_speed_and_short_records_have_no_fingerprint():
     """At 3.5 counts a sample, the counts 3 and 4 take turns in every experiment."""
     turns, rng = np.tile([3.0, 4.0], 60), np.random.default_rng(0)

@@ -217,6 +217,9 @@ def test_models_of_a_long_record_are_compared_on_an_excerpt_and_the_recommended_
     assert "Fitted to 1,400 samples after a comparison of fits to 999" in summary(several)
     assert "Fitted to 1,400 samples," in summary(one)
     assert several.chosen is first
+    np.testing.assert_array_equal(several.data_of(first).output, record[:1_400].output)
+    np.testing.assert_array_equal(several.fitted_by_recommended.output, record.output)  # then to the unseen ones too
+    assert several.data_of(second) is several.record
     assert all(any(first is each.fit for each in on) for on in (several.on_record.assessments, several.ranking))
     assert several.on_unseen.best.row.simulation_mse == assess(first, several.unseen, 1).row.simulation_mse
 
@@ -269,7 +272,7 @@ def test_a_model_is_not_continued_where_that_is_worse_or_there_is_no_time(monkey
     for structure, better in ((emsid.arx(1, 1, 5), False), (emsid.arx(1, 1), True)):
         monkeypatch.setitem(CANDIDATES, "arx", Later(structure))
         found = long_records.on_all_samples(judged, record, options)
-        assert (found.finished, found.best is fit) == (better, not better)
+        assert (found.whole is record, found.best is fit) == (better, not better)
     stopped = Control(cancelled=lambda: True)
     assert long_records.on_all_samples(judged, record, options, stopped) is judged
 

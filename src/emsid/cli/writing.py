@@ -13,6 +13,7 @@ from emsid.errors import DataError
 
 if TYPE_CHECKING:
     from emsid.identification import Identification
+    from emsid.record import Record
     from emsid.report import Report
     from emsid.study import Study
 
@@ -38,7 +39,7 @@ def write(
     folder: Path,
     documents: Mapping[str, Any],
     fits: Any = (),
-    origin: Any = None,
+    origin: "Callable[[Any], Record] | None" = None,
     reading: Mapping[str, Any] | None = None,
 ) -> None:
     """Write JSON documents and model files into a folder.
@@ -47,13 +48,16 @@ def write(
         folder: the folder.
         documents: content by name of the file.
         fits: fits whose models are saved.
-        origin: the record that they were identified from.
+        origin: the record that a fit was identified from.
         reading: arguments with which that record was read.
     """
     from emsid.io import atomic_write, save
     from emsid.io.files import write_several
 
-    write_several(lambda fit: save(fit.model, folder / f"{fit.model.name}.json", origin, reading), fits)
+    def save_one(fit: Any) -> None:
+        save(fit.model, folder / f"{fit.model.name}.json", origin(fit) if origin else None, reading)
+
+    write_several(save_one, fits)
     for name, content in documents.items():  # after the model files, which it names
         atomic_write(folder / name, as_json(content))
 

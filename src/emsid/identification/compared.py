@@ -30,7 +30,7 @@ class Compared:
         on_unseen: on unseen data, the recommended model first and the others by their errors.
         ranking: their errors over the folds that ranked them.
         findings: of the estimators, and on how plausible the models are.
-        finished: whether the recommended model was fitted to more than `record` in the end.
+        whole: what the recommended model was fitted to in the end, where that is more than `record`; else None.
     """
 
     record: Record
@@ -39,7 +39,7 @@ class Compared:
     on_unseen: Comparison
     ranking: tuple[Ranked, ...]
     findings: tuple[Finding, ...]
-    finished: bool = False
+    whole: Record | None = None
 
     @classmethod
     def of(
@@ -90,8 +90,8 @@ class Compared:
         """The unseen data that choose among the models."""
         return (self.on_choice or self.on_unseen).best.record
 
-    def with_finished(self, fit: Fit[Any]) -> Compared:
-        """The same with another fit of the recommended model; the errors that chose it stay as they were."""
+    def with_finished(self, fit: Fit[Any], whole: Record) -> Compared:
+        """The same with a fit of the recommended model to more data; the errors that chose it stay as they were."""
 
         def in_place(each: Ranked) -> Ranked:
             return replace(each, fit=fit) if each.name == fit.model.name else each
@@ -99,7 +99,7 @@ class Compared:
         on_record, on_unseen = (each.with_fit(fit) for each in (self.on_record, self.on_unseen))
         findings = tuple(about_the_fits(on_unseen.fits, self.record))
         ranking = tuple(map(in_place, self.ranking))
-        return Compared(self.record, on_record, self.on_choice, on_unseen, ranking, findings, finished=True)
+        return Compared(self.record, on_record, self.on_choice, on_unseen, ranking, findings, whole)
 
 
 def _held_back(

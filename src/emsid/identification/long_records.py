@@ -67,7 +67,7 @@ def on_all_samples(judged: Compared, train: Record, options: Options, control: C
         far = not isinstance(found.model, GreyBox) and diverges(found.model, enlarged(choice, BEYOND))
     except (EmsidError, Stopped):
         return judged
-    return judged if far or better(errors[id(fit)], than=errors[id(found)]) else judged.with_finished(found)
+    return judged if far or better(errors[id(fit)], than=errors[id(found)]) else judged.with_finished(found, train)
 
 
 def about_excerpt(judged: Compared, train: Record) -> list[Finding]:
@@ -79,6 +79,6 @@ def about_excerpt(judged: Compared, train: Record) -> list[Finding]:
     """
     if judged.record is train:
         return []
-    model = judged.best.model.name if judged.finished else ""
+    model = "" if judged.whole is None else judged.best.model.name
     data = {"samples": len(judged.record), "of": len(train), "finished": model}
     return [Finding("fitted-to-excerpt", train.name, data)]

@@ -44,6 +44,7 @@ class Identification(Presented):
         on_all_data: the chosen model with its parameters from `record` and `unseen`; None where that changes little,
             and where data for the choice were given.
         by_record: the errors of the models on every record as a whole, where there are several.
+        whole: of a long record all data that `chosen` was fitted to in the end; None where these are `record`.
     """
 
     record: Record
@@ -58,6 +59,7 @@ class Identification(Presented):
     ranking: tuple[Ranked, ...] = ()
     on_all_data: Model | None = None
     by_record: tuple[RecordError, ...] = ()
+    whole: Record | None = None
 
     def __repr__(self) -> str:
         best = self.chosen.model.name[:40]
@@ -74,20 +76,24 @@ class Identification(Presented):
         model: Model = self.chosen.model
         return model if self.on_all_data is None else self.on_all_data
 
+    def data_of(self, fit: Fit[Any]) -> Record:
+        """The data that one of the models was fitted to."""
+        return self.whole if self.whole is not None and fit is self.chosen else self.record
+
     @property
     def fitted_by_recommended(self) -> Record:
-        """The data that `recommended` was fitted to; of a long record, the excerpt that the models were compared on."""
+        """The data that `recommended` was fitted to."""
+        fitted = self.data_of(self.chosen)
         if self.on_all_data is None:
-            return self.record
+            return fitted
         choice = () if self.on_choice is None else (self.on_choice.best.record,)
-        return concatenate((self.record, *choice, self.unseen))
+        return concatenate((fitted, *choice, self.unseen))
 
     @cached_property
     def recommendation(self) -> tuple[Finding, ...]:
         """The recommended model with the reasons for it, and unless interrupted the experiment to run next."""
         verdict = self.model_verdicts[0]
-        choice = self.on_choice or self.on_unseen
-        why = recommendation(choice, self.ranking, verdict, self.findings, seen=self.seen)
+        why = recommendation(self.on_unseen, self.ranking, verdict, self.findings, seen=self.seen)
         return (why,) if self.interrupted else (why, experiment(verdict, self.record, self.unseen, seen=self.seen))
 
     @property
@@ -98,7 +104,8 @@ class Identification(Presented):
     @cached_property
     def front(self) -> tuple[FrontRow, ...]:
         """Accuracy against number of parameters of the models that were compared, from simple to complex."""
-        return front_rows(self.ranking, self.chosen.model.name)
+        usable = self.model_verdicts[0].code != "model-unusable"
+        return front_rows(self.ranking, self.chosen.model.name if usable else "")
 
     @cached_property
     def by_region(self) -> tuple[RegionError, ...]:

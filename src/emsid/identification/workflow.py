@@ -187,7 +187,7 @@ def identify(
     verdicts = model_verdicts(judged.on_record, on_unseen, judged.findings, tests=not stopped)
     about = tuple(findings), taken.profiles, stopped, judged.on_choice, verdicts, judged.ranking, final and final.model
     each_record = by_record(on_unseen.fits, (*several, *others), transient)
-    return Identification(train, on_unseen.best.record, judged.on_record, on_unseen, *about, each_record)
+    return Identification(train, on_unseen.best.record, judged.on_record, on_unseen, *about, each_record, judged.whole)
 
 
 def _asked_for(models: str | Iterable[str] | None, quick: bool) -> tuple[str, ...] | None:

@@ -22,22 +22,25 @@ STRETCH = 16
 COMMON = 2 * STRETCH
 """The fewest common samples of two segments, where the shorter one has as many."""
 
-LONG, FINGERPRINTED = 64, 32
-"""Samples of a stretch in a fingerprint, and the largest number of these."""
+LONG = 64
+"""Samples of a stretch in a fingerprint."""
+APART, FEWEST, MOST = 1_000, 32, 256
+"""A fingerprint has a stretch in about so many samples, and of these numbers at least and at most."""
 
 
 def fingerprint(record: Record) -> bytes:
     """The numbers of stretches spread over a record, 8 bytes each; empty for a short, constant or periodic record."""
     numbers = np.concatenate([_stretches(segment, LONG) for segment in record.segments])
     once = np.flatnonzero(_occurs_once(numbers))
-    kept = once[np.linspace(0, len(once) - 1, min(FINGERPRINTED, len(once))).round().astype(int)]
+    count = min(max(len(numbers) // APART, FEWEST), MOST, len(once))
+    kept = once[np.linspace(0, len(once) - 1, count).round().astype(int)]
     return bytes(numbers[kept].astype("<u8").tobytes())
 
 
 def has_fingerprint(record: Record, known: bytes) -> bool:
     """Whether a record contains some of the record that a fingerprint is from.
 
-    It sees a part that is longer than `LONG` samples and a `FINGERPRINTED`-th of that record.
+    It sees a part that is longer than `LONG` samples and than the distance of the stretches in the fingerprint.
     """
     sought = np.frombuffer(known[: len(known) // 8 * 8], dtype="<u8")
     return any(bool(np.isin(sought, _stretches(segment, LONG)).any()) for segment in record.segments)

@@ -98,6 +98,7 @@ U, SLOW = steps(), steps(hold=100)
 Case = tuple[Array, Array]
 CASES: dict[str, Callable[[], Case]] = {
     "channel-constant": lambda: (np.ones(N), motor(np.ones(N))),
+    "output-constant": lambda: (U, np.zeros(N)),
     "record-too-short": lambda: (U[:40], motor(U[:40])),
     "excitation-too-low": lambda: ((np.arange(N) > 100) * 1.0, motor((np.arange(N) > 100) * 1.0)),
     "excitation-linear-only": lambda: (sines(3), motor(sines(3))),
@@ -117,10 +118,12 @@ CASES: dict[str, Callable[[], Case]] = {
     "outliers": lambda: (U, spikes(motor(U))),
     "samples-repeated": lambda: (steps(1, 60)[:N], held_output()[:N]),
     "aliasing-possible": lambda: (U, motor(U, noise=15)),
+    "output-integrates": lambda: (smooth(), np.cumsum(motor(smooth()))),
     "sampling-too-slow": lambda: (steps(hold=2), motor(steps(hold=2), 0.1)),
     "sampling-too-fast": lambda: (steps(hold=400, samples=40_000), motor(steps(hold=400, samples=40_000), 0.998)),
     "output-drifts": lambda: (U, motor(U) + 30 * np.linspace(0, 1, N)),
     "nonlinear-likely": lambda: (U, dead(U, 4)),
+    "unexplained-output": lambda: (U, motor(U) + motor(2 * steps(8))),
 }
 
 
@@ -137,6 +140,35 @@ def test_a_filter_hides_feedback() -> None:
     assert "feedback-likely" in findings(u, y)
     assert "feedback-likely" not in findings(u, y, findings=(Finding("data-filtered", "log.csv"),))
     assert "feedback-likely" not in findings(u, y, output_names=("d(q)",))
+
+
+def test_a_fast_part_is_compared_with_the_whole_output() -> None:
+    """A staircase whose steps are much longer than the pieces of the spectrum has little power in any of them."""
+    levels = np.repeat(np.arange(10.0), 2000)
+    y = np.rint(motor(levels) + 0.5 * np.random.default_rng(1).standard_normal(len(levels)))
+    assert "aliasing-possible" not in findings(levels, y)
+
+
+def test_a_magnitude_needs_no_linear_response() -> None:
+    u = np.sign(steps(3, 7, 1400))
+    found = findings(u, np.abs(motor(u, 0.8)))
+    assert "output-without-sign" in found
+    assert "no-response" not in found
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_sign_of_an_unnamed_position_is_that_of_its_change(sign: int) -> None:
+    """Its own correlation with a square wave is zero, and has any sign after a part of a period."""
+    for u in (np.where(np.arange(N) % 200 < 100, 1.0, -1.0), smooth()):
+        found = response(u, sign * np.cumsum(motor(u, noise=0)), ())
+        assert found.sign == sign
+
+
+def test_a_position_neither_rests_nor_lacks_an_explanation() -> None:
+    u = smooth()
+    wandering = np.cumsum(motor(u, noise=3)) * 0.01
+    assert "motion" not in findings(u, wandering, output_names=("position",))
+    assert "unexplained-output" not in findings(u, wandering, output_names=("position",))
 
 
 def test_a_position_on_one_side_of_its_zero_is_no_magnitude() -> None:

@@ -274,6 +274,21 @@ def test_a_position_is_differentiated_and_a_difference_is_recognised(write: Writ
     look = describe(write({"PWM": U, "enc": counts}))
     assert look.reading["output"] == "d(enc)"
     assert data(look, "position-differentiated") == {"input": ""}
+    for output in ("enc", "d(enc)"):  # nothing is proposed where it is given
+        assert "position-differentiated" not in codes(describe(write({"PWM": U, "enc": counts}), output=output))
+
+
+def test_a_reversed_position_is_seen_by_its_change(write: Write) -> None:
+    for sign in (1, -1):
+        look = describe(write({"t": T, "u": sign * U, "position": 0.01 * np.cumsum(Y)}), output="position")
+        assert (look.response.delay, look.response.sign) == (1, sign)
+
+
+def test_a_reference_that_the_output_follows_shows_a_controller(write: Write) -> None:
+    columns = {"t": T, "u": U, "y": Y}
+    look = describe(write(columns | {"setpoint": Y + 0.1 * RNG.standard_normal(N)}))
+    assert data(look, "reference-column") == {"input": "u", "follows": "y"}
+    assert "reference-column" not in codes(describe(write(columns | {"setpoint": RNG.standard_normal(N)})))
 
 
 def test_an_output_whose_change_answers_is_a_position(write: Write) -> None:

@@ -425,6 +425,11 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("zero-cancels-pole", data={"model": "arx", "pole": [0.9, 0.0]}),
     # the quality of data
     Finding("channel-constant", "u", {"level": 2.0, "unit": "V"}),
+    Finding(
+        "output-constant",
+        "y",
+        {"level": 0.0, "unit": "rad/s", "input": "u", "low": -1.5, "high": 2.0, "input_unit": "V"},
+    ),
     Finding("record-too-short", "log.csv", {"samples": 14, "needed": 50}),
     *(
         Finding(code, "u", {"order": order, "linear": 4, "friction": 8, "at_least": True})
@@ -436,7 +441,12 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("no-response", "y", {"input": "u"}),
     *(
         Finding(code, "y", {"input": "u", "delay": delay, "time": 0.01 * delay, "confidence": 0.95})
-        for code, delay in (("response-delay", 1), ("response-delay", 230), ("response-negative", 2))
+        for code, delay in (
+            ("response-delay", 0),
+            ("response-delay", 1),
+            ("response-delay", 230),
+            ("response-negative", 2),
+        )
     ),
     Finding(
         "files-of-another-system",
@@ -458,6 +468,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("clock-jitters", "log.csv", {"jitter": 0.03, "deviation": 3e-4}),
     Finding("samples-repeated", "y", {"factor": 5, "dt": 0.001, "better": 0.005}),
     Finding("aliasing-possible", "y", {"share": 0.15, "frequency": 175.0, "confidence": 0.5}),
+    Finding("output-integrates", "y", {"input": "u"}),
     Finding("sampling-too-slow", "y", {"time_constant": 0.1, "samples": 1.0, "dt": 0.1, "confidence": 0.9}),
     Finding(
         "sampling-too-fast",
@@ -479,6 +490,7 @@ EXAMPLES: tuple[Finding, ...] = (
         )
         for code, share, part in (("nonlinear-likely", 0.03, 0.8), ("nearly-linear", 1e-4, 0.01))
     ),
+    Finding("unexplained-output", "y", {"fit_percent": -12.0, "input": "u", "confidence": 0.9}),
     # files
     Finding("role-uncertain", "c2", {"role": "input", "confidence": 0.5}),
     Finding("no-role-found", "log.csv", {"roles": ["input", "output"]}),
@@ -514,6 +526,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("position-differentiated", "qm", {"input": ""}),
     Finding("position-differentiated", "y", {"input": "u"}),
     Finding("direction-column", "pwm", {"column": "dir", "output": "rpm"}),
+    Finding("reference-column", "r", {"input": "u", "follows": "y"}),
     Finding("difference-of-position", "mVel", {"position": "mStep"}),
     Finding("sample-time-implausible", "log.csv", {"dt": 10.048}),
     Finding("sample-time-implausible", "log.csv", {"dt": 1e-8}),

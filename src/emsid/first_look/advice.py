@@ -109,18 +109,28 @@ def advice(record: Record, response: Response, tolerance: float = TOLERANCE) -> 
     """
     if not record.output.shape[1]:
         return []
-    constant = [name for name in record.input_names + record.output_names if not np.ptp(record.channel(name))]
-    units = _units(record)
-    found = [
-        Finding("channel-constant", name, {"level": float(record.channel(name)[0]), "unit": units[name]})
-        for name in constant
-    ]
+    found = list(_constant(record))
     if len(record) < FEWEST_SAMPLES:
         found = [Finding("record-too-short", record.name, {"samples": len(record), "needed": FEWEST_SAMPLES}), *found]
     if found:
         return found
     data = _Data(record, response, tolerance)
     return [finding for check in CHECKS for finding in check(data)]
+
+
+def _constant(record: Record) -> Iterable[Finding]:
+    """Channels that never change; an output may be one because the input does not overcome friction."""
+    units, u = _units(record), record.input[:, 0]
+    for name in record.input_names + record.output_names:
+        x = record.channel(name)
+        if np.ptp(x):
+            continue
+        data = {"level": float(x[0]), "unit": units[name]}
+        if name in record.output_names and np.ptp(u):
+            data |= {"input": record.input_names[0], "low": float(u.min()), "high": float(u.max())}
+            yield Finding("output-constant", name, data | {"input_unit": record.input_units[0]})
+        else:
+            yield Finding("channel-constant", name, data)
 
 
 def _units(record: Record) -> dict[str, str]:
@@ -153,14 +163,16 @@ def excitation(data: _Data) -> Iterable[Finding]:
 
 def answer(data: _Data) -> Iterable[Finding]:
     """Delay and sign of the response, and feedback."""
-    yield from _without_sign(data)
+    without_sign = list(_without_sign(data))
+    yield from without_sign
     response, dt = data.response, data.record.dt
     back = 0.0 if repeats([data.u]) or _looks_ahead(data) else feedback(data.u, data.y, 0 if response.delay else 1)
     if back > FEEDBACK:
         sure = round(min(0.9, 0.5 + 2 * back), 2)
         yield Finding("feedback-likely", data.input, {"output": data.output, "correlation": back, "confidence": sure})
     if response.delay is None:
-        yield Finding("no-response", data.output, {"input": data.input})
+        if not without_sign:  # no linear relation is seen then
+            yield Finding("no-response", data.output, {"input": data.input})
         return
     sure = round(min(0.99, 0.5 + 0.5 * abs(response.correlation)), 2)
     delay = data.delay or 0
@@ -188,7 +200,9 @@ def _without_sign(data: _Data) -> Iterable[Finding]:
 
 
 def motion(data: _Data) -> Iterable[Finding]:
-    """Standstill, reversals, and the amplitude of the input against the dead zone."""
+    """Standstill, reversals, and the amplitude of the input against the dead zone; a position shows none of them."""
+    if is_position(data.record):
+        return
     share = float(np.mean(data.resting))
     moving = np.sign(data.y[~data.near_zero])
     reversals = int(np.count_nonzero(np.diff(moving)))
@@ -267,17 +281,20 @@ def sampling(data: _Data) -> Iterable[Finding]:
         return
     size = min(len(data.y), 1024)
     frequency, power = np.fft.rfftfreq(size, dt), spectrum(data.y, data.y, size).real
-    total = float(power[1:].sum())
-    high = float(power[frequency > 0.35 / dt].sum() / total) if total else 0.0
+    total = 3 / 8 * size**2 * float(data.y.var())  # of the whole output through the Hann window of the spectrum
+    high = float(power[frequency > 0.35 / dt].sum() / total)
     if high > 0.05:
         yield Finding("aliasing-possible", data.output, {"share": high, "frequency": 0.35 / dt, "confidence": 0.5})
     if data.linear is None or data.linear.fit < 0.7:
         return
     samples = data.linear.time_constant
     numbers = {"time_constant": samples * dt, "samples": samples, "dt": dt, "confidence": round(data.linear.fit, 2)}
-    if samples < FASTEST and _is_proportional(data):
+    if samples > max(map(len, data.record.segments)):
+        if not is_position(data.record):
+            yield Finding("output-integrates", data.output, {"input": data.input})
+    elif samples < FASTEST and _is_proportional(data):
         yield Finding("sampling-too-slow", data.output, numbers)
-    elif SLOWEST < samples < np.inf:
+    elif samples > SLOWEST:
         yield Finding("sampling-too-fast", data.output, numbers | {"factor": int(samples // 50)})
 
 
@@ -335,8 +352,9 @@ def drift(data: _Data) -> Iterable[Finding]:
 
 
 def straightness(data: _Data) -> Iterable[Finding]:
-    """How nonlinear the relation is."""
-    yield from nonlinearity(data.record, data.response, data.linear)
+    """How nonlinear the relation is; a linear model of a position adds up disturbances, so its error shows little."""
+    found = nonlinearity(data.record, data.response, data.linear)
+    yield from (each for each in found if each.code != "unexplained-output" or not is_position(data.record))
 
 
 def is_position(record: Record) -> bool:

@@ -39,6 +39,8 @@ MOST_SAMPLES = 20_000
 """A prediction is computed from at most this many samples, from the middle of the record."""
 FIRST = 0.2
 """The response begins at the first correlation above this share of the largest."""
+UNSETTLED = 0.25
+"""The output still moves where the means of two halves differ by more than this share of its range."""
 HELD_INPUT = 0.1
 """An input that stays the same in more of its samples does not answer a measured output."""
 CLEAR = 6.0
@@ -53,7 +55,7 @@ class Response:
         delay: samples from the input to the first effect; None where no effect is seen.
         sign: 1 or −1, that of the output for a positive input; 0 where it is not clear.
         strength: of the correlation at the delay or soon after it, in standard deviations.
-        correlation: of the output, or of its change where it is a position, with the delayed input.
+        correlation: of the output or of its change with the delayed input, whichever is larger.
     """
 
     delay: int | None
@@ -128,7 +130,13 @@ def response(u: Array, y: Array, breaks: Sequence[int], integrates: bool = False
     """
     if not (np.ptp(u) > 0 and np.ptp(y) > 0) or len(u) < 4 * WHITENING:
         return Response(None, 0, 0.0, 0.0)
-    y = np.concatenate([np.diff(piece, prepend=piece[:1]) for piece in np.split(y, list(breaks))]) if integrates else y
+    change = np.concatenate([np.diff(piece, prepend=piece[:1]) for piece in np.split(y, list(breaks))])
+    y = change if integrates else y
+
+    def related_at(delay: int) -> float:
+        """A position lags behind its input by a quarter of a period, so that only its change has a sign."""
+        return max((correlation(u, x, breaks, delay) for x in (y, change)), key=abs)
+
     scale = 1
     while scale <= MOST_SCALE and len(u) >= 8 * WHITENING * scale:
         found = _from_correlation(*_means(u, y, breaks, scale))
@@ -137,7 +145,7 @@ def response(u: Array, y: Array, breaks: Sequence[int], integrates: bool = False
         if found is not None:
             delay, sign, strength = found
             delay *= scale
-            related = correlation(u, y, breaks, delay)
+            related = related_at(delay)
             return Response(delay, int(np.sign(related)) if abs(related) > 0.2 else sign, strength, related)
         scale *= 2
     related = correlation(u, y, breaks, 0)
@@ -159,7 +167,8 @@ def _best_lag(u: Array, y: Array) -> int:
 def _from_steps(u: Array, y: Array, breaks: Sequence[int]) -> tuple[int, int, float] | None:
     """Delay, sign and clarity of the responses to steps of an input that is held in between; None where it is not.
 
-    A response begins where the output leaves its range before the step for at least two samples.
+    A response begins where the output leaves its range before the step for at least two samples. A step before which
+    the output still moves is left out.
     """
     starts, lengths = runs(u)
     held = lengths >= HELD
@@ -172,6 +181,9 @@ def _from_steps(u: Array, y: Array, breaks: Sequence[int]) -> tuple[int, int, fl
         start, stop = int(starts[k]), int(starts[k] + lengths[k])
         before = y[max(start - max(HELD, min(int(lengths[k - 1]) // 2, 50)), 0) : start]
         if abs(u[start] - u[start - 1]) < smallest or any(start - len(before) < b <= stop for b in breaks):
+            continue
+        early, late = np.array_split(before, 2)
+        if abs(late.mean() - early.mean()) > max(resolution, UNSETTLED * float(np.ptp(before))):
             continue
         slack = max(resolution, 0.5 * float(np.ptp(before)), 0.02 * float(np.ptp(y)))
         after = y[start:stop]

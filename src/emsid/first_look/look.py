@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from emsid.arguments import as_names
 from emsid.errors import DataError, EmsidError
 from emsid.findings import Finding
-from emsid.first_look.advice import TOLERANCE, advice, opposite_signs
+from emsid.first_look.advice import TOLERANCE, advice, is_position, opposite_signs
 from emsid.first_look.clock import Clock, find_clock
 from emsid.first_look.columns import Column, Stretch, column_of_numbers
 from emsid.first_look.dynamics import Response, response
@@ -39,6 +39,8 @@ Array = NDArray[np.float64]
 
 UNSURE = 0.6
 """A guess of a lower confidence is mentioned."""
+FOLLOWS = 0.9
+"""An output with a higher correlation with a reference follows it."""
 MOSTLY = 0.9
 """A column of texts with at least this share of numbers is one of numbers with bad rows."""
 
@@ -142,7 +144,7 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
     look = FirstLook(
         str(path), rows, columns, raw.others, clock, roles, proposal, tolerance=tolerance, header=tuple(raw.preamble)
     )
-    noticed += _about_columns(look)
+    noticed += _about_columns(look, set(reading))
     return _with_record(look, parsed, noticed, set(reading))
 
 
@@ -228,7 +230,7 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
     found = Response(None, 0, 0.0, 0.0)
     if record.output.shape[1]:
         u, y, proposed = record.input[:, 0], record.output[:, 0], look.reading["output"]
-        found = response(u, y, record.breaks)
+        found = response(u, y, record.breaks, is_position(record))
         guessed = "output" not in given and proposed == look.roles.output
         if guessed and found.delay is None and response(u, y, record.breaks, integrates=True).delay is not None:
             noticed.append(Finding("position-differentiated", proposed, {"input": look.roles.input}))
@@ -303,7 +305,7 @@ def _mask(columns: Sequence[Column]) -> str | None:
     return " OR ".join(conditions) or None
 
 
-def _about_columns(look: FirstLook) -> list[Finding]:
+def _about_columns(look: FirstLook, given: set[str]) -> list[Finding]:
     """Findings about the guesses, and about the columns that are used."""
     findings = _about_clock(look.clock, look)
     roles = look.roles
@@ -320,11 +322,25 @@ def _about_columns(look: FirstLook) -> list[Finding]:
             Finding("several-experiments", look.name, {"chosen": [roles.input, roles.output], "pairs": pairs})
         )
     for column in used:
-        findings += _about_column(column, look)
+        findings += _about_column(column, look, given)
+    return findings + _about_references(look)
+
+
+def _about_references(look: FirstLook) -> list[Finding]:
+    """Columns that are named as references, and that the output follows."""
+    roles, findings = look.roles, []
+    output = next((column for column in look.columns if column.name == roles.output), None)
+    for column in look.columns:
+        named = column.meaning.quantity is ColumnQuantity.REFERENCE and column.name not in (roles.input, roles.output)
+        if not named or output is None or len(column.values) != len(output.values) or column.constant:
+            continue
+        both = np.stack([column.signal, output.signal])
+        if np.corrcoef(both[:, np.isfinite(both).all(axis=0)])[0, 1] > FOLLOWS:
+            findings.append(Finding("reference-column", column.name, {"input": roles.input, "follows": output.name}))
     return findings
 
 
-def _about_column(column: Column, look: FirstLook) -> list[Finding]:
+def _about_column(column: Column, look: FirstLook, given: set[str]) -> list[Finding]:
     name, findings = column.name, []
     if column.codes:
         codes = [
@@ -337,7 +353,7 @@ def _about_column(column: Column, look: FirstLook) -> list[Finding]:
     if column.stuck and _input_moves(look, column.stuck):
         data = {"row": column.stuck.start, "length": column.stuck.length, "value": column.stuck.value}
         findings.append(Finding("value-stuck", name, data))
-    if name == look.roles.output and column.meaning.quantity is ColumnQuantity.POSITION:
+    if name == look.roles.output and look.reading.get("output") == f"d({name})" and "output" not in given:
         findings.append(Finding("position-differentiated", name, {"input": ""}))
     position = next((each for each in look.columns if is_difference(each, column)), None)
     if position is not None:

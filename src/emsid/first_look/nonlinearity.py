@@ -38,6 +38,9 @@ ZERO = 0.01
 CLEAR, LEAST = 0.05, 1e-4
 """A nonlinear relation explains at least the first share of the residual, and the second of the output's variance."""
 
+LEAST_FIT = 0.2
+"""Where a linear model explains less of the output, nothing is said about how linear the rest is."""
+
 
 def nonlinearity(record: Record, response: Response, linear: Baseline | None) -> Iterable[Finding]:
     """At most one finding about how nonlinear the relation between the first input and output is."""
@@ -63,7 +66,10 @@ def nonlinearity(record: Record, response: Response, linear: Baseline | None) ->
         "fit_percent": 100 * linear.fit,
         "confidence": round(float(np.clip(0.5 + of_residual if nonlinear else 0.9 - 2 * of_residual, 0.4, 0.95)), 2),
     }
-    yield Finding("nonlinear-likely" if nonlinear else "nearly-linear", record.output_names[0], data)
+    if nonlinear or linear.fit >= LEAST_FIT:
+        yield Finding("nonlinear-likely" if nonlinear else "nearly-linear", record.output_names[0], data)
+    else:
+        yield Finding("unexplained-output", record.output_names[0], data | {"input": record.input_names[0]})
 
 
 def distortion(u: Array, y: Array, period: int) -> dict[str, float | int] | None:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.units import with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.durations import duration
 from emsid.wording.lists import shortened
 from emsid.wording.sureness import how_sure
-
-
-def _milliseconds(seconds: float) -> str:
-    return f"{1e3 * seconds:.3g} ms" if seconds < 1 else f"{seconds:.3g} s"
 
 
 def _in_unit(value: float, unit: str) -> str:
@@ -26,6 +26,17 @@ def channel_constant(f: Finding, argument: Spelling) -> str:
     """Subject: the channel. Data: level, unit."""
     level = _in_unit(f.data["level"], f.data["unit"])
     return f"{f.subject} is constant at {level}, so nothing can be identified; record with a changing input"
+
+
+@words("output-constant", Severity.PROBLEM)
+def output_constant(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: level, unit, input, low, high, input_unit."""
+    d = f.data
+    return (
+        f"{f.subject} stays at {_in_unit(d['level'], d['unit'])} while {d['input']} goes from {d['low']:.4g} to "
+        f"{_in_unit(d['high'], d['input_unit'])}: a dead zone, static friction or a dead sensor. Nothing can be "
+        "identified; record with a larger input"
+    )
 
 
 @words("record-too-short", Severity.PROBLEM)
@@ -112,11 +123,14 @@ def no_response(f: Finding, argument: Spelling) -> str:
 def response_delay(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: input, delay (samples), time (s), confidence."""
     d = f.data
-    many = "s" * (d["delay"] != 1)
-    return (
-        f"{f.subject} {how_sure(d['confidence'])} responds to {d['input']} after {d['delay']} sample{many} "
-        f"({_milliseconds(d['time'])}), with the same sign"
-    )
+    return f"{f.subject} {how_sure(d['confidence'])} responds to {d['input']} {_after(d)}, with the same sign"
+
+
+def _after(data: Mapping[str, Any]) -> str:
+    """When a response begins, by its ``delay`` in samples and its ``time`` in s."""
+    delay = data["delay"]
+    many = "s" * (delay != 1)
+    return f"after {delay} sample{many} ({duration(data['time'])})" if delay else "within the same sample"
 
 
 @words("delay-from-data")
@@ -124,7 +138,7 @@ def delay_from_data(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: input, delay (samples), time (s)."""
     d = f.data
     return (
-        f"all models have a delay of {d['delay']} samples ({_milliseconds(d['time'])}), because {f.subject} responds "
+        f"all models have a delay of {d['delay']} samples ({duration(d['time'])}), because {f.subject} responds "
         f"to {d['input']} so late; {argument('nk')} sets another one"
     )
 
@@ -133,11 +147,9 @@ def delay_from_data(f: Finding, argument: Spelling) -> str:
 def response_negative(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: input, delay (samples), time (s), confidence."""
     d = f.data
-    many = "s" * (d["delay"] != 1)
     return (
-        f"{f.subject} {how_sure(d['confidence'])} responds to {d['input']} with the opposite sign, after {d['delay']} "
-        f"sample{many} ({_milliseconds(d['time'])}): the leads or the sensor are reversed; turn the sign with "
-        f"{argument('scale')} {d['input']}=-1"
+        f"{f.subject} {how_sure(d['confidence'])} responds to {d['input']} with the opposite sign, {_after(d)}: the "
+        f"leads or the sensor are reversed; turn the sign with {argument('scale')} {d['input']}=-1"
     )
 
 
@@ -185,8 +197,8 @@ def all_standstill(f: Finding, argument: Spelling) -> str:
 def much_standstill(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: share, reversals."""
     return (
-        f"{f.subject} rests in {100 * f.data['share']:.0f} % of the samples and reverses {f.data['reversals']} times; "
-        "these samples give information on the dead zone only, so record with larger inputs for the rest"
+        f"{f.subject} rests in {100 * f.data['share']:.0f} % of the samples; these samples give information on the "
+        "dead zone only, so record with larger inputs for the rest"
     )
 
 
@@ -194,7 +206,9 @@ def much_standstill(f: Finding, argument: Spelling) -> str:
 def motion(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: share, reversals."""
     reversals = f.data["reversals"]
-    times = {0: "never reverses", 1: "reverses once"}.get(reversals, f"reverses {reversals} times")
+    times = {0: "never changes its sign", 1: "changes its sign once"}.get(
+        reversals, f"changes its sign {reversals} times"
+    )
     return f"{f.subject} rests in {100 * f.data['share']:.2g} % of the samples and {times}"
 
 
@@ -203,9 +217,8 @@ def dead_zone_likely(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: dead_zone, amplitude, inside, unit, confidence."""
     d = f.data
     return (
-        f"inputs up to {_in_unit(d['dead_zone'], d['unit'])} {how_sure(d['confidence'])} do not move the output (dead "
-        f"zone or static friction); {100 * d['inside']:.0f} % of {f.subject} is inside, and its largest 10 % begin at "
-        f"{_in_unit(d['amplitude'], d['unit'])}"
+        f"inputs of up to ±{_in_unit(d['dead_zone'], d['unit'])} {how_sure(d['confidence'])} do not move the output "
+        f"(dead zone or static friction); {f.subject} is below this in {100 * d['inside']:.0f} % of the samples"
     )
 
 
@@ -214,9 +227,9 @@ def amplitude_near_dead_zone(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: dead_zone, amplitude, inside, unit, confidence."""
     d = f.data
     return (
-        f"inputs up to {_in_unit(d['dead_zone'], d['unit'])} {how_sure(d['confidence'])} do not move the output, and "
-        f"only 10 % of {f.subject} is above {_in_unit(d['amplitude'], d['unit'])}; record with at least three times "
-        "this dead zone"
+        f"inputs of up to ±{_in_unit(d['dead_zone'], d['unit'])} {how_sure(d['confidence'])} do not move the output, "
+        f"and {f.subject} is above {_in_unit(d['amplitude'], d['unit'])} in at most 10 % of the samples; record "
+        "with at least three times this dead zone"
     )
 
 
@@ -272,7 +285,7 @@ def outliers(f: Finding, argument: Spelling) -> str:
 def clock_jitters(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: jitter (share of the sample time), deviation (s)."""
     return (
-        f"the steps of time differ by up to {100 * f.data['jitter']:.2g} % ({_milliseconds(f.data['deviation'])}); "
+        f"the steps of time differ by up to {100 * f.data['jitter']:.2g} % ({duration(f.data['deviation'])}); "
         f"they are taken as equal. {argument('resample')} interpolates"
     )
 
@@ -282,8 +295,8 @@ def samples_repeated(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: factor, dt (s), better (s)."""
     d = f.data
     return (
-        f"{f.subject} changes at every {d['factor']}th sample only: it is measured every {_milliseconds(d['better'])} "
-        f"and logged every {_milliseconds(d['dt'])}. Keep every {d['factor']}th sample with {argument('decimate')} "
+        f"{f.subject} changes at every {d['factor']}th sample only: it is measured every {duration(d['better'])} "
+        f"and logged every {duration(d['dt'])}. Keep every {d['factor']}th sample with {argument('decimate')} "
         f"{d['factor']}"
     )
 
@@ -299,13 +312,23 @@ def aliasing_possible(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("output-integrates", Severity.WARNING)
+def output_integrates(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: input."""
+    return (
+        f"{f.subject} goes on as long as {f.data['input']} lasts, as a position does that integrates a speed; if it is "
+        f"one, give its unit ({argument('units')} {f.subject}=deg), or take its derivative as the output, "
+        f"d({f.subject})"
+    )
+
+
 @words("sampling-too-slow", Severity.WARNING)
 def sampling_too_slow(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: time_constant (s), samples, dt (s), confidence."""
     d = f.data
     many = f"{d['samples']:.2g} sample{'s' * (round(d['samples'], 1) != 1)}"
     return (
-        f"the response of {f.subject} takes about {many} ({_milliseconds(d['time_constant'])}), "
+        f"the response of {f.subject} takes about {many} ({duration(d['time_constant'])}), "
         f"{how_sure(d['confidence'])} too few to see its shape; sample at least five times faster"
     )
 
@@ -315,7 +338,7 @@ def sampling_too_fast(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: time_constant (s), samples, dt (s), factor, confidence."""
     d = f.data
     return (
-        f"the response of {f.subject} takes about {d['samples']:.0f} samples ({_milliseconds(d['time_constant'])}), "
+        f"the response of {f.subject} takes about {d['samples']:.0f} samples ({duration(d['time_constant'])}), "
         f"{how_sure(d['confidence'])} more than a model needs; {argument('decimate')} {d['factor']} makes the search "
         "faster and the estimates less sensitive to noise"
     )
@@ -342,7 +365,7 @@ def distortion_levels(f: Finding, argument: Spelling) -> str:
     nonlinear = largest > max(0.02, 2 * d["noise"])
     then = "a nonlinear model is needed" if nonlinear else "a linear model is enough at this amplitude"
     return (
-        f"over {d['periods']} periods of {_milliseconds(d['period'])}, {f.subject} has {100 * d['noise']:.2g} % noise, "
+        f"over {d['periods']} periods of {duration(d['period'])}, {f.subject} has {100 * d['noise']:.2g} % noise, "
         f"{100 * d['even']:.2g} % even distortion (unsymmetric) and {100 * d['odd']:.2g} % odd distortion (dead zone, "
         f"friction, saturation): {then}"
     )
@@ -356,6 +379,17 @@ def nonlinear_likely(f: Finding, argument: Spelling) -> str:
         f"the relation to {f.subject} is {how_sure(d['confidence'])} nonlinear: simple nonlinear functions explain "
         f"{100 * d['of_residual']:.2g} % of the error of a linear model (free-run fit {d['fit_percent']:.0f} %, "
         f"coherence {d['coherence']:.2g}). Fit friction and cascade models as well"
+    )
+
+
+@words("unexplained-output", Severity.WARNING)
+def unexplained_output(f: Finding, argument: Spelling) -> str:
+    """Subject: the output. Data: share (of the variance), of_residual, coherence, fit_percent, confidence, input."""
+    d = f.data
+    return (
+        f"neither a linear model (free-run fit {d['fit_percent']:.0f} %) nor simple nonlinear functions of "
+        f"{d['input']} explain {f.subject}: it depends on something else, such as a load, noise or another input, or "
+        f"on {d['input']} in another way. Check the columns, and compare models by the free run"
     )
 
 

@@ -184,6 +184,17 @@ def position_differentiated(f: Finding, argument: Spelling) -> str:
     return f"{f.subject} {why}; its derivative d({f.subject}) is proposed, because a speed is easier to identify"
 
 
+@words("reference-column", Severity.WARNING)
+def reference_column(f: Finding, argument: Spelling) -> str:
+    """Subject: the column. Data: input, follows (the column that follows it)."""
+    d = f.data
+    return (
+        f"{f.subject} looks like the reference of a controller, because {d['follows']} follows it. {d['input']} then "
+        f"depends on {d['follows']} and its noise (feedback); compare models by the free run, or record without a "
+        "controller"
+    )
+
+
 @words("direction-column")
 def direction_column(f: Finding, argument: Spelling) -> str:
     """Subject: the input. Data: column (with its sign), output."""
@@ -198,5 +209,6 @@ def difference_of_position(f: Finding, argument: Spelling) -> str:
     """Subject: the column. Data: position."""
     return (
         f"{f.subject} is the change of {f.data['position']} from row to row; its unit is that of {f.data['position']} "
-        f"per sample: with an encoder, give {argument('units')} count/sample and {argument('counts_per_revolution')}"
+        f"per sample: with an encoder, give {argument('units')} {f.subject}=count/sample and "
+        f"{argument('counts_per_revolution')}"
     )

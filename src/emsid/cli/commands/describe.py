@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 IN_FULL = 3
 """Of more files than this, each is described in a line."""
-USELESS = {"record-too-short", "channel-constant", "all-standstill", "not-readable", "no-role-found"}
+USELESS = {"record-too-short", "channel-constant", "output-constant", "all-standstill", "not-readable", "no-role-found"}
 """Findings with which there is nothing to identify."""
 
 
@@ -86,10 +86,6 @@ def _print(look: "FirstLook") -> None:
     if (sys.stdout.encoding or "").lower().startswith("utf"):
         say(*curves(look, min(width_of_terminal(), 110)))
     say(*lines(look, option))
-    if look.record is not None and look.record.input.any():
-        from emsid.excitation import crest_factor
-
-        say(f"  input crest factor {crest_factor(look.record):.2f}")
 
 
 def _counted(looks: "Sequence[FirstLook]") -> list[str]:

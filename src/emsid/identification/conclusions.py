@@ -112,7 +112,8 @@ def next_steps(
     fit = chosen.row.fit_percent
     depends = any(each.code == "residual-depends-on-input" for each in found)
     physical = any(isinstance(each, GreyBoxFit) for each in fits)
-    if not np.isfinite(fit) or fit < POOR:
+    moves = bool(np.ptp(chosen.record.input, axis=0).any())  # else these data test the steady state only
+    if moves and not fit >= POOR:
         yield Finding("next-check-data", record.name, {"fit_percent": finite(fit)})
     if (depends or not fit >= GOOD) and not physical:
         yield Finding("next-physical-model", chosen.row.model)

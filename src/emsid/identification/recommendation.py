@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from emsid.findings import Finding, finite
-from emsid.first_look.advice import advice
+from emsid.first_look.advice import advice, is_position
 from emsid.first_look.dynamics import response
 from emsid.identification.plausibility import IMPLAUSIBLE
 from emsid.identification.ranking import Ranked, close, compared
@@ -68,18 +68,18 @@ def _stands_in(plausible: Ranked, best: Ranked) -> bool:
 
 
 def recommendation(
-    choice: Comparison, ranking: Sequence[Ranked], verdict: Finding, findings: Iterable[Finding], *, seen: bool
+    on_unseen: Comparison, ranking: Sequence[Ranked], verdict: Finding, findings: Iterable[Finding], *, seen: bool
 ) -> Finding:
     """The recommended model with the reasons for it.
 
     Args:
-        choice: the models on the data that chose, the recommended one first.
+        on_unseen: the models on unseen data, the recommended one first.
         ranking: the models with their errors over all folds.
         verdict: on the recommended model.
         findings: about the models.
         seen: whether the models were fitted to some of these data.
     """
-    row, among = choice.best.row, {each.name: each for each in compared(ranking)}
+    row, among = on_unseen.best.row, {each.name: each for each in compared(ranking)}
     data: dict[str, Any] = {
         "fit_percent": finite(row.fit_percent),
         "models": len(among),
@@ -134,5 +134,5 @@ def _place(reason: Mapping[str, Any]) -> dict[str, Any]:
 def _first_look(record: Record) -> dict[str, Finding]:
     """What the first look finds in the record, by code."""
     u, y = record.input[:, 0], record.output[:, 0]
-    found = advice(record, response(u, y, record.breaks))
+    found = advice(record, response(u, y, record.breaks, is_position(record)))
     return {each.code: each for each in reversed(found)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from emsid.findings import Finding
 from emsid.units import with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.durations import duration
 
 CAUSES = {
     "delay": "log input and output with one clock, or identify the records one by one",
@@ -16,7 +17,7 @@ CAUSES = {
 def _differs(kind: str, value: float, unit: str) -> str:
     """Words for the difference between one record and the model."""
     if kind == "delay":
-        return f"is {1e3 * abs(value):.3g} ms {'later' if value > 0 else 'earlier'}"
+        return f"is {duration(abs(value))} {'later' if value > 0 else 'earlier'}"
     if kind == "gain":
         return f"has {100 * abs(value):.3g} % {'more' if value > 0 else 'less'}"
     return f"is {with_unit(f'{abs(value):.3g}', unit)} {'above' if value > 0 else 'below'}"

@@ -3,6 +3,7 @@
 from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.lists import shortened
 
 
 @words("choices-cut-short", Severity.WARNING)
@@ -45,7 +46,8 @@ def limit_unseen(f: Finding, argument: Spelling) -> str:
 
 @words("knots-without-data", Severity.WARNING)
 def knots_without_data(f: Finding, argument: Spelling) -> str:
-    where = listed([f"{knot:.4g}" for knot in f.data["knots"]])
+    knots = [f"{knot:.4g}" for knot in f.data["knots"]]
+    where = listed(knots) if len(knots) < 6 else shortened(knots)
     plural = "s" * (len(f.data["knots"]) > 1)
     return f"{_block(f)}: hardly any data around the knot{plural} at {where}; use fewer knots or a larger input"
 

@@ -235,7 +235,10 @@ def probably_another_system(f: Finding, argument: Spelling) -> str:
 
 @words("choice-interrupted", Severity.WARNING)
 def choice_interrupted(f: Finding, argument: Spelling) -> str:
-    return "the choice of refinements was interrupted; the best model so far is kept"
+    return (
+        "the choice of refinements was stopped before its end, by a limit of time or by hand; the best model so far is "
+        "kept"
+    )
 
 
 def interval(ends: tuple[float, float], unit: str) -> str:

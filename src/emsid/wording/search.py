@@ -1,5 +1,7 @@
 """Words for the end of a search for parameters."""
 
+from collections.abc import Sequence
+
 from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, words
@@ -21,7 +23,7 @@ def minimum_not_smooth(f: Finding, argument: Spelling) -> str:
 
 @words("steps-used-up", Severity.WARNING)
 def steps_used_up(f: Finding, argument: Spelling) -> str:
-    return f"the search ended at its limit of steps, before a minimum ({_so_far(f)}); allow more steps"
+    return f"the search ended at its limit of steps, before a minimum ({_so_far(f)}); the estimates may still change"
 
 
 @words("time-used-up", Severity.WARNING)
@@ -72,11 +74,28 @@ def parameters_undetermined(f: Finding, argument: Spelling) -> str:
     said = []
     if silent:
         said.append(f"{listed(silent)} {'have' if len(silent) > 1 else 'has'} no effect on the output in these data")
-    said += [f"these data do not determine {listed(group)} separately" for group in groups]
+    said += [f"these data do not determine {listed(group)} separately" for group in _joined(groups)]
     return "; ".join(said)
+
+
+def _joined(groups: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Groups of names, those that share a name as one.
+
+    >>> _joined([["a", "b"], ["c", "d"], ["e", "b"]])
+    [['a', 'b', 'e'], ['c', 'd']]
+    """
+    joined: list[list[str]] = []
+    for group in groups:
+        sharing = [each for each in joined if set(each) & set(group)]
+        names = dict.fromkeys(name for each in (*sharing, group) for name in each)
+        at = joined.index(sharing[0]) if sharing else len(joined)
+        joined = [each for each in joined if each not in sharing]
+        joined.insert(at, list(names))
+    return joined
 
 
 def _so_far(f: Finding) -> str:
     steps, offset = f.data["steps"], f.data["offset"]
-    counted = f"{steps} step{'s' * (steps != 1)}"
-    return counted if offset is None else f"{counted}, {offset:.2g} standard errors short of the linearised minimum"
+    counted = [f"{steps} step{'s' * (steps != 1)}"] if steps or offset is None else []
+    short = [] if offset is None else [f"{offset:.2g} standard errors short of the linearised minimum"]
+    return ", ".join(counted + short)

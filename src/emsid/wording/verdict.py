@@ -8,6 +8,7 @@ from typing import Any
 from emsid.findings import Finding
 from emsid.units import with_unit
 from emsid.wording.catalogue import CATALOGUE, Severity, Spelling, as_python, words
+from emsid.wording.durations import duration
 from emsid.wording.lists import listed
 
 Reason = Mapping[str, Any]
@@ -22,10 +23,15 @@ def _spread(d: Reason) -> str:
     if d["kind"] == "gain":
         return f"{100 * d['spread']:.2g} %"
     if d["kind"] == "delay":
-        return f"{1e3 * d['spread']:.3g} ms"
+        return duration(d["spread"])
     return with_unit(f"{d['spread']:.3g}", d["unit"])
 
 
+_ENDED = {
+    "stalled": "it stalled",
+    "out of budget": "it ended at its limit of steps or time",
+    "interrupted": "it was interrupted",
+}
 _SHORT: dict[str, Callable[[Reason], str]] = {
     "diverges": lambda d: f"its free run diverges at sample {d['sample']}",
     "explains-little": lambda d: f"it explains little of the output (a fit of {d['fit_percent']:.0f} %)",
@@ -51,7 +57,7 @@ _SHORT: dict[str, Callable[[Reason], str]] = {
     "error-in-one-stretch": lambda d: (
         f"{100 * d['share']:.0f} % of its squared error is in the samples {d['first']} to {d['last']}"
     ),
-    "search-not-finished": lambda d: f"its search did not reach a minimum ({d['ending']})",
+    "search-not-finished": lambda d: f"its search did not reach a minimum ({_ENDED[d['ending']]})",
 }
 
 
@@ -72,8 +78,9 @@ def _because(f: Finding) -> str:
 def model_supported(f: Finding, argument: Spelling) -> str:
     """Data: reasons (none), tests."""
     failed = [each for each in f.data["tests"] if not each["passed"]]
-    but = " (residual tests fail by little: the inputs predict hardly any of it)" if failed else ""
-    return f"supported by these data: no test contradicts it{but}"
+    if failed:
+        return "supported by these data: its residual tests fail by little, as the inputs predict hardly any of it"
+    return "supported by these data: no test contradicts it"
 
 
 @words("model-limited")
@@ -114,7 +121,8 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
             f"noise{f', and {listed(against)}' if against else ''}; {f.subject} is preferred{fit}"
         )
     elif d["models"] > 1:
-        why = f"its free run on {where} has the smallest error of {d['models']} models{fit}"
+        among = f"{d['models']} models" if d["folds"] <= 1 else f"the {d['models']} models that were compared there"
+        why = f"its free run on {where} has the smallest error of {among}{fit}"
     else:
         why = f"it is the only model{fit}"
     return f"Recommended: {f.subject}. Reasons: {why}; {_LEVELS[d['verdict']]}{_first_reasons(d['reasons'])}"
@@ -136,15 +144,21 @@ def _first_reasons(reasons: list[Reason]) -> str:
 @words("no-model-recommended", Severity.PROBLEM)
 def no_model_recommended(f: Finding, argument: Spelling) -> str:
     """Subject: the model with the smallest error. Data: as of model-recommended."""
+    folds = f.data["folds"]
+    where = f" over {folds} parts of the data" if folds > 1 else ""
     return (
-        f"No model is recommended: that with the smallest error is {f.subject}, and {_first_reasons(f.data['reasons'])}"
+        f"No model is recommended: that with the smallest error{where} is {f.subject}, and "
+        f"{_first_reasons(f.data['reasons'])}"
     )
 
 
 def _fill_range(d: Reason) -> str:
     places = [f"{x:.3g}" for x in d.get("at", [])]
-    near = f" around {listed(places)}" if places else " where they are rare"
-    return f"record more samples with inputs{near}, so that the shape of the static map is known there"
+    near = f" around {listed(places)}" if places else ""
+    return (
+        f"record larger or more varied movements: the static map has hardly any data{near} (a value of the signal "
+        "before it), so its shape is not known there"
+    )
 
 
 _EXPERIMENTS: dict[str, Callable[[Reason], str]] = {
@@ -157,7 +171,7 @@ _EXPERIMENTS: dict[str, Callable[[Reason], str]] = {
         "few to show dead zone, friction and saturation"
     ),
     "larger-input": lambda d: "record with larger inputs: much of this record is inside the dead zone, or at rest",
-    "faster-sampling": lambda d: f"sample at least five times faster than every {1e3 * d['dt']:.3g} ms",
+    "faster-sampling": lambda d: f"sample at least five times faster than every {duration(d['dt'])}",
     "finer-sensor": lambda d: (
         "measure the output with a finer sensor, or record larger movements: its steps are coarse"
     ),

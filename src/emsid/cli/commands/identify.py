@@ -40,6 +40,7 @@ from emsid.cli.terminal import (
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
 
 if TYPE_CHECKING:
+    from emsid.findings import Finding
     from emsid.identification import Identification
     from emsid.identification.candidates import Physical
     from emsid.models.blocks.search.map_families import Family
@@ -48,6 +49,10 @@ if TYPE_CHECKING:
 
 RECOMMENDED = "recommended.json"
 """The file of the recommended model with its parameters from all data."""
+LONGEST = 400
+"""A longer line of an equation, such as one with all knots of a spline, is cut."""
+IN_FULL = 3
+"""Of more models than this, the first screen has the findings about the recommended and the physical ones."""
 
 Files = Annotated[
     list[Path],
@@ -265,7 +270,7 @@ def _run(
             elsewhere=second,
         )
     with kept(result, "identification") as result:
-        write(out, {"result.json": result.to_data()}, result.fits, result.record, reader.remembered)
+        write(out, {"result.json": result.to_data()}, result.fits, result.data_of, reader.remembered)
         save(result.recommended, out / RECOMMENDED, result.fitted_by_recommended, reader.remembered)
         if json:
             say_json(as_json(result.to_data()))
@@ -332,6 +337,19 @@ def _print(result: "Identification") -> None:
                 show(text_table(own_parameters(fit)))
     say(f"chosen: {result.chosen.model.name}")
     if not isinstance(result.chosen, GreyBoxFit):
-        say(result.chosen.model.equation())
-    noticed = (*result.findings, *result.verdicts, *result.model_verdicts, *result.next_steps)
-    say(*(sentence(finding, option) for finding in noticed))
+        lines = result.chosen.model.equation().splitlines()
+        say(*(x if len(x) <= LONGEST else f"{x[:LONGEST]}… (in full in the report)" for x in lines))
+    shown = _shown(result)
+    noticed = (*shown, *result.verdicts, *result.model_verdicts, *result.next_steps)
+    say(*(f"- {sentence(finding, option)}" for finding in noticed))
+    if len(shown) < len(result.findings):
+        say(f"- about models that are not recommended: {len(result.findings) - len(shown)} more in the report")
+
+
+def _shown(result: "Identification") -> "list[Finding]":
+    """The findings on the first screen; of many models, those about the recommended and the physical ones."""
+    from emsid.models.plants.search.result import GreyBoxFit
+
+    less = {fit.model.name for fit in result.fits if fit is not result.chosen and not isinstance(fit, GreyBoxFit)}
+    few = len(result.fits) <= IN_FULL
+    return [each for each in result.findings if few or each.model not in less]

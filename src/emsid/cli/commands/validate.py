@@ -151,7 +151,7 @@ def _print(
     if again is not None:
         show(physical_table(again.fit))  # type: ignore[arg-type]
         say(sentence(again.finding, option))
-    say(*(sentence(finding, option) for finding in findings))
+    say(*(f"- {sentence(finding, option)}" for finding in findings))
 
 
 def _report(model: Path, assessed: "list[Assessment]", by_region: "list[tuple[RegionError, ...]]") -> Any:

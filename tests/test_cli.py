@@ -142,6 +142,25 @@ def test_validate_says_that_the_model_was_fitted_to_these_data(result, run, tmp_
     assert seen(log, "--rows", "210:300") == seen(other) == ("unseen", False)
 
 
+def test_validate_says_what_makes_an_error_large(result, run, tmp_path):
+    """A file with another sample time, and an output that is not that of the model."""
+    log, out = (result.parent / "log.csv").read_text(), tmp_path / "out"
+    other = tmp_path / "log_dt2.csv"
+    header, *rows = log.splitlines()
+    at = header.split(",").index("y")
+    cells = [row.split(",") for row in rows]
+    turned = [",".join(str(-float(cell)) if k == at else cell for k, cell in enumerate(row)) for row in cells]
+    other.write_text("\n".join([header, *turned]))
+    status, said, _ = run("validate", result / "arx.json", other, "--out", out)
+    assert status == 0
+    for code in ("name of the file gives a sample time of 2 ms", "does not describe this record"):
+        assert code in said
+        assert code in (out / "report.html").read_text()
+    _, said, _ = run("validate", result / "arx.json", result.parent / "log.csv")
+    assert "sample time" not in said
+    assert "does not describe" not in said
+
+
 def test_identify_with_validation_file_and_chosen_models(run, log, tmp_path):
     other = table(tmp_path / "other.csv", seed=1)
     words = ("identify", log, *IDENTIFY, "--validate", other, "--models", "arx", "--na", "1", "--nb", "1", "--nk", "1")

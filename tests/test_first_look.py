@@ -278,6 +278,16 @@ def test_a_position_is_differentiated_and_a_difference_is_recognised(write: Writ
         assert "position-differentiated" not in codes(describe(write({"PWM": U, "enc": counts}), output=output))
 
 
+def test_another_sample_time_than_the_file_says(write: Write) -> None:
+    path = write({"u": U, "y": Y}, "log_dt2.csv")
+    assert data(describe(path, dt=0.01), "sample-time-contradicted") == {
+        "dt": 0.01,
+        "said": 0.002,
+        "source": "file name",
+    }
+    assert "sample-time-contradicted" not in codes(describe(path, dt=0.00201)) | codes(describe(path))
+
+
 def test_a_reversed_position_is_seen_by_its_change(write: Write) -> None:
     for sign in (1, -1):
         look = describe(write({"t": T, "u": sign * U, "position": 0.01 * np.cumsum(Y)}), output="position")

@@ -309,6 +309,7 @@ EXAMPLES: tuple[Finding, ...] = (
         },
     ),
     Finding("no-better-than-mean", "speed", {"seen": False}),
+    Finding("worse-than-mean", "b.csv"),
     Finding("free-run-diverged", "arx", {"model": "arx", "sample": 123, "seen": False}),
     Finding("one-step-error-smaller", "arx", {"model": "arx", "ratio": 1234.5}),
     Finding("input-constant", "PWM", {"inputs": [{"name": "PWM", "level": 2.0}], "seen": False}),
@@ -528,6 +529,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("direction-column", "pwm", {"column": "dir", "output": "rpm"}),
     Finding("reference-column", "r", {"input": "u", "follows": "y"}),
     Finding("difference-of-position", "mVel", {"position": "mStep"}),
+    Finding("sample-time-contradicted", "log.dat", {"dt": 0.01, "said": 0.002, "source": "preamble"}),
     Finding("sample-time-implausible", "log.csv", {"dt": 10.048}),
     Finding("sample-time-implausible", "log.csv", {"dt": 1e-8}),
     *(

@@ -3,7 +3,7 @@
 import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -31,10 +31,15 @@ class Reader:
     usual: Mapping[str, Any]
 
     def __call__(self, path: Path) -> "Record":
-        """Read a file."""
-        from emsid.io import read
+        """Read a file; what it says about another sample time is a finding of the record."""
+        from emsid.first_look.clock import contradiction
+        from emsid.io import ParsedFile, read, read_columns
 
-        return read(path, **self.given)
+        parsed = ParsedFile(path, read_columns(path))
+        record, dt = read(parsed, **self.given), self.given.get("dt")
+        if dt is None or "time" in self.given:
+            return record
+        return replace(record, findings=(*record.findings, *contradiction(parsed.columns.preamble, path.name, dt)))
 
     def files(self, files: Sequence[Path]) -> list[Path]:
         """The given files, or the one of the output where that is a column of a named file: ``y.csv:1``.

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError
+from emsid.findings import Finding
 from emsid.first_look.columns import Column
 from emsid.first_look.names import ColumnQuantity
 from emsid.io.sampling import SECONDS, clock_resets, counted_on
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 
 PLAUSIBLE = (20e-6, 0.3)
 """Sample times in seconds of ordinary logs of drives."""
+SAME = 0.02
+"""Sample times that differ by less are the same: a timer can seldom be set to exactly 10 ms."""
 ASSUMED = 1.0
 """The sample time in seconds where nothing says one."""
 
@@ -69,6 +72,19 @@ def find_clock(columns: Sequence[Column], preamble: Sequence[str], file: str, wa
             if clock is not None:
                 return clock
     return _of_text(preamble, file) or Clock(ASSUMED, "nothing", 0.0)
+
+
+def contradiction(preamble: Sequence[str], file: str, dt: float) -> Iterable[Finding]:
+    """A finding where the lines above the header of a file, or its name, give another sample time.
+
+    Args:
+        preamble: the lines above its header.
+        file: its name.
+        dt: the sample time in s with which it is read.
+    """
+    found = _of_text(preamble, file)
+    if found is not None and abs(found.dt - dt) > SAME * dt:
+        yield Finding("sample-time-contradicted", file, {"dt": dt, "said": found.dt, "source": found.source})
 
 
 def _like_time(column: Column) -> float:

@@ -21,7 +21,7 @@ from emsid.arguments import as_names
 from emsid.errors import DataError, EmsidError
 from emsid.findings import Finding
 from emsid.first_look.advice import TOLERANCE, advice, is_position, opposite_signs
-from emsid.first_look.clock import Clock, find_clock
+from emsid.first_look.clock import Clock, contradiction, find_clock
 from emsid.first_look.columns import Column, Stretch, column_of_numbers
 from emsid.first_look.dynamics import Response, response
 from emsid.first_look.names import ColumnQuantity, Meaning, meaning
@@ -372,8 +372,10 @@ def _input_moves(look: FirstLook, stretch: Stretch) -> bool:
 
 
 def _about_clock(clock: Clock, look: FirstLook) -> list[Finding]:
-    given = {"dt", "time_unit"} & set(look.reading)
-    if clock.source == "nothing" and look.reading.get("dt") == clock.dt:
+    given, dt = {"dt", "time_unit"} & set(look.reading), look.reading.get("dt")
+    if dt is not None and dt != clock.dt:
+        return list(contradiction(look.header, look.name, dt))
+    if clock.source == "nothing" and dt == clock.dt:
         return [Finding("sample-time-unknown", look.name, {"assumed": clock.dt})]
     findings = []
     if clock.unit_confidence < 1 and clock.unit != "s" and given:

@@ -45,8 +45,8 @@ def percent(fit: float) -> str:
 
 
 def capital(text: str) -> str:
-    """A word with a capital letter; a symbol such as y1 or mVel unchanged."""
-    return text.capitalize() if text.islower() and text.isalpha() and len(text) > 2 else text
+    """A word with a capital letter; a symbol or an abbreviation such as y1, mVel or vir unchanged."""
+    return text.capitalize() if text.islower() and text.isalpha() and len(text) > 3 else text
 
 
 def first_up(text: str) -> str:

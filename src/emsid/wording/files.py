@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.durations import duration
 from emsid.wording.lists import listed, shortened
 from emsid.wording.sureness import how_sure
 
@@ -19,6 +20,17 @@ def sample_time_implausible(f: Finding, argument: Spelling) -> str:
     return (
         f"{f.subject}: a sample time of {dt:g} s is very long for a drive; if this number was meant in ms, give "
         f"{argument('dt')} or {argument('time_unit')} in ms"
+    )
+
+
+@words("sample-time-contradicted", Severity.WARNING)
+def sample_time_contradicted(f: Finding, argument: Spelling) -> str:
+    """Subject: the file. Data: dt (s), said (s), source (``preamble`` or ``file name``)."""
+    d = f.data
+    where = "the header" if d["source"] == "preamble" else "the name"
+    return (
+        f"{f.subject}: {where} of the file gives a sample time of {duration(d['said'])}, and {duration(d['dt'])} is "
+        f"used; if the file is right, give {argument('dt')} {d['said']:g}"
     )
 
 

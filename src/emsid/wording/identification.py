@@ -230,6 +230,15 @@ def no_better_than_mean(f: Finding, argument: Spelling) -> str:
     return f"on {data_name(f)}, no model is better than the mean of {f.subject}"
 
 
+@words("worse-than-mean", Severity.PROBLEM)
+def worse_than_mean(f: Finding, argument: Spelling) -> str:
+    """Subject: the record."""
+    return (
+        f"on {f.subject}, the free run is no better than the mean of the output: the model does not describe this "
+        "record; check units, sample time and what was changed on the drive"
+    )
+
+
 @words("free-run-diverged", Severity.PROBLEM)
 def free_run_diverged(f: Finding, argument: Spelling) -> str:
     """Data: sample, seen."""

@@ -88,11 +88,13 @@ def validate(
         for record, some, fitted in zip(records, again, seen, strict=True)
     ]
     by_region = list(map(errors_by_region, assessed))
-    documents = []
+    documents, found = [], []
     for each, regions, some, fitted in zip(assessed, by_region, again, seen, strict=True):
         differences = [Finding("data-not-unseen", each.record.name)] if fitted else []
         differences += [*each.record.findings, *([] if source is None else source.differences(each.record))]
         differences += [finding] if (finding := worst_region(each)) else []
+        differences += [Finding("worse-than-mean", each.record.name)] if each.row.fit_percent <= 0 else []
+        found.append(differences)
         documents.append(_document(each, regions, differences, some, horizon, transient))
         if not json:
             _print(each, regions, differences, some)
@@ -106,7 +108,7 @@ def validate(
     if out is not None:
         write(out, {"validation.json": result})
         INTERRUPTION.words = "validation was interrupted; the errors are above and written"
-        drawn = draw(out, lambda: _report(model, assessed, by_region))
+        drawn = draw(out, lambda: _report(model, assessed, by_region, found))
         if not json:
             say_where(out, drawn, "validation.json")
         INTERRUPTION.end(not drawn)
@@ -154,12 +156,18 @@ def _print(
     say(*(f"- {sentence(finding, option)}" for finding in findings))
 
 
-def _report(model: Path, assessed: "list[Assessment]", by_region: "list[tuple[RegionError, ...]]") -> Any:
+def _report(
+    model: Path,
+    assessed: "list[Assessment]",
+    by_region: "list[tuple[RegionError, ...]]",
+    found: "list[list[Finding]]",
+) -> Any:
     """A page with the free run over every record."""
     from emsid.report import views
     from emsid.report.document import Fact, Report, Section
     from emsid.report.numbers import percent
     from emsid.report.views.front import region_tables
+    from emsid.wording import sentence
 
     sections = [
         Section(
@@ -172,8 +180,9 @@ def _report(model: Path, assessed: "list[Assessment]", by_region: "list[tuple[Re
                 views.measured_and_simulated(each, name=f"free-run-{k}"),
                 views.residuals([each], name=f"residuals-{k}"),
             ),
+            remarks=tuple(sentence(finding, option) for finding in findings),
         )
-        for k, (each, regions) in enumerate(zip(assessed, by_region, strict=True), 1)
+        for k, (each, regions, findings) in enumerate(zip(assessed, by_region, found, strict=True), 1)
     ]
     worst = min(assessed, key=lambda each: each.row.fit_percent)
     return Report(

@@ -73,7 +73,7 @@ def results_table(
                     number(errors.simulation_rmse),
                     number(errors.simulation_mse),
                     number(errors.one_step_mse),
-                    str(row.parameters),
+                    str(row.parameters) if row.parameters else "–",
                     *((_published(reference, row),) if reference else ()),
                 )
             )

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from emsid.findings import Finding
+    from emsid.io import Origin
     from emsid.validation.comparison import Assessment
     from emsid.validation.reestimation import Reestimation
     from emsid.validation.regions import RegionError
@@ -61,11 +62,10 @@ def validate(
       emsid validate emsid-result/arx.json other.csv --dt 10ms --mask "" --out check
       emsid validate emsid-result/rigid-motor.json heavier.csv --free rotor_inertia
     """
-    from emsid.findings import Finding
     from emsid.io import load, origin, read_options
     from emsid.validation.comparison import assess_model
     from emsid.validation.reestimation import reestimate
-    from emsid.validation.regions import errors_by_region, worst_region
+    from emsid.validation.regions import errors_by_region
 
     loaded, source = load(model), origin(model)
     reader = reader.after(read_options(model))
@@ -88,16 +88,12 @@ def validate(
         for record, some, fitted in zip(records, again, seen, strict=True)
     ]
     by_region = list(map(errors_by_region, assessed))
-    documents, found = [], []
-    for each, regions, some, fitted in zip(assessed, by_region, again, seen, strict=True):
-        differences = [Finding("data-not-unseen", each.record.name)] if fitted else []
-        differences += [*each.record.findings, *([] if source is None else source.differences(each.record))]
-        differences += [finding] if (finding := worst_region(each)) else []
-        differences += [Finding("worse-than-mean", each.record.name)] if each.row.fit_percent <= 0 else []
-        found.append(differences)
-        documents.append(_document(each, regions, differences, some, horizon, transient))
+    found = [_findings(each, source, fitted=fitted) for each, fitted in zip(assessed, seen, strict=True)]
+    documents = []
+    for each, regions, some, findings in zip(assessed, by_region, again, found, strict=True):
+        documents.append(_document(each, regions, findings, some, horizon, transient))
         if not json:
-            _print(each, regions, differences, some)
+            _print(each, regions, findings, some)
             if horizon > 1:
                 say(f"{horizon} samples ahead: MSE {documents[-1]['horizon_mse']:.5g}")
     result = {"schema": 1, "model": loaded.name, "records": documents}
@@ -112,6 +108,24 @@ def validate(
         if not json:
             say_where(out, drawn, "validation.json")
         INTERRUPTION.end(not drawn)
+
+
+def _findings(assessed: "Assessment", source: "Origin | None", *, fitted: bool) -> "list[Finding]":
+    """What to know about the run of a model on a record.
+
+    Args:
+        assessed: the run.
+        source: what the model was identified from, as far as its file says.
+        fitted: whether the record contains data of the fit.
+    """
+    from emsid.findings import Finding
+    from emsid.validation.regions import worst_region
+
+    record = assessed.record
+    found = [Finding("data-not-unseen", record.name)] if fitted else []
+    found += [*record.findings, *([] if source is None else source.differences(record))]
+    found += [finding] if (finding := worst_region(assessed)) else []
+    return found + ([Finding("worse-than-mean", record.name)] if assessed.row.fit_percent <= 0 else [])
 
 
 def _document(

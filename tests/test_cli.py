@@ -953,9 +953,10 @@ def test_a_model_run_on_other_channels_is_reported(result, run):
     status, out, _ = run(*words, "y", "--output", "u", "--json")
     assert status == 0
     (other,) = json.loads(out)["records"]
-    assert [(each["code"], each["data"]["what"]) for each in other["findings"]] == [
+    assert [(each["code"], each["data"].get("what")) for each in other["findings"]] == [
         ("channels-differ", "inputs"),
         ("channels-differ", "outputs"),
+        ("worse-than-mean", None),
     ]
     named = [
         [channel["name"] for channel in other["findings"][0]["data"][side]] for side in ("identified_with", "channels")

@@ -247,6 +247,13 @@ def test_a_sensor_scales_lags_and_averages():
     assert np.sqrt(np.mean((lagging[4:] - plain[:-4]) ** 2)) < 0.3 * np.sqrt(np.mean((lagging - plain) ** 2))
 
 
+def test_the_shortest_lag_of_a_sensor_has_an_effect_in_proportion():
+    """A search that has taken a lag to zero can leave it again."""
+    u = np.repeat([0.0, 6.0, -3.0], 20)[:, None]
+    shown = [replace(MOTOR, sensor=Sensor(lag=lag * DT)).simulate(u, DT, np.zeros(3), SPEED) for lag in (0.0, 1e-7)]
+    assert (shown[1] - shown[0])[1:] / 1e-7 == pytest.approx(-np.diff(shown[0], axis=0), rel=1e-4, abs=1e-6)
+
+
 # --- recovery -------------------------------------------------------------------------------------------------------
 
 

@@ -27,7 +27,7 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search import choice, continuation
 from emsid.models.plants.search.choice import choose
-from emsid.models.plants.search.estimation import begun_again, off_zero, simulation_error
+from emsid.models.plants.search.estimation import begun_again, beside_kinks, simulation_error
 from emsid.models.plants.search.kinds import kinds
 from emsid.models.plants.search.load_drift import chosen as drift_of
 from emsid.models.plants.search.refinements.gain_by_direction import gain_and_friction_by_direction, gain_by_direction
@@ -368,9 +368,24 @@ def test_a_search_that_has_taken_friction_to_zero_begins_again_inside():
     corner = {free[0]: 0.0, free[1]: 0.4, free[2]: 0.01, "rotor_inertia": 0.016}
     start, record = RIGID.with_values({**fixed, **corner}), Record(u, speed, 1e-2, output_units="rad/s")
     stuck = continuation.search(prepare(start, record, free=free[1:], fixed=fixed), start, 60)
-    reached = off_zero(prepare(start, record, free=free, fixed=fixed), stuck, 60)
+    reached = beside_kinks(prepare(start, record, free=free, fixed=fixed), stuck, 60)
     assert stuck.minimum.cost > 1.3 * reached.minimum.cost
     assert reached.minimum.cost == pytest.approx(0.5 * 600 * 0.2**2, rel=0.1)
+
+
+@pytest.mark.parametrize("lag", [0.5, 2.0])
+def test_a_search_comes_back_from_a_delay_beyond_a_whole_sample(lag):
+    """A held command acts at other samples there, and a lag makes up for a part of it."""
+    rng, dt = np.random.default_rng(3), 0.02
+    fixed = {"resistance": 1.0, "rotor_viscous": 0.0, "rotor_friction.coulomb": 0.05}
+    true = {"motor_constant": 0.36, "rotor_inertia": 0.01, "drive.delay": 0.95 * dt, "sensor.lag": 0.3 * dt}
+    truth = RIGID.with_values({**fixed, **true})
+    u = 2 * levels(600, rng, 3)
+    speed = truth.simulate(u[:, None], dt, np.zeros(3), (Signal.SPEED,))[:, 0] + 0.05 * rng.standard_normal(600)
+    off = {"rotor_inertia": 0.016, "drive.delay": 1.7 * true["drive.delay"], "sensor.lag": lag * true["sensor.lag"]}
+    record = Record(u, speed, dt, output_units="rad/s")
+    fit = simulation_error(truth.with_values(off), record, free=tuple(true), fixed=fixed, hold="zero")
+    assert fit.model.plant.value("drive.delay") == pytest.approx(true["drive.delay"], rel=0.01)
 
 
 def test_a_stalled_search_of_two_masses_says_how_many_starts_agree():

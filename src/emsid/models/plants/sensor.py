@@ -58,7 +58,7 @@ class Sensor:
             shown: its speed reading at the first sample, before ratio and offset; a position reading lags by
                 lag·shown.
         """
-        if self.lag < 1e-6 * dt:
+        if not self.lag:
             return np.array([np.nan, 0.0])
         first = float(motion[1]) - self.lag * shown if position else shown
         return np.array([np.nan, first - self._weights(dt)[0] * float(motion[1 if position else 0])])
@@ -79,7 +79,7 @@ class Sensor:
 
     def _shown(self, values: Array, positions: Array, dt: float, kept: Array) -> tuple[Array, Array]:
         lagging, state = values, float(kept[1])
-        if self.lag >= 1e-6 * dt:
+        if self.lag:
             newest, before, decay = self._weights(dt)
             lagging, (state,) = filtered_from([newest, before], [1.0, -decay], values, [state])
         return lagging / self.ratio + self.offset, np.array([float(positions[-1]), state])

@@ -340,7 +340,7 @@ SHEETS = {"motor": "[motor]\nresistance = '2 ohm'\n", "axis": "[linear-axis]\nma
 @pytest.fixture
 def bare(monkeypatch):
     """Physical candidates without the search for refinements, which takes its time."""
-    from emsid.identification import workflow as identification
+    from emsid.identification import fitting as identification
 
     for name in ("rigid-motor", "linear-axis"):
         plain = replace(identification.CANDIDATES[name], refinements=())
@@ -410,7 +410,7 @@ def test_interrupting_a_profile_keeps_the_fit(run, motor_log, tmp_path, bare, mo
     def interrupted(*_, **__):
         raise Stopped(Ending.INTERRUPTED)
 
-    monkeypatch.setattr("emsid.identification.workflow.likelihood_profile", interrupted)
+    monkeypatch.setattr("emsid.identification.profiles.likelihood_profile", interrupted)
     words = ("identify", motor_log, *MOTOR, "--models", "rigid-motor", "--profile", "motor_constant")
     status, out, err = run(*words, "--out", tmp_path / "out")
     assert status == 130
@@ -420,7 +420,7 @@ def test_interrupting_a_profile_keeps_the_fit(run, motor_log, tmp_path, bare, mo
 
 
 def test_interrupting_keeps_what_was_found(run, log, tmp_path, monkeypatch):
-    from emsid.identification import workflow as identification
+    from emsid.identification import fitting as identification
 
     def interrupted(*_):
         raise Stopped(Ending.INTERRUPTED)
@@ -436,7 +436,7 @@ def test_interrupting_keeps_what_was_found(run, log, tmp_path, monkeypatch):
 
 
 def test_every_finished_model_is_saved_at_once(run, log, tmp_path, monkeypatch):
-    from emsid.identification import workflow as identification
+    from emsid.identification import fitting as identification
 
     def killed(*_):
         assert emsid.load(tmp_path / "out" / "arx.json").name == "arx"
@@ -449,7 +449,7 @@ def test_every_finished_model_is_saved_at_once(run, log, tmp_path, monkeypatch):
 
 
 def test_interrupting_before_anything_is_found_writes_nothing(run, log, tmp_path, monkeypatch):
-    from emsid.identification import workflow as identification
+    from emsid.identification import fitting as identification
 
     def interrupted(*_):
         raise Stopped(Ending.INTERRUPTED)

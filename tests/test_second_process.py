@@ -19,8 +19,9 @@ from emsid.cli.second_process import SecondProcess, second_process, taken
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.threads import short_tasks
-from emsid.identification import Options, workflow
+from emsid.identification import Options
 from emsid.identification.candidates import CANDIDATES
+from emsid.identification.fitting import Searches
 
 OPTIONS = Options(na=1, nb=1, nk=1, degree=2)
 MODELS = "polynomial-narx, arx, friction-narx"
@@ -81,10 +82,10 @@ def test_the_searches_of_a_short_record_come_first_beside_another_process(sample
         raise emsid.ModelError("not now")
 
     names = ("arx", "friction-narx", "friction-motor")
-    monkeypatch.setattr("emsid.identification.workflow.CANDIDATES", {name: partial(fit, name) for name in names})
+    monkeypatch.setattr("emsid.identification.fitting.CANDIDATES", {name: partial(fit, name) for name in names})
     for elsewhere in (Elsewhere(), None):
         with pytest.raises(emsid.ModelError, match="not now"):
-            workflow._fit_all(names, lagging(samples), OPTIONS, FREE, elsewhere=elsewhere)
+            Searches(names, lagging(samples), OPTIONS, FREE, elsewhere=elsewhere).all()
     assert taken[0] == first
     assert taken[3:] == [*names]
 
@@ -92,14 +93,18 @@ def test_the_searches_of_a_short_record_come_first_beside_another_process(sample
 @pytest.mark.parametrize(
     ("samples", "order"),
     [
-        (100, ("friction-motor", "arx", "polynomial-narx", "output-error", "wiener-hammerstein", "feedback")),
+        (100, ("wiener-hammerstein", "friction-motor", "output-error", "polynomial-narx", "arx", "feedback")),
         (3000, ("arx", "output-error", "polynomial-narx", "friction-motor", "wiener-hammerstein", "feedback")),
     ],
 )
-def test_the_other_process_begins_with_the_slowest_and_what_shares_a_search(samples, order) -> None:
+def test_the_other_process_begins_with_the_slowest_and_one_of_them_makes_a_shared_search(samples, order) -> None:
     usual = ("arx", "output-error", "polynomial-narx", "wiener-hammerstein", "feedback", "friction-motor")
-    assert tuple(workflow._order(usual, lagging(samples), Elsewhere())) == order
-    assert workflow._order(usual, lagging(samples), None) == usual
+    record = lagging(samples)
+    assert tuple(Searches(usual, record, OPTIONS, FREE, elsewhere=Elsewhere()).order) == order
+    few = tuple(name for name in order if name not in ("wiener-hammerstein", "feedback"))
+    with_cascade = (*few, "wiener-hammerstein")
+    assert tuple(Searches(with_cascade, record, OPTIONS, FREE, elsewhere=Elsewhere()).order) == with_cascade
+    assert Searches(usual, record, OPTIONS, FREE).order == usual
 
 
 def test_a_model_that_is_not_known_elsewhere_is_fitted_here() -> None:

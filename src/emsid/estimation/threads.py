@@ -7,7 +7,7 @@ them, everything becomes several times slower.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
@@ -51,6 +51,16 @@ def one_blas_thread() -> Iterator[None]:
             _inside -= 1
             if _inside == 0:
                 _limiter.restore_original_limits()
+
+
+@contextmanager
+def in_threads(threads: int) -> Iterator[Callable[..., Iterable[Any]]]:
+    """A function like `map` that divides its calls between threads; of one thread the present one, which costs less."""
+    if threads == 1:
+        yield map
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        yield pool.map
 
 
 @cache

@@ -2,10 +2,11 @@
 
 from emsid.identification.characteristics import Characteristic
 from emsid.identification.curves import BandedCurve, curves
+from emsid.identification.fitting import Elsewhere
 from emsid.identification.options import Options
 from emsid.identification.ranking import FrontRow, Ranked
 from emsid.identification.result import Identification
-from emsid.identification.workflow import Elsewhere, identify
+from emsid.identification.workflow import identify
 from emsid.selection.improvement import StretchErrors
 
 __all__ = [

@@ -7,7 +7,6 @@ again to the rest of each, in a few steps.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar, Unpack
@@ -17,6 +16,7 @@ import numpy as np
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.minimum import Minimum
+from emsid.estimation.threads import in_threads
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.fitting import FreeRun, Search, search
@@ -204,8 +204,8 @@ def _successes(
             return None
         return choice if np.isfinite(choice.known) else None
 
-    with ThreadPoolExecutor(threads) as pool:
-        found = [choice for choice in pool.map(attempt, items) if choice is not None]
+    with in_threads(threads) as in_turn:
+        found = [choice for choice in in_turn(attempt, items) if choice is not None]
     control.check()  # a refinement that was cut short is not compared
     return found
 

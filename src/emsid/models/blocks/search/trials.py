@@ -8,7 +8,6 @@ by `Information` and scored on the rest of the record. A map of another family t
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.estimation.linear.information import Information
 from emsid.estimation.nonlinear.steps import least_squares_step
+from emsid.estimation.threads import in_threads
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import Scaling, StaticMap
@@ -73,8 +73,8 @@ def scanned(
             problems.append(problem)
             return []
 
-    with ThreadPoolExecutor(threads) as pool:
-        found = [candidate for several in pool.map(score, filters) for candidate in several]
+    with in_threads(threads) as in_turn:
+        found = [candidate for several in in_turn(score, filters) for candidate in several]
     if problems and not found:
         raise problems[0]
     return sorted(found, key=lambda candidate: candidate.error)

@@ -24,7 +24,6 @@ parameter without effect is often why it has not.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from math import inf, log
 
@@ -33,7 +32,7 @@ from numpy.typing import NDArray
 
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
-from emsid.estimation.threads import cores, one_blas_thread
+from emsid.estimation.threads import cores, in_threads, one_blas_thread
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
 from emsid.models.plants.datasheet import Given, applicable
@@ -470,8 +469,8 @@ class _Choice:
             plants = [plant for plant, _ in starts]
             return self._trials.fitted(plants, names, self.trial.states) if few is None else few.fitted(plants, names)
 
-        with ThreadPoolExecutor(cores()) as pool:
-            return list(pool.map(tried, groups))
+        with in_threads(cores()) as in_turn:
+            return list(in_turn(tried, groups))
 
     def _take(self, trial: Trial) -> None:
         before, after = self.trial.names, trial.names

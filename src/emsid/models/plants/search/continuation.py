@@ -8,7 +8,6 @@ and the search goes on with the rest; where that start turns out to matter, it i
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from math import inf, isfinite
 from typing import NamedTuple
@@ -21,6 +20,7 @@ from emsid.estimation.linear.information import inverse_triangle
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
+from emsid.estimation.threads import in_threads
 from emsid.estimation.uncertainty.coloured_residuals import coloured_covariance, whitened_sandwich
 from emsid.estimation.uncertainty.identifiability import Identifiability, identifiability
 from emsid.findings import Finding
@@ -226,11 +226,11 @@ def _scan(rough: FreeRunError, names: Sequence[str], task: Task) -> Plant:
     """The plant of a problem with each of the other parameters in turn moved to where it simulates best."""
     best, states = rough.plant, rough.states(rough.start)
     lowest = cost_of(rough)
-    with ThreadPoolExecutor(rough.threads) as pool:
+    with in_threads(rough.threads) as in_turn:
         for name in (name for name in names if name not in rough.free):
             value = best.value(name)
             trials = [best.with_values({name: float(np.clip(factor * value, *task.limits[name]))}) for factor in SCAN]
-            costs = list(pool.map(lambda trial: cost_of(task.problem(trial, (), states)), trials))
+            costs = list(in_turn(lambda trial: cost_of(task.problem(trial, (), states)), trials))
             k = int(np.argmin(costs))
             if costs[k] < lowest:
                 best, lowest = trials[k], costs[k]

@@ -20,7 +20,6 @@ constants from a few samples to a thousand, with little friction and with much.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from math import inf
 
@@ -29,6 +28,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import DataError, EmsidError, listed
 from emsid.estimation.linear.filtering import filtered_both_ways
+from emsid.estimation.threads import in_threads
 from emsid.models.plants.drive import Drive
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.one_mass import Motion
@@ -188,8 +188,8 @@ def _suggested(plant: Plant, task: Task) -> list[tuple[float, Plant]]:
     turned = driven.reversed_drive()
     forward = [(motion, driven) for motion in likely if motion.gain / drive.gain > 0]
     backward = [(motion, turned) for motion in likely if motion.gain / turned.drive.gain > 0]
-    with ThreadPoolExecutor(first.threads) as pool:
-        costs = list(pool.map(lambda pair: tried(*pair), [*forward, *backward]))
+    with in_threads(first.threads) as in_turn:
+        costs = list(in_turn(lambda pair: tried(*pair), [*forward, *backward]))
     straight = [(cost_of(first), cost_of(first, channel), plant), *costs[: len(forward)]]
     turned_round = min((cost for _, cost, _ in costs[len(forward) :]), default=inf)
     if turned_round < WRONG_WAY * min(cost for _, cost, _ in straight):

@@ -1,0 +1,229 @@
+"""The fits of all requested models to a record: one after the other here, and some of them elsewhere meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+
+from emsid.errors import EmsidError
+from emsid.estimation.fit import Ending, Fit, fit_or_problem
+from emsid.estimation.nonlinear.control import Activity, Control, Stopped
+from emsid.estimation.threads import sharing_cores
+from emsid.findings import Finding
+from emsid.identification.candidates import CANDIDATES
+from emsid.identification.observations import failure, out_of_time
+from emsid.identification.options import Options
+from emsid.identification.regressions import OF_OUTPUT_ERROR, REGRESSIONS
+from emsid.models.bootstrap import bootstrap as drawn_again
+from emsid.record import Record
+
+
+class Elsewhere(Protocol):
+    """A place where some of the models are fitted at the same time."""
+
+    def begin(self, names: Sequence[str], record: Record, options: Options) -> None:
+        """Start to fit some of the models there."""
+        ...
+
+    def has_begun(self, name: str) -> bool:
+        """Whether a model is fitted there; if not, it is left to the caller."""
+        ...
+
+    def fitted(self, name: str, control: Control) -> Fit[Any] | None:
+        """The fit of one of these models, once it is there; None if it is not known there.
+
+        Raises:
+            EmsidError: where the model cannot be fitted.
+            Stopped: by ``control``.
+        """
+        ...
+
+    def stop(self) -> None:
+        """End the search there with its best result so far."""
+        ...
+
+
+SHORT = 2000
+"""The largest number of samples to which every model is fitted in seconds."""
+SLOWEST = ("wiener-hammerstein", "feedback")
+"""The last often takes as long as all others together, the other one in short records."""
+
+
+@dataclass(frozen=True)
+class Fits:
+    """The models that were fitted, those that could not be, whether this was stopped early, and what was not begun.
+
+    What was asked for by one name may be a model of another name, as a motor whose shaft the data do not show.
+    """
+
+    fits: tuple[Fit[Any], ...]
+    failed: tuple[Finding, ...]
+    stopped: bool
+    missing: tuple[str, ...]
+
+
+@dataclass
+class _UnderWay:
+    """What was found so far, by the names that were asked for.
+
+    Attributes:
+        fits, problems: of each model.
+        late: the models for which no time was left.
+        end: what ended the searches early.
+    """
+
+    fits: dict[str, Fit[Any]] = field(default_factory=dict)
+    problems: dict[str, EmsidError] = field(default_factory=dict)
+    late: list[str] = field(default_factory=list)
+    end: Stopped | None = None
+
+    def of(self, names: Sequence[str]) -> Fits:
+        """The result, in the order of the names.
+
+        Raises:
+            EmsidError: of the first model, where none can be fitted.
+            Stopped: where it was stopped before any was found.
+        """
+        problems = {name: self.problems[name] for name in names if name in self.problems}
+        if not self.fits:
+            raise self.end or next(iter(problems.values()), Stopped(Ending.OUT_OF_BUDGET))
+        failed = [*(failure(name, problem) for name, problem in problems.items()), *map(out_of_time, self.late)]
+        by_model = {self.fits[name].model.name: self.fits[name] for name in names if name in self.fits}
+        missing = [name for name in names if name not in (*self.fits, *problems, *self.late)]
+        return Fits(tuple(by_model.values()), tuple(failed), self.end is not None, tuple(missing))
+
+
+@dataclass(frozen=True, eq=False)
+class Searches:
+    """The searches for all models.
+
+    Args:
+        names: of the models.
+        record: what they are fitted to.
+        options: how.
+        control: when to stop; of a time limit every fit gets an equal share.
+        finished: called with every fit.
+        elsewhere: where some of them are fitted at the same time.
+        later: the number of fits that follow; where there are any, these here only compare.
+    """
+
+    names: Sequence[str]
+    record: Record
+    options: Options
+    control: Control
+    finished: Callable[[Fit[Any]], None] | None = None
+    elsewhere: Elsewhere | None = None
+    later: int = 0
+
+    @property
+    def _how(self) -> Options:
+        return replace(self.options, comparing=self.later > 0)
+
+    def begin(self) -> None:
+        """Begin those that are made elsewhere."""
+        if self.elsewhere:
+            self.elsewhere.begin(self.order, self.record, self._how)
+
+    @property
+    def order(self) -> Sequence[str]:
+        """The models in the order in which they are taken here; the other place takes them from the last one on.
+
+        Of a short record the slowest searches come first and last, and then what shares the search for the orders of an
+        output-error model, so that one place makes it. The rest takes little time: both places end at about the same
+        time. Of a long record the regressions come first, so that an interruption leaves them.
+        """
+        if self.elsewhere is None:
+            return self.names
+        regressions = [name for name in self.names if name in REGRESSIONS]
+        slowest = [name for name in SLOWEST if name in self.names]
+        others = [name for name in self.names if name not in REGRESSIONS and name not in SLOWEST]
+        if len(self.record) > SHORT:
+            return [*regressions, *others, *slowest]
+        sharing = [name for name in regressions if name in OF_OUTPUT_ERROR]
+        return list(dict.fromkeys([*slowest[:-1], *others, *sharing, *regressions, *slowest[-1:]]))
+
+    def all(self) -> Fits:
+        """The fits of all models.
+
+        Raises:
+            EmsidError: of the first model, where none can be fitted.
+            Stopped: where it is stopped before any is found.
+        """
+        found = _UnderWay()
+        control = _stopping(self.elsewhere, self.control) if self.elsewhere else self.control
+        for done, (name, there) in enumerate(self._in_turn()):
+            if found.end is not None and there is None:  # what has begun elsewhere may have a result
+                continue
+            own = control.sharing(len(self.names) - done + self.later)
+            self._search(name, there, of_one_model(own, f"{name} ({done + 1} of {len(self.names)})"), found)
+        return found.of(self.names)
+
+    def _in_turn(self) -> Iterator[tuple[str, Elsewhere | None]]:
+        """Every model with where it is fitted, None for here; those that are fitted elsewhere last."""
+        others = []
+        for name in self.order:
+            if self.elsewhere and self.elsewhere.has_begun(name):
+                others.append((name, self.elsewhere))
+            else:
+                yield name, None
+        yield from others
+
+    def _search(self, name: str, there: Elsewhere | None, control: Control, found: _UnderWay) -> None:
+        """Add the fit of a model to what was found, or why there is none."""
+        try:
+            control.report(Activity("fitting"))
+            fit = there.fitted(name, control) if there else None
+            with sharing_cores(2 if self.elsewhere else 1):
+                found.fits[name] = fit = fit or self._fitted_here(name, control)
+            if fit.ending is Ending.INTERRUPTED:
+                found.end = Stopped(Ending.INTERRUPTED)
+            if self.finished is not None:
+                self.finished(fit)
+        except Stopped as stop:
+            if stop.ending is Ending.INTERRUPTED:
+                found.end = stop
+            else:
+                found.late.append(name)
+        except EmsidError as problem:
+            found.problems[name] = problem
+
+    def _fitted_here(self, name: str, control: Control) -> Fit[Any]:
+        control.check()
+        return fit_or_problem(partial(CANDIDATES[name], self.record, self._how, control))
+
+
+def _stopping(elsewhere: Elsewhere, control: Control) -> Control:
+    """The same control; a search that it cancels here, stops at once elsewhere too."""
+
+    def cancelled() -> bool:
+        stopped = control.cancelled()
+        if stopped:
+            elsewhere.stop()
+        return stopped
+
+    return replace(control, cancelled=cancelled)
+
+
+def of_one_model(control: Control, name: str) -> Control:
+    """The same control, with the name of a model in front of every activity."""
+    return replace(control, report=lambda a: control.report(Activity(f"{name}: {a.doing}", a.done, a.total)))
+
+
+def with_bootstrap(found: Fits, record: Record, count: int, seed: int, control: Control) -> Fits:
+    """The models with intervals from drawn pieces of the record, as far as they can be fitted again."""
+    if not count or found.stopped:
+        return found
+    fits, failed = list(found.fits), list(found.failed)
+    for k, fit in enumerate(fits):
+        own = of_one_model(control, f"{fit.model.name} (bootstrap {k + 1} of {len(fits)})")
+        try:
+            fits[k] = drawn_again(fit, record, count, rng=np.random.default_rng(seed), control=own)
+        except Stopped as stop:
+            return Fits(tuple(fits), tuple(failed), stop.ending is Ending.INTERRUPTED, found.missing)
+        except EmsidError as problem:
+            failed.append(Finding("no-bootstrap", fit.model.name, {"model": fit.model.name, "problem": str(problem)}))
+    return Fits(tuple(fits), tuple(failed), stopped=False, missing=())

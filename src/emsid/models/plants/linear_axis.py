@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
+from emsid.models.plants.characteristics import dead_zone_over_command, friction_over_speed
 from emsid.models.plants.cogging import Cogging, check_quadratic, cogging_handles, extra_terms, without_idle
 from emsid.models.plants.drive import Drive, Feed, outer_handles
 from emsid.models.plants.driven import NEED_SUPPLY, Driven
@@ -191,22 +192,12 @@ class LinearAxis(Driven):
 
     def friction_characteristic(self) -> StaticCharacteristic:
         """All friction over speed, with the viscous part."""
-        forward, backward = self.viscous_friction  # type: ignore[misc]
-
-        def force(speed: Array) -> Array:
-            linear = np.where(speed < 0, backward, forward) * speed
-            return np.asarray(self.friction.torque(speed) + linear + self.quadratic_viscous * speed * np.abs(speed))
-
-        return StaticCharacteristic(force, ("Speed v", "m/s"), ("Friction force", "N"), self.friction.breakaway)
+        viscous: tuple[float, float] = self.viscous_friction  # type: ignore[assignment]
+        return friction_over_speed((self.friction,), viscous, self.quadratic_viscous, "Speed v", "m/s", "force")
 
     def dead_zone_characteristic(self) -> StaticCharacteristic | None:
         """The dead zone on the force."""
-        zone = self.dead_zone
-        if zone is None:
-            return None
-        return StaticCharacteristic(
-            zone, ("Applied force", "N"), ("Effective force", "N"), edge=max(zone.b_r, -zone.b_l)
-        )
+        return dead_zone_over_command(self.dead_zone, "force")
 
     def equations(self) -> str:
         """One mass and its position."""

@@ -10,7 +10,7 @@ which the fast loop of `one_mass` simulates.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import astuple, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from math import inf
 from typing import TYPE_CHECKING, Any, Self
@@ -21,36 +21,26 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.base_plant import plausible
+from emsid.models.plants.characteristics import dead_zone_over_command, friction_over_speed
 from emsid.models.plants.cogging import Cogging, check_quadratic, cogging_handles, extra_terms, without_idle
 from emsid.models.plants.drive import Acting, Drive, Feed, outer_handles
 from emsid.models.plants.driven import Driven
+from emsid.models.plants.motor_equations import equations, linear_motor, quantities, together
+from emsid.models.plants.motor_motion import MotorMotion, two_masses
 from emsid.models.plants.one_mass import Motion, OneMass, Sliding, moved
 from emsid.models.plants.parameters import TINY, Handle, Signal, dead_zone_handles, law_handles, scalar
 from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sizes, StaticCharacteristic
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.state import PlantState
-from emsid.plant import DeadZoneLaw, Friction, FrictionLaw, Measure, Motor, Parameter, State, Taylor, simulate
+from emsid.plant import FrictionLaw, Measure, Motor, Parameter
 
 if TYPE_CHECKING:
     from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-LONG_STEPS = Taylor(order=20, most_steps=100)
-"""Sample times are long compared with electrical time constants and resonances; a high order needs fewer steps.
-
-A motor that needs more steps is refused, so that a search stays clear of it.
-"""
-_Samples = tuple[Callable[[], Array], Array, Array, Array, Array]
-"""The current, computed where it is asked for, speed of rotor and load, and position of both (N,)."""
 QUICKEST = 0.05
 """The shortest electrical time constant in samples; records do not show a shorter one, and it is slow to simulate."""
-STIFFEST = 60.0
-"""The fastest motion of a shaft in radians per sample; a stiffer or more damped shaft is simulated as rigid."""
-
-
-GAP = "T_s = 0 for |φ| < β, else K_s·(φ − β·sgn(φ))"
-"""The torque of a shaft with backlash, before its damping."""
 _MADE = {
     Feed.VOLTAGE: ("V", "volts", Measure.COMMAND),
     Feed.CURRENT: ("A", "amperes", Measure.OTHER),
@@ -288,19 +278,19 @@ class DrivenMotor(Driven):
         dt = state.dt
         on = self.drive.acting(inputs, state.commands, dt)
         simulated = self._one_mass if self._is_one_mass else self._two_masses
-        (current, rotor_speeds, speeds, rotor_positions, positions), motion = simulated(on, state.motion)
+        at, motion = simulated(on, state.motion)
         sensor = self.sensor
         shown: dict[Signal, Callable[[Array], tuple[Array, Array]]] = {
-            Signal.SPEED: lambda kept: sensor.speed(speeds, positions, dt, kept),
-            Signal.POSITION: lambda kept: sensor.position(positions, dt, kept),
-            Signal.ROTOR_SPEED: lambda kept: sensor.speed(rotor_speeds, rotor_positions, dt, kept),
-            Signal.CURRENT: lambda kept: (current(), kept),
+            Signal.SPEED: lambda kept: sensor.speed(at.speeds, at.positions, dt, kept),
+            Signal.POSITION: lambda kept: sensor.position(at.positions, dt, kept),
+            Signal.ROTOR_SPEED: lambda kept: sensor.speed(at.rotor_speeds, at.rotor_positions, dt, kept),
+            Signal.CURRENT: lambda kept: (at.current(), kept),
         }
         columns = [shown[signal](kept) for signal, kept in zip(signals, state.sensed, strict=True)]
         sensed = np.array([kept for _, kept in columns])
         return np.column_stack([values for values, _ in columns]), PlantState(dt, motion, on.left, sensed)
 
-    def _one_mass(self, on: Acting, motion: Array) -> tuple[_Samples, Array]:
+    def _one_mass(self, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
         """What is at the samples, and the motion after the run."""
         begin = float(motion[0]), float(motion[1])
         torque, braking = self._torque(on.voltage, on.conducts)
@@ -315,7 +305,7 @@ class DrivenMotor(Driven):
                 pull, drag = self._torque(*on.now)
             return np.asarray((pull - drag * speeds) / self.motor.motor_constant)
 
-        return (current, speeds, speeds, positions, positions), motion
+        return MotorMotion(current, speeds, speeds, positions, positions), motion
 
     def _as_one_mass(self, voltage: Array, conducts: Array) -> OneMass | None:
         """Of the fast loop of one mass, where that can simulate it."""
@@ -328,7 +318,7 @@ class DrivenMotor(Driven):
         mass = motor.rotor_inertia + motor.load_inertia
         return OneMass(mass, type(law).level, friction, torque - self.load_torque, braking + viscous)
 
-    def _two_masses(self, on: Acting, motion: Array) -> tuple[_Samples, Array]:
+    def _two_masses(self, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
         """The same for a motor that one mass does not describe."""
         if np.any(on.conducts != 1.0):
             raise ModelError(
@@ -341,65 +331,11 @@ class DrivenMotor(Driven):
                 "quadratic friction and cogging are simulated for a rigid motor without inductance only; choose "
                 "rigid-motor"
             )
-        ends = motion[:, None]
-        volts, durations = _pieces(on.voltage, on.dt, on.late)
-        if len(volts):
-            start, motor = State(*motion.tolist()), self.motor
-            if not motor.is_rigid and not motor.shaft_backlash and self._fastest * on.dt > STIFFEST:
-                start, motor = replace(start, rotor_speed=start.load_speed, twist=0.0), motor.rigid()
-            whole = simulate(motor, volts, durations, disturbance=self.load_torque, initial=start, method=LONG_STEPS)
-            motion = np.array(astuple(whole.final))
-            every = slice(None, None, 2 if 0 < on.late < 1 else 1)
-            rows = (whole.current, whole.rotor_speed, whole.load_speed, whole.twist, whole.load_angle)
-            ends = np.column_stack([np.array(rows)[:, every], motion])
-        current, rotor_speeds, speeds, twist, positions = ends[:, on.samples]
-        return (lambda: current, rotor_speeds, speeds, positions + twist, positions), motion
-
-    @property
-    def _fastest(self) -> float:
-        """How fast rotor and load come together, in rad/s: their resonance without damping, or the damping alone."""
-        motor = self.motor
-        share = 1 / motor.rotor_inertia + 1 / motor.load_inertia
-        return max(float(np.sqrt(motor.shaft_stiffness * share)), motor.shaft_damping * share)
+        return two_masses(self.motor, self.load_torque, on, motion)
 
     def linearised(self, signals: Sequence[Signal]) -> StateSpace:
-        """(4.1)–(4.6) without dry friction and dead zones: armature, two masses and shaft, as far as they exist."""
-        m, gain = self.motor, self.drive.gain
-        names = ["current", "rotor speed", "load speed", "twist", "angle"]
-        k, viscous = m.motor_constant, np.array([m.rotor_viscous, m.load_viscous])
-        # The current without inductance, or the torque itself; a row has one element per state, then one per command.
-        voltage = self.feed is Feed.VOLTAGE
-        settled = np.zeros(6)
-        if voltage:
-            settled[[1, 5]] = -k / m.resistance, gain / m.resistance
-        else:
-            settled[5] = gain if self.feed is Feed.CURRENT else gain / k
-        rows = np.zeros((5, 6))
-        stiffness, damping = (0.0, 0.0) if m.is_rigid else (m.shaft_stiffness, m.shaft_damping)
-        shaft = np.array([0.0, damping, -damping, stiffness, 0.0, 0.0])
-        lively = voltage and m.inductance > 0
-        current = np.eye(6)[0] if lively else settled
-        if lively:
-            rows[0, [0, 1, 5]] = -m.resistance / m.inductance, -k / m.inductance, gain / m.inductance
-        rows[1] = (k * current - shaft - viscous[0] * np.eye(6)[1]) / m.rotor_inertia
-        rows[2] = (shaft - viscous[1] * np.eye(6)[2]) / m.load_inertia
-        rows[3, [1, 2]], rows[4, 2] = (1.0, -1.0), 1.0
-        shown = {
-            Signal.SPEED: np.eye(6)[2] / self.sensor.ratio,
-            Signal.ROTOR_SPEED: np.eye(6)[1] / self.sensor.ratio,
-            Signal.POSITION: np.eye(6)[4] / self.sensor.ratio,
-            Signal.CURRENT: current,
-        }
-        out = np.array([shown[signal] for signal in signals]).reshape(-1, 6)
-        kept = [0] * lively + [1, 2, 3, 4]
-        if m.is_rigid:  # rotor and load are one mass
-            rows[1] = (k * current - viscous.sum() * np.eye(6)[1]) / (m.rotor_inertia + m.load_inertia)
-            rows[4] = np.eye(6)[1]
-            out[:, 1] += out[:, 2]
-            kept = [0] * lively + [1, 4]
-        part = StateSpace(
-            rows[np.ix_(kept, kept)], rows[kept, 5:], out[:, kept], out[:, 5:], tuple(names[j] for j in kept)
-        )
+        """See `linear_motor`."""
+        part = linear_motor(self.motor, self.feed, self.drive.gain, self.sensor.ratio, signals)
         filtered = tuple(j for j, signal in enumerate(signals) if signal is not Signal.CURRENT)
         return part.with_lag(self.sensor.lag, filtered)
 
@@ -428,93 +364,67 @@ class DrivenMotor(Driven):
         is fixed, the other one follows from the gain, and the viscous friction from the damping. For a current
         input, K_m is kept, and J and the friction follow from it.
         """
-        motor = self.motor
         if self.feed is not Feed.VOLTAGE:
-            per_unit = (motor.motor_constant if self.feed is Feed.CURRENT else 1.0) * self.drive.gain
-            inertia = max(per_unit / motion.gain, 2 * TINY)
-            return self.with_values(
-                {
-                    "rotor_inertia": max(inertia - motor.load_inertia, TINY),
-                    "rotor_viscous": max(inertia * motion.damping - motor.load_viscous, 0.0),
-                    self._level: inertia * max(motion.coulomb, 0.0),
-                }
-            )
+            return self._with_motion_by_torque(motion)
+        motor, zone = self.motor, motion.dead_zone * abs(self.drive.gain)
+        constant, inertia, viscous = self._constants_of(motion, fixed)
         share = motor.rotor_inertia / (motor.rotor_inertia + motor.load_inertia)
-        gain = motion.gain / self.drive.gain  # rad/s² per volt
-        viscous = 0.0
-        if {"motor_constant", "rotor_inertia"}.isdisjoint(fixed):
-            constant = max(motion.damping / gain, 1e-6 * motor.motor_constant)
-            inertia = constant / (motor.resistance * gain)
-        else:
-            constant, inertia = motor.motor_constant, motor.rotor_inertia + motor.load_inertia
-            if "motor_constant" not in fixed:
-                constant = inertia * motor.resistance * gain
-            elif "rotor_inertia" not in fixed:
-                inertia = constant / (motor.resistance * gain)
-            viscous = inertia * motion.damping - constant**2 / motor.resistance - motor.load_viscous
+        factor = 1.0 if motor.is_rigid else inertia / (motor.rotor_inertia + motor.load_inertia)
+        small = 0.02 * inertia * motion.damping
         found = replace(
             motor,
             motor_constant=constant,
             rotor_inertia=inertia * share,
             load_inertia=inertia * (1 - share),
-            rotor_viscous=max(viscous, min(motor.rotor_viscous, 0.02 * inertia * motion.damping)),
-            load_viscous=min(motor.load_viscous, 0.02 * inertia * motion.damping),
+            rotor_viscous=max(viscous, min(motor.rotor_viscous, small)),
+            load_viscous=min(motor.load_viscous, small),
             rotor_friction=motor.rotor_friction.sliding_at(inertia * max(motion.coulomb, 0.0)),
-            voltage_dead_zone=None
-            if motor.voltage_dead_zone is None
-            else replace(
-                motor.voltage_dead_zone,
-                b_l=-motion.dead_zone * abs(self.drive.gain),
-                b_r=motion.dead_zone * abs(self.drive.gain),
-            ),
+            voltage_dead_zone=motor.voltage_dead_zone and replace(motor.voltage_dead_zone, b_l=-zone, b_r=zone),
+            shaft_stiffness=motor.shaft_stiffness * factor,
+            shaft_damping=motor.shaft_damping * factor,
         )
-        if not motor.is_rigid:
-            factor = inertia / (motor.rotor_inertia + motor.load_inertia)
-            found = replace(
-                found, shaft_stiffness=motor.shaft_stiffness * factor, shaft_damping=motor.shaft_damping * factor
-            )
         return replace(self, motor=found)
+
+    def _with_motion_by_torque(self, motion: Motion) -> Self:
+        """`with_motion` for an input of current or torque."""
+        motor = self.motor
+        per_unit = (motor.motor_constant if self.feed is Feed.CURRENT else 1.0) * self.drive.gain
+        inertia = max(per_unit / motion.gain, 2 * TINY)
+        return self.with_values(
+            {
+                "rotor_inertia": max(inertia - motor.load_inertia, TINY),
+                "rotor_viscous": max(inertia * motion.damping - motor.load_viscous, 0.0),
+                self._level: inertia * max(motion.coulomb, 0.0),
+            }
+        )
+
+    def _constants_of(self, motion: Motion, fixed: Collection[str]) -> tuple[float, float, float]:
+        """K_m, J and B_m of a motion, for a voltage; B_m is zero where K_m and J follow from the motion."""
+        motor, gain = self.motor, motion.gain / self.drive.gain  # rad/s² per volt
+        if {"motor_constant", "rotor_inertia"}.isdisjoint(fixed):
+            constant = max(motion.damping / gain, 1e-6 * motor.motor_constant)
+            return constant, constant / (motor.resistance * gain), 0.0
+        constant, inertia = motor.motor_constant, motor.rotor_inertia + motor.load_inertia
+        if "motor_constant" not in fixed:
+            constant = inertia * motor.resistance * gain
+        elif "rotor_inertia" not in fixed:
+            inertia = constant / (motor.resistance * gain)
+        return constant, inertia, inertia * motion.damping - constant**2 / motor.resistance - motor.load_viscous
 
     def friction_characteristic(self) -> StaticCharacteristic:
         """All mechanical friction over speed, with the viscous part."""
-        m = self.motor
-
-        def torque(speed: Array) -> Array:
-            viscous = (m.rotor_viscous + m.load_viscous) * speed
-            dry = m.rotor_friction.torque(speed) + m.load_friction.torque(speed)
-            return np.asarray(dry + viscous + self.quadratic_viscous * speed * np.abs(speed))
-
-        forward, backward = (m.rotor_friction.breakaway[k] + m.load_friction.breakaway[k] for k in (0, 1))
-        return StaticCharacteristic(torque, ("Speed ω", "rad/s"), ("Friction torque", "N*m"), (forward, backward))
+        viscous = self.motor.rotor_viscous + self.motor.load_viscous
+        return friction_over_speed(
+            tuple(self.frictions.values()), (viscous, viscous), self.quadratic_viscous, "Speed ω", "rad/s", "torque"
+        )
 
     def dead_zone_characteristic(self) -> StaticCharacteristic | None:
         """The dead zone on the voltage."""
-        zone = self.motor.voltage_dead_zone
-        if zone is None:
-            return None
-        return StaticCharacteristic(
-            zone, ("Applied voltage", "V"), ("Effective voltage", "V"), edge=max(zone.b_r, -zone.b_l)
-        )
+        return dead_zone_over_command(self.motor.voltage_dead_zone, "voltage")
 
     def equations(self) -> str:
         """(4.1)–(4.11) as far as they apply."""
-        motor = self.motor
-        slope = "L_a·di/dt = " if motor.inductance > 0 else "0 = "
-        electrical = [f"{slope}D_v(v_a) − R_a·i − K_m·ω{'' if motor.is_rigid else '_m'}"]
-        if self.feed is not Feed.VOLTAGE:
-            electrical = []
-        made = "T" if self.feed is Feed.TORQUE else "K_m·i"
-        torque = made if motor.torque_dead_zone is None else f"D_T({made})"
-        if motor.is_rigid:
-            extra = extra_terms(self.quadratic_viscous, self.cogging, "B_q", "ω", "θ")
-            mechanical = [f"(J_m + J_L)·dω/dt = {torque} − (B_m + B_L)·ω − T_f(ω) − T_d{extra}"]
-        else:
-            mechanical = [
-                f"J_m·dω_m/dt = {torque} − T_s − B_m·ω_m − T_f(ω_m)",
-                "J_L·dω_L/dt = T_s − B_L·ω_L − T_f(ω_L) − T_d",
-                f"{'T_s = K_s·φ' if not motor.shaft_backlash else GAP} + B_s·(ω_m − ω_L),  dφ/dt = ω_m − ω_L",
-            ]
-        return "\n".join([*electrical, *mechanical])
+        return equations(self.motor, self.feed, extra_terms(self.quadratic_viscous, self.cogging, "B_q", "ω", "θ"))
 
     def to_data(self) -> dict[str, Any]:
         """Parameters and input quantity, and the dead zones that exist."""
@@ -530,73 +440,4 @@ class DrivenMotor(Driven):
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Quantities that input and speed alone identify."""
-        m = self.motor
-        r, k = m.resistance, m.motor_constant
-        inertia, viscous = m.rotor_inertia + m.load_inertia, m.rotor_viscous + m.load_viscous
-        if self.feed is not Feed.VOLTAGE:
-            level = together(m.rotor_friction, m.load_friction).base[0]
-            found = [Quantity("mechanical time constant", "J/B", "s", inertia / max(viscous, TINY))]
-            if self.feed is Feed.CURRENT:
-                found += [
-                    Quantity("acceleration per ampere", "K/J", "rad/(A*s^2)", k / inertia),
-                    Quantity("Coulomb current", "T_c/K", "A", level / k),
-                ]
-            return tuple(found)
-        damping = k**2 / r + viscous
-        slide = together(m.rotor_friction, m.load_friction)
-        found = [
-            Quantity("mechanical time constant", "J/(B + K²/R)", "s", inertia / damping),
-            Quantity("speed per volt", "K/(K² + R·B)", "rad/(V*s)", k / r / damping),
-            Quantity("acceleration per volt", "K/(R·J)", "rad/(V*s^2)", k / (r * inertia)),
-            Quantity("Coulomb voltage forward", "R·T_c/K", "V", r * slide.base[0] / k),
-            Quantity("Coulomb voltage backward", "R·T_c/K", "V", r * slide.base[1] / k),
-            Quantity("electromechanical time constant", "R·J/K²", "s", r * inertia / k**2),
-        ]
-        zone = m.voltage_dead_zone or DeadZoneLaw(0.0, 0.0)
-        for k_side, side, edge, slope in ((0, "forward", zone.b_r, zone.m_r), (1, "backward", -zone.b_l, zone.m_l)):
-            held = slide.breakaway[k_side]
-            found.append(
-                Quantity(f"break-away voltage {side}", "b + R·(T_c + T_s)/(K·m)", "V", edge + r * held / (k * slope))
-            )
-        if m.inductance > 0:
-            found.append(Quantity("electrical time constant", "L/R", "s", m.inductance / r))
-        if not m.is_rigid:
-            ring = m.shaft_stiffness * (1 / m.rotor_inertia + 1 / m.load_inertia)
-            found += [
-                Quantity("shaft resonance", "√(K_s·(1/J_m + 1/J_L))", "rad/s", float(np.sqrt(ring))),
-                Quantity("inertia ratio", "J_L/J_m", "1", m.load_inertia / m.rotor_inertia),
-            ]
-        return tuple(found)
-
-
-def together(rotor: FrictionLaw, load: FrictionLaw) -> FrictionLaw:
-    """The friction of both sides of a rigid motor as one law.
-
-    The levels of two `Friction` laws are added; the rate is that of the rotor if it has an excess.
-
-    Raises:
-        ModelError: for two different laws that both have an effect.
-    """
-    if not any(load.breakaway) and isinstance(load, Friction):
-        return rotor
-    if not (isinstance(rotor, Friction) and isinstance(load, Friction)):
-        raise ModelError(
-            f"a rigid motor has one friction law, and this one has {type(rotor).__name__} on the rotor and "
-            f"{type(load).__name__} on the load; put all of it on the rotor: load_friction=Friction()"
-        )
-    sides = list(zip((rotor.forward, rotor.backward), (load.forward, load.backward), strict=True))
-    return Friction(
-        tuple(a.coulomb + b.coulomb for a, b in sides),  # type: ignore[arg-type]
-        tuple(a.stribeck + b.stribeck for a, b in sides),  # type: ignore[arg-type]
-        tuple((a if a.stribeck > 0 else b).stribeck_rate for a, b in sides),  # type: ignore[arg-type]
-    )
-
-
-def _pieces(voltage: Array, dt: float, late: float) -> tuple[Array, Array]:
-    """Voltages and their durations: two per sample if the delay ends within it."""
-    if late <= 0:
-        return voltage[1:], np.full(len(voltage) - 1, dt)
-    if late >= 1:
-        return voltage[:-1], np.full(len(voltage) - 1, dt)
-    held = np.column_stack([voltage[:-1], voltage[1:]]).ravel()
-    return held, np.tile([late * dt, (1 - late) * dt], len(voltage) - 1)
+        return quantities(self.motor, self.feed)

@@ -1,0 +1,79 @@
+"""The motion of a motor at the samples of a run, and that of its general form with shaft and inductance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import astuple, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.models.plants.drive import Acting
+from emsid.plant import Motor, State, Taylor, simulate
+
+Array = NDArray[np.float64]
+
+LONG_STEPS = Taylor(order=20, most_steps=100)
+"""Sample times are long compared with electrical time constants and resonances; a high order needs fewer steps.
+
+A motor that needs more steps is refused, so that a search stays clear of it.
+"""
+STIFFEST = 60.0
+"""The fastest motion of a shaft in radians per sample; a stiffer or more damped shaft is simulated as rigid."""
+
+
+class MotorMotion(NamedTuple):
+    """A motor at the N samples of a run.
+
+    Attributes:
+        current: computes the current (N,) in A where it is asked for.
+        rotor_speeds, speeds: (N,) of rotor and load in rad/s.
+        rotor_positions, positions: (N,) of rotor and load in rad.
+    """
+
+    current: Callable[[], Array]
+    rotor_speeds: Array
+    speeds: Array
+    rotor_positions: Array
+    positions: Array
+
+
+def two_masses(motor: Motor, load_torque: float, on: Acting, motion: Array) -> tuple[MotorMotion, Array]:
+    """The motion of the general motor (4.1)–(4.11), and its state after the run.
+
+    Args:
+        motor: with shaft, or with inductance.
+        load_torque: constant torque on the load in N·m.
+        on: what the drive applies.
+        motion: (5,) the state before the run: current, rotor speed, load speed, twist and load angle.
+    """
+    ends = motion[:, None]
+    volts, durations = _pieces(on.voltage, on.dt, on.late)
+    if len(volts):
+        start = State(*motion.tolist())
+        if not motor.is_rigid and not motor.shaft_backlash and _fastest(motor) * on.dt > STIFFEST:
+            start, motor = replace(start, rotor_speed=start.load_speed, twist=0.0), motor.rigid()
+        whole = simulate(motor, volts, durations, disturbance=load_torque, initial=start, method=LONG_STEPS)
+        motion = np.array(astuple(whole.final))
+        every = slice(None, None, 2 if 0 < on.late < 1 else 1)
+        rows = (whole.current, whole.rotor_speed, whole.load_speed, whole.twist, whole.load_angle)
+        ends = np.column_stack([np.array(rows)[:, every], motion])
+    current, rotor_speeds, speeds, twist, positions = ends[:, on.samples]
+    return MotorMotion(lambda: current, rotor_speeds, speeds, positions + twist, positions), motion
+
+
+def _fastest(motor: Motor) -> float:
+    """How fast rotor and load come together, in rad/s: their resonance without damping, or the damping alone."""
+    share = 1 / motor.rotor_inertia + 1 / motor.load_inertia
+    return max(float(np.sqrt(motor.shaft_stiffness * share)), motor.shaft_damping * share)
+
+
+def _pieces(voltage: Array, dt: float, late: float) -> tuple[Array, Array]:
+    """Voltages and their durations: two per sample if the delay ends within it."""
+    if late <= 0:
+        return voltage[1:], np.full(len(voltage) - 1, dt)
+    if late >= 1:
+        return voltage[:-1], np.full(len(voltage) - 1, dt)
+    held = np.column_stack([voltage[:-1], voltage[1:]]).ravel()
+    return held, np.tile([late * dt, (1 - late) * dt], len(voltage) - 1)

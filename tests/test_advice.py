@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 import emsid
 from emsid.findings import Finding
-from emsid.first_look.advice import advice, questions, repeated, responses_of
+from emsid.first_look.advice import advice, questions, repeated, response_of
 from emsid.first_look.baseline import baseline
 from emsid.first_look.dynamics import Response, influence, response
 from emsid.first_look.nonlinearity import nonlinearity
@@ -176,6 +176,14 @@ def test_a_position_on_one_side_of_its_zero_is_no_magnitude() -> None:
     assert "output-without-sign" not in findings(u, y, output_names=("position",))
 
 
+@pytest.mark.parametrize("factor", [1e-300, 1e300])
+def test_values_that_cannot_be_computed_with(factor: float) -> None:
+    record = Record(factor * U, factor * motor(U), 0.01)
+    assert response_of(record) is None
+    assert {each.code for each in advice(record, Response(None, 0, 0.0, 0.0))} == {"channel-out-of-scale"}
+    assert asked([record]) == []
+
+
 def test_jitter() -> None:
     t = 0.01 * np.arange(N) + 2e-4 * np.random.default_rng(0).uniform(-1, 1, N)
     found = findings(U, motor(U), time_axis=time_axis(t))
@@ -306,7 +314,8 @@ def test_linear_systems_are_seldom_called_nonlinear() -> None:
 def test_friction_in_a_slow_drive_is_seen() -> None:
     """Some twenty levels, each held for three time constants: few independent stretches for many functions."""
     record = friction_motor(25).fitted
-    (seen,) = responses_of([record])
+    seen = response_of(record)
+    assert seen is not None
     (found,) = nonlinearity(record, seen, baseline(record, seen.delay))
     assert found.code == "nonlinear-likely"
     assert found.data["of_residual"] > 0.2
@@ -330,7 +339,7 @@ def test_nothing_is_said_about_an_output_that_is_not_there() -> None:
 
 
 def asked(records: list[Record]) -> list[Finding]:
-    return questions(records, responses_of(records))
+    return questions(records, list(map(response_of, records)))
 
 
 class TestQuestions:
@@ -372,7 +381,8 @@ class TestLongDelays:
     def test_a_slow_response_that_starts_at_once_is_no_delay(self) -> None:
         """The output of two tanks follows the second of them, whose level rises late."""
         record = tanks(seed=2).fitted
-        (answer,) = responses_of([record])
+        answer = response_of(record)
+        assert answer is not None
         assert answer is not None
         assert answer.delay > LONGEST_SEARCHED
         assert with_delay(Options(), [answer], [record]) == (Options(), ())
@@ -437,7 +447,8 @@ class TestRest:
         u = np.sign(np.sin(2 * np.pi * self.t)) * 2 + np.sin(6 * np.pi * self.t)
         y = -np.cos(2 * np.pi * self.t)
         record = Record(u, y, 1e-3, "u", "y")
-        (seen,) = responses_of([record])
+        seen = response_of(record)
+        assert seen is not None
         codes = {finding.code for finding in advice(record, seen)}
         assert "motion" in codes
         assert not codes & {"dead-zone-likely", "amplitude-near-dead-zone"}

@@ -59,6 +59,28 @@ def test_few_unseen_samples_are_named() -> None:
     assert "few-unseen-samples" not in codes(emsid.identify(record(200), models="arx", options=ONE))
 
 
+def test_a_fraction_that_leaves_hardly_anything_to_fit() -> None:
+    with pytest.raises(
+        DataError, match=r"log, unseen part, of 599 samples, leaves 1 sample to fit; keep a smaller part"
+    ):
+        emsid.identify(record(600), unseen=0.999, models="arx", options=ONE)
+
+
+def test_a_model_whose_residual_cannot_be_tested_is_not_called_supported() -> None:
+    known, other = record(600), record(600, seed=1)
+    settling = np.zeros((60, 1))
+    settling[:, 0] = 4 * 0.8 ** np.arange(60)  # from a start in motion, without an input
+    for unseen, untested in ((emsid.Record(0 * settling, settling, 0.01, name="coasts"), True), (other, False)):
+        (verdict,) = emsid.identify(known, unseen, models="arx", options=ONE).model_verdicts
+        assert ("residual-untested" in {each["code"] for each in verdict.data["reasons"]}) == untested
+
+
+def test_values_too_small_to_compute_with() -> None:
+    usual = record(600)
+    with pytest.raises(DataError, match="cannot be computed with; scale it"):
+        emsid.identify(emsid.Record(1e-300 * usual.input, 1e-300 * usual.output, 0.01), models="arx", options=ONE)
+
+
 def test_the_same_record_for_both_and_overlapping_ones() -> None:
     whole = record(400)
     for known, unseen in ((whole, whole), (whole[:250], whole[200:])):

@@ -26,6 +26,8 @@ from emsid.units import SI, conversion, per_unit, readable_unit
         ("mm", 1e-3, "m"),
         ("m/s", 1.0, "m/s"),
         ("mm/s/s", 1e-3, "m/s^2"),
+        ("m/s^4", 1.0, "m/s^4"),
+        ("km/s^4", 1e3, "m/s^4"),
         ("Nm", 1.0, "N*m"),
         ("mNm", 1e-3, "N*m"),
         ("N·m", 1.0, "N*m"),

@@ -426,6 +426,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("zero-cancels-pole", data={"model": "arx", "pole": [0.9, 0.0]}),
     # the quality of data
     Finding("channel-constant", "u", {"level": 2.0, "unit": "V"}),
+    Finding("channel-out-of-scale", "u", {"largest": 4.97e300}),
     Finding(
         "output-constant",
         "y",

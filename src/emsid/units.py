@@ -225,7 +225,7 @@ def conversion(
         if target is None:
             base = quantity.to_base_units()
             same = (si for si in SI if registry.Quantity(1.0, si).to_base_units().units == base.units)
-            target = next(same, unit if base.magnitude == 1 else f"{base.units:~C}")
+            target = next(same, unit if base.magnitude == 1 else f"{base.units:~C}".replace("**", "^"))
         wanted = registry.Unit(_spelling(target))
         zero, one = (registry.Quantity(x, quantity.units).to(wanted).magnitude for x in (0.0, 1.0))
     except pint.DimensionalityError as problem:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.linear.filtering import spectrum
+from emsid.estimation.linear.least_squares import LARGEST
 from emsid.excitation import largest_order, persistent_excitation_order
 from emsid.excitation.between_samples import may_be_continuous, repeats
 from emsid.findings import Finding
@@ -109,7 +110,7 @@ def advice(record: Record, response: Response, tolerance: float = TOLERANCE) -> 
     """
     if not record.output.shape[1]:
         return []
-    found = list(_constant(record))
+    found = list(_useless(record))
     if len(record) < FEWEST_SAMPLES:
         found = [Finding("record-too-short", record.name, {"samples": len(record), "needed": FEWEST_SAMPLES}), *found]
     if found:
@@ -118,11 +119,14 @@ def advice(record: Record, response: Response, tolerance: float = TOLERANCE) -> 
     return [finding for check in CHECKS for finding in check(data)]
 
 
-def _constant(record: Record) -> Iterable[Finding]:
-    """Channels that never change; an output may be one because the input does not overcome friction."""
+def _useless(record: Record) -> Iterable[Finding]:
+    """Channels that cannot be computed with, or never change: an output perhaps for friction."""
     units, u = _units(record), record.input[:, 0]
     for name in record.input_names + record.output_names:
         x = record.channel(name)
+        largest = float(np.max(np.abs(x)))
+        if largest and not 1 / LARGEST < largest < LARGEST:
+            yield Finding("channel-out-of-scale", name, {"largest": largest})
         if np.ptp(x):
             continue
         data = {"level": float(x[0]), "unit": units[name]}
@@ -346,7 +350,7 @@ def drift(data: _Data) -> Iterable[Finding]:
     error = float(np.sqrt(rest @ rest / 10 / (k @ k) * (t @ t) / (ahead @ ahead)))
     change = 12 * slope
     if abs(slope) > 6 * error and abs(change) > 0.1 * data.y.std():
-        sure = round(min(0.95, abs(slope) / error / 20 + 0.5), 2)
+        sure = 0.95 if abs(slope) >= 9 * error else round(abs(slope) / error / 20 + 0.5, 2)
         unit = data.record.output_units[0]
         yield Finding("output-drifts", data.output, {"change": change, "unit": unit, "confidence": sure})
 
@@ -391,14 +395,18 @@ QUESTIONABLE = frozenset(
 """What a user of a model must know about the data that it was identified from."""
 
 
-def responses_of(records: Sequence[Record]) -> list[Response | None]:
-    """How the first output of every record answers the first input; None where too little changes."""
-    return [
-        response(record.input[:, 0], record.output[:, 0], record.breaks, is_position(record))
-        if record.output.shape[1] and len(record) >= FEWEST_SAMPLES and np.ptp(record.output[:, 0])
-        else None
-        for record in records
-    ]
+def response_of(record: Record, *, integrates: bool = False) -> Response | None:
+    """How the first output answers the first input; None where too little changes, or is too large to compute with.
+
+    Args:
+        record: with an output.
+        integrates: whether that is a position, even if its name and unit do not say so.
+    """
+    if not record.output.shape[1] or len(record) < FEWEST_SAMPLES or not np.ptp(record.output[:, 0]):
+        return None
+    if any(each.code == "channel-out-of-scale" for each in _useless(record)):
+        return None
+    return response(record.input[:, 0], record.output[:, 0], record.breaks, integrates or is_position(record))
 
 
 def questions(records: Sequence[Record], responses: Sequence[Response | None]) -> list[Finding]:

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from emsid.arguments import as_names
 from emsid.errors import DataError, EmsidError
 from emsid.findings import Finding
-from emsid.first_look.advice import TOLERANCE, advice, is_position, opposite_signs
+from emsid.first_look.advice import TOLERANCE, advice, opposite_signs, response_of
 from emsid.first_look.clock import Clock, contradiction, find_clock
 from emsid.first_look.columns import Column, Stretch, column_of_numbers
-from emsid.first_look.dynamics import Response, response
+from emsid.first_look.dynamics import Response
 from emsid.first_look.names import ColumnQuantity, Meaning, meaning
 from emsid.first_look.roles import Roles, find_direction, find_roles, is_difference, with_responses
 from emsid.first_look.systems import Source, systems
@@ -227,17 +227,21 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
         reason = str(problem).removeprefix(f"{look.path}: ")
         failed = Finding("not-readable", look.name, {"reason": reason, "arguments": list(problem.arguments)})
         return replace(look, findings=(*noticed, failed))
-    found = Response(None, 0, 0.0, 0.0)
-    if record.output.shape[1]:
-        u, y, proposed = record.input[:, 0], record.output[:, 0], look.reading["output"]
-        found = response(u, y, record.breaks, is_position(record))
-        guessed = "output" not in given and proposed == look.roles.output
-        if guessed and found.delay is None and response(u, y, record.breaks, integrates=True).delay is not None:
-            noticed.append(Finding("position-differentiated", proposed, {"input": look.roles.input}))
-            look = replace(look, reading={**look.reading, "output": f"d({proposed})"})
-            return _with_record(look, parsed, noticed, given)
+    found, proposed = response_of(record), look.reading["output"]
+    guessed = "output" not in given and proposed == look.roles.output
+    if guessed and found and found.delay is None and _answers_by_its_change(record):
+        noticed.append(Finding("position-differentiated", proposed, {"input": look.roles.input}))
+        look = replace(look, reading={**look.reading, "output": f"d({proposed})"})
+        return _with_record(look, parsed, noticed, given)
+    found = found or Response(None, 0, 0.0, 0.0)
     findings = (*record.findings, *noticed, *advice(record, found, look.tolerance))
     return replace(look, record=record, response=found, findings=findings)
+
+
+def _answers_by_its_change(record: Record) -> bool:
+    """Whether the change of the first output responds to the first input, as that of a position does."""
+    found = response_of(record, integrates=True)
+    return found is not None and found.delay is not None
 
 
 def _column(name: str, raw: Columns) -> Column:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from emsid.findings import Finding, finite
-from emsid.first_look.advice import advice, is_position
-from emsid.first_look.dynamics import response
+from emsid.first_look.advice import advice, response_of
+from emsid.first_look.dynamics import Response
 from emsid.identification.plausibility import IMPLAUSIBLE
 from emsid.identification.ranking import Ranked, close, compared
 from emsid.record import Record
@@ -133,6 +133,5 @@ def _place(reason: Mapping[str, Any]) -> dict[str, Any]:
 
 def _first_look(record: Record) -> dict[str, Finding]:
     """What the first look finds in the record, by code."""
-    u, y = record.input[:, 0], record.output[:, 0]
-    found = advice(record, response(u, y, record.breaks, is_position(record)))
+    found = advice(record, response_of(record) or Response(None, 0, 0.0, 0.0))
     return {each.code: each for each in reversed(found)}

@@ -87,7 +87,9 @@ def _verdict(
     row = unseen.row
     useless = unusable(row)
     tests = [] if useless or shares is None else residual_table(unseen)
-    tested = [UNTESTED] if shares is None else _from_tests(tests, unseen, shares)
+    tested = [] if shares is None else _from_tests(tests, unseen, shares)
+    if not any(each["test"] == "past-inputs" for each in tests):
+        tested.append(UNTESTED)
     limits = [] if useless else [*_poor(row), *tested, *_disagreements(unseen, fitted)]
     if unseen.fit.ending in UNFINISHED:
         limits.append({"code": "search-not-finished", "ending": unseen.fit.ending.value})

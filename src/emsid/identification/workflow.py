@@ -16,7 +16,7 @@ from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding
-from emsid.first_look.advice import questions, responses_of
+from emsid.first_look.advice import questions, response_of
 from emsid.identification.all_data import from_all_data
 from emsid.identification.candidates import QUICK, usual_for
 from emsid.identification.compared import Compared
@@ -46,8 +46,8 @@ from emsid.validation.regions import by_record
 
 NAMED = 4
 """Name at most this many records in a title; of more give the number."""
-FEWEST = 20
-"""With fewer samples nothing is left to test a model on after it is fitted."""
+FEWEST, FEWEST_FITTED = 20, 10
+"""With fewer samples nothing is left to test a model on after it is fitted, and too little to fit it to."""
 
 
 def identify(
@@ -108,7 +108,7 @@ def identify(
     record = _long_enough(as_one(several))
     names = names or usual_for(record)
     given = options = understood(options, names)
-    responses = responses_of(several)
+    responses = list(map(response_of, several))
     options, about_delay = with_delay(codes_of_channel(options, record), responses, several)
     plants = plants_of(names, options)
     check_physics(plants, names, options)
@@ -192,7 +192,7 @@ def _difference_of_records(comparison: Comparison, records: Sequence[Record]) ->
 
 
 def _check_records(train: Record, test: Record, discrete: Sequence[str], transient: int | None) -> None:
-    """Refuse to rank discrete-time models on data of another sample time, and a transient that leaves no sample.
+    """Refuse too few samples to fit, data of another sample time, and a transient that leaves no sample.
 
     Raises:
         DataError: naming the models, or the record.
@@ -202,6 +202,9 @@ def _check_records(train: Record, test: Record, discrete: Sequence[str], transie
             f"{test.name} is sampled every {test.dt:g} s and {train.name} every {train.dt:g} s, so "
             f"{', '.join(discrete)} cannot be simulated on it; resample one of them, or check the unit of its times"
         )
+    if len(train) < FEWEST_FITTED:
+        left = f"{len(train)} sample{'s' * (len(train) != 1)} to fit; keep a smaller part unseen, or record longer"
+        raise DataError(f"{test.name}, of {len(test)} samples, leaves {left}", arguments=("unseen",))
     for record in (train, test):
         longest = max(map(len, record.segments))
         if longest <= (transient or 0):

@@ -28,6 +28,15 @@ def channel_constant(f: Finding, argument: Spelling) -> str:
     return f"{f.subject} is constant at {level}, so nothing can be identified; record with a changing input"
 
 
+@words("channel-out-of-scale", Severity.PROBLEM)
+def channel_out_of_scale(f: Finding, argument: Spelling) -> str:
+    """Subject: the channel. Data: largest."""
+    return (
+        f"{f.subject} reaches {f.data['largest']:.3g}, which cannot be computed with; scale it to an ordinary size "
+        f"({argument('scale')} {f.subject}=…)"
+    )
+
+
 @words("output-constant", Severity.PROBLEM)
 def output_constant(f: Finding, argument: Spelling) -> str:
     """Subject: the output. Data: level, unit, input, low, high, input_unit."""

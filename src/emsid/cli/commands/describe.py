@@ -20,7 +20,15 @@ if TYPE_CHECKING:
 
 IN_FULL = 3
 """Of more files than this, each is described in a line."""
-USELESS = {"record-too-short", "channel-constant", "output-constant", "all-standstill", "not-readable", "no-role-found"}
+USELESS = {
+    "record-too-short",
+    "channel-constant",
+    "channel-out-of-scale",
+    "output-constant",
+    "all-standstill",
+    "not-readable",
+    "no-role-found",
+}
 """Findings with which there is nothing to identify."""
 
 

@@ -126,6 +126,13 @@ def findings(found: list[dict[str, object]]) -> list[object]:
 # --- a session -------------------------------------------------------------------------------------------------------
 
 
+def test_the_estimate_over_time_has_many_points_also_where_a_file_comes_at_once(tmp_path: Path) -> None:
+    session, _ = tracked(lines(600), folder=tmp_path)
+    assert len(session.history.time) == 30
+    assert np.all(np.diff(session.history.time) > 0)
+    assert session.counts["samples"] == sum(len(record) for record, _ in session.recent) == 600
+
+
 def test_a_source_without_faults_gives_no_finding(tmp_path: Path) -> None:
     absent = {"change-detected", "source-gap", "samples-not-tracked", "source-disconnected", "source-silent"}
     absent |= {"lines-not-used", "log-not-written", "tracking-errors-coloured"}

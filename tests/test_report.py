@@ -67,6 +67,7 @@ from emsid.report.figures import draw
 from emsid.report.layout import text_width
 from emsid.report.page import page, write_report
 from emsid.report.page_plots import HEIGHT, PAGE_POINTS, WIDTH, page_figure
+from emsid.report.svg import svg
 from emsid.report.views import cascade as cascade_views
 from emsid.report.views import grey_box as grey_box_views
 from emsid.report.views.conventions import MODELS
@@ -298,6 +299,17 @@ def every_figure():
     yield "two inputs, residuals", views.residuals([linear])
     yield "two inputs, nonlinear correlations", views.nonlinear_correlations([linear])
     yield "every mark", every_mark()
+
+
+def test_a_band_has_gaps_where_its_limits_are_not_known():
+    x, middle = np.arange(10.0), np.ones(10)
+    axes = Axis("t", range=(0.0, 9.0)), Axis("y", range=(0.0, 2.0))
+    for gap, areas in ((slice(0, 0), 1), (slice(4, 6), 2), (slice(0, 2), 1)):
+        low = 0.5 * middle
+        low[gap] = np.nan
+        figure = Figure("band", "", (Plot((Band(x, low, 1.5 * middle), Line(x, middle)), *axes),))
+        (area,) = re.findall(r'<path d="([^"]*z)"', svg(figure).decode())
+        assert area.count("z") == areas
 
 
 def error_of(assessment):

@@ -49,6 +49,8 @@ BURSTS = 3.0
 """The margin of the thresholds of changes, for bursts of error that are no change."""
 REMEMBERED = 2000
 """Points of the history of the estimate."""
+FEWEST_TRACKED, MOST_PIECES = 20, 50
+"""The samples of a piece of a long stretch at least, and the pieces of a stretch at most."""
 
 
 @dataclass(frozen=True)
@@ -276,12 +278,13 @@ class _Work:
                 gap = stretch.gap
                 data = {"time": gap.time, "samples": gap.samples, "cause": gap.cause}
                 yield self.found(Finding("source-gap", session.name, data), keep=session.counts["gaps"] <= 20)
-            session.tracking, changes, predictions = tracker.advance(session.tracking, record)
-            session.counts["samples"] += len(record)
-            self.remember(record, predictions)
-            for change in changes:
-                session.changes.append(change)
-                yield self.found(self.changed(change, record))
+            for piece in pieces(record):
+                session.tracking, changes, predictions = tracker.advance(session.tracking, piece)
+                session.counts["samples"] += len(piece)
+                self.remember(piece, predictions)
+                for change in changes:
+                    session.changes.append(change)
+                    yield self.found(self.changed(change, piece))
             limit = self.settings.duration
             if limit is not None and session.counts["samples"] * record.dt >= limit:
                 session.reason = "duration"
@@ -439,6 +442,12 @@ class _Work:
         session.recent.append((record, predictions))
         while sum(len(each) for each, _ in session.recent) - len(session.recent[0][0]) > REMEMBERED:
             session.recent.popleft()
+
+
+def pieces(record: Record) -> list[Record]:
+    """A stretch in pieces, after each of which the estimate is kept: a file comes in a few long stretches."""
+    size = max(FEWEST_TRACKED, -(-len(record) // MOST_PIECES))
+    return [record[start : start + size] for start in range(0, len(record), size)]
 
 
 def _message(content: Message) -> Message:

@@ -101,7 +101,7 @@ class Band:
     """The area between two lines: an interval at every x.
 
     Attributes:
-        x, lower, upper: (n,) in the units of the axes.
+        x, lower, upper: (n,) in the units of the axes; a gap where a limit is NaN.
         label: for the legend, empty for none.
         ink: its colour, drawn pale.
     """

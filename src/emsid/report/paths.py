@@ -299,11 +299,14 @@ def _(mark: Points, frame: Frame) -> list[Shape]:
 @shapes.register(Band)
 def _(mark: Band, frame: Frame) -> list[Shape]:
     known = np.isfinite(mark.lower) & np.isfinite(mark.upper)
-    x, low, high = mark.x[known], mark.lower[known], mark.upper[known]
-    if not len(x):
-        return []
-    around = frame.path(frame.across(np.concatenate([x, x[::-1]])), frame.down(np.concatenate([high, low[::-1]])))
-    return [Shape(f"{around}z", fill=mark.ink.value, opacity=0.18)]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]])))
+    areas = []
+    for k in range(0, len(edges), 2):  # one area for each stretch without a gap
+        part = slice(edges[k], edges[k + 1])
+        x, low, high = mark.x[part], mark.lower[part], mark.upper[part]
+        places = frame.across(np.concatenate([x, x[::-1]]))
+        areas.append(f"{frame.path(places, frame.down(np.concatenate([high, low[::-1]])))}z")
+    return [Shape("".join(areas), fill=mark.ink.value, opacity=0.18)] if areas else []
 
 
 @shapes.register(Histogram)

@@ -125,7 +125,7 @@ def _around(band: Computed, channel: int, t: Array, samples: NDArray[np.intp]) -
     low, high = (with_gaps(edge[:, channel], samples) for edge in (band.low, band.high))
     known = np.isfinite(low) & np.isfinite(high)
     label = f"{100 * band.level:g} % band of its parameters"
-    return (Band(t[known], low[known], high[known], label, Ink.RED),) if known.any() else ()
+    return (Band(t, np.where(known, low, np.nan), high, label, Ink.RED),) if known.any() else ()
 
 
 def ranking(comparison: Comparison, *, name: str = "ranking") -> Figure:

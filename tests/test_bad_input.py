@@ -86,6 +86,7 @@ def test_the_same_record_for_both_and_overlapping_ones() -> None:
     for known, unseen in ((whole, whole), (whole[:250], whole[200:])):
         result = emsid.identify(known, unseen, models="arx", options=ONE)
         assert "data-not-unseen" in codes(result)
+        assert {row.data_label for row in result.rows} == {"used in fit"}
         assert result.recommendation[0].data["seen"]
         assert result.recommendation[1].data["kind"] == "other-input"
     apart = emsid.identify(whole[:200], whole[200:], models="arx", options=ONE)

@@ -88,6 +88,8 @@ def test_channels_in_files_without_header(tmp_path: Path) -> None:
     record = emsid.read(tmp_path / "y.csv", input="x.csv:1", output="y.csv:1", dt=0.1, units={"x": "mV"})
     assert (record.input_names, record.output_names, record.input_units) == (("x",), ("y",), ("V",))
     np.testing.assert_allclose(record.input[:, 0] * 2000, record.output[:, 0])
+    with pytest.raises(DataError, match=r"the time is a column of every file .* give its name alone, '2'"):
+        emsid.read(tmp_path / "y.csv", input="x.csv:1", output="y.csv:1", time="x.csv:2")
     with pytest.raises(DataError, match=r"x.csv: there is no column '3'; there are c1, c2"):
         emsid.read(tmp_path / "y.csv", input="x.csv:3", output="y.csv:1", dt=0.1)
 

@@ -184,7 +184,9 @@ def test_pieces_of_any_size_give_the_same_session(tmp_path: Path) -> None:
     assert pieces.tracking is not None
     np.testing.assert_array_equal(whole.tracking.state.estimate, pieces.tracking.state.estimate)
     np.testing.assert_array_equal(whole.tracking.detection, pieces.tracking.detection)
-    assert [vars(each) for each in whole.changes] == [vars(each) for each in pieces.changes]
+    assert [each.kind for each in whole.changes] == [each.kind for each in pieces.changes]
+    moments = [np.array([(each.time, each.since) for each in session.changes]) for session in (whole, pieces)]
+    np.testing.assert_allclose(*moments, rtol=1e-12)  # times of a piece are sums with another rounding
 
 
 def test_a_structure_with_friction_and_a_fixed_model_are_tracked_beside(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
     from emsid.models.model import Model
     from emsid.models.plants.search.diagnostics import Profile
-    from emsid.validation.comparison import Comparison
+    from emsid.validation.comparison import Comparison, Row
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -116,6 +116,12 @@ class Identification(Presented):
     def seen(self) -> bool:
         """Whether `unseen` contains data that the models were fitted to."""
         return holds_some_of(self.unseen, self.record)
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """The errors on `unseen`, the smallest first, as errors on data of the fit where it contains some."""
+        rows = self.on_unseen.by_error.rows
+        return tuple(replace(row, data="identification") for row in rows) if self.seen else rows
 
     @property
     def ranked_on(self) -> str:

@@ -174,7 +174,7 @@ def which_model(result: Identification) -> Section:
                 if on is not None
             ),
             views.results_table(
-                result.on_unseen.by_error.rows,
+                result.rows,
                 unit=unit,
                 caption=f"On {result.ranked_on}, {result.unseen.name}; the recommended model is in bold.",
                 emphasised=recommended,

@@ -321,7 +321,7 @@ def _print(result: "Identification") -> None:
     from emsid.wording import sentence
 
     title = f"on {result.ranked_on} ({result.unseen.name}), the smallest error first"
-    show(error_table(result.on_unseen.by_error.rows, title, result.unseen.output_units[0]))
+    show(error_table(result.rows, title, result.unseen.output_units[0]))
     say(EXPLAINED)
     say(*(sentence(finding, option) for finding in result.recommendation))
     if len(result.front) > 1:

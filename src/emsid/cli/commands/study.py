@@ -51,9 +51,10 @@ def study(
 ) -> None:
     """Run a complete study; no data needed.
 
-    This is the study of Kara and Abokoos, from simulation to validation, on a built-in motor. It takes about a minute
-    on two cores. What it says about other motors and inputs is recorded; --survey repeats it. On records of your own,
-    orders, knots and refinements are chosen as by emsid identify; the paper's models keep their orders.
+    This is the study of Kara and Abokoos, from simulation to validation, on a built-in motor. It takes some twenty
+    seconds, and on a new machine up to a minute more for compiling. What it says about other motors and inputs is
+    recorded; --survey repeats it. On records of your own, orders, knots and refinements are chosen as by emsid
+    identify; the paper's models keep their orders.
 
     Writes report.html, study.json and the figures as SVG. The options for columns and times apply to --record and
     --validate.

@@ -42,8 +42,15 @@ def with_other_files(
         read_columns: reads the columns of another file.
 
     Raises:
-        DataError: for a column that the other file does not have, or where its times are others.
+        DataError: for a column that the other file does not have, where its times are others, and for a time column
+            that is named with its file.
     """
+    if time is not None and time not in columns.series and (elsewhere := file_and_column(time, path)):
+        raise DataError(
+            f"{path}: {time!r}: the time is a column of every file that channels are taken from; give its name alone, "
+            f"{elsewhere[1]!r}",
+            arguments=("time",),
+        )
     series, units = dict(columns.series), dict(columns.units)
     renamed: dict[str, str] = {}
     own_names: dict[str, str] = {}

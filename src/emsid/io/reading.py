@@ -26,7 +26,7 @@ from emsid.io.files import read_bytes
 from emsid.io.mat import read_mat
 from emsid.io.mdf import read_mdf
 from emsid.io.npz import read_npz
-from emsid.io.other_files import file_and_column, with_other_files
+from emsid.io.other_files import with_other_files
 from emsid.io.parquet import read_parquet
 from emsid.io.ros import archived, is_bag_folder, read_bag, read_bag_folder, read_mcap
 from emsid.io.sampling import SampleTime, about_sample_time, sampled
@@ -178,12 +178,6 @@ def read(
     parsed = path if isinstance(path, ParsedFile) else ParsedFile(Path(path), read_columns(path))
     file = parsed.path
     names = [*_as_tuple(input), *_as_tuple(output)]
-    if time is not None and time not in parsed.columns.series and (other := file_and_column(time, file)):
-        raise DataError(
-            f"{file}: {time!r}: the time is a column of every file that channels are taken from; give its name alone, "
-            f"{other[1]!r}",
-            arguments=("time",),
-        )
     columns, rename = with_other_files(parsed.columns, file, names, time, read_columns)
     try:
         record = _record(

@@ -8,7 +8,6 @@ or exports takes one or several records and works segment by segment.
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -23,6 +22,8 @@ from emsid.arguments import as_names
 from emsid.errors import DataError
 from emsid.findings import Finding
 from emsid.presentation import Presented
+from emsid.record.checks import as_channels, check_finite, whole_number
+from emsid.record.filters import DECIMATED, FILTERED, LARGEST_TREND, decimated, low_passed, without_trend
 from emsid.record.frames import numbers, seconds
 from emsid.units import name_and_unit, readable_unit
 
@@ -30,9 +31,6 @@ if TYPE_CHECKING:
     from emsid.record.time_axis import TimeAxis
 
 Array = NDArray[np.float64]
-
-LARGEST_TREND = 5
-"""The largest order of a trend. One of a higher order follows the motion, which is then subtracted too."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,7 +83,7 @@ class Record(Presented):
             put("output", np.empty((np.shape(self.input)[0] if np.ndim(self.input) else 0, 0)))
         for side in ("input", "output"):
             names = tuple(getattr(self, f"{side}_names"))
-            put(side, _channels(getattr(self, side), f"{self.name}: {side}", len(names)))
+            put(side, as_channels(getattr(self, side), f"{self.name}: {side}", len(names)))
         if len(self.input) != len(self.output):
             raise DataError(
                 f"{self.name}: input has {len(self.input)} samples and output {len(self.output)}; they must agree"
@@ -105,7 +103,7 @@ class Record(Presented):
                     raise DataError(f"{self.name}: {len(values)} {side} {what} for {width} {side} channels")
             put(f"{side}_names", names)
             put(f"{side}_units", units)
-            _check_finite(getattr(self, side), names, self.name)
+            check_finite(getattr(self, side), names, self.name)
         channels = self.input_names + self.output_names
         twice = next((name for name in channels if channels.count(name) > 1), None)
         if twice is not None:
@@ -303,15 +301,11 @@ class Record(Presented):
             DataError: for an order above `LARGEST_TREND`.
         """
         problem = f"{self.name}: detrending of order {order}; give 0 (mean), 1 (line) or at most {LARGEST_TREND}"
-        order = _whole(order, 0, problem)
+        order = whole_number(order, 0, problem)
         if order > LARGEST_TREND:
             raise DataError(f"{problem}, because a higher order subtracts the motion too", arguments=("detrend",))
-        powers = np.polynomial.legendre.legvander(_to_unit_interval(self.time), order)
-
-        def without_trend(values: Array) -> Array:
-            return values - powers @ np.linalg.lstsq(powers, values, rcond=None)[0]
-
-        return replace(self, input=without_trend(self.input), output=without_trend(self.output))
+        u, y = (without_trend(values, self.time, order) for values in (self.input, self.output))
+        return replace(self, input=u, output=y)
 
     def decimate(self, factor: int) -> Record:
         """Every ``factor``-th sample after a zero-phase FIR anti-alias filter, segment by segment.
@@ -319,25 +313,19 @@ class Record(Presented):
         Raises:
             DataError: where a segment is too short for the filter (20 samples of the slow rate).
         """
-        factor = _whole(factor, 1, f"{self.name}: cannot decimate by {factor}; give a whole number of at least 1")
+        problem = f"{self.name}: cannot decimate by {factor}; give a whole number of at least 1"
+        factor = whole_number(factor, 1, problem)
         if factor == 1:
             return self
-        from scipy.signal import decimate
-
         pieces = []
         for segment in self.segments:
-            if len(segment) <= 20 * factor:
+            if len(segment) <= DECIMATED * factor:
                 raise DataError(
                     f"{self.name}: a segment of {len(segment)} samples is too short to decimate by {factor}; "
-                    f"it needs more than {20 * factor}"
+                    f"it needs more than {DECIMATED * factor}"
                 )
-            # `decimate` assumes that the signal is zero before its start. Subtracting the first value avoids a false
-            # transient where the signal starts at a constant level.
-            slow = [
-                decimate(values - values[:1], factor, ftype="fir", axis=0) + values[:1]
-                for values in (segment.input, segment.output)
-            ]
-            pieces.append(replace(segment, input=slow[0], output=slow[1], dt=self.dt * factor, time_axis=None))
+            u, y = (decimated(values, factor) for values in (segment.input, segment.output))
+            pieces.append(replace(segment, input=u, output=y, dt=self.dt * factor, time_axis=None))
         return concatenate(pieces, name=self.name)
 
     def lowpass(self, cutoff: float) -> Record:
@@ -358,16 +346,14 @@ class Record(Presented):
                 "sampling frequency",
                 arguments=("filter",),
             )
-        from scipy.signal import butter, sosfiltfilt
-
-        sections = butter(4, cutoff, fs=1 / self.dt, output="sos")
         shortest = min(map(len, self.segments))
-        if shortest <= 15:  # samples with which the filter extends a segment at its ends
-            raise DataError(f"{self.name}: a segment of {shortest} samples is too short to filter; 16 are needed")
+        if shortest <= FILTERED:
+            raise DataError(
+                f"{self.name}: a segment of {shortest} samples is too short to filter; {FILTERED + 1} are needed"
+            )
 
         def filtered(side: str) -> Array:
-            pieces = [sosfiltfilt(sections, getattr(piece, side), axis=0) for piece in self.segments]
-            return np.concatenate(pieces)
+            return np.concatenate([low_passed(getattr(piece, side), cutoff, self.dt) for piece in self.segments])
 
         output = filtered("output") if self.output.shape[1] else self.output
         return replace(self, input=filtered("input"), output=output)
@@ -497,63 +483,3 @@ def segments(records: Record | Iterable[Record]) -> Iterator[Record]:
     """Every segment of one or several records, in order; the records are read one at a time."""
     for record in (records,) if isinstance(records, Record) else records:
         yield from record.segments
-
-
-def _channels(values: ArrayLike, side: str, named: int) -> Array:
-    """The samples (N, channels), read-only. More channels than samples are accepted only if ``named`` confirms them."""
-    array = _real_numbers(values, side)
-    if array.ndim == 1:
-        array = array[:, None]
-    if array.ndim != 2:
-        raise DataError(f"{side} has shape {array.shape}; give (N,) or (N, channels)")
-    if array.shape[1] > array.shape[0] > 0 and array.shape[1] != named:
-        raise DataError(f"{side} has shape {array.shape}: more channels than samples; samples go down, channels across")
-    return array
-
-
-def _real_numbers(values: ArrayLike, side: str) -> Array:
-    """The values as a read-only array; copied unless they are read-only already, as in a part of a record."""
-    given: NDArray[Any] | None
-    try:
-        given = np.asarray(values)
-        array = given.astype(np.float64, copy=False) if given.dtype.kind in "biufO" else None
-    except (TypeError, ValueError):  # strings among numbers, rows of unequal length
-        given = array = None
-    if array is None:
-        found = {"c": "complex numbers", "U": "text", "S": "text"}.get(given.dtype.kind if given is not None else "")
-        raise DataError(
-            f"{side} holds {found or 'something else than numbers'}; give real numbers, (N,) or (N, channels)"
-        )
-    owner = array
-    while isinstance(owner.base, np.ndarray):
-        owner = owner.base
-    if owner.flags.writeable:
-        array = array.copy("K")
-        array.flags.writeable = False  # set on the array itself, so that views of it need no copy
-    return array
-
-
-def _whole(value: object, least: int, problem: str) -> int:
-    """The value as a whole number of at least ``least``; otherwise a `DataError` with the message ``problem``."""
-    try:
-        number = operator.index(value)  # type: ignore[arg-type]
-    except TypeError:
-        number = least - 1
-    if number < least:
-        raise DataError(problem)
-    return number
-
-
-def _check_finite(values: Array, names: Sequence[str], where: str) -> None:
-    for k, name in enumerate(names):
-        column = values[:, k]
-        with np.errstate(over="ignore", invalid="ignore"):
-            suspect = not np.isfinite(column.sum())
-        if suspect and not np.isfinite(column).all():
-            bad = int(np.flatnonzero(~np.isfinite(column))[0])
-            raise DataError(f"{where}: channel {name!r} is {column[bad]} at sample {bad}; mask or repair it")
-
-
-def _to_unit_interval(time: Array) -> Array:
-    span = time[-1] - time[0]
-    return 2 * (time - time[0]) / span - 1 if span else np.zeros_like(time)

@@ -147,10 +147,11 @@ def sample_time_from_text(f: Finding, argument: Spelling) -> str:
 def clock_irregular(f: Finding, argument: Spelling) -> str:
     """Subject: the time column. Data: gaps, longest (s), duplicates, jitter, dt (s)."""
     d = f.data
-    parts = [f"{d['gaps']} gap{'s' * (d['gaps'] != 1)} of up to {d['longest']:.3g} s"] if d["gaps"] else []
+    many = "s of up to" if d["gaps"] != 1 else " of"
+    parts = [f"{d['gaps']} gap{many} {d['longest']:.3g} s"] if d["gaps"] else []
     parts += [f"{d['duplicates']} repeated time{'s' * (d['duplicates'] != 1)}"] if d["duplicates"] else []
     parts += [f"steps that differ by up to {100 * d['jitter']:.2g} %"] if d["jitter"] > 0.01 else []
-    steps = f"steps of {d['dt']:g} s"
+    steps = f"steps of {d['dt']:g} s{', and a long gap divides the record' if d['gaps'] else ''}"
     return f"{f.subject} is not regular: it has {listed(parts)}; {argument('resample')} interpolates to {steps}"
 
 

@@ -47,7 +47,7 @@ def responses(assessments: Sequence[Assessment], intervals: Sequence[slice], *, 
     fits = [f"{label} {_fits(a)}" for label, a in zip(labels(assessments), assessments, strict=True)]
     return Figure(
         name,
-        f"Free runs on {record.name} around critical intervals. Fit over the whole record: {listed(fits)}.",
+        f"Free runs around critical intervals of the record {record.name}. Fit over the whole record: {listed(fits)}.",
         tuple(plots),
     )
 

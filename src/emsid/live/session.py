@@ -21,6 +21,7 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.linear.change_detection import ChangeDetector
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.findings import Finding, plain
+from emsid.live.history import REMEMBERED, History
 from emsid.live.log import Log
 from emsid.live.protocol import LineParser, Rows
 from emsid.live.receiver import Piece, Receiver
@@ -47,8 +48,6 @@ SETTLING, SETTLING_EACH, SETTLING_TIME = 400, 40, 10.0
 """Samples, samples for each parameter, and seconds, after which changes are looked for."""
 BURSTS = 3.0
 """The margin of the thresholds of changes, for bursts of error that are no change."""
-REMEMBERED = 2000
-"""Points of the history of the estimate."""
 FEWEST_TRACKED, MOST_PIECES = 20, 50
 """The samples of a piece of a long stretch at least, and the pieces of a stretch at most."""
 
@@ -82,30 +81,6 @@ class Settings:
             value = getattr(self, name)
             if value is not None and not (isfinite(value) and value >= least):
                 raise DataError(f"{name} of {value:g} s; give a positive number", arguments=(name,))
-
-
-@dataclass(eq=False)
-class History:
-    """The estimate over time, with at most `REMEMBERED` points: when it is full, every second point is dropped."""
-
-    time: list[float] = field(default_factory=list)
-    estimate: list[Array] = field(default_factory=list)
-    half_width: list[Array] = field(default_factory=list)
-    step: int = 1
-    _count: int = 0
-
-    def add(self, time: float, estimate: Array, half_width: Array) -> None:
-        """Remember a point."""
-        self._count += 1
-        if self._count % self.step:
-            return
-        self.time.append(time)
-        self.estimate.append(estimate)
-        self.half_width.append(half_width)
-        if len(self.time) >= REMEMBERED:
-            for each in (self.time, self.estimate, self.half_width):
-                del each[::2]
-            self.step *= 2
 
 
 @dataclass(eq=False)

@@ -197,13 +197,17 @@ def _half(error: float | None) -> str:
 
 
 def show(table: Table) -> None:
-    """Print a table in the width of the terminal, if there is one."""
+    """Print a table in the width of the terminal, if there is one, below its title, which may be wider than it."""
     from rich.console import Console
 
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(width=160)
+    if table.title is not None:
+        console.print(table.title)
+        table.title = None
     console.print(table)
+    console.print()
 
 
 def width_of_terminal() -> int:

@@ -193,7 +193,9 @@ def _width(row: Estimate) -> str:
 
 
 def _half(error: float | None) -> str:
-    return "" if not error or not isfinite(error) else f"{1.96 * error:.2g}"
+    from emsid.models.plants.search.result import STANDARD_ERRORS
+
+    return "" if not error or not isfinite(error) else f"{STANDARD_ERRORS * error:.2g}"
 
 
 def show(table: Table) -> None:

@@ -18,6 +18,7 @@ from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.findings import Finding
 from emsid.models.free_run import RunMethods, continued
 from emsid.models.linear_parts import python_control
+from emsid.models.plants.cogging import without_idle
 from emsid.models.plants.drive import Bridge
 from emsid.models.plants.free_run_error import FreeRunError, all_alike
 from emsid.models.plants.parameters import Signal, parts
@@ -139,7 +140,7 @@ class GreyBox(RunMethods):
 
     def equation(self) -> str:
         """Every parameter with an effect, with its unit; equal values of both directions are given once."""
-        values = {name: self.plant.value(name) for name in self.plant.handles}
+        values = without_idle({name: self.plant.value(name) for name in self.plant.handles})
         alike = {
             whole: some
             for whole in values
@@ -148,10 +149,10 @@ class GreyBox(RunMethods):
         said_so = {part for some in alike.values() for part in some}
         shown = []
         without_effect = self.plant.without_effect(self.signals)
-        for name, handle in self.plant.handles.items():
+        for name, value in values.items():
             if name in without_effect:
                 continue
-            value = values[name]
+            handle = self.plant.handles[name]
             once = name in alike or not (len(handle.paths) > 1 or name in said_so)
             nothing = value == 0.0 or 0.0 < value <= handle.lower
             if once and np.isfinite(value) and not nothing and value != 1.0:

@@ -800,24 +800,25 @@ def test_being_terminated_is_quiet(run, log, tmp_path, pressed_at):
 
 
 COMPILED = """
-import hashlib, signal
+import hashlib, signal, sys
 from emsid.cli.interruption import INTERRUPTION
 signal.signal(signal.SIGINT, INTERRUPTION)
 INTERRUPTION.watch()
-with INTERRUPTION.asked("stopping"):
+with INTERRUPTION.asked(sys.argv[1]):
     print("begun", flush=True)
     hashlib.pbkdf2_hmac("sha256", b"", b"", 100_000_000)
 """
 
 
-def test_a_second_ctrl_c_ends_a_step_that_python_does_not_leave():
+@pytest.mark.parametrize(("answer", "presses"), [("stopping", 2), ("", 1)], ids=["of a search", "of other work"])
+def test_ctrl_c_ends_a_step_that_python_does_not_leave(answer, presses):
     process = subprocess.Popen(
-        [sys.executable, "-c", COMPILED], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", COMPILED, answer], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "begun\n"
     time.sleep(0.1)
-    for _ in range(2):
+    for _ in range(presses):
         process.send_signal(signal.SIGINT)
         time.sleep(0.3)
     _, err = process.communicate(timeout=5)

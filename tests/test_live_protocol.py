@@ -232,3 +232,32 @@ def test_a_connection_that_is_joined_midway_gets_its_header_first() -> None:
     rows = parser.feed(b"n,t[us],u,y\n7,7000,1,2\n")
     assert rows is not None
     assert (rows.time.tolist(), parser.malformed) == ([pytest.approx(0.007)], 0)
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        b"",
+        b"# a comment",
+        b"3,1",
+        b"3,1,2,4",
+        b"3,x,2",
+        b"3,nan,2",
+        b"3,1e99,2",
+        b"3,1_0,2",
+        b"[s],[V]",
+        b" 3,1,2\r",
+    ],
+)
+def test_a_thousand_lines_at_once_are_read_as_one_by_one(odd: bytes) -> None:
+    lines = [b"%d,%d.5,-1e-%d" % (k, k % 7, k % 9) for k in range(2500)]
+    data = b"t,u,y\n" + b"\n".join([*lines[:1200], odd, *lines[1200:]]) + b"\n"
+    together, alone = LineParser(), LineParser()
+    rows, one_by_one = together.feed(data), [alone.feed(line) for line in data.splitlines(keepends=True)]
+    assert rows is not None
+    for name in ("time", "number", "input", "output", "broken"):
+        np.testing.assert_array_equal(
+            getattr(rows, name), np.concatenate([getattr(row, name) for row in one_by_one if row is not None])
+        )
+    for name in ("lines", "malformed", "not_finite", "example", "columns"):
+        assert getattr(together, name) == getattr(alone, name)

@@ -63,10 +63,11 @@ class Interruption:
         sys.exit(TERMINATED)
 
     def watch(self) -> None:
-        """From now on end this process soon after a second Ctrl-C, also within compiled code, which Python waits for.
+        """From now on Ctrl-C that ends this process does so soon, also within compiled code, which Python waits for.
 
-        Python calls a handler of a signal between two of its own steps; to compile a function for the first time, or to
-        factor a large matrix, is one step of several seconds.
+        Python calls a handler of a signal between two of its own steps; to compile a function for the first time, to
+        factor a large matrix, or to simulate a motor for hours, is one step of several seconds. During a search the
+        second Ctrl-C ends it, otherwise the first.
         """
         receiving, sending = os.pipe()
         os.set_blocking(sending, False)
@@ -77,8 +78,10 @@ class Interruption:
         """Read the number of every signal as soon as it arrives."""
         pressed = 0
         while number := os.read(receiving, 1):
-            pressed += number[0] == signal.SIGINT
-            if pressed > 1 and number[0] == signal.SIGINT:
+            if number[0] != signal.SIGINT:
+                continue
+            pressed += 1
+            if pressed > 1 or not self._answer:
                 Thread(target=self._leave_unanswered, args=(monotonic(),), name="leaving", daemon=True).start()
 
     def _leave_unanswered(self, pressed: float) -> None:

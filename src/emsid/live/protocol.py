@@ -19,6 +19,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
+from itertools import chain
 from operator import xor
 
 import numpy as np
@@ -37,6 +38,8 @@ USUAL = {2: "u,y", 3: "t,u,y", 4: "n,t,u,y"}
 LARGEST = 1e60
 """Larger numbers are treated as a fault of the source: their powers would overflow."""
 LONGEST_LINE = 4096
+TOGETHER = 1000
+"""Lines that are read at once where all of them are rows, which is several times faster than one by one."""
 _TIMES, _NUMBERS = ("t", "time", "time_s"), ("n", "seq", "sample")
 _COLUMN = re.compile(r"\s*(\w[\w.*/^²·()%-]*?)\s*(?:\[(.*?)\])?\s*")
 _NOT_FINITE = re.compile(rb"[-+]?(nan|inf|infinity|ovf)", re.IGNORECASE)
@@ -181,15 +184,27 @@ class LineParser:
         if len(self._rest) > LONGEST_LINE:
             self._refuse(self._rest)
             self._rest = b""
-        rows: list[list[float]] = []
-        broken: list[bool] = []
+        parts = [self._block(lines[first : first + TOGETHER]) for first in range(0, len(lines), TOGETHER)]
+        parts = [(rows, broken) for rows, broken in parts if len(rows)]
+        if not parts or not self.columns:
+            return None
+        return self._made(*map(np.concatenate, zip(*parts, strict=True)))
+
+    def _block(self, lines: list[bytes]) -> tuple[Array, NDArray[np.bool_]]:
+        """(m, k) the numbers of lines, and (m,) whether there were unusable lines before each."""
+        rows = self._plain_rows(lines)
+        if rows is not None:
+            broken = np.zeros(len(rows), dtype=bool)
+            broken[0], self._broken = self._broken, False
+            return rows, broken
+        found, after = [], []
         for line in lines:
             row = self._row(line)
             if row is not None:
-                rows.append(row)
-                broken.append(self._broken)
+                found.append(row)
+                after.append(self._broken)
                 self._broken = False
-        return self._made(rows, broken) if rows and self.columns else None
+        return np.array(found), np.array(after, dtype=bool)
 
     def flush(self) -> Rows | None:
         """The last row of a file without a line break at its end."""
@@ -200,6 +215,23 @@ class LineParser:
         if self._rest:
             self._refuse(self._rest)
         self._rest = b""
+
+    def _plain_rows(self, lines: list[bytes]) -> Array | None:
+        """(m, k) the numbers of lines that are rows like any other; None where one of them needs a closer look."""
+        columns = self.columns
+        if columns is None or columns.checked:
+            return None
+        parts = [line.split(columns.separator) for line in lines]
+        if any(len(each) != len(columns.names) for each in parts) or any(b"_" in line for line in lines):
+            return None
+        try:
+            rows = np.array(list(map(float, chain.from_iterable(parts)))).reshape(len(lines), -1)
+        except ValueError:
+            return None
+        if not np.all(np.abs(rows) < LARGEST):
+            return None
+        self.lines += len(rows)
+        return rows
 
     def _row(self, line: bytes) -> list[float] | None:
         """The numbers of a line, or None for what is no row."""
@@ -284,17 +316,17 @@ class LineParser:
         self.not_finite += 1
         self._broken = True
 
-    def _made(self, rows: list[list[float]], broken: list[bool]) -> Rows:
+    def _made(self, rows: Array, broken: NDArray[np.bool_]) -> Rows:
         columns = self.columns
         assert columns is not None
-        values = np.array(rows) * columns.gains + columns.offsets
+        values = rows * columns.gains + columns.offsets
         nothing = np.full(len(rows), np.nan)
         return Rows(
             nothing if columns.time is None else values[:, columns.time],
             nothing if columns.number is None else values[:, columns.number],
             values[:, columns.inputs],
             values[:, columns.output],
-            np.array(broken),
+            broken,
         )
 
 

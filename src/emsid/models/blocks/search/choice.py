@@ -1,16 +1,17 @@
 """Choice of start values, static map and size by the free-run error on unseen data.
 
-For each oversampling, pairs of filters from all sources are scored (`sources`), the best few are refined on a part of
-the record, on all cores, and their free run on unseen data ranks them (`refinement`). The family of the static map, if
-none is given, and then its size (knots, degree) are chosen in the same way. All comparisons use free runs, not one-step
-predictions.
+Pairs of filters from all sources are scored (`sources`), the best few are refined on a part of the record, on all
+cores, and their free run on unseen data ranks them (`refinement`). The best is refined again with more steps per
+sample. The family of the static map, if none is given, and then its size (knots, degree) are chosen in the same way.
+All comparisons use free runs, not one-step predictions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from emsid.models.blocks.search.order_growth import larger_cascades
 from emsid.models.blocks.search.orders import map_sizes, oversamplings
 from emsid.models.blocks.search.refinement import Choice, Plan, bends, refined, simplest
 from emsid.models.blocks.search.sources import ordered_starts
-from emsid.models.blocks.search.starts import grown, started
+from emsid.models.blocks.search.starts import at_higher_rate, grown, started
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
 from emsid.record import Record
 from emsid.selection.improvement import better
@@ -33,102 +34,158 @@ from emsid.selection.improvement import better
 REFINED_MAPS, REFINED_MAPS_SHORT = 2, 6
 
 
-def improving(
-    topology: Topology,
-    shown: Sequence[Record],
-    rounds: Sequence[Round],
-    orders: Orders,
-    settings: CascadeSearch,
-    template: Cascade,
-    control: Control = FREE,
-) -> Iterator[Choice]:
-    """Successive choices, each better than the previous; first the filters with a trial map, then the map."""
-    part, families = shortened(shown), settings.families
-    sizes = {family: map_sizes(family, topology, shown, orders, settings) for family in families}
-    leading, short = families[0], len(rounds) > 1
-    direct = leading.direct and not topology.outer
-    typical = _typical(leading, sizes[leading][int(direct) :] or sizes[leading], short)
-    best: Choice | None = None
-    for rate in oversamplings(shown) if settings.oversampling is None else (settings.oversampling,):
-        control.doing(f"start values at {rate} times the sampling rate")
-        starts = ordered_starts(topology, shown, orders, settings, replace(template, oversampling=rate), control)
-        control.doing(f"refining {len(starts)} of them")
-        plans = [Plan(start, correlated=leading.smooth) for start in starts]
-        if direct:
-            plans = [Plan(start, leading, sizes[leading][0]) for start in starts]
-        found = refined(plans, part, rounds, settings.threads, control, best)
-        if found and (not direct or (short and len(sizes[leading]) > 1)):
-            first = simplest(found)
-            found = [first, *(choice for choice in found if choice is not first)]
-            control.doing(f"static map: {leading.name}")
-            placed = [
-                Plan(_with_map(choice.model, topology, leading, typical, part), leading, typical)
-                for choice in found[: REFINED_MAPS_SHORT if short else REFINED_MAPS]
-            ]
-            kept = found if direct else []
-            found = [*kept, *refined(placed, part, rounds, settings.threads, control, best)]
-        if found:
-            leader = simplest(found)
-            if best is None or better(leader.unseen, best.unseen):
-                for best in _of_higher_orders(leader, topology, part, rounds, orders, settings, control):
-                    yield best
-    assert best is not None
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A cascade to choose, and the data that choose it.
 
-    def refined_further(best: Choice, others: Sequence[tuple[Family, int]]) -> Choice:
-        plans = [Plan(_with_map(best.model, topology, family, size, part), family, size) for family, size in others]
-        found = refined(plans, part, rounds, settings.threads, control, best) if plans else []
-        return simplest([best, *found])
+    Attributes:
+        topology: of the cascade.
+        shown: the records that choices are made from.
+        rounds: their splits into fitted and unseen data.
+        orders: that are given, of the filters before and after the map.
+        settings: options of the search.
+        template: offsets, delay and name of the cascade.
+        control: when to stop.
+    """
 
-    if len(families) > 1:
-        control.doing("family of the static map")
-        best = refined_further(best, [(family, _typical(family, sizes[family], False)) for family in families[1:]])
+    topology: Topology
+    shown: Sequence[Record]
+    rounds: Sequence[Round]
+    orders: Orders
+    settings: CascadeSearch
+    template: Cascade
+    control: Control = FREE
+
+    @cached_property
+    def part(self) -> list[Record]:
+        """The records that models are refined on."""
+        return shortened(self.shown)
+
+    @property
+    def short(self) -> bool:
+        """Whether the records are so short that several splits compare models."""
+        return len(self.rounds) > 1
+
+    def sizes(self, family: Family) -> tuple[int, ...]:
+        """The sizes of a family of maps to try."""
+        return map_sizes(family, self.topology, self.shown, self.orders, self.settings)
+
+    def typical(self, family: Family) -> int:
+        """The size that compares a family with others: the first of a smooth map, or else the middle."""
+        sizes = self.sizes(family)
+        return sizes[0] if family.smooth else sizes[len(sizes) // 2]
+
+    def starts(self, records: Sequence[Record], orders: Orders, template: Cascade) -> list[Cascade]:
+        """Cascades of these orders to refine, best first."""
+        return ordered_starts(self.topology, records, orders, self.settings, template, self.control)
+
+    def refined(self, plans: Sequence[Plan], rival: Choice | None = None) -> list[Choice]:
+        """Plans refined and ranked, see `refined`."""
+        return refined(plans, self.part, self.rounds, self.settings.threads, self.control, rival)
+
+    def plan(self, model: Cascade, family: Family, size: int) -> Plan:
+        """To refine the model with its map replaced by one of the family.
+
+        The outer map, if any, is replaced too: it starts as a straight line, or is kept where it is of this family.
+        """
+        segments = as_arrays(self.part)
+        start = started(model, lambda x, z: family.start(x, z, size), segments)
+        if self.topology.outer and len(start.blocks) > 2 and type(start.blocks[0]) is not type(start.blocks[-1]):
+            start = started(start, lambda x, z: family.start(x, z, size), segments, -1)
+        if self.topology.outer and len(start.blocks) == 2:
+            y = np.concatenate([start.output(u, start.resting(float(u[0]))) for u, _ in segments])
+            start = replace(start, blocks=(*start.blocks, family.start(y, y, size)), output_offset=0.0)
+        return Plan(start, family, size)
+
+
+def improving(task: Task) -> Iterator[Choice]:
+    """Successive choices, each better than the previous: filters with a map of the first family, then the map."""
+    settings = task.settings
+    first, *higher = oversamplings(task.shown) if settings.oversampling is None else (settings.oversampling,)
+    for best in _of_higher_orders(task, simplest(_from_starts(task, first))):
         yield best
+    for rate in higher:
+        task.control.doing(f"{rate} steps per sample")
+        found = task.refined([Plan(at_higher_rate(best.model, rate), best.family, best.size)], best)
+        if found and better(found[0].unseen, best.unseen):
+            for best in _of_higher_orders(task, found[0]):
+                yield best
+    best = _of_best_family(task, best)
+    yield best
+    yield from _of_higher_orders(task, _of_best_size(task, _without_bends(task, best)))
+
+
+def _from_starts(task: Task, rate: int) -> list[Choice]:
+    """Choices with a map of the first family, refined from all starts at a sampling rate."""
+    family, (leading, *_) = task.settings.families[0], task.sizes(task.settings.families[0])
+    task.control.doing(f"start values at {rate} times the sampling rate")
+    starts = task.starts(task.shown, task.orders, replace(task.template, oversampling=rate))
+    task.control.doing(f"refining {len(starts)} of them")
+    direct = family.direct and not task.topology.outer
+    found = task.refined(
+        [Plan(start, family, leading) if direct else Plan(start, correlated=family.smooth) for start in starts]
+    )
+    others = task.sizes(family)[int(direct) :]
+    if direct and not (task.short and others):
+        return found
+    simple = simplest(found)
+    task.control.doing(f"static map: {family.name}")
+    size = others[0] if task.short or family.smooth else others[len(others) // 2]
+    ahead = [simple, *(choice for choice in found if choice is not simple)]
+    ahead = ahead[: REFINED_MAPS_SHORT if task.short else REFINED_MAPS]
+    plans = [task.plan(each.model, family, size) for each in ahead]
+    return [*(found if direct else []), *task.refined(plans)]
+
+
+def _of_best_family(task: Task, best: Choice) -> Choice:
+    """The choice, or a better one with a map of another family."""
+    others = task.settings.families[1:]
+    if others:
+        task.control.doing("family of the static map")
+    plans = [task.plan(best.model, family, task.typical(family)) for family in others]
+    return simplest([best, *task.refined(plans, best)])
+
+
+def _without_bends(task: Task, best: Choice) -> Choice:
+    """The choice, or the same with the plain map of its family where the data do not show the bends of its own."""
     assert best.family is not None
-    if best.family.plain:
-        control.doing(f"{best.family.plain.name} in place of the {best.family.name}")
-        plan = Plan(_with_map(best.model, topology, best.family.plain, 0, part), best.family.plain)
-        plainer = refined([plan], part, rounds, settings.threads, control, best)
-        best = next((choice for choice in plainer if not bends(best, choice)), best)
-    if best.family in sizes and not best.family.smooth:
-        control.doing(f"size of the {best.family.name}")
-        best = refined_further(best, [(best.family, size) for size in sizes[best.family] if size != best.size])
-    yield from _of_higher_orders(best, topology, part, rounds, orders, settings, control)
+    plain = best.family.plain
+    if plain is None:
+        return best
+    task.control.doing(f"{plain.name} in place of the {best.family.name}")
+    found = task.refined([task.plan(best.model, plain, 0)], best)
+    return next((choice for choice in found if not bends(best, choice)), best)
 
 
-def _of_higher_orders(
-    best: Choice,
-    topology: Topology,
-    part: Sequence[Record],
-    rounds: Sequence[Round],
-    orders: Orders,
-    settings: CascadeSearch,
-    control: Control,
-) -> Iterator[Choice]:
+def _of_best_size(task: Task, best: Choice) -> Choice:
+    """The choice, or a better one with a map of another size."""
+    family = best.family
+    if family not in task.settings.families or family.smooth:
+        return best
+    task.control.doing(f"size of the {family.name}")
+    plans = [task.plan(best.model, family, size) for size in task.sizes(family) if size != best.size]
+    return simplest([best, *task.refined(plans, best)])
+
+
+def _of_higher_orders(task: Task, best: Choice) -> Iterator[Choice]:
     """The choice, and others with filters of higher orders, each better than the previous; see `larger_cascades`.
 
     A short record shows too little for that: what another pole explains there may be friction.
     """
     yield best
-    if len(rounds) > 1:
+    if task.short:
         return
-    control.doing("higher orders")
-    while larger := larger_cascades(best.model, topology, orders, part):
+    task.control.doing("higher orders")
+    while larger := larger_cascades(best.model, task.topology, task.orders, task.part):
         plans = [Plan(each, best.family, best.size) for each in larger]
-        choice = simplest([best, *refined(plans, part, rounds, settings.threads, control, best)])
+        choice = simplest([best, *task.refined(plans, best)])
         if choice is best:
             return
-        best = _from_new_starts(choice, topology, part, rounds, settings, control)
+        best = _from_new_starts(task, choice)
         yield best
 
 
-def _from_new_starts(
-    choice: Choice,
-    topology: Topology,
-    part: Sequence[Record],
-    rounds: Sequence[Round],
-    settings: CascadeSearch,
-    control: Control,
-) -> Choice:
+def _from_new_starts(task: Task, choice: Choice) -> Choice:
     """The choice, or the same structure from the starts for its orders, if that fits its data better.
 
     A search from a smaller model with a pole more may end at zeros that suit the smaller one only.
@@ -137,10 +194,9 @@ def _from_new_starts(
     if family is None:
         return choice
     sizes = iter([len(block.denominator) for block in choice.model.blocks if isinstance(block, Rational)])
-    orders = (next(sizes) if topology.first else None, next(sizes) if topology.second else None)
-    starts = ordered_starts(topology, part, orders, settings, choice.model, control)
-    plans = [Plan(_with_map(start, topology, family, choice.size, part), family, choice.size) for start in starts]
-    found = refined(plans, part, rounds, settings.threads, control, choice)
+    orders = (next(sizes) if task.topology.first else None, next(sizes) if task.topology.second else None)
+    starts = task.starts(task.part, orders, choice.model)
+    found = task.refined([task.plan(start, family, choice.size) for start in starts], choice)
     return min([choice, *found], key=lambda each: each.known)
 
 
@@ -148,61 +204,31 @@ LARGE = 3
 """Filters of this order or more may miss the minimum of smaller ones from their own starts."""
 
 
-def from_smaller(
-    best: Choice,
-    topology: Topology,
-    shown: Sequence[Record],
-    rounds: Sequence[Round],
-    orders: Orders,
-    settings: CascadeSearch,
-    template: Cascade,
-    control: Control = FREE,
-) -> Choice:
+def from_smaller(task: Task, best: Choice) -> Choice:
     """The choice for given orders from `LARGE` on, or that which begins at the minimum of a model one order lower.
 
     A larger model has more minima and may be started far from its best. The smaller one is in it, with poles that zeros
     cancel; so a larger model never fits its own data worse.
     """
+    orders = task.orders
     given = [order for order in orders if order is not None]
-    if len(given) != topology.first + topology.second or min(given) < LARGE:
+    if len(given) != task.topology.first + task.topology.second or min(given) < LARGE:
         return best
     lower = (None if orders[0] is None else orders[0] - 1, None if orders[1] is None else orders[1] - 1)
-    same = replace(settings, static=best.family or settings.static)
+    same = replace(task.settings, static=best.family or task.settings.static)
     with suppress(ModelError):  # without a start for the smaller one
-        *_, small = improving(topology, shown, rounds, lower, same, template, control)
-        control.doing("from the minimum of a smaller model")
-        plan = Plan(grown(small.model, orders), small.family, small.size)
-        (larger,) = refined([plan], shortened(shown), rounds, settings.threads, control)
+        *_, small = improving(replace(task, orders=lower, settings=same))
+        task.control.doing("from the minimum of a smaller model")
+        (larger,) = task.refined([Plan(grown(small.model, orders), small.family, small.size)])
         return min(best, larger, key=lambda choice: choice.known)
     return best
 
 
-def _typical(family: Family, sizes: Sequence[int], short: bool) -> int:
-    """The size that compares a family with others: the first of a short record or a smooth map, or else the middle."""
-    return sizes[0] if short or family.smooth else sizes[len(sizes) // 2]
-
-
-def _with_map(model: Cascade, topology: Topology, family: Family, size: int, part: Sequence[Record]) -> Cascade:
-    """The model with its map, and the outer map if any, replaced by one of the family.
-
-    The outer map starts as a straight line; an outer map of the same family is kept.
-    """
-    segments = as_arrays(part)
-    start = started(model, lambda x, z: family.start(x, z, size), segments)
-    if topology.outer and len(start.blocks) > 2 and type(start.blocks[0]) is not type(start.blocks[-1]):
-        start = started(start, lambda x, z: family.start(x, z, size), segments, -1)
-    if topology.outer and len(start.blocks) == 2:
-        y = np.concatenate([start.output(u, start.resting(float(u[0]))) for u, _ in segments])
-        start = replace(start, blocks=(*start.blocks, family.start(y, y, size)), output_offset=0.0)
-    return start
-
-
-def with_spread_knots(
-    choice: Choice, topology: Topology, orders: Orders, records: Sequence[Record], settings: CascadeSearch
-) -> Cascade:
+def with_spread_knots(task: Task, best: Choice, records: Sequence[Record]) -> Cascade:
     """The model of the choice with knots spread over all data; a smooth map gets as many as its family has."""
-    family = choice.family
-    if family is None or not family.sizes or len(choice.model.blocks) < 2:
-        return choice.model
-    size = map_sizes(family, topology, records, orders, settings)[-1] if family.smooth else choice.size
-    return started(choice.model, lambda x, z: family.start(x, z, size), as_arrays(records))
+    family = best.family
+    if family is None or not family.sizes or len(best.model.blocks) < 2:
+        return best.model
+    sizes = map_sizes(family, task.topology, records, task.orders, task.settings)
+    size = sizes[-1] if family.smooth else best.size
+    return started(best.model, lambda x, z: family.start(x, z, size), as_arrays(records))

@@ -28,7 +28,7 @@ from emsid.findings import Finding
 from emsid.models.blocks.cascade import SAMPLES_PER_STATE, Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import Search, conclude, fit_cascade
-from emsid.models.blocks.search.choice import from_smaller, improving, with_spread_knots
+from emsid.models.blocks.search.choice import Task, from_smaller, improving, with_spread_knots
 from emsid.models.blocks.search.cross_validation import Round, as_arrays, held_back
 from emsid.models.blocks.search.dead_time import at_the_input
 from emsid.models.blocks.search.map_families import Family
@@ -258,14 +258,13 @@ def estimate(
     longest = max(len(u) for u, _ in as_arrays(shown))
     if delay >= longest:
         raise ModelError(f"{topology.name}: a delay of {delay} in a stretch of {longest} samples; give a smaller one")
-    template = replace(template, delay=delay)
+    task = Task(topology, shown, rounds, orders, settings, replace(template, delay=delay), control)
     best: Choice | None = None
     try:
-        for choice in improving(topology, shown, rounds, orders, settings, template, control):
+        for choice in improving(task):
             best = choice
         assert best is not None
-        best = from_smaller(best, topology, shown, rounds, orders, settings, template, control)
-        start = with_spread_knots(best, topology, orders, several, settings)
+        start = with_spread_knots(task, from_smaller(task, best), several)
         return _fitted(start, several, steady, orders, settings, control)
     except Stopped as stopped:
         if best is None:

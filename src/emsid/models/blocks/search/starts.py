@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from emsid.estimation.linear.least_squares import gather
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.frequency_response import fit_rational, frequency_response
+from emsid.estimation.nonlinear.frequency_response import FrequencyResponse, fit_rational, frequency_response
 from emsid.models.blocks.block import Block
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
@@ -58,6 +58,11 @@ MOST_SPLITS = 2_000
 RANDOM_DRAWS = 300
 # The largest number of sign sequences that give candidates.
 MOST_SIGN_SEQUENCES = 3
+# Frequencies in cycles per sample at which filters of different rates are compared; up to half the sampling rate, the
+# filter of the lower rate follows what is aliased.
+BELOW_WARPING = np.geomspace(1e-4, 0.4, 200)
+# The error of a response relative to its size, or to this part of the largest, counts alike.
+WEAK = 1e-2
 
 
 def linear_candidates(
@@ -116,6 +121,26 @@ def grown(cascade: Cascade, orders: tuple[int | None, int | None]) -> Cascade:
                 block = with_cancelled_pole(block, 0.5**k)
         blocks.append(block)
     return replace(cascade, blocks=tuple(blocks))
+
+
+def at_higher_rate(cascade: Cascade, oversampling: int) -> Cascade:
+    """The cascade with blocks that run at a higher rate, whose filters respond alike at low frequencies.
+
+    Args:
+        cascade: the model.
+        oversampling: of the new one, a multiple of that of the model.
+    """
+    ratio = oversampling // cascade.oversampling
+    blocks = (_at_higher_rate(block, ratio) if isinstance(block, Rational) else block for block in cascade.blocks)
+    return replace(cascade, blocks=tuple(blocks), oversampling=oversampling)
+
+
+def _at_higher_rate(block: Rational, ratio: int) -> Rational:
+    b, a = block.numerator, block.denominator
+    value = Rational(b, a).response(BELOW_WARPING, 1.0)
+    deviation = np.maximum(np.abs(value), WEAK * np.abs(value).max() or 1.0)
+    b, a, _ = fit_rational(FrequencyResponse(BELOW_WARPING, value, deviation), len(b), len(a), ratio)
+    return Rational(b, a, block.delay * ratio)
 
 
 def with_cancelled_pole(block: Rational, pole: float) -> Rational:

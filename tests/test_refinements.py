@@ -28,7 +28,13 @@ from emsid.models.plants.search.refinements.cogging import cogging, cogging_of_s
 from emsid.models.plants.search.refinements.inductance import inductance
 from emsid.models.plants.search.refinements.quadratic_viscous import quadratic_viscous
 from emsid.models.plants.search.refinements.stribeck_shape import gaussian_stribeck
-from emsid.models.plants.search.refinements.usual import coasting_bridge, late_command, slow_sensor, stribeck
+from emsid.models.plants.search.refinements.usual import (
+    by_direction,
+    coasting_bridge,
+    late_command,
+    slow_sensor,
+    stribeck,
+)
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.support import unsupported
 from emsid.plant import Friction, GaussianStribeck, Motor
@@ -193,6 +199,23 @@ def test_a_refinement_is_idle_where_its_interval_includes_no_effect(changes, idl
     both = [frozenset({"quadratic_viscous"}), frozenset({*sides, "friction.coulomb"})]
     assert unsupported(fit, asked, AXIS.default_free) == (both if idle else [])
     assert unsupported(fit, asked, asked) == []  # what somebody asked for is no refinement
+
+
+@pytest.mark.parametrize(("wider", "idle"), [(0.0, True), (0.6, False)])
+def test_a_dead_zone_by_direction_is_idle_where_both_sides_are_alike(wider, idle):
+    names = ("voltage_dead_zone.b_l", "voltage_dead_zone.b_r")
+    asked, record = ("motor_constant", "rotor_inertia", "rotor_friction.coulomb", *names), motor()
+    command = record.input + wider * (record.input > 0)
+    fit = simulation_error(RIGID, replace(record, input=command), free=asked)
+    both = [frozenset({*names, "voltage_dead_zone.half_width"})]
+    assert unsupported(fit, asked, RIGID.default_free) == (both if idle else [])
+
+
+def test_a_dead_zone_that_differs_by_direction_is_found():
+    record = motor()
+    fit = choose(RIGID, replace(record, input=record.input + 0.6 * (record.input > 0)), refinements=(by_direction,))
+    found = [fit.model.plant.value(f"voltage_dead_zone.{side}") for side in ("b_l", "b_r")]
+    assert found == pytest.approx([-0.5, 1.1], abs=0.05)
 
 
 def test_stribeck_friction_is_idle_where_the_record_does_not_show_its_rate():

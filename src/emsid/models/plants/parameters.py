@@ -162,6 +162,16 @@ def parts(plant: Named, name: str) -> tuple[str, ...]:
     return tuple(one for one, handle in plant.handles.items() if len(handle.paths) == 1 and handle.paths[0][0] in paths)
 
 
+def bounds_of_parts(plant: Named, bounds: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    """The bounds of the values that parameters change together, mirrored for the left side of a dead zone."""
+    found = {}
+    for name, (low, high) in bounds.items():
+        signs = dict(find_handle(plant, name).paths)
+        for part in parts(plant, name):
+            found[part] = (low, high) if signs[plant.handles[part].paths[0][0]] > 0 else (-high, -low)
+    return found
+
+
 def without_overlap(plant: Named, names: Iterable[str], taken: Iterable[str]) -> tuple[str, ...]:
     """The names without those taken; if one value of a name is taken or listed itself, its other values remain.
 

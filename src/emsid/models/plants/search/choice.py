@@ -40,7 +40,7 @@ from emsid.models.plants.drifting_load import DriftingLoad
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.grey_box import check_channels, signals_of
-from emsid.models.plants.parameters import Signal, parts, without_overlap
+from emsid.models.plants.parameters import Signal, bounds_of_parts, parts, without_overlap
 from emsid.models.plants.plant import DrivenPlant, Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.between_samples import as_hold, holds_in, is_open
@@ -221,8 +221,7 @@ class _Choice:
         self.weighting: Weighting = all_alike
         self.hopeless = False
         self._record = scaled
-        sides = {side: both for name, both in task.limits.items() for side in parts(plant, name)}
-        limits = {**physical, **sides, **task.limits}
+        limits = {**physical, **bounds_of_parts(plant, task.limits), **task.limits}
         complete = whole if self.thinned and signals == (Signal.POSITION,) else None
         self._trials = Trials(task.segments, signals, limits, self.weighting, control, complete, begins=task.begins)
         self._rng = np.random.default_rng(0)

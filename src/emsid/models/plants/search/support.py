@@ -44,8 +44,7 @@ def _is_idle(fit: GreyBoxFit, asked: tuple[str, ...], refined: Refined, wanted: 
         return False
     merged = [name for name in names if name not in asked]
     if merged:  # the two directions are one
-        sides = [name for name in asked if name.startswith(f"{merged[0]}.") and name not in names]
-        return set(sides) <= set(fit.names) and _alike(fit, sides)
+        return set(removed) <= set(fit.names) and _alike(fit, removed)
     shown = [name for name in removed if isfinite(plain.value(name)) and name != FIRST[0]]
     rates = [name for name in shown if name.endswith("_rate")]
     sizes = [name for name in shown if name not in rates]
@@ -61,9 +60,8 @@ def _includes(row: Estimate, value: float) -> bool:
 
 
 def _alike(fit: GreyBoxFit, sides: list[str]) -> bool:
-    """Whether the interval of the difference of two estimates includes zero."""
-    first, second = (fit.names.index(name) for name in sides)
-    covariance = fit.covariance
-    variance = covariance[first, first] + covariance[second, second] - 2 * covariance[first, second]
-    difference = abs(float(fit.estimate[first] - fit.estimate[second]))
-    return difference <= STANDARD_ERRORS * float(np.sqrt(max(variance, 0.0)))
+    """Whether the interval of the difference of two sizes includes zero; the sides of a dead zone differ in sign."""
+    places = [fit.names.index(name) for name in sides]
+    estimates, covariance = fit.estimate[places], fit.covariance[np.ix_(places, places)]
+    signs = np.where(estimates < 0, -1.0, 1.0) * (1.0, -1.0)
+    return abs(float(signs @ estimates)) <= STANDARD_ERRORS * float(np.sqrt(max(signs @ covariance @ signs, 0.0)))

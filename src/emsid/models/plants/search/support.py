@@ -64,4 +64,5 @@ def _alike(fit: GreyBoxFit, sides: list[str]) -> bool:
     places = [fit.names.index(name) for name in sides]
     estimates, covariance = fit.estimate[places], fit.covariance[np.ix_(places, places)]
     signs = np.where(estimates < 0, -1.0, 1.0) * (1.0, -1.0)
-    return abs(float(signs @ estimates)) <= STANDARD_ERRORS * float(np.sqrt(max(signs @ covariance @ signs, 0.0)))
+    difference, variance = float(signs @ estimates), float(signs @ covariance @ signs)
+    return abs(difference) <= STANDARD_ERRORS * float(np.sqrt(max(variance, 0.0)))

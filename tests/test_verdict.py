@@ -335,6 +335,7 @@ def test_an_implausible_model_is_not_recommended_over_a_plausible_one_within_noi
     assert (name, why.code, why.subject) == ("b", "model-recommended", "b")
     assert why.data["instead_of"] == "a"
     assert why.data["because"]["code"] == "map-leaves-range"
+    assert why.data["same_in"] in ("noise", "practice")
     name, why = chosen_of(0.5)
     assert (name, why.data["verdict"]) == ("a", "model-implausible")
     assert "instead_of" not in why.data

@@ -391,8 +391,19 @@ EXAMPLES: tuple[Finding, ...] = (
                 "because": {"code": "map-leaves-range", **LEAVES},
                 "ratio": 1.013,
                 "parameters": [6, 6],
+                "same_in": "noise",
             },
-            {"instead_of": "hammerstein", "because": None, "ratio": 1.013, "parameters": [10, 57], "folds": 4},
+            *(
+                {
+                    "instead_of": "hammerstein",
+                    "because": None,
+                    "ratio": 1.013,
+                    "parameters": [10, 57],
+                    "folds": 4,
+                    "same_in": same_in,
+                }
+                for same_in in ("noise", "practice")
+            ),
         )
     ),
     Finding(

@@ -1,8 +1,10 @@
 """The one model that is recommended, with reasons, and the experiment to run next.
 
 The simplest model is recommended that is as good as the best within noise (`emsid.selection.improvement`), by the free
-runs over data that were left out of the fit (`ranking`). An implausible model is recommended only if it is better than
-every plausible one by more than noise. A model that cannot be used is not recommended at all.
+runs over data that were left out of the fit (`ranking`). In a long record noise is small. There a plausible model with
+far fewer parameters is recommended where the errors are the same in practice. An implausible model is recommended only
+if it is better than every plausible one by more than noise and by more than matters in practice. A model that cannot be
+used is not recommended at all.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from emsid.first_look.dynamics import Response
 from emsid.identification.plausibility import IMPLAUSIBLE
 from emsid.identification.ranking import Ranked, close, compared
 from emsid.record import Record
-from emsid.selection.improvement import better, simplest
+from emsid.selection.improvement import better, equivalent, simplest
 from emsid.validation.comparison import Comparison
 
 EXPERIMENTS = {
@@ -40,12 +42,14 @@ OF_REASONS = {
     "error-in-one-stretch": "repeat-input",
 }
 """The experiment that shows what is behind a reason against a model."""
+FAR_FEWER = 3
+"""A model has far fewer parameters than another if the other has so many times as many."""
 TWO_SIDED = 0.05
 """An input goes both ways if it reaches this share of its largest value on either side."""
 
 
 def recommended(ranking: Sequence[Ranked], implausible: Collection[str], unusable: Collection[str] = ()) -> Ranked:
-    """The model to recommend: the best plausible one, or a simpler one that is as good within noise.
+    """The model to recommend: the best plausible one, or a simpler one that is as good within noise or in practice.
 
     An implausible model is recommended only where no plausible one is as good.
 
@@ -59,12 +63,19 @@ def recommended(ranking: Sequence[Ranked], implausible: Collection[str], unusabl
     plausible = [each for each in usable if each.name not in implausible]
     if best.name in implausible and not any(_stands_in(each, best) for each in plausible):
         return simplest(usable, lambda each: each.size, as_good=close)
-    return simplest(plausible, lambda each: each.size, as_good=close)
+    chosen = simplest(plausible, lambda each: each.size, as_good=close)
+    small = [e for e in plausible if FAR_FEWER * e.size <= chosen.size and equivalent(e.errors, best.errors)]
+    return min(small, key=lambda each: each.errors.mean, default=chosen)
 
 
 def _stands_in(plausible: Ranked, best: Ranked) -> bool:
-    """Whether a plausible model is as good as the best one, which is not, within noise."""
-    return close(plausible, best) and not better(best.errors, than=plausible.errors)
+    """Whether a plausible model is as good as the best one, which is not, within noise or in practice."""
+    return _within_noise(plausible, best) or equivalent(plausible.errors, best.errors)
+
+
+def _within_noise(model: Ranked, best: Ranked) -> bool:
+    """Whether the smaller error of the best model may be chance."""
+    return close(model, best) and not better(best.errors, than=model.errors)
 
 
 def recommendation(
@@ -92,12 +103,21 @@ def recommendation(
         return Finding("no-model-recommended", row.model, data)
     smallest, own = min(among.values(), key=lambda each: each.errors.mean), among[row.model]
     if smallest.errors.mean < own.errors.mean:
-        against = [each for each in findings if each.model == smallest.name and each.code in IMPLAUSIBLE]
-        because = {"code": against[0].code, **against[0].data} if against else None
-        ratio = float(np.sqrt(own.errors.mean / smallest.errors.mean))
-        data |= {"instead_of": smallest.name, "because": because, "ratio": ratio}
-        data |= {"parameters": [own.size, smallest.size]}
+        data |= _instead_of(own, smallest, findings)
     return Finding("model-recommended", row.model, data)
+
+
+def _instead_of(own: Ranked, smallest: Ranked, findings: Iterable[Finding]) -> dict[str, Any]:
+    """The model with the smallest error, how it compares with the recommended one, and what makes it implausible."""
+    against = [each for each in findings if each.model == smallest.name and each.code in IMPLAUSIBLE]
+    in_practice = "practice" if equivalent(own.errors, smallest.errors) else None
+    return {
+        "instead_of": smallest.name,
+        "because": {"code": against[0].code, **against[0].data} if against else None,
+        "ratio": float(np.sqrt(own.errors.mean / smallest.errors.mean)),
+        "same_in": "noise" if _within_noise(own, smallest) else in_practice,
+        "parameters": [own.size, smallest.size],
+    }
 
 
 def experiment(verdict: Finding, record: Record, unseen: Record, *, seen: bool) -> Finding:

@@ -34,6 +34,8 @@ STRETCHES = 16
 """The number of stretches that the samples are divided into."""
 NEGLIGIBLE = 0.02
 """A smaller relative reduction of the mean square error (1 % of its root) does not justify another parameter."""
+EQUIVALENT = 0.03
+"""Root mean square errors that differ by at most this share are the same in practice."""
 CHANCE = 0.16
 """The probability that a model without a real advantage passes the test of paired differences."""
 
@@ -94,7 +96,28 @@ def better_by_ratio(model: StretchErrors, than: StretchErrors) -> bool:
         model: the errors of the model.
         than: those of the other one on the same samples.
     """
-    return _more_than_noise(model, than, lambda means: np.log(np.maximum(means, np.finfo(float).tiny)))
+    return _more_than_noise(model, than, _logarithm)
+
+
+def equivalent(model: StretchErrors, best: StretchErrors) -> bool:
+    """Whether a model is as good as the best one in practice, over all samples and by the ratios of the stretches.
+
+    In a long record a difference is more than noise however small it is.
+
+    Args:
+        model: the errors of the model.
+        best: those of the best one on the same samples.
+    """
+    if not np.isfinite(model.mean):
+        return False
+    both = (model.samples > 0) & (best.samples > 0)
+    ratio = float(np.mean(_logarithm(model.means[both]) - _logarithm(best.means[both])))
+    return model.mean <= (1 + EQUIVALENT) ** 2 * best.mean and ratio <= 2 * log(1 + EQUIVALENT)
+
+
+def _logarithm(means: Array) -> Array:
+    """Of mean square errors, some of which may be zero."""
+    return np.asarray(np.log(np.maximum(means, np.finfo(float).tiny)))
 
 
 def _more_than_noise(model: StretchErrors, than: StretchErrors, scale: Callable[[Array], Array]) -> bool:

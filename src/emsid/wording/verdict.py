@@ -104,8 +104,8 @@ def model_unusable(f: Finding, argument: Spelling) -> str:
 @words("model-recommended")
 def model_recommended(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: fit_percent, models, folds (parts of the data that were left out of a fit in turn),
-    seen, verdict, reasons; instead_of, because (None for no finding), ratio and parameters (of it and of the other)
-    where another model has a smaller error that is so within noise."""
+    seen, verdict, reasons; instead_of, because (None for no finding), ratio, parameters (of it and of the other) and
+    same_in (noise or practice, None where the errors differ) where another model has a smaller error."""
     d = f.data
     where = "the data they were fitted to" if d["seen"] else "unseen data"
     if d["folds"] > 1:
@@ -116,9 +116,10 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
         against = [f"needs {other} parameters instead of {own}"] if other > own else []
         if d["because"] is not None:
             against.append(f"is implausible ({reason_in_words(d['because'])})")
+        percent = f"{100 * (d['ratio'] - 1):.2g} %{_SAME_IN[d['same_in']]}"
         why = (
-            f"{d['instead_of']} has a smaller error on {where} by {100 * (d['ratio'] - 1):.2g} %, which is within "
-            f"noise{f', and {listed(against)}' if against else ''}; {f.subject} is preferred{fit}"
+            f"{d['instead_of']} has a smaller error on {where} by {percent}"
+            f"{f', and {listed(against)}' if against else ''}; {f.subject} is preferred{fit}"
         )
     elif d["models"] > 1:
         among = f"{d['models']} models" if d["folds"] <= 1 else f"the {d['models']} models that were compared there"
@@ -128,6 +129,7 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
     return f"Recommended: {f.subject}. Reasons: {why}; {_LEVELS[d['verdict']]}{_first_reasons(d['reasons'])}"
 
 
+_SAME_IN = {"noise": ", which is within noise", "practice": ", which is more than noise but hardly matters", None: ""}
 _LEVELS = {
     "model-supported": "no test contradicts it",
     "model-limited": "use it with its limits in mind: ",

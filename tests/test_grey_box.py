@@ -225,10 +225,11 @@ def test_a_command_in_the_unit_of_something_else_is_refused(unit, plant):
         simulation_error(plant, record)
 
 
-def test_a_short_step_from_rest_is_judged_alike_with_a_lag_and_without():
+@pytest.mark.parametrize(("resting", "neutral"), [(5, 0.0), (25, 1e-3)])
+def test_a_short_step_from_rest_is_judged_alike_with_a_lag_and_without(resting, neutral):
     """The rise is all that such a record shows; the samples that start a lag in motion contain it."""
-    u = np.where(np.arange(120) < 5, 0.0, 6.0)
-    plain = MOTOR
+    u = np.where(np.arange(120) < resting, neutral, 6.0)
+    plain = replace(MOTOR, motor=replace(MOTOR.motor, rotor_friction=Friction(8e-3)))
     lagging = replace(plain, sensor=Sensor(lag=0.2 * DT))
     record = Record(u, lagging.simulate(u[:, None], DT, np.zeros(3), SPEED), DT)
     runs = [GreyBox(plant, SPEED).simulate(record) for plant in (plain, lagging)]

@@ -32,7 +32,7 @@ from emsid.models.blocks.static_maps import (
     UserMap,
 )
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.free_run import RUNAWAY, begins_at_rest
+from emsid.models.free_run import RUNAWAY, begins_at_rest, begins_steady
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.models.model import Model
@@ -272,6 +272,16 @@ def test_only_what_is_seen_to_rest_counts_whole() -> None:
     assert not begins_at_rest(Record(u + 1, y, DT)), "something drives it already"
     assert not begins_at_rest(Record(u[4:], y[4:], DT)), "too short to be seen"
     assert not begins_at_rest(Record(u, y + 1e-9 * np.arange(40), DT)), "it moves"
+
+
+def test_a_steady_state_is_seen_in_as_many_samples_as_start_a_model() -> None:
+    u, y = np.ones(40), np.zeros(40)
+    u[6:], y[7:] = 2.0, np.linspace(0.1, 1.0, 33)
+    assert begins_steady(Record(u, y, DT), 6), "another neutral command"
+    assert not begins_steady(Record(u, y, DT), 7), "the command changes"
+    assert not begins_steady(Record(u[4:], y[4:], DT), 1), "too short to be seen"
+    assert not begins_steady(Record(u, y + 1e-9 * np.arange(40), DT), 6), "it moves"
+    assert not begins_steady(Record(u[:6], y[:6], DT), 7), "too short to start the model"
 
 
 @every_model

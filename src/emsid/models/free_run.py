@@ -1,9 +1,10 @@
 """The free run of a model over a record: segments, initial state, transient and divergence.
 
 Every segment is run on its own. With measured outputs, its first samples give the initial state (`Model.initial`);
-after them the model sees only the input, and they enter no error. Where a segment begins at rest (`begins_at_rest`), it
-was at rest before: its first sample, repeated, gives the initial state, and all of its samples count. Without outputs,
-a segment starts at rest with zero input; `Model.at_rest` and `Model.run` allow another constant input before the start.
+after them the model sees only the input, and they enter no error. Where a segment begins at rest (`begins_at_rest`) or
+in a steady state (`begins_steady`), it was there before: its first sample, repeated, gives the initial state, and all
+of its samples count. Without outputs, a segment starts at rest with zero input; `Model.at_rest` and `Model.run` allow
+another constant input before the start.
 
 A run has diverged if it is `RUNAWAY` times larger than the measured output. If that is constant, as for a motor at
 standstill, or missing, only a run that is not finite has diverged.
@@ -211,12 +212,23 @@ def begins_at_rest(segment: Record) -> bool:
     return len(still) >= RESTING and bool((still == still[0]).all())
 
 
+def begins_steady(segment: Record, samples: int) -> bool:
+    """Whether the first samples of a segment, this many of them and at least `RESTING`, are all exactly equal.
+
+    The input need not be zero: some drives have another neutral command. What more of these samples would say of the
+    initial state is the same.
+    """
+    first = np.column_stack([segment.input, segment.output])[: max(samples, RESTING)]
+    return len(first) >= max(samples, RESTING) and bool((first == first[0]).all())
+
+
 def from_rest(segment: Record, samples: int) -> Record:
     """A segment whose first ``samples`` samples start a model and enter no error.
 
-    A segment in motion is that itself. Before one that begins at rest, its first sample is repeated so many times.
+    A segment in motion is that itself. Before one that begins at rest or in a steady state, its first sample is
+    repeated so many times.
     """
-    if not (samples and begins_at_rest(segment)):
+    if not (samples and (begins_at_rest(segment) or begins_steady(segment, samples))):
         return segment
     both = ((samples, 0), (0, 0))
     return replace(

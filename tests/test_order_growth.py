@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -11,6 +13,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import fit_cascade
 from emsid.models.blocks.search.order_growth import larger_cascades
+from emsid.models.blocks.search.refinement import UNKNOWN, Choice, evident
 from emsid.models.blocks.search.topologies import WIENER_HAMMERSTEIN
 from emsid.models.blocks.static_maps import Saturation, TwoSlopes
 from independent.cascades import cascade
@@ -46,7 +49,7 @@ def test_the_error_shows_the_filter_that_misses_a_pole(record: emsid.Record) -> 
     assert larger_cascades(fit.model, WIENER_HAMMERSTEIN, (None, None), [record]) == []
 
 
-def test_no_filter_of_a_given_order_or_of_a_short_record_grows(record: emsid.Record) -> None:
+def test_no_filter_of_a_given_order_or_of_few_samples_grows(record: emsid.Record) -> None:
     model = Cascade((Rational([0.5, 0.0], [-0.5]), Saturation(1.0, -0.5, 0.5), Rational([0.2, 0.0], [-0.8])))
     assert larger_cascades(model, WIENER_HAMMERSTEIN, (1, 1), [record]) == []
     assert larger_cascades(model, WIENER_HAMMERSTEIN, (None, None), [record[:50]]) == []
@@ -59,6 +62,23 @@ def test_cascades_whose_response_shows_too_few_poles_reach_the_noise(seed: int) 
     _, fitted, judge, noise = cascade(seed)
     run = emsid.fit(emsid.wiener_hammerstein(static=None), fitted).model.simulate(judge)
     assert np.sqrt(np.mean((judge.output - run.output)[run.counted] ** 2)) < 1.1 * noise
+
+
+@pytest.mark.parametrize("seed", [308, 328])
+def test_a_short_record_gets_the_poles_that_its_error_shows(seed: int) -> None:
+    """With the orders of the response the errors are 5.1 and 8 times the noise."""
+    _, fitted, judge, noise = cascade(seed, samples=400)
+    run = emsid.fit(emsid.wiener_hammerstein(static=None), fitted).model.simulate(judge)
+    assert np.sqrt(np.mean((judge.output - run.output)[run.counted] ** 2)) < 1.1 * noise
+
+
+def test_correlated_errors_show_less_than_independent_ones() -> None:
+    """A wrong model of 300 samples halves its squared error with ten parameters; its errors are worth 15 or 300."""
+    model = Cascade((Rational([0.5], [-0.5]),))
+    simpler = Choice(model, UNKNOWN, known=1.0, determined=5.0)
+    larger = Choice(model, UNKNOWN, known=0.7, determined=15.0)
+    assert evident(replace(larger, independent=300.0), simpler)
+    assert not evident(replace(larger, independent=15.0), simpler)
 
 
 def test_two_slopes_are_found_where_nobody_names_them() -> None:

@@ -23,7 +23,7 @@ from emsid.models.blocks.search.cross_validation import Round, as_arrays, shorte
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.order_growth import larger_cascades
 from emsid.models.blocks.search.orders import map_sizes, oversamplings
-from emsid.models.blocks.search.refinement import Choice, Plan, bends, refined, simplest
+from emsid.models.blocks.search.refinement import Choice, Plan, evident, refined, simplest
 from emsid.models.blocks.search.sources import ordered_starts
 from emsid.models.blocks.search.starts import at_higher_rate, grown, started
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
@@ -154,7 +154,7 @@ def _without_bends(task: Task, best: Choice) -> Choice:
         return best
     task.control.doing(f"{plain.name} in place of the {best.family.name}")
     found = task.refined([task.plan(best.model, plain, 0)], best)
-    return next((choice for choice in found if not bends(best, choice)), best)
+    return next((choice for choice in found if not evident(best, choice, weights=1)), best)
 
 
 def _of_best_size(task: Task, best: Choice) -> Choice:
@@ -170,15 +170,14 @@ def _of_best_size(task: Task, best: Choice) -> Choice:
 def _of_higher_orders(task: Task, best: Choice) -> Iterator[Choice]:
     """The choice, and others with filters of higher orders, each better than the previous; see `larger_cascades`.
 
-    A short record shows too little for that: what another pole explains there may be friction.
+    In the parts of a short record another pole may explain what is friction; it has to be evident in the whole too.
     """
     yield best
-    if task.short:
-        return
     task.control.doing("higher orders")
     while larger := larger_cascades(best.model, task.topology, task.orders, task.part):
         plans = [Plan(each, best.family, best.size) for each in larger]
-        choice = simplest([best, *task.refined(plans, best)])
+        found = task.refined(plans, best)
+        choice = simplest([best, *(each for each in found if not task.short or evident(each, best))])
         if choice is best:
             return
         best = _from_new_starts(task, choice)

@@ -277,13 +277,18 @@ def simplest(choices: Sequence[Choice]) -> Choice:
     return chosen
 
 
-def bends(choice: Choice, plain: Choice) -> bool:
-    """Whether the data show the bends of a penalised map, by Schwarz's criterion against the same map without them.
+def evident(choice: Choice, simpler: Choice, weights: int = 0) -> bool:
+    """Whether the data that two models were refined on show that the larger one is better, by Schwarz's criterion.
 
-    The data have chosen the weight of the penalty too, which counts as one more parameter.
+    Correlated errors, as those of a wrong model, are worth fewer independent samples and show less.
+
+    Args:
+        choice: the larger model.
+        simpler: the other one.
+        weights: how many weights of penalties the data have chosen besides; each counts as one more parameter.
     """
-    more = choice.determined - plain.determined + 1
-    return schwarz_gain(choice.known**2, plain.known**2, choice.independent, more) > 0
+    more = choice.determined - simpler.determined + weights
+    return schwarz_gain(choice.known**2, simpler.known**2, choice.independent, more) > 0
 
 
 def _kind(cascade: Cascade) -> tuple[tuple[str, int], ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.signal import coherence as scipy_coherence
@@ -11,6 +13,7 @@ import emsid
 from emsid import Ending, ModelError, Record
 from emsid.estimation.linear.filtering import coherence, filtered, filtered_from, mirrored, past_state, spectrum
 from emsid.models.regression.search.orders import order_grid, output_error_orders
+from emsid.record import concatenate
 from emsid.validation.metrics import fit_percent
 from independent.structures import known
 
@@ -101,6 +104,16 @@ def test_orders_of_an_output_error_model_are_found_in_noise_of_any_colour(noise:
     step = lfilter(B, A, np.cumsum(u)) + OFFSET / sum(A)
     state = fit.model.at_rest(0.0)
     np.testing.assert_allclose(fit.model.run(state, np.cumsum(u)[:, None])[0][:, 0], step, atol=0.8)  # of 7.5
+
+
+def test_segments_shorter_than_the_memory_do_not_stop_an_output_error_model() -> None:
+    record = noisy(2000, "white", 0.5)
+    ends = np.cumsum(np.tile([60, 9, 5, 1, 3], 20))
+    pieces = [record[a + 1 : b] for a, b in pairwise((0, *ends)) if b > a + 1]  # a sample is lost between two
+    fit = output_error_orders(concatenate(pieces), GRID, 0.25)
+    np.testing.assert_allclose(fit.estimate, TRUTH, atol=0.15)
+    with pytest.raises(ModelError, match="no segment has more than"):
+        output_error_orders(concatenate(pieces[1::4]), GRID, 0.25)
 
 
 @pytest.mark.parametrize("noise", ["white", "coloured"])

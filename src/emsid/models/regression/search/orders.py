@@ -269,8 +269,10 @@ def _starts(
     structures = [_structure(choice, record) for choice in grid]
     columns = [_columns(structure, largest) for structure in structures]
     best: dict[int, tuple[float, Structure, Array]] = {}
+    longest = max(structure.memory for structure in (largest, *structures))
     below, runs = _first_instruments(judge.fitted)
     for number in range(PASSES):
+        runs = _longer(runs, longest)
         information = instrument_information(instruments(largest, below, runs))
         for structure, places in zip(structures, columns, strict=True):
             theta = stable(structure, instrument_estimate(information, places))
@@ -287,6 +289,18 @@ def _starts(
     for _, (error, structure, theta) in sorted(best.items()):
         if error <= HOPELESS * least < inf:
             yield structure, theta
+
+
+def _longer(runs: Sequence[tuple[Record, Record]], memory: int) -> list[tuple[Record, Record]]:
+    """The segments of which twice the memory of a structure leaves samples.
+
+    Raises:
+        ModelError: where there is none.
+    """
+    found = [(segment, run) for segment, run in runs if len(segment) > 2 * memory]
+    if not found:
+        raise ModelError(f"no segment has more than {2 * memory} samples, twice those that start the model")
+    return found
 
 
 def _error(model: Narx, runs: Sequence[tuple[Record, Record]]) -> float:

@@ -266,6 +266,17 @@ def test_several_experiments_side_by_side(write: Write) -> None:
     assert "several-experiments" not in codes(describe(write({"u1": U, "z1": Y})))
 
 
+def test_columns_of_one_sheet_belong_together(write: Write) -> None:
+    other = {"Run 2.t": T, "Run 2.voltage": U, "Run 2.speed": Y}  # with less noise than the first
+    look = describe(write({"t": T, "voltage": U, "speed": Y + 0.5 * RNG.standard_normal(N), **other}))
+    assert (look.reading["input"], look.reading["output"]) == ("voltage", "speed")
+    pairs = [["Run 2.voltage", "Run 2.speed"]]
+    assert data(look, "several-experiments") == {"chosen": ["voltage", "speed"], "pairs": pairs}
+    groups = describe(write({"t": T, "drive.voltage": U, "motor.speed": Y}))  # of one experiment
+    assert (groups.reading["input"], groups.reading["output"]) == ("drive.voltage", "motor.speed")
+    assert "several-experiments" not in codes(groups)
+
+
 def test_a_position_is_differentiated_and_a_difference_is_recognised(write: Write) -> None:
     counts = np.cumsum(np.rint(Y))
     look = describe(write({"PWM": U, "mStep": counts, "mVel": np.diff(counts, prepend=0)}))
@@ -276,6 +287,40 @@ def test_a_position_is_differentiated_and_a_difference_is_recognised(write: Writ
     assert data(look, "position-differentiated") == {"input": ""}
     for output in ("enc", "d(enc)"):  # nothing is proposed where it is given
         assert "position-differentiated" not in codes(describe(write({"PWM": U, "enc": counts}), output=output))
+
+
+@pytest.mark.parametrize(("name", "period", "low"), [("enc", 65536, -32768), ("angle", 360, 0), ("enc", 4096, 0)])
+def test_a_position_that_starts_again_is_made_continuous(write: Write, name: str, period: int, low: int) -> None:
+    position = np.rint(0.1 * period * np.cumsum(Y) / np.max(np.abs(Y)))
+    look = describe(write({"t": T, "PWM": U, name: (position - low) % period + low}))
+    plain = describe(write({"t": T, "PWM": U, name: position}))
+    assert data(look, "position-wraps") == {"period": period}
+    assert look.reading == plain.reading | {"wrap": {name: period}}
+    assert f"--wrap {name}={period}" in " ".join(proposals([look])[0])
+    assert "position-wraps" not in codes(plain)
+    assert look.record is not None
+    assert plain.record is not None
+    np.testing.assert_allclose(look.record.output, plain.record.output, atol=1e-6 * period)
+
+
+def test_a_counter_of_any_period_starts_again(write: Write) -> None:
+    position = np.rint(100 * np.cumsum(Y) / np.max(np.abs(Y)))
+    look = describe(write({"t": T, "u": U, "ticks": position % 4000}))
+    assert look.reading["wrap"] == {"ticks": pytest.approx(4000, rel=0.01)}
+
+
+def test_an_angle_in_radians_starts_again_between_its_samples(write: Write) -> None:
+    angle = np.cumsum(Y) / np.max(np.abs(Y))
+    look = describe(write({"t": T, "u": U, "theta [rad]": np.angle(np.exp(1j * angle))}))
+    assert look.reading["wrap"] == {"theta [rad]": pytest.approx(2 * np.pi)}
+
+
+def test_a_position_that_only_jumps_does_not_start_again(write: Write) -> None:
+    position = np.cumsum(Y)
+    reset = np.where(np.arange(N) < N // 2, position, position - position[N // 2])  # set to zero once
+    steps = np.where(U > 0, 300.0, 0.0)
+    for values in (reset, steps, RNG.uniform(0, 360, N)):
+        assert "position-wraps" not in codes(describe(write({"t": T, "u": U, "angle": values})))
 
 
 def test_another_sample_time_than_the_file_says(write: Write) -> None:

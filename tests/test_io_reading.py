@@ -110,6 +110,15 @@ def test_a_column_takes_the_sign_of_its_direction_before_gain_and_offset(
     np.testing.assert_array_equal(record.input[:, 0], 2 * np.multiply(signs, [1, 2, 3, 4]) + 3)
 
 
+def test_a_counter_that_starts_again_is_made_continuous_before_gain_and_offset(write: Write) -> None:
+    path = write("u,enc\n0,250\n1,254\n2,2\n3,\n4,10\n5,254\n")
+    record = read(path, input="u", output="enc", dt=1, mask="enc IS NULL", wrap={"enc": 256}, scale={"enc": 2.0})
+    np.testing.assert_array_equal(record.output[:, 0], [500, 508, 516, 532, 508])
+    assert "there is no column 'x'" in failure(path, input="x", output="enc", dt=1, wrap={"x": 256})
+    assert "wrap is given for 't', which is neither" in failure(path, input="u", output="enc", dt=1, wrap={"t": 256})
+    assert "wrap of 'enc' is -1; give a positive" in failure(path, input="u", output="enc", dt=1, wrap={"enc": -1})
+
+
 def test_a_direction_is_a_column_of_few_values(log: Path) -> None:
     kwargs = {"input": "u", "output": "y", "dt": 1}
     assert "column 't' has" in failure(log, **kwargs, direction={"u": "t"})

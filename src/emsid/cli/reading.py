@@ -116,6 +116,9 @@ TimeUnit = Annotated[
 Resample = Annotated[bool, typer.Option("--resample", help="Interpolate an irregular time axis to a regular one.")]
 Rows = Annotated[str | None, typer.Option(metavar="A:B", help="Data rows to take, from A up to but not B.")]
 Mask = Annotated[str | None, typer.Option(metavar="EXPR", help='Samples to leave out, as in "abs(PWM) > 255".')]
+Wrap = Annotated[
+    list[str], typer.Option(metavar="COL=N", help="Counter or angle that starts again after N, such as 65536 or 360.")
+]
 Direction = Annotated[
     list[str],
     typer.Option(metavar="COL=DIR", help="Column with the sign of a column: negative where it is not above 0."),
@@ -164,6 +167,7 @@ def _reader(
     resample: Resample = False,
     rows: Rows = None,
     mask: Mask = None,
+    wrap: Wrap = [],  # noqa: B006
     direction: Direction = [],  # noqa: B006
     scale: Scale = [],  # noqa: B006
     offset: Offset = [],  # noqa: B006
@@ -186,6 +190,7 @@ def _reader(
         "time_unit": time_unit,
         "rows": None if rows is None else _rows(rows),
         "mask": mask,
+        "wrap": numbers(wrap, "--wrap"),
         "direction": pairs(direction, "--direction"),
         "scale": numbers(scale, "--scale"),
         "offset": numbers(offset, "--offset"),
@@ -215,15 +220,19 @@ def as_options(reading: Mapping[str, Any]) -> list[str]:
             words.append(option(name))
         elif isinstance(value, Mapping):
             for column, each in value.items():
-                words += [option(name), f"{column}={each}"]
+                words += [option(name), f"{column}={_as_text(each)}"]
         elif isinstance(value, slice):
             ends = ("" if end is None else str(end) for end in (value.start, value.stop))
             words += [option(name), ":".join(ends)]
         elif value is not None and value is not False:
             several = value if isinstance(value, (list, tuple)) else [value]
             for each in several:
-                words += [option(name), f"{each:.10g}" if isinstance(each, float) else str(each)]
+                words += [option(name), _as_text(each)]
     return words
+
+
+def _as_text(value: object) -> str:
+    return f"{value:.10g}" if isinstance(value, float) else str(value)
 
 
 def reads_records(**defaults: Any) -> Callable[[Command], Command]:

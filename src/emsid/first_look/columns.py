@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.first_look.names import Meaning
+from emsid.first_look.names import ColumnQuantity, Meaning
+from emsid.first_look.wrapping import wrap_period
 from emsid.io.selection import MOST_SKIPPED
+from emsid.io.wrapping import unwrapped
 
 Array = NDArray[np.float64]
 
@@ -70,7 +72,8 @@ class Column:
         codes: isolated values.
         at_low, at_high: the share of samples at a limit, where the values are cut off there; otherwise 0.
         stuck: the longest stretch without change, if it is unusually long.
-        values: (N,) its numbers, NaN where there is none.
+        period: after which a position starts again; None where it does not.
+        values: (N,) its numbers, NaN where there is none; of a position with a period continuous.
     """
 
     name: str
@@ -86,6 +89,7 @@ class Column:
     at_low: float = 0.0
     at_high: float = 0.0
     stuck: Stretch | None = None
+    period: float | None = None
     values: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
 
     @property
@@ -114,6 +118,7 @@ def column_of_numbers(name: str, kind: str, meaning: Meaning, values: Array) -> 
     levels, counts = np.unique(finite, return_counts=True)
     codes, ordinary = _codes(levels, counts)
     levels, counts = levels[ordinary], counts[ordinary]
+    period = wrap_period(values) if meaning.quantity is ColumnQuantity.POSITION and not codes else None
     at_low, at_high = (_share_at_limit(counts[::order]) for order in (1, -1))
     return Column(
         name=name,
@@ -129,7 +134,8 @@ def column_of_numbers(name: str, kind: str, meaning: Meaning, values: Array) -> 
         at_low=at_low,
         at_high=at_high,
         stuck=_stuck(values, levels),
-        values=values,
+        period=period,
+        values=values if period is None else unwrapped(values, period),
     )
 
 

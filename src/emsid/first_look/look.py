@@ -271,6 +271,7 @@ def _proposal(raw: Columns, columns: Mapping[str, Column], clock: Clock, roles: 
         "input": roles.input,
         "output": f"d({roles.output})" if position else roles.output,
         "mask": _mask(used),
+        "wrap": {column.name: column.period for column in used if column.period},
         "units": {column.name: unit for column in used if (unit := _convertible(column.meaning))},
     }
     if clock.column:
@@ -352,6 +353,8 @@ def _about_column(column: Column, look: FirstLook, given: set[str]) -> list[Find
             for code in column.codes
         ]
         findings.append(Finding("isolated-values", name, {"codes": codes, "low": column.low, "high": column.high}))
+    if column.period and "wrap" not in given:
+        findings.append(Finding("position-wraps", name, {"period": column.period}))
     if column.gaps:
         findings.append(Finding("values-missing", name, {"count": column.missing, "rows": column.rows}))
     if column.stuck and _input_moves(look, column.stuck):

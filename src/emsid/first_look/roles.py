@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 
@@ -86,7 +86,11 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
     if not pairs:
         only = compared[0].name if compared else ""
         return Roles(input, output or (only if only != input else ""), 1.0, 1.0 if output else 0.2)
-    named = {(u.name, y.name): _as_input(u) + _as_output(y) + _same_number(u, y) for u, y in pairs}
+    experiments = _experiments(columns)
+    named = {
+        (u.name, y.name): _as_input(u) + _as_output(y) + _of_one_experiment(experiments, u.name, y.name)
+        for u, y in pairs
+    }
     best = max(named.values())
     shares = {
         (u.name, y.name): (influence(u.signal, y.signal), influence(y.signal, u.signal))
@@ -96,7 +100,7 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
     scores = {pair: named[pair] + 0.6 * (shares[pair][0] - shares[pair][1]) + _shape(compared, pair) for pair in shares}
     if not scores:
         return Roles(input=input, output=output)
-    (u, y) = _first_of_its_kind(max(scores, key=scores.__getitem__), scores, compared)
+    (u, y) = _first_of_its_kind(max(scores, key=scores.__getitem__), scores, compared, experiments)
     columns_by_name = {column.name: column for column in columns}
     return Roles(
         input=u,
@@ -108,8 +112,7 @@ def find_roles(columns: Sequence[Column], clock: str, input: str = "", output: s
         others=tuple(
             (a.name, b.name)
             for a, b in permutations(possible, 2)
-            if a.meaning.number
-            and _same_number(a, b)
+            if _of_one_experiment(experiments, a.name, b.name)
             and a.meaning.quantity is columns_by_name[u].meaning.quantity
             and b.meaning.quantity is columns_by_name[y].meaning.quantity
             and (a.name, b.name) != (u, y)
@@ -138,21 +141,45 @@ def find_direction(columns: Sequence[Column], roles: Roles) -> str:
     return best if best and shares[best] > CLEARER * influence(u.signal, answer) + LEAST else ""
 
 
+def _experiments(columns: Sequence[Column]) -> dict[str, str]:
+    """The experiment of each column: the number at the end of its name, or the sheet or group before its last dot.
+
+    A group counts where another one, or none, has a column of the same name. Without a group it is ``"."`` then.
+    """
+    groups: dict[str, list[str]] = {}
+    for column in columns:
+        group, _, name = column.name.rpartition(".")
+        groups.setdefault(name, []).append(group)
+    found = {}
+    for column in columns:
+        group, _, name = column.name.rpartition(".")
+        found[column.name] = (group or ".") if len(groups[name]) > 1 else column.meaning.number
+    return found
+
+
+def _of_one_experiment(experiments: Mapping[str, str], u: str, y: str) -> float:
+    """Columns such as u2 and y2, or of one sheet, belong together; 0 where nothing says so."""
+    return 0.3 if experiments[u] and experiments[u] == experiments[y] else 0.0
+
+
 def _first_of_its_kind(
-    best: tuple[str, str], scores: dict[tuple[str, str], float], columns: Sequence[Column]
+    best: tuple[str, str],
+    scores: Mapping[tuple[str, str], float],
+    columns: Sequence[Column],
+    experiments: Mapping[str, str],
 ) -> tuple[str, str]:
-    """The first of the pairs that differ from the best one by their numbers only."""
+    """The first of the pairs that differ from the best one by their experiment only."""
     known = {column.name: column for column in columns}
-    number = known[best[0]].meaning.number
-    if not number or number != known[best[1]].meaning.number:
+    if not _of_one_experiment(experiments, *best):
         return best
 
     def alike(pair: tuple[str, str]) -> bool:
         (a, b), (u, y) = ((known[name] for name in names) for names in (pair, best))
         kinds = a.meaning.quantity is u.meaning.quantity and b.meaning.quantity is y.meaning.quantity
-        return kinds and a.meaning.number == b.meaning.number != "" and (pair == best or a.meaning.number != number)
+        other = experiments[a.name] != experiments[u.name]
+        return kinds and _of_one_experiment(experiments, *pair) > 0 and (pair == best or other)
 
-    return min(filter(alike, scores), key=lambda pair: known[pair[0]].meaning.number)
+    return min(filter(alike, scores), key=lambda pair: experiments[pair[0]])
 
 
 def is_difference(position: Column, speed: Column) -> bool:
@@ -191,11 +218,6 @@ def _as_input(column: Column) -> float:
 
 def _as_output(column: Column) -> float:
     return _AS_OUTPUT.get(column.meaning.quantity, 0.0) * (column.meaning.confidence or 1.0)
-
-
-def _same_number(u: Column, y: Column) -> float:
-    """Columns such as u2 and y2 belong together."""
-    return 0.3 if u.meaning.number and u.meaning.number == y.meaning.number else 0.0
 
 
 def _shape(columns: Sequence[Column], pair: tuple[str, str]) -> float:

@@ -1,8 +1,9 @@
 """Reading of a file to a `Record`: selection of columns and samples, sample time, units.
 
-The steps have a fixed order. ``rows`` are selected. ``mask`` is evaluated on the columns of the file. A column takes
-the sign of its ``direction`` and becomes ``scale·x + offset``. Masked samples are removed; the others are checked and
-divided into segments. Derivatives are computed within each segment. Units are converted to SI.
+The steps have a fixed order. Columns with a ``wrap`` are made continuous. ``rows`` are selected. ``mask`` is evaluated
+on the columns of the file. A column takes the sign of its ``direction`` and becomes ``scale·x + offset``. Masked
+samples are removed; the others are checked and divided into segments. Derivatives are computed within each segment.
+Units are converted to SI.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from emsid.io.spreadsheet import read_spreadsheet
 from emsid.io.table import read_table
 from emsid.io.tdms import read_tdms
 from emsid.io.wpilog import read_wpilog
+from emsid.io.wrapping import continuous
 from emsid.record import Record, concatenate
 from emsid.units import SI
 
@@ -121,6 +123,7 @@ def read(
     time_unit: str | None = None,
     rows: slice | None = None,
     mask: str | None = None,
+    wrap: Mapping[str, float] | None = None,
     direction: Mapping[str, str] | None = None,
     scale: Mapping[str, float] | None = None,
     offset: Mapping[str, float] | None = None,
@@ -154,6 +157,8 @@ def read(
         rows: the data rows to take, counted from 0, as in ``slice(5200, 105200)``.
         mask: an SQL condition on the columns of the file, true for the samples to leave out, as in ``abs(PWM) > 255``;
             the others form segments. A sample with a missing value, for which it cannot be evaluated, is left out.
+        wrap: by column of a counter or an angle that starts again, the period after which it does, such as 65536 or
+            360; whole periods are added so that it is continuous.
         direction: by column without sign, such as the duty of a bridge, the column that says its direction: the sign is
             negative where that is not above 0 (0 and 1, or −1 and 1).
         scale, offset: by column; ``scale·x + offset`` replaces x.
@@ -189,6 +194,7 @@ def read(
             rows=rows or slice(None),
             mask=mask,
             skip_bad_rows=skip_bad_rows,
+            wrap=wrap or {},
             direction=direction or {},
             scale=scale or {},
             offset=offset or {},
@@ -200,17 +206,23 @@ def read(
                 "pwm_full_scale": pwm_full_scale,
             },
         )
-        if filter is not None:
-            record = record.lowpass(filter)
-        record = record.decimate(decimate)
-        if filter is not None or decimate > 1:
-            data = {"cutoff": filter, "factor": decimate}
-            record = replace(record, findings=(*record.findings, Finding("data-filtered", file.name, data)))
+        record = _filtered(record, filter, decimate)
         return record if detrend is None else record.detrend(detrend)
     except DataError as problem:
         message = str(problem)
         message = message.removeprefix(f"{file.name}: ")
         raise DataError(f"{file}: {message}", arguments=problem.arguments) from None
+
+
+def _filtered(record: Record, cutoff: float | None, factor: int) -> Record:
+    """The record filtered and decimated, with a finding where either was asked for."""
+    if cutoff is not None:
+        record = record.lowpass(cutoff)
+    record = record.decimate(factor)
+    if cutoff is None and factor == 1:
+        return record
+    data = {"cutoff": cutoff, "factor": factor}
+    return replace(record, findings=(*record.findings, Finding("data-filtered", record.name, data)))
 
 
 def _record(
@@ -223,6 +235,7 @@ def _record(
     rows: slice,
     mask: str | None,
     skip_bad_rows: bool,
+    wrap: Mapping[str, float],
     direction: Mapping[str, str],
     scale: Mapping[str, float],
     offset: Mapping[str, float],
@@ -233,6 +246,8 @@ def _record(
     """The record in ``columns`` with the options of `read`; the module docstring has the order of the steps."""
     signals = _signals(inputs, outputs, columns)
     used = [s.column for s in signals]
+    _check_options({"wrap": wrap, "direction": direction, "scale": scale, "offset": offset, "units": units}, signals)
+    columns = continuous(columns, wrap)
     if columns.clocks and clock.dt is None and clock.time is None:
         clock = replace(clock, time=columns.clocks.get(used[-1]))
     if clock.time is not None and clock.time in columns.clocks.values():
@@ -244,7 +259,6 @@ def _record(
         }
         few = replace(columns, clocks={name: each for name, each in columns.clocks.items() if name in wanted})
         columns = on_one_clock(few, clock.time, {*used[: len(inputs)], *direction.values()})
-    _check_options({"direction": direction, "scale": scale, "offset": offset, "units": units}, signals)
     used = [*(s.column for s in signals), *direction.values(), *([clock.time] if clock.time else [])]
     selection = select(columns, used, rows, mask, skip_bad_rows, name)
     with np.errstate(all="ignore"):  # a number that overflows is refused below, or by the record

@@ -197,6 +197,12 @@ def position_differentiated(f: Finding, argument: Spelling) -> str:
     return f"{f.subject} {why}; its derivative d({f.subject}) is proposed, because a speed is easier to identify"
 
 
+@words("position-wraps")
+def position_wraps(f: Finding, argument: Spelling) -> str:
+    """Subject: the column. Data: period."""
+    return f"{f.subject} starts again after {f.data['period']:.10g}; {argument('wrap')} makes it continuous"
+
+
 @words("reference-column", Severity.WARNING)
 def reference_column(f: Finding, argument: Spelling) -> str:
     """Subject: the column. Data: input, follows (the column that follows it)."""

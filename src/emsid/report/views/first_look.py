@@ -60,6 +60,7 @@ def _notes(column: Column) -> str:
     notes += ["constant" if column.constant and column.kind == "numbers" else ""]
     notes += [f"{column.missing:,} missing" if column.missing else ""]
     notes += [f"also {', '.join(f'{code.value:g}' for code in column.codes)}" if column.codes else ""]
+    notes += [f"starts again after {column.period:.10g}" if column.period else ""]
     return ", ".join(filter(None, notes))
 
 

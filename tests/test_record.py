@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from emsid.errors import DataError
-from emsid.record import Record, check_same_channels, concatenate, hold_back, resample, segments, time_axis
+from emsid.record import Record, check_same_channels, concatenate, hold_back, segments, time_axis
 from emsid.record.excerpt import _pieces, excerpt, outside_excerpt
 
 
@@ -343,7 +343,7 @@ def test_a_record_keeps_its_time_axis() -> None:
     assert concatenate(record.split(0.5)).time_axis == axis
     assert concatenate([record, ramp(100)]).time_axis is None
     assert record.decimate(2).time_axis is None
-    assert resample(record.time, record, dt=0.2).time_axis is None
+    assert record.resample(record.time, dt=0.2).time_axis is None
 
 
 @pytest.mark.parametrize(
@@ -361,7 +361,7 @@ def test_invalid_times_are_refused(times: list[float], message: str) -> None:
 
 def test_resampling_holds_inputs_and_interpolates_outputs() -> None:
     t = np.array([0.0, 0.9, 2.1, 3.0, 4.0])
-    record = resample(t, Record([1, 2, 3, 4, 5], 10 * t, 1.0), dt=1.0)
+    record = Record([1, 2, 3, 4, 5], 10 * t, 1.0).resample(t, dt=1.0)
     np.testing.assert_array_equal(record.input[:, 0], [1, 2, 2, 4, 5])
     np.testing.assert_allclose(record.output[:, 0], [0, 10, 20, 30, 40])
     assert record.dt == 1.0
@@ -369,20 +369,20 @@ def test_resampling_holds_inputs_and_interpolates_outputs() -> None:
 
 def test_resampling_times_of_many_digits_neither_delays_nor_loses_samples() -> None:
     k = np.delete(np.arange(3000.0), [700, 701])
-    record = resample(1.7e9 + 0.01 * k, Record(k, k, 0.01))
+    record = Record(k, k, 0.01).resample(1.7e9 + 0.01 * k)
     assert record.dt == 0.01
     np.testing.assert_array_equal(record.input[:, 0], np.where(np.isin(np.arange(3000), [700, 701]), 699, range(3000)))
     np.testing.assert_allclose(record.output[:, 0], range(3000), atol=1e-4)
 
 
 def test_a_time_whose_rounding_exceeds_the_sample_time_is_one_sample() -> None:
-    assert len(resample([2e24], Record([1.0], [2.0], 0.1), 0.1)) == 1
+    assert len(Record([1.0], [2.0], 0.1).resample([2e24], 0.1)) == 1
 
 
 @pytest.mark.parametrize("start", [-7.3, 0.0, 1e4])
 def test_resampling_a_regular_axis_changes_nothing(start: float) -> None:
     t = start + 0.1 * np.arange(200)
-    record = resample(t, Record(np.arange(200.0), np.arange(200.0), 0.1), dt=0.1)
+    record = Record(np.arange(200.0), np.arange(200.0), 0.1).resample(t, dt=0.1)
     assert len(record) == 200
     np.testing.assert_array_equal(record.input[:, 0], np.arange(200.0))
     np.testing.assert_allclose(record.output[:, 0], np.arange(200.0), atol=1e-6)
@@ -390,7 +390,7 @@ def test_resampling_a_regular_axis_changes_nothing(start: float) -> None:
 
 
 def test_the_last_sample_of_equal_times_is_used() -> None:
-    record = resample([0, 1, 1, 2], Record([1, 2, 3, 4], [0, 0, 5, 0], 1.0), dt=1.0)
+    record = Record([1, 2, 3, 4], [0, 0, 5, 0], 1.0).resample([0, 1, 1, 2], dt=1.0)
     np.testing.assert_array_equal(record.input[:, 0], [1, 3, 4])
 
 
@@ -406,4 +406,4 @@ def test_the_last_sample_of_equal_times_is_used() -> None:
 )
 def test_invalid_resampling_is_refused(times: list[float], dt: float | None, message: str) -> None:
     with pytest.raises(DataError, match=message):
-        resample(times, Record([1, 2, 3], [1, 2, 3], 1.0), dt=dt)
+        Record([1, 2, 3], [1, 2, 3], 1.0).resample(times, dt=dt)

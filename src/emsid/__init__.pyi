@@ -71,7 +71,6 @@ from .plant import Motor as Motor
 from .record import Record as Record
 from .record import TimeAxis as TimeAxis
 from .record import concatenate as concatenate
-from .record import resample as resample
 from .record import time_axis as time_axis
 from .validation.comparison import Comparison as Comparison
 from .validation.comparison import assess as assess

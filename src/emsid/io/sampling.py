@@ -18,7 +18,6 @@ from emsid.findings import Finding
 from emsid.io.columns import Columns
 from emsid.io.selection import Selection
 from emsid.record import Record, concatenate, time_axis
-from emsid.record import resample as resampled
 
 Array = NDArray[np.float64]
 
@@ -136,7 +135,7 @@ def _resampled(record: Record, seconds: Array, breaks: NDArray[np.intp], step: f
     edges = (0, *breaks, len(seconds))
     pieces = replace(record, breaks=tuple(map(int, breaks)), times=()).segments
     return concatenate(
-        resampled(seconds[a:b], piece, dt or step) for (a, b), piece in zip(pairwise(edges), pieces, strict=True)
+        piece.resample(seconds[a:b], dt or step) for (a, b), piece in zip(pairwise(edges), pieces, strict=True)
     )
 
 

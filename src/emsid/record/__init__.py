@@ -1,8 +1,9 @@
 """`Record`, the one data type of the program, and the time axis that it is read with."""
 
 from emsid.record.holding_back import hold_back
-from emsid.record.record import Record, check_same_channels, concatenate, continuing, segments
-from emsid.record.time_axis import TimeAxis, resample, time_axis
+from emsid.record.joining import check_same_channels, concatenate, continuing, segments
+from emsid.record.record import Record
+from emsid.record.time_axis import TimeAxis, time_axis
 
 __all__ = [
     "Record",
@@ -11,7 +12,6 @@ __all__ = [
     "concatenate",
     "continuing",
     "hold_back",
-    "resample",
     "segments",
     "time_axis",
 ]

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from emsid.record.record import Record, concatenate
+from emsid.record.joining import concatenate
+from emsid.record.record import Record
 
 Piece = tuple[int, int]
 """The first sample, and the one after the last."""

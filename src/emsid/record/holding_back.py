@@ -16,7 +16,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from emsid.record.record import Record, concatenate
+from emsid.record.joining import concatenate
+from emsid.record.record import Record
 
 # The records to fit and the unseen records to test on.
 Split = tuple[Sequence[Record], Sequence[Record]]

@@ -8,12 +8,12 @@ or exports takes one or several records and works segment by segment.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import nan
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,10 +25,9 @@ from emsid.presentation import Presented
 from emsid.record.checks import as_channels, check_finite, whole_number
 from emsid.record.filters import DECIMATED, FILTERED, LARGEST_TREND, decimated, low_passed, without_trend
 from emsid.record.frames import numbers, seconds
+from emsid.record.resampling import equidistant
+from emsid.record.time_axis import TimeAxis, time_axis
 from emsid.units import name_and_unit, readable_unit
-
-if TYPE_CHECKING:
-    from emsid.record.time_axis import TimeAxis
 
 Array = NDArray[np.float64]
 
@@ -151,9 +150,6 @@ class Record(Presented):
             DataError: for a column that does not exist, is named twice or holds no numbers; for an irregular time,
                 units of other columns, or a missing sample time.
         """
-        from emsid.record.time_axis import resample as resampled
-        from emsid.record.time_axis import time_axis
-
         inputs, outputs = as_names(input), as_names(output)
         given = dict(units or {})
         strange = [column for column in given if column not in (*inputs, *outputs)]
@@ -180,7 +176,7 @@ class Record(Presented):
             time_axis=axis,
         )
         if resample and at is not None:
-            record = resampled(at, record, dt)
+            record = record.resample(at, dt)
         return record.convert() if given else record
 
     def __len__(self) -> int:
@@ -317,16 +313,47 @@ class Record(Presented):
         factor = whole_number(factor, 1, problem)
         if factor == 1:
             return self
-        pieces = []
+        inputs, outputs = [], []
         for segment in self.segments:
             if len(segment) <= DECIMATED * factor:
                 raise DataError(
                     f"{self.name}: a segment of {len(segment)} samples is too short to decimate by {factor}; "
                     f"it needs more than {DECIMATED * factor}"
                 )
-            u, y = (decimated(values, factor) for values in (segment.input, segment.output))
-            pieces.append(replace(segment, input=u, output=y, dt=self.dt * factor, time_axis=None))
-        return concatenate(pieces, name=self.name)
+            inputs.append(decimated(segment.input, factor))
+            outputs.append(decimated(segment.output, factor))
+        return replace(
+            self,
+            input=np.concatenate(inputs),
+            output=np.concatenate(outputs),
+            dt=self.dt * factor,
+            breaks=tuple(np.cumsum([len(piece) for piece in inputs[:-1]])),
+            time_axis=None,
+        )
+
+    def resample(self, time: ArrayLike, dt: float | None = None) -> Record:
+        """The record at equidistant times, from the times at which it was measured.
+
+        Inputs are held from sample to sample (they come from a digital output), outputs are interpolated linearly.
+        Where the new sample time is longer than the old one, decimate first: this function does not filter.
+
+        Args:
+            time: (N,) the time of every sample in seconds, ascending; of samples with equal times the last is used.
+                The record's own ``dt`` is ignored, and it must be a single segment.
+            dt: the new sample time in seconds; by default that of `time_axis`.
+
+        Raises:
+            DataError: if the times do not ascend or do not match the record, or if the new sample time is unreasonable.
+        """
+        t = np.asarray(time, dtype=float)
+        if t.shape != (len(self),) or self.breaks:
+            raise DataError(f"{self.name}: resampling takes one segment and a time for each of its samples")
+        step = time_axis(t).dt if dt is None else dt
+        try:
+            u, y = equidistant(t, self.input, self.output, step)
+        except DataError as error:
+            raise DataError(f"{self.name}: {error}") from None
+        return replace(self, input=u, output=y, dt=step, times=(float(t[0]),), time_axis=None)
 
     def lowpass(self, cutoff: float) -> Record:
         """Every channel through a Butterworth low-pass filter of order 4, forwards and backwards, segment by segment.
@@ -403,83 +430,3 @@ class Record(Presented):
             gain, offset, unit = conversion(present[name], target, sample_time=self.dt, **scales)
             result = result.scale(name, gain, offset, unit)
         return result
-
-
-def concatenate(records: Iterable[Record], name: str | None = None) -> Record:
-    """Join several experiments into one record; each becomes one or more segments.
-
-    Args:
-        records: with the same channels and sample time.
-        name: of the joined record; by default the name of the first.
-
-    Raises:
-        DataError: where sample times, channel names or units differ.
-    """
-    pieces = tuple(records)
-    if not pieces:
-        raise DataError("no record to concatenate")
-    first = pieces[0]
-    for other in pieces[1:]:
-        check_same_channels(first, other)
-    offsets = np.cumsum([0] + [len(piece) for piece in pieces])
-    starts = [
-        int(offset + edge) for offset, piece in zip(offsets[:-1], pieces, strict=True) for edge in (0, *piece.breaks)
-    ]
-    return replace(
-        first,
-        input=np.concatenate([piece.input for piece in pieces]),
-        output=np.concatenate([piece.output for piece in pieces]),
-        breaks=tuple(starts[1:]),
-        times=tuple(time for piece in pieces for time in piece.times),
-        name=name or first.name,
-        sources=_sources(pieces),
-        time_axis=first.time_axis if all(piece.time_axis == first.time_axis for piece in pieces) else None,
-        findings=_of_all(pieces),
-    )
-
-
-def continuing(before: Record | None, piece: Record) -> Record:
-    """A segment joined to the samples right before it, as one segment.
-
-    Args:
-        before: the samples before it; None for none.
-        piece: of one segment.
-
-    Raises:
-        DataError: where sample times, channel names or units differ.
-    """
-    return piece if before is None else replace(concatenate([before, piece]), breaks=(), times=(), sources=())
-
-
-def _sources(pieces: Sequence[Record]) -> tuple[str, ...]:
-    """The name of the experiment of every segment; empty where all have the same name."""
-    found = tuple(name for piece in pieces for name in piece.experiments)
-    return found if len(set(found)) > 1 else ()
-
-
-def _of_all(pieces: Sequence[Record]) -> tuple[Finding, ...]:
-    """The findings of all pieces; those that the pieces have in common once."""
-    found: list[Finding] = []
-    for piece in pieces:
-        found += [each for each in piece.findings if each not in found]
-    return tuple(found)
-
-
-def check_same_channels(first: Record, other: Record) -> None:
-    """Refuse two records with different sample times, channels or units, which one model cannot describe."""
-    if not np.isclose(first.dt, other.dt, rtol=1e-6, atol=0.0):
-        raise DataError(
-            f"{other.name} is sampled every {other.dt:g} s and {first.name} every {first.dt:g} s; resample one of them"
-        )
-    for what in ("input_names", "output_names", "input_units", "output_units"):
-        if getattr(first, what) != getattr(other, what):
-            raise DataError(
-                f"{other.name} has {what.replace('_', ' ')} {getattr(other, what)} and {first.name} "
-                f"{getattr(first, what)}; they must agree"
-            )
-
-
-def segments(records: Record | Iterable[Record]) -> Iterator[Record]:
-    """Every segment of one or several records, in order; the records are read one at a time."""
-    for record in (records,) if isinstance(records, Record) else records:
-        yield from record.segments

@@ -1,15 +1,13 @@
-"""The time column of a record: whether its samples are equidistant, and resampling if they are not."""
+"""The time column of a record: whether its samples are equidistant."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError
-from emsid.record.record import Record
 
 Array = NDArray[np.float64]
 
@@ -93,14 +91,14 @@ def time_axis(time: ArrayLike) -> TimeAxis:
             "the time, or give dt in its place",
             arguments=("time", "dt"),
         )
-    rounding = _rounding(t)
-    dt = _simplest(float(np.median(forward)), rounding)
+    digits = rounding(t)
+    dt = _simplest(float(np.median(forward)), digits)
     gap, back = steps > 1.5 * dt, steps <= 0
     ordinary = steps[~gap & ~back]
 
     def deviation(dt: float) -> float:
         largest = float(np.max(np.abs(ordinary - dt), initial=0.0))
-        return largest if largest > rounding else 0.0
+        return largest if largest > digits else 0.0
 
     axis = TimeAxis(
         samples=len(t),
@@ -132,7 +130,7 @@ def _simplest_step(t: Array) -> float:
     if np.array_equal(t[0] + first * k, t):
         return first
     mean = float(t[-1] - t[0]) / (len(t) - 1)
-    scatter = float(np.max(np.abs(t - t[0] - mean * k))) + _rounding(t)
+    scatter = float(np.max(np.abs(t - t[0] - mean * k))) + rounding(t)
     return _simplest(mean, min(scatter, mean / 2) / (len(t) - 1))
 
 
@@ -142,46 +140,6 @@ def _simplest(value: float, allowed: float) -> float:
     return next((number for number in candidates if abs(number - value) <= allowed), value)
 
 
-def _rounding(t: Array) -> float:
+def rounding(t: Array) -> float:
     """How far the difference of two times (N,) may be off because they are stored with limited digits."""
     return 4 * float(np.finfo(float).eps) * float(np.max(np.abs(t)))
-
-
-def resample(time: ArrayLike, record: Record, dt: float | None = None) -> Record:
-    """Resample a record from its measured times to equidistant ones.
-
-    Inputs are held from sample to sample (they come from a digital output), outputs are interpolated linearly. Where
-    the new sample time is longer than the old one, decimate first: this function does not filter.
-
-    Args:
-        time: (N,) the time of every sample in seconds, ascending; of samples with equal times the last is used.
-        record: the samples; its own ``dt`` is ignored. Must be a single segment.
-        dt: the new sample time in seconds; by default that of `time_axis`.
-
-    Raises:
-        DataError: if the times do not ascend or do not match the record, or if the new sample time is unreasonable.
-    """
-    t = np.asarray(time, dtype=float)
-    if t.shape != (len(record),) or record.breaks:
-        raise DataError(f"{record.name}: resampling takes one segment and a time for each of its samples")
-    step = time_axis(t).dt if dt is None else dt
-    if not 1e-8 * (t[-1] - t[0]) < step < np.inf:
-        raise DataError(
-            f"{record.name}: cannot resample {t[-1] - t[0]:g} s to a sample time of {step:g} s; give another"
-        )
-    last = np.append(np.diff(t) != 0, True)
-    t, u, y = t[last], record.input[last], record.output[last]
-    if np.any(np.diff(t) <= 0):
-        raise DataError(f"{record.name}: the time column goes back; sort the file by time first")
-    late = min(1e-9 * step + _rounding(t), step / 2)  # by how much rounding may make a time later than the grid
-    grid = t[0] + step * np.arange(int(np.floor((t[-1] - t[0] + late) / step)) + 1)
-    held = np.searchsorted(t, grid + late, side="right") - 1
-    columns = [np.interp(grid, t, y[:, k]) for k in range(y.shape[1])]
-    return replace(
-        record,
-        input=u[np.clip(held, 0, len(t) - 1)],
-        output=np.column_stack(columns) if columns else np.empty((len(grid), 0)),
-        dt=step,
-        times=(float(grid[0]),),
-        time_axis=None,
-    )

@@ -594,3 +594,11 @@ def test_many_files_are_described_in_a_line_each(run: Run, write: Write) -> None
     out = run("describe", *paths)[1]
     assert "- in 4 of 4 files, such as 0.csv: u is persistently exciting of order at least 50" in out
     assert shlex.split(out.splitlines()[-1])[2:6] == list(map(str, paths))
+
+
+def test_columns_of_files_are_described_without_a_file(run: Run, write: Write) -> None:
+    u, y = write({"u": U}, "u.csv"), write({"y": Y}, "y.csv")
+    status, out, _ = run("describe", "--input", f"{u}:1", "--output", f"{y}:1", "--dt", "10ms")
+    assert status == 0
+    assert out.splitlines()[-1].split() == f"emsid identify {y} --input {u}:1 --output {y}:1 --dt 0.01".split()
+    assert "missing argument 'FILE...'" in run("describe")[2]

@@ -119,9 +119,19 @@ def test_requests_that_some_models_cannot_meet_are_found():
     assert [(finding.code, finding.subject) for finding in found] == [
         ("datasheet-not-used", "rigid-motor"),
         ("code-never-occurs", "u1"),
-        ("codes-taken-as-commands", "arx"),
     ]
     assert unused_requests(plants_of(names, Options()), names, Options(), record) == []
+
+
+def test_codes_are_named_once_and_only_those_that_occur():
+    rest = driven(0)
+    record = emsid.Record(np.where(np.arange(len(rest)) % 50 < 5, 999.0, rest.input[:, 0]), rest.output, rest.dt)
+    options = Options(codes=((999.0, Bridge.COAST), (998.0, Bridge.BRAKE)))
+    found = unused_requests({}, ["arx"], options, record)
+    assert [(each.code, each.data.get("value", each.data.get("values"))) for each in found] == [
+        ("code-never-occurs", 998.0),
+        ("codes-taken-as-commands", [999.0]),
+    ]
 
 
 def test_a_model_that_fails_does_not_stop_the_others(plain):

@@ -178,7 +178,8 @@ def unused_requests(
     findings += [
         Finding("option-not-used", option, {"models": list(models)})
         for option in options.given
-        if not any(option in CANDIDATES[name].uses for name in models)
+        if option != "codes"  # `_about_codes` says more
+        and not any(option in CANDIDATES[name].uses for name in models)
     ]
     family = options.static
     if family is not None and not family.sizes and options.knots is not None:
@@ -200,14 +201,11 @@ def _about_codes(plants: Mapping[str, Plant], models: Sequence[str], options: Op
     """Values given as codes that never occur, and models that have no codes."""
     if not options.codes:
         return []
-    values = [float(value) for value, _ in options.codes]
     channel = record.input_names[-1]
-    absent = [value for value in values if record.converted(channel, value) not in record.input[:, -1]]
+    values = [float(value) for value, _ in options.codes]
+    present = [value for value in values if record.converted(channel, value) in record.input[:, -1]]
+    without = [name for name in models if name not in plants] if present else []
     return [
-        *(Finding("code-never-occurs", record.input_names[-1], {"value": value}) for value in absent),
-        *(
-            Finding("codes-taken-as-commands", name, {"model": name, "values": values})
-            for name in models
-            if name not in plants
-        ),
+        *(Finding("code-never-occurs", channel, {"value": value}) for value in values if value not in present),
+        *(Finding("codes-taken-as-commands", name, {"model": name, "values": present}) for name in without),
     ]

@@ -36,7 +36,12 @@ USELESS = {
 @reads_records()
 def describe(
     reader: Any,
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Files to look at.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="[FILE]...", help="Files to look at; none where --output is FILE:COL.", show_default=False
+        ),
+    ] = [],  # noqa: B006
     tolerance: Annotated[
         float,
         typer.Option(
@@ -55,13 +60,14 @@ def describe(
     Examples:
       emsid describe log.csv
       emsid describe log.csv --output speed --dt 10ms --out page
+      emsid describe --input x.csv:1 --output y.csv:1
     """
     from emsid.first_look import describe_files
     from emsid.wording import sentence
 
     if out is not None:
         check_folder(out)
-    looks, together = describe_files(files, tolerance=tolerance, **reader.given)
+    looks, together = describe_files(files or reader.files([]), tolerance=tolerance, **reader.given)
     commands = [shlex.join(words) for words in proposals(looks)]
     if json:
         documents = [as_document(look) for look in looks]

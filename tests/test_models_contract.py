@@ -367,6 +367,11 @@ def test_a_prediction_is_no_worse_than_the_free_run(model: Model) -> None:
 
 
 @every_model
+def test_a_model_prints_as_its_equations(model: Model) -> None:
+    assert str(model) == model.equation()
+
+
+@every_model
 def test_a_saved_model_runs_the_same(model: Model, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     if any(name in request.node.name for name in UNSAVED):
         with pytest.raises(ModelError, match=r"cannot be saved|functions"):

@@ -74,7 +74,13 @@ def predict(model: Model, record: Record, horizon: int = 1, transient: int | Non
 
 
 class RunMethods:
-    """`simulate`, `predict` and `ahead` of a model, for a class that has the rest of `emsid.models.model.Model`."""
+    """`simulate`, `predict` and `ahead` of a model, for a class that has the rest of `emsid.models.model.Model`.
+
+    A model prints as its equations.
+    """
+
+    def __str__(self: Model) -> str:
+        return self.equation()
 
     def simulate(
         self: Model, record: Record | ArrayLike, transient: int | None = None, *, dt: float | None = None

@@ -13,6 +13,7 @@ from emsid.estimation.linear.least_squares import least_squares
 from emsid.identification import identify
 from emsid.identification.characteristics import Characteristic, of_fit
 from emsid.identification.conclusions import next_steps, verdicts
+from emsid.identification.options import Options
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import DeadZone
@@ -142,6 +143,14 @@ def test_what_to_do_next_follows_from_what_was_found():
     assert "next-physical-model" in steps(drive(edge=1.0), drive(edge=1.0, seed=1, name="another"))
     noise = drive(noise=30.0, seed=3, name="noise")
     assert steps(record, noise)[0] == "next-check-data"
+
+
+def test_no_physical_model_is_proposed_where_one_was_tried_and_failed():
+    record = drive(edge=1.0)
+    reversed_leads = Record(record.input, -record.output, DT, input_units="V", output_units="rad/s", name="reversed")
+    both = identify(reversed_leads, models="arx, rigid-motor", options=Options(na=1, nb=1, nk=1))
+    assert {each.subject for each in both.findings if each.code == "model-failed"} == {"rigid-motor"}
+    assert "next-physical-model" not in {each.code for each in both.next_steps}
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from emsid.estimation.fit import Fit
 from emsid.findings import Finding, finite
+from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.record import Record
 from emsid.validation.comparison import Assessment
@@ -99,19 +100,20 @@ def _past_inputs(record: Record, known: NDArray[np.bool_]) -> tuple[Array, NDArr
 
 
 def next_steps(
-    chosen: Assessment, found: Iterable[Finding], fits: Iterable[Fit[Any]], record: Record
+    chosen: Assessment, found: Sequence[Finding], fits: Iterable[Fit[Any]], record: Record
 ) -> Iterable[Finding]:
     """What to do next besides another experiment, the most useful first.
 
     Args:
         chosen: the recommended model on the unseen data.
-        found: its `verdicts`.
+        found: its `verdicts`, and what was found in fitting the models.
         fits: of all models.
         record: what they were fitted to.
     """
     fit = chosen.row.fit_percent
     depends = any(each.code == "residual-depends-on-input" for each in found)
-    physical = any(isinstance(each, GreyBoxFit) for each in fits)
+    failed = {each.subject for each in found if each.code == "model-failed"}
+    physical = any(isinstance(each, GreyBoxFit) for each in fits) or not failed.isdisjoint(PLANTS)
     moves = bool(np.ptp(chosen.record.input, axis=0).any())  # else these data test the steady state only
     if moves and not fit >= POOR:
         yield Finding("next-check-data", record.name, {"fit_percent": finite(fit)})

@@ -149,7 +149,7 @@ class Identification(Presented):
     @cached_property
     def next_steps(self) -> tuple[Finding, ...]:
         """What to do next besides another experiment, the most useful first."""
-        return tuple(next_steps(self.on_unseen.best, self.verdicts, self.fits, self.record))
+        return tuple(next_steps(self.on_unseen.best, (*self.verdicts, *self.findings), self.fits, self.record))
 
     def findings_about(self, model: str) -> tuple[Finding, ...]:
         """The findings about this model."""

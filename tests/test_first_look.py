@@ -89,6 +89,11 @@ def data(look: emsid.FirstLook, code: str) -> dict[str, object]:
         ("i [A]", ColumnQuantity.CURRENT, "A"),
         ("Drehzahl [U/min]", ColumnQuantity.SPEED, "rpm"),
         ("Drehzahl / (1/min)", ColumnQuantity.SPEED, "rpm"),
+        ("Motorspannung", ColumnQuantity.VOLTAGE, ""),
+        ("Ankerstrom_A", ColumnQuantity.CURRENT, "A"),
+        ("Istdrehzahl", ColumnQuantity.SPEED, ""),
+        ("Solldrehzahl", ColumnQuantity.REFERENCE, ""),
+        ("Wicklungstemperatur", ColumnQuantity.OTHER, ""),
         ("Vitesse (tr/min)", ColumnQuantity.SPEED, "rpm"),
         ("Tensión (V)", ColumnQuantity.VOLTAGE, "V"),
         ("Winkel in Grad", ColumnQuantity.POSITION, "deg"),
@@ -264,6 +269,38 @@ def test_several_experiments_side_by_side(write: Write) -> None:
     look = describe(write({"z1": Y, "u1": U, "z2": -Y, "u2": -U}))
     assert data(look, "several-experiments") == {"chosen": ["u1", "z1"], "pairs": [["u2", "z2"]]}
     assert "several-experiments" not in codes(describe(write({"u1": U, "z1": Y})))
+
+
+def test_a_row_for_every_message_is_brought_to_the_times_of_the_output(tmp_path: Path) -> None:
+    path = tmp_path / "can.csv"
+    rows = [f"{t:.3f},{u},,\n{t + 0.002:.3f},,{y:.4f},\n" for t, u, y in zip(T, U, Y, strict=True)]
+    slow = [f"{t + 0.005:.3f},,,{20 + t:.1f}\n" for t in T[::100]]
+    lines = sorted("".join(rows + slow).splitlines(), key=lambda line: float(line.split(",")[0]))
+    path.write_text("time,voltage,speed,temperature\n" + "\n".join(lines) + "\n")
+    look = describe(path)
+    assert look.reading == {"input": "voltage", "output": "speed", "time": "time"}
+    assert data(look, "rows-of-messages") == {"rows": len(lines), "columns": ["voltage", "speed"]}
+    assert look.record is not None
+    assert look.record.dt == pytest.approx(0.01)
+    np.testing.assert_array_equal(look.record.input[:, 0], U[: len(look.record)])
+    np.testing.assert_allclose(look.record.output[:, 0], Y[: len(look.record)], atol=1e-4)
+
+
+def test_two_signals_of_one_message_are_read_without_the_rows_of_others(tmp_path: Path) -> None:
+    path = tmp_path / "can.csv"
+    rows = [f"{t:.3f},{u},{y:.4f},\n{t + 0.002:.3f},,,{k}" for k, (t, u, y) in enumerate(zip(T, U, Y, strict=True))]
+    path.write_text("time,u,y,temperature\n" + "\n".join(rows) + "\n")
+    look = describe(path)
+    assert look.record is not None
+    np.testing.assert_array_equal(look.record.input[:, 0], U)
+
+
+def test_values_that_are_missing_now_and_then_are_not_messages(write: Write) -> None:
+    holes = np.where(RNG.random(N) < 0.2, np.nan, Y)
+    silent = np.where(np.arange(N) < 300, np.nan, RNG.standard_normal(N))
+    look = describe(write({"t": T, "u": U, "y": holes, "z": silent}))
+    assert "rows-of-messages" not in codes(look)
+    assert look.reading["mask"] == "isnan(y)"
 
 
 def test_columns_of_one_sheet_belong_together(write: Write) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import os
 import pickle
 from collections.abc import Callable
 from datetime import datetime, timedelta
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -16,11 +18,12 @@ import pytest
 import scipy.io
 
 from emsid.errors import FormatError
-from emsid.io import mat5
+from emsid.io import files, mat5
 from emsid.io.columns import Columns, nearest
 from emsid.io.mat import read_mat
 from emsid.io.npz import read_npz
 from emsid.io.parquet import read_parquet
+from emsid.io.reading import read_columns
 
 N = 7
 
@@ -236,6 +239,24 @@ def test_a_file_that_is_cut_off_is_recognised(reader: Callable[[bytes], Columns]
     with pytest.raises(FormatError, match=r"damaged|cut off") as caught:
         reader(content[: int(0.7 * len(content))])
     assert "\n" not in str(caught.value)
+
+
+def test_a_packed_file_is_read_as_it_is_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    packed = gzip.compress(b"t,u,y\n0,1,2\n1,3,4\n")
+    path = tmp_path / "log.CSV.gz"
+    path.write_bytes(packed)
+    assert read_columns(path).series["y"].to_list() == [2, 4]
+    for content in (packed[:-9], b"t,u\n0,1\n"):
+        path.write_bytes(content)
+        with pytest.raises(FormatError, match="this is no gzip file, or a damaged one"):
+            read_columns(path)
+    path.write_bytes(packed)
+    monkeypatch.setattr(files, "LARGEST", 10)
+    with pytest.raises(FormatError, match="unpacked, this file has more than"):
+        read_columns(path)
+    path.rename(tmp_path / "log.gz")
+    with pytest.raises(FormatError, match="no reader for the suffix ''"):
+        read_columns(tmp_path / "log.gz")
 
 
 def test_the_nearest_name() -> None:

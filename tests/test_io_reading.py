@@ -552,7 +552,7 @@ class TestFiles:
 
     def test_suffix(self, write: Write) -> None:
         message = failure(write("u,y\n1,2\n", "log.doc"), input="u", output="y", dt=1)
-        assert message == f"no reader for the suffix '.doc'; there are {', '.join(READERS)}"
+        assert message == f"no reader for the suffix '.doc'; there are {', '.join(READERS)}, also packed (.csv.gz)"
         assert len(read(write("u,y\n1,2\n", "LOG.CSV"), input="u", output="y", dt=1)) == 1
 
     @pytest.mark.parametrize("suffix", [".mat", ".parquet", ".npz"])

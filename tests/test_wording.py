@@ -538,6 +538,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("value-stuck", "y", {"row": 400, "length": 120, "value": 3.5}),
     Finding("position-differentiated", "qm", {"input": ""}),
     Finding("position-differentiated", "y", {"input": "u"}),
+    Finding("rows-of-messages", "can.csv", {"rows": 6030, "columns": ["voltage", "speed"]}),
     Finding("position-wraps", "enc", {"period": 65536.0}),
     Finding("direction-column", "pwm", {"column": "dir", "output": "rpm"}),
     Finding("reference-column", "r", {"input": "u", "follows": "y"}),

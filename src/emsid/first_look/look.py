@@ -29,9 +29,11 @@ from emsid.first_look.roles import Roles, find_direction, find_roles, is_differe
 from emsid.first_look.systems import Source, systems
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, as_numbers
+from emsid.io.messages import numeric_columns, with_clocks_of_messages
 from emsid.io.other_files import with_other_files
 from emsid.io.reading import ParsedFile, read, read_columns
 from emsid.io.sampling import SECONDS
+from emsid.io.selection import MOST_SKIPPED
 from emsid.presentation import Presented
 from emsid.record import Record
 
@@ -114,6 +116,7 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
     given = {side: as_names(reading.get(side) or ()) for side in ("input", "output")}
     named = [name for names in given.values() for name in names]
     raw, called = with_other_files(parsed.columns, file, named, reading.get("time"), read_columns)
+    raw, of_file = _by_messages(raw, file.name, reading.get("time") or ""), raw
     if raw.clocks:
         counts = {clock: len(raw.series[clock]) for clock in raw.clocks.values()}
         raw = on_one_clock(raw, max(counts, key=counts.__getitem__), raw.series)
@@ -130,6 +133,10 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
         y = found[roles.output].signal if roles.output in found else np.full(rows, np.nan)
         if column.codes and len(y) == len(column.values):
             found[roles.input] = replace(column, codes=with_responses(column.codes, column.values, y))
+    if raw.clocks and not of_file.clocks:
+        rows = max(map(len, of_file.series.values()))
+        data = {"rows": rows, "columns": [roles.input, roles.output]}
+        noticed.append(Finding("rows-of-messages", file.name, data))
     columns = tuple(found.values())
     proposal = {**_proposal(raw, found, clock, roles), **reading}
     direction = "" if "direction" in reading else find_direction(table, roles)
@@ -146,6 +153,19 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
     )
     noticed += _about_columns(look, set(reading))
     return _with_record(look, parsed, noticed, set(reading))
+
+
+def _by_messages(raw: Columns, name: str, time: str) -> Columns:
+    """The columns at the times of the most frequent message, if the file has a row for every message."""
+    rows = max(len(series) for series in raw.series.values())
+    if not any(series.null_count() > MOST_SKIPPED * rows for series in raw.series.values()):
+        return raw
+    table = [_column(each, raw) for each, series in raw.series.items() if len(series) == rows]
+    time = time or find_clock(table, raw.preamble, name, "").column
+    if time not in raw.series:
+        return raw
+    apart = with_clocks_of_messages(raw, time, numeric_columns(raw, time))
+    return on_one_clock(apart, time, apart.series) if apart.clocks else raw
 
 
 def describe_files(

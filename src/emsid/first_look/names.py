@@ -69,7 +69,7 @@ _WORDS: tuple[tuple[ColumnQuantity, float, str], ...] = (
     (
         ColumnQuantity.OTHER,
         0.8,
-        "temp temperature index idx row seq id state status mode fault flag crc checksum battery",
+        "temp temperature temperatur index idx row seq id state status mode fault flag crc checksum battery",
     ),
     (ColumnQuantity.ACCELERATION, 0.9, "acc accel acceleration qdd beschleunigung"),
     (
@@ -126,6 +126,11 @@ _SUFFIXES = {"rads": "rad/s", "pct": "percent"}
 _UNIT_NAMES = {"rpm": "rpm", **CLOCK_NAMES}
 """Words of a name that say the unit."""
 _WORD = re.compile(r"[A-Z]+(?![a-zà-ÿ])|[A-ZÀ-Þ]?[a-zà-ÿ]+|[A-Z]+|[α-ωΑ-Ω]+")
+_COMPOUND = re.compile(
+    r"(?P<first>soll)?.*?(?P<last>spannung|strom|drehzahl|geschwindigkeit|beschleunigung|moment|kraft|winkel|position|"
+    r"zeit|temperatur)"
+)
+"""A German compound has the meaning of its last part, as *Motorspannung*; with *soll* it is a reference."""
 _GREEK = {"ω": "omega", "θ": "theta", "φ": "phi", "τ": "tau"}
 
 
@@ -148,6 +153,7 @@ def meaning(name: str, unit: str = "") -> Meaning:
     digits = re.search(r"\d+$", bare)
     number = digits[0] if digits else ""
     words = [_GREEK.get(word, word.lower()) for word in _WORD.findall(bare)]
+    words += [part for word in words if (found := _COMPOUND.fullmatch(word)) for part in found.groups() if part]
     unit = unit or next((_UNIT_NAMES[word] for word in words if word in _UNIT_NAMES), "")
     by_word = next(((q, sure) for q, sure, known in _WORDS if set(words) & set(known.split())), None)
     by_unit = next(((q, WEAK) for q, units in _BY_UNIT if unit in units.split()), None)

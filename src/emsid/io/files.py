@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
 import stat
+import zlib
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from difflib import get_close_matches
 from importlib.resources import files
+from io import BytesIO
 from pathlib import Path
 from secrets import token_hex
 from typing import Any
@@ -31,6 +34,8 @@ _SIGNATURES = (
     (b"SQLite", "a database"),
 )
 
+LARGEST = 2**31
+"""Bytes that a packed file may have when it is unpacked."""
 AT_ONCE = 8
 """So many files are written at the same time."""
 _OPEN_FILES = ("/proc/", "/dev/fd/")  # the open files of this program
@@ -62,6 +67,22 @@ def read_bytes(path: str | os.PathLike[str], if_empty: str = "record it again") 
     if not content:
         raise FormatError(f"{path}: the file is empty; {if_empty} or name another")
     return content
+
+
+def gunzipped(content: bytes) -> bytes:
+    """The content of a file that is packed by gzip.
+
+    Raises:
+        FormatError: where it is damaged or no such file, or larger than `LARGEST` when unpacked.
+    """
+    try:
+        with gzip.open(BytesIO(content)) as packed:
+            result = packed.read(LARGEST + 1)
+    except (OSError, EOFError, zlib.error) as problem:
+        raise FormatError(f"this is no gzip file, or a damaged one ({problem}); pack it again") from None
+    if len(result) > LARGEST:
+        raise FormatError(f"unpacked, this file has more than {LARGEST / 2**30:g} GiB; unpack it and take a part")
+    return result
 
 
 def looks_like(content: bytes) -> str:

@@ -23,9 +23,10 @@ from emsid.io.arrow import read_arrow
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, nearest
 from emsid.io.derivative import check_window, derivative
-from emsid.io.files import read_bytes
+from emsid.io.files import gunzipped, read_bytes
 from emsid.io.mat import read_mat
 from emsid.io.mdf import read_mdf
+from emsid.io.messages import with_clocks_of_messages
 from emsid.io.npz import read_npz
 from emsid.io.other_files import with_other_files
 from emsid.io.parquet import read_parquet
@@ -74,21 +75,24 @@ class _Signal:
 
 
 def read_columns(path: str | os.PathLike[str]) -> Columns:
-    """The columns of a file, by the reader for its suffix.
+    """The columns of a file, by the reader for its suffix, or for the one before ``.gz``.
 
     Raises:
         FormatError: where the file cannot be read, has an unknown suffix, or is not what the suffix says.
     """
     path = Path(path)
     reader: Callable[[bytes], Columns] | None
+    packed = path.suffix.lower() == ".gz"
+    suffix = Path(path.stem).suffix.lower() if packed else path.suffix.lower()
     if is_bag_folder(path):
         reader, content = read_bag_folder, archived(path)
     else:
-        reader, content = READERS.get(path.suffix.lower()), read_bytes(path)
+        reader, content = READERS.get(suffix), read_bytes(path)
     if reader is None:
-        raise FormatError(f"{path}: no reader for the suffix {path.suffix!r}; there are {', '.join(READERS)}")
+        known = ", ".join(READERS)
+        raise FormatError(f"{path}: no reader for the suffix {suffix!r}; there are {known}, also packed (.csv.gz)")
     try:
-        columns = reader(content)
+        columns = reader(gunzipped(content) if packed else content)
     except FormatError as problem:
         raise FormatError(f"{path}: {problem}") from None
     if not columns.series:
@@ -142,8 +146,8 @@ def read(
 
     Args:
         path: a table (CSV, TSV, ``.dat``, ``.txt`` or ``.log``), a MAT file (version 5 to 7.3), Parquet, Arrow, Feather
-            or NPZ; with an optional package a spreadsheet, TDMS, MDF, WPILOG, MCAP or a bag of ROS 1 or 2 (a folder);
-            or a file that is parsed already.
+            or NPZ, each also packed by gzip (``.csv.gz``); with an optional package a spreadsheet, TDMS, MDF, WPILOG,
+            MCAP or a bag of ROS 1 or 2 (a folder); or a file that is parsed already.
         input: the column, or columns, that drive the system. ``d(name)`` is the derivative of column
             ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name. ``x.csv:1`` is the first
             column of another file, and ``x.csv:name`` one by name.
@@ -152,7 +156,8 @@ def read(
             time to bring the record to.
         time: the time column, from which the sample time is taken if it is regular; numbers, or dates and times. In a
             file whose columns have times of their own, by default that of the output; other columns are brought to it,
-            inputs held and outputs interpolated.
+            inputs held and outputs interpolated. A table with a row for every message is such a file: its input and its
+            output have values in different rows, and ``rows`` then counts those of the output.
         time_unit: unit of the time column; by default the one in its header (``Timestamp(ms)``), else seconds.
         rows: the data rows to take, counted from 0, as in ``slice(5200, 105200)``.
         mask: an SQL condition on the columns of the file, true for the samples to leave out, as in ``abs(PWM) > 255``;
@@ -248,17 +253,7 @@ def _record(
     used = [s.column for s in signals]
     _check_options({"wrap": wrap, "direction": direction, "scale": scale, "offset": offset, "units": units}, signals)
     columns = continuous(columns, wrap)
-    if columns.clocks and clock.dt is None and clock.time is None:
-        clock = replace(clock, time=columns.clocks.get(used[-1]))
-    if clock.time is not None and clock.time in columns.clocks.values():
-        wanted = {
-            *used,
-            *direction.values(),
-            clock.time,
-            *(columns.clocks[name] for name in used if name in columns.clocks),
-        }
-        few = replace(columns, clocks={name: each for name, each in columns.clocks.items() if name in wanted})
-        columns = on_one_clock(few, clock.time, {*used[: len(inputs)], *direction.values()})
+    columns, clock = _on_one_clock(columns, clock, used, {*used[: len(inputs)], *direction.values()})
     used = [*(s.column for s in signals), *direction.values(), *([clock.time] if clock.time else [])]
     selection = select(columns, used, rows, mask, skip_bad_rows, name)
     with np.errstate(all="ignore"):  # a number that overflows is refused below, or by the record
@@ -285,6 +280,28 @@ def _record(
         record = _differentiated(record, [s.name for s in signals if s.is_derivative], derivative_window)
         record = record.convert(None, **{key: value for key, value in meanings.items() if value is not None})
         return replace(record, findings=(*record.findings, *about_sample_time(record.dt, name)))
+
+
+def _on_one_clock(
+    columns: Columns, clock: SampleTime, used: Sequence[str], held: Collection[str]
+) -> tuple[Columns, SampleTime]:
+    """The columns at the times of the last one used, where they have times of their own, and that time column.
+
+    Args:
+        columns: of the file.
+        clock: as given.
+        used: the columns of inputs and outputs.
+        held: those of inputs and directions, which keep their value until the next one.
+    """
+    if clock.time is not None:
+        columns = with_clocks_of_messages(columns, clock.time, [*sorted(held), *used])
+    elif columns.clocks and clock.dt is None:
+        clock = replace(clock, time=columns.clocks.get(used[-1]))
+    if clock.time is None or clock.time not in columns.clocks.values():
+        return columns, clock
+    wanted = {*used, *held, clock.time, *(columns.clocks[name] for name in used if name in columns.clocks)}
+    few = replace(columns, clocks={name: each for name, each in columns.clocks.items() if name in wanted})
+    return on_one_clock(few, clock.time, held), clock
 
 
 def _signals(inputs: Sequence[str], outputs: Sequence[str], columns: Columns) -> list[_Signal]:

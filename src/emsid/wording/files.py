@@ -46,6 +46,15 @@ def rows_skipped(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("rows-of-messages")
+def rows_of_messages(f: Finding, argument: Spelling) -> str:
+    """Subject: the file. Data: rows (of the file), columns (input and output)."""
+    return (
+        f"{f.subject}: each of the {f.data['rows']:,} rows has values in some columns only, as messages of a bus have; "
+        "the input keeps its value until the times of the output"
+    )
+
+
 @words("clock-reset")
 def clock_reset(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: count, column, line (row of the file with the first)."""

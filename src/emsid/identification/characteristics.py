@@ -218,7 +218,8 @@ def _gain_unit(record: Record) -> str:
 
 
 def _half(error: float | None) -> float | None:
-    return STANDARD_ERRORS * error if error is not None and isfinite(error) else None
+    """Half the width of the interval; None without one, as of a quantity whose parameters are fixed or at a bound."""
+    return STANDARD_ERRORS * error if error and isfinite(error) else None
 
 
 def _quantity(fit: Fit[Cascade], name: str, quantity: Callable[[Cascade], float], unit: str) -> Characteristic:

@@ -119,9 +119,8 @@ def _of_voltage(m: Motor) -> tuple[Quantity, ...]:
     zone = m.voltage_dead_zone or DeadZoneLaw(0.0, 0.0)
     for k_side, side, edge, slope in ((0, "forward", zone.b_r, zone.m_r), (1, "backward", -zone.b_l, zone.m_l)):
         held = slide.breakaway[k_side]
-        found.append(
-            Quantity(f"break-away voltage {side}", "b + R·(T_c + T_s)/(K·m)", "V", edge + r * held / (k * slope))
-        )
+        symbol = "b + R·(T_c + T_s)/K" if slope == 1 else "b + R·(T_c + T_s)/(K·m)"
+        found.append(Quantity(f"break-away voltage {side}", symbol, "V", edge + r * held / (k * slope)))
     if m.inductance > 0:
         found.append(Quantity("electrical time constant", "L/R", "s", m.inductance / r))
     if not m.is_rigid:

@@ -389,7 +389,19 @@ def test_a_linear_record_takes_one_trial(monkeypatch: pytest.MonkeyPatch) -> Non
     assert len(set(fitted)) == len(fitted) > 6
 
 
-def test_a_third_map_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_map_may_explain_more_than_its_direction_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no direction seems to explain more than noise, a map that does is refined and others are tried."""
+    monkeypatch.setattr(choice, "_bent", lambda *_: [])
+    rng = np.random.default_rng(11)
+    u = np.repeat(rng.uniform(-1, 1, 60), 5)
+    truth = FeedbackModel(np.array([[0.9, 0.3, -0.4], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), (DeadZone(-0.3, 0.3),))
+    record = Record(u, truth.output(u, np.zeros(1)) + 0.01 * rng.normal(size=len(u)), DT)
+    first, *_, last = chosen([record], FeedbackSearch(order=1, delay=0, oversampling=1), FREE)
+    assert first.found.error > 0.012
+    assert last.found.error < 0.0105
+
+
+def test_a_third_map_is_found() -> None:
     """A motor whose voltage saturates, with a friction that bends, and a sensor that picks up part of the voltage."""
     rng = np.random.default_rng(9)
     u = np.repeat(rng.uniform(-1, 1, 50), 5)
@@ -407,8 +419,7 @@ def test_a_third_map_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench.of([record], FeedbackSearch(), FREE)
     begun = bench.judged(searched(without, bench.segments(without), 0, 30), family_of("polynomial"), 3)
     assert begun.found.error > 0.015
-    monkeypatch.setattr(choice, "MORE", (("dead-zone", 0),))
-    (trial,) = choice._one_map_more(bench, begun, FeedbackSearch())
+    (trial,) = choice._one_map_more(bench, begun, FeedbackSearch(), (("dead-zone", 0),))
     assert len(trial.found.model.maps) == 3
     assert trial.found.error < 0.0105
 
@@ -433,12 +444,12 @@ def test_maps_are_added_as_long_as_one_more_explains_more(monkeypatch: pytest.Mo
 
     first, second, third, idle = _scaled(4.0), _scaled(2.0, maps=2), _scaled(1.0, maps=3), _scaled(4.0, maps=2)
     found = {1: [second], 2: [third]}
-    monkeypatch.setattr(choice, "_one_map_more", lambda bench, each, settings: found[len(each.found.model.maps)])
+    monkeypatch.setattr(choice, "_one_map_more", lambda bench, each, *_: found[len(each.found.model.maps)])
     contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
-    assert list(choice._more_maps(contest, FeedbackSearch(maps=3))) == [third]
+    assert list(choice._more_maps(contest, FeedbackSearch(maps=3), ())) == [third]
     found[1] = [idle]
     contest = choice.Contest(Judge(), [first], first)  # type: ignore[arg-type]
-    assert list(choice._more_maps(contest, FeedbackSearch(maps=3))) == []
+    assert list(choice._more_maps(contest, FeedbackSearch(maps=3), ())) == []
 
 
 def _scaled(size: float, maps: int = 1) -> Trial:
@@ -494,6 +505,43 @@ def test_a_map_is_begun_beside_a_line(family: str, line: float) -> None:
     assert np.abs(run.y - other.y).max() > 0.1
 
 
+def test_maps_of_free_form_are_tried_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside others only where one such map is the best model, and not at all where a plain one leaves noise."""
+    first, second, spline = _scaled(4.0), _scaled(2.0, maps=2), _scaled(1.0)
+    better, leaves = [second], list[Trial]()
+
+    class Judge:
+        leaves_noise = staticmethod(lambda trial: trial in leaves)
+        prefers = staticmethod(lambda trial, best: trial in better)
+
+    asked = []
+
+    def others(bench: object, single: Trial, settings: FeedbackSearch, families: object) -> list[Trial]:
+        assert single is first
+        asked.append(families)
+        return [spline] if families is choice.FREE_FORM.others else []
+
+    def more(contest: choice.Contest, settings: FeedbackSearch, families: object) -> Iterator[Trial]:
+        asked.append(families)
+        yield from contest.entered([second] if families is choice.PLAIN.more else [])
+
+    monkeypatch.setattr(choice, "_other_families", others)
+    monkeypatch.setattr(choice, "_more_maps", more)
+
+    def tried() -> list[Trial]:
+        asked.clear()
+        return list(choice._other_maps(choice.Contest(Judge(), [first], first), FeedbackSearch()))  # type: ignore[arg-type]
+
+    assert tried() == [second]
+    assert asked == [*choice.PLAIN, choice.FREE_FORM.others]
+    better.append(spline)
+    assert tried() == [second, spline]
+    assert asked == [*choice.PLAIN, *choice.FREE_FORM]
+    leaves.append(second)
+    assert tried() == [second]
+    assert asked == [*choice.PLAIN]
+
+
 def test_a_direction_explains_a_slow_residual() -> None:
     """What a linear model misses is slow, so few of its samples are independent; what is left is not."""
     rng = np.random.default_rng(10)
@@ -514,7 +562,7 @@ def test_no_map_is_added_to_noise() -> None:
     found = searched(truth, bench.segments(truth), 0, 5)
     trial = bench.judged(found, family_of("polynomial"), 3)
     assert bench.leaves_noise(trial)
-    assert not list(choice._one_map_more(bench, trial, FeedbackSearch()))
+    assert not list(choice._one_map_more(bench, trial, FeedbackSearch(), choice.PLAIN.more))
     linear = bench.linear(2, Steps(1, False), 0)
     assert bench.more_than_noise(linear)
     assert not bench.leaves_noise(replace(trial, found=linear))

@@ -6,12 +6,14 @@ From simple to complex, each choice must be better by more than noise (`emsid.se
    most: a polynomial, or else a spline or a dead zone;
    for an output that shows magnitudes only, also a model before a sensor that loses the sign (`magnitudes`);
 2. with the best order, twice the rate, for a continuous input;
-3. other families of maps;
-4. further maps, one after the other, beside those of the best model and of the one with the least prediction error.
+3. other families of maps with few numbers;
+4. further maps, one after the other, beside those of the best model and of the one with the least prediction error;
+5. where these leave more than noise, maps of free form in place of the first one; if one is the best, maps beside it.
 
 If no direction of a map explains more than noise, only linear models are fitted; if a linear model is as good as the
-best one with a map, the search ends after the first step with a map at this linear model. A model whose free run
-diverges on an input a little larger than that of the record, forward or backward in time, is not chosen.
+best one with a map, the search ends after the first step with a map at this linear model, unless that is better than
+the linear one. A model whose free run diverges on an input a little larger than that of the record, forward or backward
+in time, is not chosen.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +42,8 @@ from emsid.record import Record
 from emsid.selection.improvement import matters
 
 Array = NDArray[np.float64]
+Maps = tuple[tuple[str, int], ...]
+"""Names of families and their sizes."""
 
 # Orders that are tried, if none is given, and before a sensor that loses the sign; the order of the linear models that
 # show a delay.
@@ -48,13 +53,30 @@ ORDERS, OF_MAGNITUDES, OF_DELAY = (1, 2, 3), (2, 3, 4), 2
 HOPELESS = 2.0
 # A further map takes at least this many samples for every knot, or degree.
 PER_KNOT = 20
-# Families and sizes that every order is tried with, the first two always and the others until one is better than none;
-# those that are tried in their place, and beside other maps.
+# Families and sizes that every order is tried with, the first two always and the others until one is better than none.
 FIRST, RESERVE = (("polynomial", 3), ("dead-zone", 0), ("spline", 0)), "spline"
-OTHERS = (("polynomial", 5), ("spline", 0), ("monotone-spline", 0), ("dead-zone", 0), ("saturation", 0))
-MORE = (("polynomial", 3), ("spline", 0), ("dead-zone", 0))
-ORDINALS = {2: "second", 3: "third", 4: "fourth"}
+ORDINALS = {2: "second", 3: "third", 4: "fourth", 5: "fifth", 6: "sixth"}
 MOST_MAPS = max(ORDINALS)
+
+
+class Palette(NamedTuple):
+    """Families of maps and their sizes.
+
+    Attributes:
+        others: tried in place of the first map.
+        more: tried beside other maps.
+    """
+
+    others: Maps
+    more: Maps
+
+
+# Maps of few numbers, and those that are tried where the first leave more than noise.
+PLAIN = Palette(
+    (("polynomial", 5), ("two-slopes", 0), ("dead-zone", 0), ("saturation", 0)),
+    (("polynomial", 3), ("two-slopes", 0), ("dead-zone", 0)),
+)
+FREE_FORM = Palette((("spline", 0), ("monotone-spline", 0)), (("polynomial", 3), ("spline", 0), ("dead-zone", 0)))
 
 
 def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control) -> Iterator[Trial]:
@@ -70,25 +92,39 @@ def chosen(records: Sequence[Record], settings: FeedbackSearch, control: Control
     for trial in tried:
         if best is None or bench.prefers(trial, best):
             best = trial
-    if best is None or not bench.prefers(best, straight):  # a linear model is as good
-        family, size = _families(settings)[0]
-        try:
-            yield _with_map(bench, straight.found, family, size)
-        except EmsidError:
-            if best is None:
-                raise
+    if best is None or not bench.prefers(best, straight):
+        best = _beside_linear(bench, straight, best, settings)
+        if not bench.prefers(best, straight):  # a linear model is as good
             yield best
-        return
+            return
+        tried.append(best)
     yield best
     contest = Contest(bench, tried, best)
-    for step in () if best.family is MAGNITUDE else (_sooner, _faster, _other_families):
-        begun = [contest.best]
-        if step is _faster and not bench.leaves_noise(contest.best):
-            begun += _runner_up(tried, contest.best)
-        for each in begun:
-            yield from contest.entered(step(bench, each, settings))
-    yield from _more_maps(contest, settings)
+    if best.family is not MAGNITUDE:
+        yield from contest.entered(_sooner(bench, contest.best, settings))
+        others = () if bench.leaves_noise(contest.best) else _runner_up(tried, contest.best)
+        for each in (contest.best, *others):
+            yield from contest.entered(_faster(bench, each, settings))
+    yield from _other_maps(contest, settings)
     yield from contest.entered(_sooner(bench, contest.best, settings))
+
+
+def _beside_linear(bench: Bench, straight: Trial, best: Trial | None, settings: FeedbackSearch) -> Trial:
+    """The best linear model with a map; where it diverges with one, the best trial so far.
+
+    Where much is missing, the residual is a slow signal with so few independent errors that no direction explains
+    more than noise to first order, although the map explains far more once it is fitted.
+
+    Raises:
+        EmsidError: if it diverges and there is no trial.
+    """
+    family, size = _families(settings)[0]
+    try:
+        return _with_map(bench, straight.found, family, size)
+    except EmsidError:
+        if best is None:
+            raise
+        return best
 
 
 @dataclass(eq=False)
@@ -114,7 +150,26 @@ class Contest:
                 yield trial
 
 
-def _more_maps(contest: Contest, settings: FeedbackSearch) -> Iterator[Trial]:
+def _other_maps(contest: Contest, settings: FeedbackSearch) -> Iterator[Trial]:
+    """With other families of maps in place of the first one, and beside it.
+
+    Maps of free form come last, and beside others only where one map of free form is the best model. Several of them
+    follow the record as well as the right maps, but with many parameters, and then err in other combinations of states.
+    """
+    single, bench = contest.best, contest.bench
+    if single.family is MAGNITUDE:
+        yield from _more_maps(contest, settings, PLAIN.more)
+        return
+    yield from contest.entered(_other_families(bench, single, settings, PLAIN.others))
+    yield from _more_maps(contest, settings, PLAIN.more)
+    plain = contest.best
+    if not bench.leaves_noise(plain):
+        yield from contest.entered(_other_families(bench, single, settings, FREE_FORM.others))
+    if contest.best is not plain:
+        yield from _more_maps(contest, settings, FREE_FORM.more)
+
+
+def _more_maps(contest: Contest, settings: FeedbackSearch, maps: Maps) -> Iterator[Trial]:
     """With further maps, one after the other, until none explains more or the best model leaves noise only."""
     most = 2 if contest.best.family is MAGNITUDE else MOST_MAPS
     for number in range(2, min(settings.maps or most, most) + 1):
@@ -122,7 +177,7 @@ def _more_maps(contest: Contest, settings: FeedbackSearch) -> Iterator[Trial]:
         if settings.maps is None and contest.bench.leaves_noise(before):
             return
         for each in _to_extend(contest.tried, before, number - 1):
-            yield from contest.entered(_one_map_more(contest.bench, each, settings))
+            yield from contest.entered(_one_map_more(contest.bench, each, settings, maps))
         more = _that_explain_most(contest.tried, number)
         if contest.best is before and not (more and matters(more[0].prediction_error, fewer[0].prediction_error)):
             return
@@ -316,11 +371,11 @@ def _faster(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Tri
         now = fewer
 
 
-def _other_families(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+def _other_families(bench: Bench, best: Trial, settings: FeedbackSearch, families: Maps) -> Iterator[Trial]:
     """With maps of other families, begun at the present map."""
     if settings.static is not None:
         return
-    for name, size in OTHERS:
+    for name, size in families:
         family = family_of(name)
         if (family, size) == (best.family, best.size):
             continue
@@ -330,12 +385,12 @@ def _other_families(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iter
             yield bench.refined(start, states, family, size)
 
 
-def _one_map_more(bench: Bench, best: Trial, settings: FeedbackSearch) -> Iterator[Trial]:
+def _one_map_more(bench: Bench, best: Trial, settings: FeedbackSearch, maps: Maps) -> Iterator[Trial]:
     """With a map more, where samples suffice for it and more than noise is left."""
     samples, number = sum(map(len, bench.shown)), len(best.found.model.maps) + 1
     if settings.maps is None and not bench.more_than_noise(best.found):
         return
-    names = [(family_of(name), size) for name, size in MORE]
+    names = [(family_of(name), size) for name, size in maps]
     if best.family is MAGNITUDE:  # what acts in the loop is no sensor, and one that is limited cannot make it diverge
         names = [(family_of("saturation"), 0)]
     elif settings.static is not None:

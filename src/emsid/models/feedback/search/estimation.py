@@ -132,7 +132,7 @@ def feedback(
         order: of the linear part; None chooses it on unseen data.
         static: the family of its maps: a name such as ``dead-zone``, a map or its class; None chooses it.
         size: number of knots, or degree; 0 for the usual one of the family.
-        maps: the number of maps, 1 to 4; None chooses it.
+        maps: the number of maps, 1 to 6; None chooses it.
         delay: from the input to its first effect, in samples; None chooses it.
         oversampling: steps of the model per sample of the record; None tries 1 and 2.
         held: whether the input is held between its samples; otherwise it is band-limited. None tries both.

@@ -53,7 +53,7 @@ class FeedbackSearch:
 
     Attributes:
         order: of the linear part.
-        maps: the number of static maps, one to four.
+        maps: the number of static maps, one to six.
         static: the family of the maps.
         size: their number of knots, or degree; 0 for the usual one of the family.
         delay: from the input to its first effect, in samples.

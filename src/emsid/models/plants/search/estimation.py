@@ -140,7 +140,7 @@ def searched(
     task = replace(task, hold_given=hold is not None, begins=InitialState.SAMPLES)
     start = _promising(task, starts_of(task)) if find_start else task.plant
     reached = continuation.search(task, start, max_iterations)
-    if find_start and reached.unended and not reached.names:
+    if find_start and reached.unended and 2 * len(reached.names) < len(task.asked):
         reached = from_rest(task, reached, max_iterations)
     if find_start and reached.unended:
         reached = beside_kinks(task, reached, max_iterations)
@@ -208,10 +208,10 @@ def _promising(task: Task, starts: Sequence[Plant]) -> Plant:
 
 
 def from_rest(task: Task, reached: Reached, max_iterations: int) -> Reached:
-    """A search that ended where no parameter has an effect, or a better one whose errors were first forgotten.
+    """A search that ended where few parameters have an effect, or a better one whose errors were first forgotten.
 
-    The free run of a position that is a little wrong leaves more than a mass that never moves, whose error no parameter
-    changes. Of errors that are forgotten (`Recent`), the moving one leaves less.
+    The free run of a position that is a little wrong leaves more than a mass that never or hardly moves, whose error no
+    parameter changes, or few do. Of errors that are forgotten (`Recent`), the moving one leaves less.
     """
     longest = max(len(segment) * segment.dt for segment in task.segments)
     with suppress(EmsidError, Stopped):

@@ -104,6 +104,14 @@ def test_a_search_that_follows_a_rate_without_end_begins_again(most, again):
         assert reached.minimum.cost == pytest.approx(0.5 * 2000 * 25e-6, rel=0.1)
 
 
+def test_no_fit_tells_the_friction_of_simulated_axes_from_a_sharp_one():
+    """A free run of a position keeps what creeps at rest, and estimates of friction would make up for it."""
+    case = axis(1205, drifts=False)
+    sharper = replace(case.truth, smooth=case.truth.smooth / 3)
+    runs = [each.run(case.fitted.input[:, 0], case.fitted.dt)[1] for each in (case.truth, sharper)]
+    assert np.sum((runs[0] - runs[1]) ** 2) < 3e-4**2, "the likelihood by more than a parameter of noise"
+
+
 def test_a_search_of_a_position_does_not_end_with_a_mass_that_never_moves():
     """The free run of every start is worse than no motion at all, which no parameter changes."""
     case = axis(102, drifts=True)

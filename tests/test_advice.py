@@ -14,8 +14,9 @@ import emsid
 from emsid.findings import Finding
 from emsid.first_look.advice import advice, questions, repeated, response_of
 from emsid.first_look.baseline import baseline
+from emsid.first_look.dependence import dependence
 from emsid.first_look.dynamics import Response, influence, response
-from emsid.first_look.nonlinearity import nonlinearity
+from emsid.first_look.nonlinearity import LEVEL, nonlinearity
 from emsid.first_look.standstill import at_rest, breakaway, dead_zone
 from emsid.identification.delay import LONGEST_SEARCHED, with_delay
 from emsid.identification.options import Options
@@ -319,6 +320,30 @@ def test_friction_in_a_slow_drive_is_seen() -> None:
     (found,) = nonlinearity(record, seen, baseline(record, seen.delay))
     assert found.code == "nonlinear-likely"
     assert found.data["of_residual"] > 0.2
+
+
+@pytest.mark.parametrize("seed", [117, 515])
+def test_a_nonlinearity_is_seen_in_few_levels(seed: int) -> None:
+    """One tenth of the record says little about the next one, but the residual is ten times the noise."""
+    record = friction_motor(seed).fitted
+    seen = response_of(record)
+    assert seen is not None
+    (found,) = nonlinearity(record, seen, baseline(record, seen.delay))
+    assert found.code == "nonlinear-likely"
+
+
+def test_slow_noise_is_not_called_nonlinear() -> None:
+    """As many functions explain much of a noise that lasts long, in sample, in any record of few levels."""
+    wrong = 0
+    for seed in range(20):
+        u = steps(seed, 60, 3000)
+        noise = lfilter([1], [1, -0.98], np.random.default_rng(seed).standard_normal(len(u)))
+        y = motor(u, 0.97, noise=0.0)
+        y = y + 0.1 * y.std() / noise.std() * noise
+        linear = baseline(Record(u, y, 0.01), 1)
+        assert linear is not None
+        wrong += dependence(linear, u, ()).probability < LEVEL
+    assert wrong <= 2
 
 
 def test_the_dead_zone_is_between_rest_and_motion() -> None:

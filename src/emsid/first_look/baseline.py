@@ -61,8 +61,17 @@ class Baseline:
 
     def answer(self, signal: Array, breaks: Sequence[int]) -> Array:
         """(N,) what the model makes of a signal (N,) in place of the input, from rest in every segment."""
-        pieces = np.split(signal - signal.mean(), list(breaks))
-        return np.concatenate([filtered(self.b, self.a, piece) for piece in pieces])
+        return _through(self.b, self.a, signal, breaks)
+
+    def summed(self, signal: Array, breaks: Sequence[int]) -> Array:
+        """(N,) what the past outputs of the model make of a signal (N,): 1/A(q), from rest in every segment."""
+        return _through(np.ones(1), self.a, signal, breaks)
+
+
+def _through(b: Array, a: Array, signal: Array, breaks: Sequence[int]) -> Array:
+    """(N,) a signal (N,) less its mean through b/a, from rest in every segment."""
+    pieces = np.split(signal - signal.mean(), list(breaks))
+    return np.concatenate([filtered(b, a, piece) for piece in pieces])
 
 
 def baseline(record: Record, delay: int | None, orders: Sequence[int] = (ORDER,)) -> Baseline | None:

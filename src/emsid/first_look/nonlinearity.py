@@ -3,7 +3,7 @@
 Where a multisine is repeated, its periods separate noise from distortion: the noise differs between periods, the
 distortion does not, and stands at frequencies that the input does not have (Pintelon and Schoukens). Even distortion
 stands at even multiples of the lowest frequency, odd distortion at odd ones. Otherwise the coherence between input and
-output, and whether the residual of a linear model depends on the input squared, or on its sign and size, show it.
+output shows it, and the test of `dependence`.
 
 References:
     Pintelon, R., and Schoukens, J. (2012). System Identification: A Frequency Domain Approach, 2nd ed., chapter 4.
@@ -21,6 +21,7 @@ from emsid.estimation.linear.filtering import coherence
 from emsid.excitation.periods import period_of
 from emsid.findings import Finding
 from emsid.first_look.baseline import Baseline
+from emsid.first_look.dependence import dependence
 from emsid.first_look.dynamics import Response
 from emsid.record import Record
 
@@ -29,12 +30,8 @@ Array = NDArray[np.float64]
 FEWEST_PERIODS = 2
 MOST_NOISE = 0.5
 """Distortion is not separated from more noise than this share of the amplitude."""
-RIDGES = (1e-3, 1e-2, 1e-1, 1.0)
-"""The weights of the ridges that are tried, relative to the power of a function."""
-TENTHS = 10
-"""The parts of the record, each of which is left out once."""
-ZERO = 0.01
-"""An input below this share of its largest value is zero."""
+LEVEL = 0.001
+"""The probability of a nonlinear relation in noise: a margin to 5 %, since the colour of the noise is estimated."""
 CLEAR, LEAST = 0.05, 1e-4
 """A nonlinear relation explains at least the first share of the residual, and the second of the output's variance."""
 
@@ -53,12 +50,12 @@ def nonlinearity(record: Record, response: Response, linear: Baseline | None) ->
             return
     if linear is None or response.delay is None:
         return
-    share = dependence(linear, u, linear.delay, record.breaks)
+    share, probability = dependence(linear, u, record.breaks)
     segment = max(record.segments, key=len)
     similar = coherence(segment.input[:, 0], segment.output[:, 0], min(len(segment) // 4, 1024) or 1)
     low = similar[1 : max(3, len(similar) // 8)]
     of_residual = share / max((1 - linear.fit) ** 2, 1e-12)
-    nonlinear = share > LEAST and of_residual > CLEAR
+    nonlinear = probability < LEVEL and share > LEAST and of_residual > CLEAR
     data = {
         "share": share,
         "of_residual": min(of_residual, 1.0),
@@ -111,49 +108,3 @@ def distortion(u: Array, y: Array, period: int) -> dict[str, float | int] | None
         "odd": level(silent & (number % 2 == 1)),
         "lines": int(np.count_nonzero(excited)),
     }
-
-
-def dependence(linear: Baseline, u: Array, delay: int, breaks: tuple[int, ...]) -> float:
-    """The share of the output's variance in the residual of a linear model that only nonlinear functions explain.
-
-    The functions are the square, the cube, the sign and the small values of the simulated output and of the delayed
-    input, as they are and as they pass through the linear model: friction acts where the input does. A further one is
-    the simulated output while the input is zero, since a drive that coasts slows down more slowly. What linear
-    functions explain as well is not counted.
-    """
-    inner = np.concatenate([np.concatenate([np.full(min(delay, len(x)), x[0]), x[: max(len(x) - delay, 0)]])
-                            for x in np.split(u, list(breaks))])  # fmt: skip
-    straight, curved = [np.ones(len(u))], []
-    for x in (linear.simulated, inner):
-        scaled = (x - x.mean()) / (x.std() or 1.0)
-        size = x / (np.max(np.abs(x)) or 1.0)
-        functions = [scaled**2, scaled**3, np.sign(x), np.clip(size, -0.1, 0.1)]
-        straight += [scaled, linear.answer(scaled, breaks)]
-        curved += [*functions, *(linear.answer(each, breaks) for each in functions)]
-    coasting = np.where(np.abs(inner) <= ZERO * np.max(np.abs(inner)), linear.simulated, 0.0)
-    curved += [coasting, linear.answer(coasting, breaks)]
-    power = float(np.mean(linear.residual**2))
-    if not power > 0:
-        return 0.0
-    without = min(power, _left(straight, linear.residual))
-    variance = power / max((1 - linear.fit) ** 2, 1e-300)
-    return float(max(0.0, without - _left(straight + curved, linear.residual)) / variance)
-
-
-def _left(columns: list[Array], residual: Array) -> float:
-    """The mean square of a residual (N,) less a combination of columns, each tenth of it fitted to the others.
-
-    The records of slow systems have few independent stretches, and their residual lasts long, so a combination of many
-    functions does not last without a ridge. The weight that leaves the least is taken.
-    """
-    table = np.column_stack([*columns, residual])
-    size = np.sqrt(np.mean(table**2, axis=0))
-    parts = [part.T @ part for part in np.array_split(table / np.where(size > 0, size, 1.0), TENTHS)]
-    whole, unit = np.sum(parts, axis=0) / len(residual), np.eye(len(columns))
-    left = np.zeros(len(RIDGES))
-    for part in parts:
-        others = whole - part / len(residual)
-        for k, weight in enumerate(RIDGES):
-            theta = np.linalg.solve(others[:-1, :-1] + weight * unit, others[:-1, -1])
-            left[k] += part[-1, -1] - 2 * theta @ part[:-1, -1] + theta @ part[:-1, :-1] @ theta
-    return float(left.min() * size[-1] ** 2 / len(residual))

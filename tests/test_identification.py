@@ -207,6 +207,15 @@ def test_several_outputs_have_errors_in_their_units():
     assert current.fit_percent > 98
 
 
+def test_another_kind_of_model_for_a_plant_keeps_its_place_among_all(monkeypatch):
+    before = list(CANDIDATES)
+    for name in ("linear-axis", "arx"):
+        with monkeypatch.context() as patch:
+            patch.setitem(CANDIDATES, name, CANDIDATES[name])
+            assert list(CANDIDATES) == before
+        assert list(CANDIDATES) == before
+
+
 def test_a_profile_of_a_parameter_that_was_split_is_one_of_each_direction(monkeypatch):
     from dataclasses import replace
 

@@ -242,7 +242,8 @@ class Physical:
 class _Candidates(MutableMapping[str, ModelKind]):
     """Every kind of model by name: those given here, and every registered plant.
 
-    Plants are looked up in the registry when they are asked for, so one registered later has a name here too.
+    Plants are looked up in the registry when they are asked for, so one registered later has a name here too. They come
+    last, in the order of the registry, also where one has another kind of model.
     """
 
     def __init__(self, given: dict[str, ModelKind]) -> None:
@@ -263,8 +264,8 @@ class _Candidates(MutableMapping[str, ModelKind]):
         del self.given[name]
 
     def __iter__(self) -> Iterator[str]:
-        yield from self.given
-        yield from (name for name in PLANTS if name not in self.given)
+        yield from (name for name in self.given if name not in PLANTS)
+        yield from PLANTS
 
     def __len__(self) -> int:
         return sum(1 for _ in self)

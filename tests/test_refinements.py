@@ -27,10 +27,12 @@ from emsid.models.plants.search.refinements.catalogue import OF_SHAFT
 from emsid.models.plants.search.refinements.cogging import cogging, cogging_of_speed
 from emsid.models.plants.search.refinements.inductance import inductance
 from emsid.models.plants.search.refinements.quadratic_viscous import quadratic_viscous
+from emsid.models.plants.search.refinements.sensor_offset import sensor_offset
 from emsid.models.plants.search.refinements.stribeck_shape import gaussian_stribeck
 from emsid.models.plants.search.refinements.usual import (
     by_direction,
     coasting_bridge,
+    constant_load,
     late_command,
     slow_sensor,
     stribeck,
@@ -282,6 +284,22 @@ def test_the_axis_of_the_demo_has_no_refinement(part):
     fit = choose(AXIS, record)
     assert fit.names == AXIS.default_free
     assert "load-drifts" not in [finding.code for finding in fit.findings]
+
+
+@pytest.mark.parametrize(("load", "reading"), [(2.0, 0.0), (0.0, 0.2)], ids=["load", "sensor"])
+def test_an_offset_of_the_sensor_is_told_from_a_constant_load(load, reading):
+    record = motor(offset=load)
+    shown = replace(record, output=record.output + reading)
+    fit = choose(RIGID, shown, refinements=(constant_load, sensor_offset))
+    assert ("load_torque" in fit.names, "sensor.offset" in fit.names) == (load > 0, reading > 0)
+    if reading:
+        row = next(row for row in fit.table if row.name == "sensor.offset")
+        assert row.value == pytest.approx(reading, abs=3 * row.standard_error)
+
+
+def test_an_offset_of_the_sensor_is_not_tried_for_a_position():
+    assert not sensor_offset(AXIS, AXIS.default_free, axis())
+    assert sensor_offset(RIGID, RIGID.default_free, motor())
 
 
 def test_cogging_is_not_tried_where_the_position_is_not_measured():

@@ -25,6 +25,7 @@ from emsid.models.plants.search.refinements.gain_by_direction import (
 from emsid.models.plants.search.refinements.inductance import INDUCTANCE, inductance
 from emsid.models.plants.search.refinements.knee import knee
 from emsid.models.plants.search.refinements.quadratic_viscous import QUADRATIC, quadratic_viscous
+from emsid.models.plants.search.refinements.sensor_offset import OFFSET, sensor_offset
 from emsid.models.plants.search.refinements.stribeck_by_direction import stribeck_by_direction
 from emsid.models.plants.search.refinements.stribeck_shape import gaussian_stribeck
 from emsid.models.plants.search.refinements.supply_limit import supply_limit
@@ -44,7 +45,7 @@ REFINEMENTS: tuple[Refinement, ...] = (
     coasting_bridge, late_command, slow_sensor, averaging_sensor, stribeck, by_direction, viscous_by_direction,
     constant_load, supply_limit, knee, gain_by_direction, gain_and_friction_by_direction,
     stribeck_by_direction, gaussian_stribeck, switching_loss, current_rise, quadratic_viscous, cogging_of_speed,
-    inductance,
+    inductance, sensor_offset,
 )  # fmt: skip
 OF_SHAFT: tuple[Refinement, ...] = (backlash,)
 """Refinements of a motor with an elastic shaft, which is too slow to simulate for all others."""
@@ -57,7 +58,7 @@ BREAKS: dict[Refinement, str] = {supply_limit: "drive.supply", knee: "drive.knee
 """Refinements that break the range of voltages in two, each with the parameter that says where; both must be seen."""
 BY_DIRECTION: tuple[Refinement, ...] = (
     by_direction, viscous_by_direction, stribeck_by_direction, gain_by_direction, gain_and_friction_by_direction,
-    constant_load,
+    constant_load, sensor_offset,
 )  # fmt: skip
 """Refinements that differ between the directions of motion; the record must have both."""
 LOOK_ALIKE: dict[Refinement, str] = {
@@ -73,6 +74,7 @@ WITHOUT: tuple[Mapping[str, float], ...] = (
     {"drive.loss": 0.0},
     {RISE: 0.0},
     {"sensor.lag": 0.0},
+    {OFFSET: 0.0},
     {"drive.freewheel": 0.0},
     {"drive.supply": inf},
     {"drive.knee": inf, "drive.beyond": 1.0},

@@ -78,7 +78,9 @@ class TestBadRows:
         assert emsid.read(log({}), **COLUMNS, time="t", skip_bad_rows=True).findings == ()
 
     def test_too_many_are_not_skipped(self, log: Rows) -> None:
-        with pytest.raises(DataError, match=r"6 of 200 rows are no numbers \(3 %\); at most 2 % are skipped"):
+        with pytest.raises(
+            DataError, match=r"6 of 200 rows have no number in a column in use \(3 %\); at most 2 % are skipped"
+        ):
             emsid.read(log({10 * k: "1,x,2" for k in range(1, 7)}), **COLUMNS, time="t", skip_bad_rows=True)
 
 

@@ -10,6 +10,7 @@ from dataclasses import fields, replace
 from functools import cache
 from itertools import chain, pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -43,7 +44,7 @@ from emsid.plant import DeadZoneLaw, Friction, Motor
 from emsid.plant.motor import Parameter
 from emsid.record import Record, concatenate
 from emsid.report import document as content
-from emsid.report import views
+from emsid.report import tracking_page, views
 from emsid.report.document import (
     Axis,
     Band,
@@ -1475,3 +1476,14 @@ def test_an_axis_has_the_unit_that_only_the_name_of_its_column_gives():
         assert "RPM" in units
         assert "" not in units
     assert views.measured_and_simulated(assessment).plots[0].y.title == "Motor_Speed [RPM]"
+
+
+def test_an_estimate_outside_the_range_is_not_drawn_at_its_edge() -> None:
+    estimate = np.concatenate([np.zeros(3), np.linspace(1.8, 1.9, 97)])[:, None]
+    history = SimpleNamespace(time=0.1 * np.arange(100), estimate=estimate, half_width=np.full((100, 1), 0.05))
+    fit = SimpleNamespace(names=("b1",), model=SimpleNamespace(name="arx"))
+    figure = tracking_page.convergence(SimpleNamespace(history=history, fit=fit, changes=[]))
+    _, line = figure.plots[0].marks
+    np.testing.assert_array_equal(line.y, estimate[:, 0])
+    assert figure.plots[0].y.range[0] > 1
+    assert "changes" not in figure.caption

@@ -180,8 +180,9 @@ def _skipped(
         return ()
     if count > max(1, MOST_SKIPPED * rows):
         raise DataError(
-            f"{count} of {rows} rows are no numbers ({100 * count / rows:.3g} %); at most {100 * MOST_SKIPPED:g} % are "
-            "skipped: check how the file was exported, or leave them out with rows or a mask",
+            f"{count} of {rows} rows have no number in a column in use ({100 * count / rows:.3g} %); at most "
+            f"{100 * MOST_SKIPPED:g} % are skipped: check how the file was exported, or leave them out with rows or a "
+            "mask",
             arguments=("rows", "mask"),
         )
     texts = {row.line: row.text[:MOST_SHOWN] for row in columns.damaged}

@@ -125,7 +125,7 @@ def convergence(session: Session) -> Figure:
         low, high = _range(value, half)
         marks: list[Mark] = [
             Band(time, np.maximum(value - half, low), np.minimum(value + half, high), "95 % interval", Ink.BLUE),
-            Line(time, np.clip(value, low, high), "estimate", Stroke(Ink.BLUE)),
+            Line(time, value, "estimate", Stroke(Ink.BLUE)),
         ]
         for j, change in enumerate(session.changes):
             at = np.array([change.time, change.time])
@@ -133,7 +133,7 @@ def convergence(session: Session) -> Figure:
         plots.append(Plot(tuple(marks), Axis("Time", "s"), Axis(name, range=(low, high))))
     return Figure(
         f"{slug(fit.model.name)}-tracking",
-        "Estimates over time with 95 % intervals; dashed: detected changes.",
+        f"Estimates over time with 95 % intervals{'; dashed: detected changes' if session.changes else ''}.",
         tuple(plots),
         columns=min(2, len(plots)),
     )

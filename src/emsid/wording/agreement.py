@@ -5,7 +5,7 @@ from __future__ import annotations
 from emsid.findings import Finding
 from emsid.units import with_unit
 from emsid.wording.catalogue import Severity, Spelling, words
-from emsid.wording.durations import duration
+from emsid.wording.durations import duration, sample_time
 
 CAUSES = {
     "delay": "log input and output with one clock, or identify the records one by one",
@@ -50,6 +50,6 @@ def channels_differ(f: Finding, argument: Spelling) -> str:
 def sample_time_differs(f: Finding, argument: Spelling) -> str:
     """Subject: the record. Data: identified_with, dt, in s."""
     return (
-        f"the model was identified at a sample time of {f.data['identified_with']:g} s; {f.subject} has "
-        f"{f.data['dt']:g} s"
+        f"the model was identified at a sample time of {sample_time(f.data['identified_with'])}; {f.subject} has "
+        f"{sample_time(f.data['dt'])}"
     )

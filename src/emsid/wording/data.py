@@ -167,7 +167,7 @@ def records_of_opposite_sign(f: Finding, argument: Spelling) -> str:
     """Subject: the first such record. Data: records, of."""
     return (
         f"the output has the opposite sign in {shortened(f.data['records'])} of {f.data['of']} records; turn it there "
-        f"with {argument('scale')}, or identify these records alone"
+        f"with {argument('scale')} and a gain of -1, or identify these records alone"
     )
 
 
@@ -359,7 +359,8 @@ def output_drifts(f: Finding, argument: Spelling) -> str:
     d = f.data
     return (
         f"{f.subject} {how_sure(d['confidence'])} drifts by {_in_unit(d['change'], d['unit'])} over the record, which "
-        f"the input does not explain; let it warm up before recording, or subtract a line with {argument('detrend')} 1"
+        "the input does not explain; let the drive warm up before recording, or subtract a line with "
+        f"{argument('detrend')} 1"
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, words
-from emsid.wording.durations import duration
+from emsid.wording.durations import duration, sample_time
 from emsid.wording.lists import listed, shortened
 from emsid.wording.sureness import how_sure
 
@@ -41,8 +41,8 @@ def rows_skipped(f: Finding, argument: Spelling) -> str:
     text = f" ({d['text']!r})" if d["text"] else ""
     many = d["count"] > 1
     return (
-        f"{f.subject}: {d['count']} of {d['rows']:,} rows {'have' if many else 'has'} no numbers and "
-        f"{'were' if many else 'was'} skipped; {'the first' if many else 'it'} is row {d['line']}{text}"
+        f"{f.subject}: {d['count']} of {d['rows']:,} rows {'were' if many else 'was'} skipped, because a column in use "
+        f"has no number there; {'the first' if many else 'it'} is row {d['line']}{text}"
     )
 
 
@@ -108,9 +108,10 @@ def not_readable(f: Finding, argument: Spelling) -> str:
 def values_missing(f: Finding, argument: Spelling) -> str:
     """Subject: the column. Data: count, rows."""
     count, rows = f.data["count"], f.data["rows"]
+    column = f.subject if f.subject.isidentifier() else f'"{f.subject}"'
     return (
-        f"{f.subject} has no number in {count:,} of {rows:,} rows ({100 * count / rows:.2g} %); leave them out with "
-        f"{argument('mask')} and isnan, and a new segment begins after each gap"
+        f"{f.subject} has no number in {count:,} of {rows:,} rows ({100 * count / rows:.2g} %); "
+        f"{argument('mask')} 'isnan({column})' leaves them out, and a new segment begins after each gap"
     )
 
 
@@ -140,7 +141,7 @@ def time_unit_assumed(f: Finding, argument: Spelling) -> str:
     of_column = f.data["source"] == "column"
     return (
         f"the unit {what.get(f.data['source'], 'of')} {f.subject} is not given; it is {how_sure(f.data['confidence'])} "
-        f"{f.data['unit']}, which makes the sample time {f.data['dt']:g} s. Check "
+        f"{f.data['unit']}, which makes the sample time {sample_time(f.data['dt'])}. Check "
         f"{argument('time_unit' if of_column else 'dt')}"
     )
 
@@ -149,7 +150,8 @@ def time_unit_assumed(f: Finding, argument: Spelling) -> str:
 def sample_time_from_text(f: Finding, argument: Spelling) -> str:
     """Subject: the file. Data: dt (s), source."""
     where = "the lines above the header" if f.data["source"] == "preamble" else "its name"
-    return f"{f.subject}: the sample time {f.data['dt']:g} s comes from {where}; check it with {argument('dt')}"
+    time = sample_time(f.data["dt"])
+    return f"{f.subject}: the sample time {time} comes from {where}; check it with {argument('dt')}"
 
 
 @words("clock-irregular", Severity.WARNING)
@@ -157,10 +159,10 @@ def clock_irregular(f: Finding, argument: Spelling) -> str:
     """Subject: the time column. Data: gaps, longest (s), duplicates, jitter, dt (s)."""
     d = f.data
     many = "s of up to" if d["gaps"] != 1 else " of"
-    parts = [f"{d['gaps']} gap{many} {d['longest']:.3g} s"] if d["gaps"] else []
+    parts = [f"{d['gaps']} gap{many} {duration(d['longest'])}"] if d["gaps"] else []
     parts += [f"{d['duplicates']} repeated time{'s' * (d['duplicates'] != 1)}"] if d["duplicates"] else []
     parts += [f"steps that differ by up to {100 * d['jitter']:.2g} %"] if d["jitter"] > 0.01 else []
-    steps = f"steps of {d['dt']:g} s{', and a long gap divides the record' if d['gaps'] else ''}"
+    steps = f"steps of {sample_time(d['dt'])}{', and a long gap divides the record' if d['gaps'] else ''}"
     return f"{f.subject} is not regular: it has {listed(parts)}; {argument('resample')} interpolates to {steps}"
 
 

@@ -148,8 +148,8 @@ def fitted_to_all_data(f: Finding, argument: Spelling) -> str:
     again = "its structure is chosen again from" if d["searched"] else "it is fitted again to"
     why = ", as its error on unseen data is much larger than on those fitted" if d["searched"] else ""
     return (
-        f"{again} all {d['samples']:,} samples after the choice, for use{why}; the errors are those of the fit to "
-        f"{d['of']:,}"
+        f"for later use, {again} all {d['samples']:,} samples{why}; the errors shown are those of the fit to "
+        f"{d['of']:,} samples"
     )
 
 

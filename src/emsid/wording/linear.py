@@ -76,10 +76,9 @@ def forgetting_limited(f: Finding, argument: Spelling) -> str:
 def regression_biased(f: Finding, argument: Spelling) -> str:
     """Data: lags, p_value, largest, lag."""
     return (
-        f"the one-step errors in the fit are correlated ({_correlated(f)}), as noise on the output makes them: least "
-        "squares then biases the coefficients of past outputs, which are those of the best one-step predictor and not "
-        "of the system, so there are no intervals; for parameters of the system fit the free run: output-error, a "
-        "cascade or a physical model"
+        f"the one-step errors in the fit are correlated ({_correlated(f)}), as noise on the output makes them. The "
+        "coefficients then suit the prediction of the next sample and differ from those of the system, so they have no "
+        "intervals; for parameters of the system fit the free run: output-error, a cascade or a physical model"
     )
 
 

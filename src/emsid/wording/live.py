@@ -47,7 +47,7 @@ def source_gap(f: Finding, argument: Spelling) -> str:
 @words("samples-not-tracked", Severity.WARNING)
 def samples_not_tracked(f: Finding, argument: Spelling) -> str:
     """Subject: the source. Data: samples."""
-    return f"{f.data['samples']} samples of {f.subject} came faster than they were tracked; they are in the log only"
+    return f"{f.data['samples']:,} samples of {f.subject} came faster than they were tracked; they are in the log only"
 
 
 @words("source-disconnected", Severity.WARNING)
@@ -77,8 +77,8 @@ def lines_not_used(f: Finding, argument: Spelling) -> str:
 def log_not_written(f: Finding, argument: Spelling) -> str:
     """Subject: the log. Data: reason, bytes."""
     return (
-        f"{f.subject} cannot be written ({f.data['reason']}); {f.data['bytes']} bytes wait in memory, free space on "
-        "the disk"
+        f"{f.subject} cannot be written ({f.data['reason']}); {f.data['bytes']:,} bytes wait in memory; free space "
+        "on the disk"
     )
 
 

@@ -228,8 +228,8 @@ def load_drifts(f: Finding, argument: Spelling) -> str:
 def probably_another_system(f: Finding, argument: Spelling) -> str:
     left, linear = (f"{100 * f.data[name]:.2g} %" for name in ("left", "linear"))
     return (
-        f"its free run still leaves {left} of the output's variance after the first refinement, and a linear model "
-        f"{linear}; no others were tried, for this is probably another kind of system"
+        f"these data are probably of another kind of system: after the first refinement, its free run leaves {left} of "
+        f"the output's variance unexplained, and a linear model {linear}; no other refinements were tried"
     )
 
 

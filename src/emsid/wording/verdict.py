@@ -79,7 +79,7 @@ def model_supported(f: Finding, argument: Spelling) -> str:
     """Data: reasons (none), tests."""
     failed = [each for each in f.data["tests"] if not each["passed"]]
     if failed:
-        return "supported by these data: its residual tests fail by little, as the inputs predict hardly any of it"
+        return "supported by these data: its residual tests fail, but the inputs predict hardly any of the residual"
     return "supported by these data: no test contradicts it"
 
 

@@ -65,7 +65,7 @@ def demo(
     for example in EXAMPLES:
         record = example.record()
         write_record(record, folder / f"{example.name}.csv")
-        say(f"{folder / example.name}.csv: {example.title}, {len(record)} samples")
+        say(f"{folder / example.name}.csv: {example.title}, {len(record):,} samples")
     atomic_write(folder / PAGE, commands_page().encode())
     say(f"{folder / PAGE}: commands to try, from within the folder; the first is")
     enter = "" if folder == Path() else f"cd {quote(str(folder))} && "

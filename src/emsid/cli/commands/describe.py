@@ -63,6 +63,7 @@ def describe(
       emsid describe --input x.csv:1 --output y.csv:1
     """
     from emsid.first_look import describe_files
+    from emsid.report.views.first_look import in_words
     from emsid.wording import sentence
 
     if out is not None:
@@ -76,7 +77,7 @@ def describe(
     else:
         for look in looks:
             if len(looks) > IN_FULL:
-                say(f"{look.name}: {look.record if look.record is not None else 'no record'}")
+                say(f"{look.name}: {in_words(look.record) if look.record is not None else 'no record'}")
             else:
                 _print(look)
         if len(looks) > IN_FULL:

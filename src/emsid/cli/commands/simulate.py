@@ -78,7 +78,7 @@ def simulate(
         say_json(as_json({"schema": 1, **document, "crest_factor": crest, "outputs": tops}))
         return
     shown = ", ".join(f"{name} up to {with_unit(f'{top:.4g}', unit)}" for name, top, unit in largest)
-    say(f"{len(record)} samples, crest factor {crest:.2f}, {shown}")
+    say(f"{len(record):,} samples, crest factor {crest:.2f}, {shown}")
     say(f"written to {out}: columns {time}, {', '.join(record.input_names + record.output_names)}")
 
 

@@ -19,6 +19,7 @@ from emsid.report.views.conventions import channel_axis
 from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.units import in_unit, readable_unit
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
+from emsid.wording.durations import sample_time
 from emsid.wording.sureness import how_sure
 
 HEADER = ("Column", "Role", "Quantity", "Unit", "Notes", "From", "To", "Step")
@@ -71,8 +72,16 @@ def lines(look: FirstLook, argument: Spelling = as_python) -> list[str]:
     if clock.column and clock.axis is not None:
         found.append(f"time column {clock.column}: {clock.axis}")
     if record is not None:
-        found.append(str(record))
+        found.append(f"record: {in_words(record)}")
     return [*found, *(f"- {sentence(finding, argument)}" for finding in look.findings)]
+
+
+def in_words(record: Record) -> str:
+    """Samples, segments, sample time and channels of a record."""
+    names, units = record.input_names + record.output_names, record.input_units + record.output_units
+    channels = ", ".join(in_unit(name, unit) for name, unit in zip(names, units, strict=True))
+    pieces = f" in {len(record.breaks) + 1} segments" if record.breaks else ""
+    return f"{len(record):,} samples{pieces}, dt {sample_time(record.dt)}; {channels}"
 
 
 def curves(look: FirstLook, width: int, height: int = 4) -> list[str]:

@@ -220,13 +220,14 @@ def test_a_dead_zone_that_differs_by_direction_is_found():
     assert found == pytest.approx([-0.5, 1.1], abs=0.05)
 
 
-def test_stribeck_friction_is_idle_where_the_record_does_not_show_its_rate():
+@pytest.mark.parametrize("bounds", [None, {"friction.stribeck_rate": (0.0, np.inf)}], ids=["resolved", "any"])
+def test_stribeck_friction_is_idle_where_the_record_does_not_show_its_rate(bounds):
     asked = (*AXIS.default_free, "friction.stribeck", "friction.stribeck_rate")
     fit = simulation_error(
         AXIS.with_values({"friction.stribeck": 0.03, "friction.stribeck_rate": 1e6}), axis(), free=asked,
-        find_start=False, max_iterations=5,
+        find_start=False, max_iterations=5, bounds=bounds,
     )  # fmt: skip
-    assert "friction.stribeck_rate" not in fit.names
+    assert ("friction.stribeck_rate" in fit.names) == (bounds is None)  # it ends at its limit
     rows = [replace(row, interval=(0.02, 0.04)) if row.name == asked[-2] else row for row in fit.table]
     assert unsupported(replace(fit, table=rows), asked, AXIS.default_free) == [frozenset(asked[-2:])]
 

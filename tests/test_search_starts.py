@@ -16,9 +16,11 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.restarts import drawn
 from emsid.findings import Finding
 from emsid.models.plants.one_mass import Motion
+from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search import continuation
-from emsid.models.plants.search.estimation import begun_again, searched
+from emsid.models.plants.search.estimation import begun_again, beside_kinks, searched
+from emsid.models.plants.search.speeds import resolved_rate
 from emsid.models.plants.search.starts import motions
 from emsid.models.plants.search.task import prepare
 from independent.cases import axis, levels
@@ -93,7 +95,8 @@ def test_a_search_that_follows_a_rate_without_end_begins_again(most, again):
     u = 1.2 * levels(2000, rng, 60)
     record = Record(u, truth.run(u, 5e-3)[0][:2000] + 5e-3 * rng.standard_normal(2000), 5e-3, output_units="m/s")
     free = ("mass", "viscous_friction", "friction.coulomb", "friction.stribeck", "friction.stribeck_rate")
-    task = prepare(AXIS.with_values({"friction.stribeck": 0.1, "friction.stribeck_rate": 3000.0}), record, free=free)
+    start = AXIS.with_values({"friction.stribeck": 0.1, "friction.stribeck_rate": 3000.0})
+    task = prepare(start, record, free=free, bounds={"friction.stribeck_rate": (0.0, np.inf)})  # no end
     short = continuation.search(task, task.plant, 3)
     finding = Finding("steps-used-up", "", {"steps": 60, "offset": 10.0})
     short = short._replace(minimum=replace(short.minimum, ending=Ending.OUT_OF_BUDGET, findings=(finding,)))
@@ -120,3 +123,68 @@ def test_a_search_of_a_position_does_not_end_with_a_mass_that_never_moves():
     free = ("mass", *sides, "friction.coulomb", "friction.stribeck", "friction.stribeck_rate")
     reached = searched(AXIS, record, free=free)[2]
     assert reached.minimum.cost < 0.5 * len(record) * case.error_of_truth(case.fitted) ** 2
+
+
+@pytest.mark.parametrize("is_position", [True, False])
+def test_samples_resolve_an_excess_that_lasts_longer_than_a_sample(is_position):
+    t = 0.01 * np.arange(300)
+    shown, signal = (t**2, Signal.POSITION) if is_position else (2 * t, Signal.SPEED)  # 0.02 m/s per sample
+    record = Record(np.ones(300), shown, 0.01)
+    assert resolved_rate([record], (signal,)) == pytest.approx(3 / 0.02, rel=0.02)
+    assert resolved_rate([record], (Signal.CURRENT,)) == np.inf
+
+
+def test_a_search_under_drift_ends_at_the_same_cost_from_other_frictions():
+    """With rates beyond what samples resolve, single reversals stick for some samples more or fewer."""
+    record = replace(axis(105, drifts=True).fitted, output_units=("m",))
+    free = ("mass", "viscous_friction", "friction.coulomb", "friction.stribeck", "friction.stribeck_rate", "offset")
+    frictions = ((0.1, 0.0, 0.0), (0.05, 0.03, 60.0), (0.02, 0.08, 2000.0), (0.0, 0.1, 0.1))
+    found = [
+        searched(AXIS.with_values(dict(zip(free[2:5], values, strict=True))), record, free=free)[2].cost
+        for values in frictions
+    ]
+    assert found == pytest.approx([min(found)] * len(found), rel=0.01)
+
+
+def stuck_at(values, fixed, free, stopped, record):
+    """Where a search ends that does not estimate some parameters, and the same begun again beside its kinks."""
+    start = AXIS.with_values({**fixed, **values})
+    left = [name for name in free if name not in stopped]
+    stuck = continuation.search(prepare(start, record, free=left, fixed=fixed, from_datasheet=False), start, 60)
+    task = prepare(start, record, free=free, fixed=fixed, from_datasheet=False)
+    return stuck, beside_kinks(task, stuck, 60)
+
+
+@pytest.mark.parametrize(
+    ("values", "stopped"),
+    [
+        ((0.3, 0.0, 1e4), ("friction.stribeck", "friction.stribeck_rate")),
+        ((0.15, 0.15, 0.01), ("friction.stribeck", "friction.stribeck_rate")),
+        ((0.0, 0.8, 40.0), ("friction.coulomb", "friction.stribeck")),
+    ],
+    ids=["excess zero", "excess that does not fade", "exchanged"],
+)
+def test_a_search_of_friction_comes_back_to_both_its_parts(values, stopped):
+    truth = OneMass(gain=1.0, viscous=(2.0, 2.0), coulomb=(0.2, 0.2), stribeck=(0.2, 0.2), stribeck_speed=0.1)
+    rng = np.random.default_rng(3)
+    u = 1.2 * levels(2000, rng, 60)
+    record = Record(u, truth.run(u, 5e-3)[0][:2000] + 5e-3 * rng.standard_normal(2000), 5e-3, output_units="m/s")
+    friction = ("friction.coulomb", "friction.stribeck", "friction.stribeck_rate")
+    free, fixed = ("viscous_friction", *friction), {"mass": 1.0}
+    stuck, reached = stuck_at(dict(zip(friction, values, strict=True)), fixed, free, stopped, record)
+    assert stuck.cost > 1.05 * reached.cost
+    assert reached.cost == pytest.approx(0.5 * 2000 * 25e-6, rel=0.1)
+
+
+def test_a_search_exchanges_the_lag_of_a_sensor_and_the_time_constant_of_a_mass():
+    """They commute in a linear system; friction at rest tells them apart. A small mass is not estimated any more."""
+    true = {"mass": 1.0, "viscous_friction": 2.0, "friction.coulomb": 0.3, "sensor.lag": 0.03}
+    rng, dt = np.random.default_rng(3), 0.01
+    u = levels(2000, rng, 60)
+    speed = AXIS.with_values(true).simulate(u[:, None], dt, np.zeros(3), (Signal.SPEED,))[:, 0]
+    record = Record(u, speed + 2e-3 * rng.standard_normal(2000), dt, output_units="m/s")
+    exchanged = {**true, "mass": 0.06, "sensor.lag": 0.5}
+    stuck, reached = stuck_at(exchanged, {}, tuple(true), ("mass",), record)
+    assert stuck.cost > 1.5 * reached.cost
+    assert reached.problem.plant.value("mass") == pytest.approx(1.0, rel=0.02)
+    assert reached.problem.plant.value("sensor.lag") == pytest.approx(0.03, rel=0.1)

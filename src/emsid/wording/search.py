@@ -55,13 +55,14 @@ def parameter_at_bound(f: Finding, argument: Spelling) -> str:
             f"{listed(f.data['others'])}: other values fit as well; {both_ways}fix one of them ({argument('fixed')})"
         )
     because = _BECAUSE.get(f.data.get("because", ""), "")
-    why = because.format(beyond="smaller" if side == "lower" else "larger", profile=argument("profile"))
+    beyond, there = ("smaller", "0") if side == "lower" else ("larger", "this value")
+    why = because.format(beyond=beyond, there=there, profile=argument("profile"))
     return f"{f.subject} is at its {side} limit {f.data['bound']:.4g}{why}"
 
 
 _BECAUSE = {
     "datasheet": ": the datasheet allows no {beyond} value; widen its tolerance, or check units and what is fixed",
-    "sample-time": ": this sample time cannot resolve a {beyond} value; fix it at 0",
+    "sample-time": ": this sample time cannot resolve a {beyond} value; fix it at {there}",
     "physical": ": a {beyond} value is not physical; fix it there, or check units, signs and what else is fixed; its "
     "profile ({profile}) gives an interval",
     "bounds": ": its bounds allow no {beyond} value; widen them, or check units and what is fixed",

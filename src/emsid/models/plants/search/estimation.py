@@ -32,13 +32,14 @@ from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Recent, Weighting, all_alike
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal, parts
-from emsid.models.plants.plant import DrivenPlant, Plant
+from emsid.models.plants.plant import Plant
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.between_samples import as_hold, is_open, straight_if_better
 from emsid.models.plants.search.by_record import asked_together, experiments, own_names, separated
 from emsid.models.plants.search.conclusion import concluded
 from emsid.models.plants.search.continuation import LOOK, Reached, identified_by, keep_identifiable
 from emsid.models.plants.search.result import GreyBoxFit
+from emsid.models.plants.search.second_starts import second_starts
 from emsid.models.plants.search.starts import starts_of, usual_rates
 from emsid.models.plants.search.task import Task, prepare
 from emsid.models.plants.search.trials import Trial, Trials
@@ -51,10 +52,6 @@ TURNS = 3
 """How often searches begin around the end of one that has not converged, as long as they lower the cost."""
 SHORT = 0.02
 """After which part of the longest segment errors are forgotten where a search begins at rest."""
-INSIDE = (0.1, 0.5)
-"""Where a parameter that ended at zero begins again, as a part of what is plausible."""
-ASIDE = (-0.5, 0.5)
-"""By how many samples a delay is moved where a search begins again."""
 
 
 @one_blas_thread()
@@ -223,40 +220,26 @@ def from_rest(task: Task, reached: Reached, max_iterations: int) -> Reached:
 
 
 def beside_kinks(task: Task, reached: Reached, max_iterations: int) -> Reached:
-    """A search, or a better one of some that begin on the other side of a kink of its cost.
+    """A search, or a better one of some that begin on the other side of a kink of its cost; see `second_starts`.
 
     Coulomb friction, a dead zone and a Stribeck excess with a low rate do nearly the same. A search that has taken one
     of them to zero does not come back, as the others make up for it. So it begins again where it ended, with that
     parameter inside, and usual rates. The effect of a delay has a kink at every whole number of samples, where a held
-    command changes. So a search begins again with a delay that is half a sample shorter or longer.
+    command changes. So a search begins again with a delay that is half a sample shorter or longer, and with parameters
+    exchanged that do nearly the same.
     """
     driven = reached.problem.plant.driven
     if driven is None or driven.secondary:
         return reached
     names = [name for name in task.asked if name in reached.names or driven.value(name) == 0]
     with suppress(EmsidError, Stopped):
-        for values in (_inside(task, driven, names), _other_delays(task, driven, names)):
-            trial = _trials(task).fitted([driven.with_values(each) for each in values], names) if values else None
+        for values in second_starts(task, driven, names):
+            free = [name for name in task.asked if name in names or any(name in each for each in values)]
+            trial = _trials(task).fitted([driven.with_values(each) for each in values], free) if values else None
             if trial is not None and trial.cost < (1 - SLOW) * reached.cost:
                 again = continuation.search(task, trial.plant, max_iterations)
                 reached = again if again.cost < reached.cost else reached
     return reached
-
-
-def _inside(task: Task, plant: DrivenPlant, names: Sequence[str]) -> list[dict[str, float]]:
-    """Values away from zero for every parameter that is zero."""
-    scales = zip(names, task.problem(plant, names).scales, strict=True)
-    zero = [(name, scale) for name, scale in scales if plant.value(name) == task.limits[name][0] == 0]
-    rates = usual_rates(task, names) if zero else {}
-    return [{**rates, name: min(part * scale, task.limits[name][1])} for name, scale in zero for part in INSIDE]
-
-
-def _other_delays(task: Task, plant: DrivenPlant, names: Sequence[str]) -> list[dict[str, float]]:
-    """Delays beside that of a plant, where it is estimated."""
-    if "drive.delay" not in names:
-        return []
-    here, limits, dt = plant.value("drive.delay"), task.limits["drive.delay"], task.segments[0].dt
-    return [{"drive.delay": float(np.clip(here + part * dt, *limits))} for part in ASIDE]
 
 
 def begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:

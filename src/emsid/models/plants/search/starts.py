@@ -27,13 +27,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError, EmsidError, listed
-from emsid.estimation.linear.filtering import filtered_both_ways
 from emsid.estimation.threads import in_threads
 from emsid.models.plants.drive import Drive
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant, Plant
+from emsid.models.plants.search.speeds import motion_channel, smoothed, top_speed
 from emsid.models.plants.search.task import Task, cost_of
 from emsid.record import Record
 
@@ -142,19 +142,12 @@ def _with_stribeck_rate(task: Task) -> Plant:
 
 def usual_rates(task: Task, names: Sequence[str]) -> dict[str, float]:
     """Rates of Stribeck friction to begin with, for those of the names that are such rates."""
-    channel, is_position = _motion_channel(task.signals)
+    channel, is_position = motion_channel(task.signals)
     rates = [name for name in names if name.endswith(".stribeck_rate")]
     if not rates or channel is None:
         return {}
     rate = RATE / top_speed(task.segments, channel, is_position)
     return {name: float(np.clip(rate, *task.limits[name])) for name in rates}
-
-
-def top_speed(segments: Sequence[Record], channel: int, is_position: bool) -> float:
-    """How fast an output moves at most, but for a few samples."""
-    shown = [(segment.output[:, channel], segment.dt) for segment in segments if len(segment) > 1 or not is_position]
-    speeds = [np.gradient(y, dt) if is_position else y for y, dt in shown]
-    return float(np.percentile(np.abs(np.concatenate(speeds)), 99)) or 1.0
 
 
 def _suggested(plant: Plant, task: Task) -> list[tuple[float, Plant]]:
@@ -166,7 +159,7 @@ def _suggested(plant: Plant, task: Task) -> list[tuple[float, Plant]]:
         return [(cost_of(first), plant)]
     drive = driven.drive
     against = _currents_against(drive, first)
-    channel, is_position = _motion_channel(first.signals)
+    channel, is_position = motion_channel(first.signals)
     if channel is None:
         _refuse_signs(first, against)
         return [(cost_of(first), plant)]
@@ -235,13 +228,6 @@ PASSIVE = 0.2
 """Voltage and current of what takes power are not correlated the wrong way, but for chance and delays."""
 
 
-def _motion_channel(signals: Sequence[Signal]) -> tuple[int | None, bool]:
-    for k, signal in enumerate(signals):
-        if signal is not Signal.CURRENT:
-            return k, signal is Signal.POSITION
-    return None, False
-
-
 def solved(matrix: Array, right: Array) -> list[float]:
     """The least-squares solution, whatever the units of the columns; zeros where it is not finite."""
     scale = np.linalg.norm(matrix, axis=0)
@@ -274,13 +260,6 @@ def motion_rows(
     kept = moving & np.roll(moving, 1) & np.roll(moving, -1)
     kept[:3] = kept[-3:] = False
     return np.asarray(table[kept]), kept
-
-
-def smoothed(values: Array, samples: float) -> Array:
-    """Through 1/(1 + τs) forward and backward, so that nothing is delayed; τ in samples."""
-    decay = np.exp(-1.0 / samples)
-    padding = min(int(3 * samples) + 3, len(values) - 1)
-    return filtered_both_ways([1.0 - decay], [1.0, -decay], values, padding)
 
 
 def started(

@@ -8,7 +8,7 @@ so is Stribeck friction whose rate the record does not show.
 from __future__ import annotations
 
 from collections.abc import Collection
-from math import isfinite
+from math import inf, isfinite
 
 import numpy as np
 
@@ -48,7 +48,8 @@ def _is_idle(fit: GreyBoxFit, asked: tuple[str, ...], refined: Refined, wanted: 
     shown = [name for name in removed if isfinite(plain.value(name)) and name != FIRST[0]]
     rates = [name for name in shown if name.endswith("_rate")]
     sizes = [name for name in shown if name not in rates]
-    without_rate = any(_includes(rows[name], 0.0) for name in rates)
+    most = {name: fit.limits.get(name, (0.0, inf))[1] for name in rates}
+    without_rate = any(_includes(rows[name], 0.0) or rows[name].value >= most[name] for name in rates)
     return without_rate or (bool(sizes) and all(_includes(rows[name], plain.value(name)) for name in sizes))
 
 

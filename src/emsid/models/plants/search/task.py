@@ -22,6 +22,7 @@ from emsid.models.plants.grey_box import check_channels, signals_of
 from emsid.models.plants.parameters import Handle, Signal, find_handle, refuse_overlap, without_overlap
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.motion_check import check_motion
+from emsid.models.plants.search.speeds import resolved_rate
 from emsid.plant.motor import read_number
 from emsid.record import Record, check_same_channels
 from emsid.units import with_unit
@@ -115,10 +116,13 @@ def prepare(
     sheet |= {name: sheet[both] for name in asked if (both := _both_ways(name)) != name and both in sheet}
     known = {name: given.value for name, given in sheet.items() if given.value is not None}
     given = plant.with_values((known if from_datasheet else {}) | values)
-    unresolved = given.resolution_limits([n for n in asked if n not in (*sheet, *bounds)], segments[0].dt)
+    unknown = [n for n in asked if n not in (*sheet, *bounds)]
+    unresolved = given.resolution_limits(unknown, segments[0].dt) | _resolved_rates(unknown, segments, shown)
     limits = _limits(given, asked, {**unresolved, **bounds}, sheet)
     start = given.with_starts(asked, segments, limits)
-    start = start.with_values({name: max(start.value(name), low) for name, (low, _) in unresolved.items()})
+    start = start.with_values(
+        {name: min(max(start.value(name), low), high) for name, (low, high) in unresolved.items()}
+    )
     _check_start(start, asked, limits)
     return Task(
         given, start, segments, shown, asked, values, sheet, unresolved, limits, weighting,
@@ -224,6 +228,13 @@ def _limits(
             low, high = max(low, sheet_low), min(high, sheet_high)
         limits[name] = (low, high)
     return limits
+
+
+def _resolved_rates(names: Sequence[str], segments: Sequence[Record], signals: Sequence[Signal]) -> Limits:
+    """Bounds of those of the names that are rates of Stribeck friction."""
+    rates = [name for name in names if ".stribeck_rate" in name]
+    most = resolved_rate(segments, signals) if rates else inf
+    return {name: (0.0, most) for name in rates if most < inf}
 
 
 def _check_start(plant: Plant, asked: Sequence[str], limits: Limits) -> None:

@@ -22,7 +22,8 @@ from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant
 from emsid.models.plants.search.refinements.contract import Refined
-from emsid.models.plants.search.starts import after_drive, motion_rows, smoothed, solved
+from emsid.models.plants.search.speeds import smoothed
+from emsid.models.plants.search.starts import after_drive, motion_rows, solved
 from emsid.record import Record
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from emsid.models.plants.grey_box import signals_of
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant
-from emsid.models.plants.search import starts
+from emsid.models.plants.search import speeds
 from emsid.record import Record
 
 Refined = tuple[DrivenPlant, tuple[str, ...]]
@@ -25,4 +25,4 @@ def level_name(plant: DrivenPlant) -> str:
 
 def top_speed(plant: DrivenPlant, record: Record) -> float:
     """How fast it moves at most, but for a few samples."""
-    return starts.top_speed(record.segments, 0, signals_of(plant, record)[0] is Signal.POSITION)
+    return speeds.top_speed(record.segments, 0, signals_of(plant, record)[0] is Signal.POSITION)

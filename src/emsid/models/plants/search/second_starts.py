@@ -1,0 +1,122 @@
+r"""Where a search begins again that has ended on the wrong side of what it does not cross.
+
+A cost has kinks where a parameter becomes zero, and where a delay is a whole number of samples. It also has a second
+minimum where two parameters that do nearly the same have changed places:
+
+- a Coulomb level and a Stribeck excess that hardly fades are both a constant friction;
+- a lag τ of the sensor and the time constant T of one mass commute in a linear system,
+
+  1/(1 + sT) · 1/(1 + sτ) = 1/(1 + sτ) · 1/(1 + sT),
+
+  so that only what is not linear, such as friction, tells them apart. All inertias times τ/T and a lag of T exchange
+  the two, and leave the steady state as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import isfinite
+
+import numpy as np
+
+from emsid.models.plants.parameters import Signal
+from emsid.models.plants.plant import DrivenPlant
+from emsid.models.plants.search.starts import RATE, usual_rates
+from emsid.models.plants.search.task import Task
+
+Values = dict[str, float]
+
+INSIDE = (0.1, 0.5)
+"""Where a parameter that ended at zero begins again, as a part of what is plausible."""
+SLOWER = (0.2, 1.0)
+"""Rates of Stribeck friction with which an excess begins again, as parts of usual ones."""
+FADES = 0.1
+"""An excess that falls by a smaller part up to the top speed is a part of the Coulomb level."""
+ASIDE = (-0.5, 0.5)
+"""By how many samples a delay is moved where a search begins again."""
+INERTIA = ("kg*m^2", "kg")
+"""Units of an inertia."""
+
+
+def second_starts(task: Task, plant: DrivenPlant, names: Sequence[str]) -> Iterator[list[Values]]:
+    """Values to begin again with, in groups of which the best start is searched from.
+
+    They include parameters that were not estimated, as they have no effect where the search ended: the rate of an
+    excess that is zero, or an inertia that is too small to be seen.
+
+    Args:
+        task: what is asked.
+        plant: where a search ended.
+        names: what it estimated, and what is zero.
+    """
+    friction = [*_excess_again(task, plant), *_friction_exchanged(task, plant)]
+    yield [*_inside(task, plant, names), *friction]
+    yield _other_delays(task, plant, names)
+    yield _lag_exchanged(task, plant)
+
+
+def _inside(task: Task, plant: DrivenPlant, names: Sequence[str]) -> list[Values]:
+    """Values away from zero for every parameter that is zero, with usual rates of a Stribeck excess."""
+    scales = zip(names, task.problem(plant, names).scales, strict=True)
+    zero = [
+        (name, scale)
+        for name, scale in scales
+        if plant.value(name) == task.limits[name][0] == 0 and not _is_excess(name)
+    ]
+    rates = usual_rates(task, names) if zero else {}
+    return [_within(task, {**rates, name: part * scale}) for name, scale in zero for part in INSIDE]
+
+
+def _excess_again(task: Task, plant: DrivenPlant) -> list[Values]:
+    """A Stribeck excess that is zero, or does not fade, begun again with slow, usual and the fastest resolved rates.
+
+    One that does not fade is added to the Coulomb level. A search may have ceased to estimate it.
+    """
+    excesses, usual = [name for name in task.asked if _is_excess(name)], usual_rates(task, task.asked)
+    fades = any(plant.value(rate) * RATE > FADES * value for rate, value in usual.items())
+    if not (excesses and usual) or (fades and any(plant.value(name) for name in excesses)):
+        return []
+    levels = [name for name in task.asked if ".coulomb" in name]
+    whole = {name: plant.value(name) + plant.value(name.replace(".coulomb", ".stribeck")) for name in levels}
+    rates = [{rate: part * value for rate, value in usual.items()} for part in SLOWER]
+    rates += [{rate: task.limits[rate][1] for rate in usual}] if all(isfinite(task.limits[r][1]) for r in usual) else []
+    scales = task.problem(plant, excesses).scales.tolist()
+    begun = [{name: part * scale for name, scale in zip(excesses, scales, strict=True)} for part in INSIDE]
+    return [_within(task, {**whole, **rate, **excess}) for rate in rates for excess in begun]
+
+
+def _is_excess(name: str) -> bool:
+    return ".stribeck" in name and ".stribeck_rate" not in name
+
+
+def _friction_exchanged(task: Task, plant: DrivenPlant) -> list[Values]:
+    """Coulomb levels and Stribeck excesses exchanged, where the excess is larger, as it hardly ever is."""
+    levels = {name: name.replace(".coulomb", ".stribeck") for name in task.asked if ".coulomb" in name}
+    pairs = [pair for pair in levels.items() if pair[1] in task.asked and plant.value(pair[1]) > plant.value(pair[0])]
+    exchanged = {a: plant.value(b) for pair in pairs for a, b in (pair, pair[::-1])}
+    return [_within(task, exchanged)] if exchanged else []
+
+
+def _other_delays(task: Task, plant: DrivenPlant, names: Sequence[str]) -> list[Values]:
+    """Delays beside that of a plant, where it is estimated."""
+    here, dt = plant.value("drive.delay"), task.segments[0].dt
+    return [_within(task, {"drive.delay": here + part * dt}) for part in ASIDE if "drive.delay" in names]
+
+
+def _lag_exchanged(task: Task, plant: DrivenPlant) -> list[Values]:
+    """The lag of the sensor and the time constant of the mass exchanged, where lag and inertia are estimated."""
+    inertias = [name for name in task.asked if plant.handles[name].parameter.unit in INERTIA]
+    lag = plant.value("sensor.lag")
+    if "sensor.lag" not in task.asked or not inertias or lag == 0:
+        return []
+    linear = plant.with_values({"sensor.lag": 0.0}).linearised((Signal.SPEED,))
+    rates = np.zeros(0) if linear is None else np.abs(np.linalg.eigvals(linear.a))
+    if not np.any(rates > 0):
+        return []
+    slowest = float(np.min(rates[rates > 0]))
+    changed = {name: plant.value(name) * lag * slowest for name in inertias}
+    return [_within(task, {**changed, "sensor.lag": 1 / slowest})]
+
+
+def _within(task: Task, values: Values) -> Values:
+    return {name: float(np.clip(value, *task.limits[name])) for name, value in values.items()}

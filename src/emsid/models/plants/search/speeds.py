@@ -1,0 +1,59 @@
+"""Speeds that records show: how fast a mass moves, and which rates of Stribeck friction its samples resolve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.estimation.linear.filtering import filtered_both_ways
+from emsid.models.plants.parameters import Signal
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+GONE = 3.0
+"""An excess of friction is gone where it is e⁻³, 5 % of that at rest."""
+WINDOW = 3.0
+"""Time constant in samples of the filter through which changes of speed are seen."""
+
+
+def motion_channel(signals: Sequence[Signal]) -> tuple[int | None, bool]:
+    """The first output that shows a motion, None without one, and whether that is a position."""
+    for k, signal in enumerate(signals):
+        if signal is not Signal.CURRENT:
+            return k, signal is Signal.POSITION
+    return None, False
+
+
+def top_speed(segments: Sequence[Record], channel: int, is_position: bool) -> float:
+    """How fast an output moves at most, but for a few samples."""
+    shown = [(segment.output[:, channel], segment.dt) for segment in segments if len(segment) > 1 or not is_position]
+    speeds = [np.gradient(y, dt) if is_position else y for y, dt in shown]
+    return float(np.percentile(np.abs(np.concatenate(speeds)), 99)) or 1.0
+
+
+def smoothed(values: Array, samples: float) -> Array:
+    """Through 1/(1 + τs) forward and backward, so that nothing is delayed; τ in samples."""
+    decay = np.exp(-1.0 / samples)
+    padding = min(int(3 * samples) + 3, len(values) - 1)
+    return filtered_both_ways([1.0 - decay], [1.0, -decay], values, padding)
+
+
+def resolved_rate(segments: Sequence[Record], signals: Sequence[Signal]) -> float:
+    """The largest rate of Stribeck friction that samples resolve; infinite where no motion is seen.
+
+    With a larger rate the excess is gone within one sample of the usual acceleration. Searches that go on to larger
+    rates come to many minima, in which single reversals stick for some samples more or fewer.
+    """
+    channel, is_position = motion_channel(signals)
+    if channel is None:
+        return inf
+    changes = []
+    for segment in segments:
+        shown = smoothed(segment.output[:, channel], WINDOW)
+        changes.append(np.diff(np.gradient(shown, segment.dt) if is_position and len(shown) > 1 else shown))
+    change = float(np.median(np.abs(np.concatenate(changes))))
+    return GONE / change if change > 0 else inf

@@ -193,9 +193,9 @@ def _width(row: Estimate) -> str:
 
 
 def _half(error: float | None) -> str:
-    from emsid.models.plants.search.result import STANDARD_ERRORS
+    from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 
-    return "" if not error or not isfinite(error) else f"{STANDARD_ERRORS * error:.2g}"
+    return "" if not error or not isfinite(error) else f"{HALF_WIDTH * error:.2g}"
 
 
 def show(table: Table) -> None:

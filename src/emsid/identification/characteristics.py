@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.fit import Fit
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.static_maps import StaticMap
-from emsid.models.plants.search.result import STANDARD_ERRORS, GreyBoxFit
+from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.regression.figures import of_regression
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.transforms import Transform
@@ -219,7 +220,7 @@ def _gain_unit(record: Record) -> str:
 
 def _half(error: float | None) -> float | None:
     """Half the width of the interval; None without one, as of a quantity whose parameters are fixed or at a bound."""
-    return STANDARD_ERRORS * error if error and isfinite(error) else None
+    return HALF_WIDTH * error if error and isfinite(error) else None
 
 
 def _quantity(fit: Fit[Cascade], name: str, quantity: Callable[[Cascade], float], unit: str) -> Characteristic:

@@ -17,6 +17,7 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.linear.change_detection import Alarm, ChangeDetector
 from emsid.estimation.linear.recursive import RecursiveLeastSquares
 from emsid.estimation.linear.recursive_state import RecursiveState
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.model import Model
 from emsid.models.regression.figures import of_regression
 from emsid.models.regression.narx import Narx
@@ -24,8 +25,6 @@ from emsid.record import Record, continuing
 
 Array = NDArray[np.float64]
 
-STANDARD_ERRORS = 1.96
-"""Half the width of a 95 % interval, in standard errors."""
 KEPT = 2.0
 """After a change, the past has the weight of this many samples for each parameter."""
 
@@ -163,7 +162,7 @@ class Tracker:
     def half_widths(self, tracking: Tracking) -> Array:
         """(n,) half the width of the 95 % interval of every parameter; NaN where it is not known."""
         with np.errstate(invalid="ignore"):
-            spread: Array = STANDARD_ERRORS * np.sqrt(np.diag(self.recursion.covariance(tracking.state)))
+            spread: Array = HALF_WIDTH * np.sqrt(np.diag(self.recursion.covariance(tracking.state)))
         return spread
 
     def physical(self, tracking: Tracking) -> tuple[Physical, ...]:
@@ -182,7 +181,7 @@ class Tracker:
                 each.unit,
                 None
                 if each.standard_error is None or not isfinite(each.standard_error)
-                else STANDARD_ERRORS * each.standard_error,
+                else HALF_WIDTH * each.standard_error,
             )
             for each in figures
             if isfinite(each.value)

@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from emsid.estimation.nonlinear.control import FREE, Control
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.plants.motor import DrivenMotor
-from emsid.models.plants.search.result import STANDARD_ERRORS, GreyBoxFit
+from emsid.models.plants.search.result import GreyBoxFit
 from emsid.plant import Bench, Friction, Motor
 from emsid.record import Record
 from emsid.study.models import FIXED, two_masses
@@ -49,7 +50,7 @@ def row(name: str, fit: GreyBoxFit, truth: Motor, factor: float = 1.0) -> TwoMas
     known = {each: plant.value(each) for each in fit.names if plant.value(each) != 0.0}
     places = [fit.names.index(each) for each in known]
     true = np.array(list(known.values()))
-    error, reach = fit.estimate[places] / true - 1, STANDARD_ERRORS * fit.standard_error[places] / true
+    error, reach = fit.estimate[places] / true - 1, HALF_WIDTH * fit.standard_error[places] / true
     return TwoMassRow(
         name,
         dict.fromkeys(FIXED, factor),

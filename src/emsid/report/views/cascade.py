@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import listed
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import static_band
@@ -20,7 +21,7 @@ from emsid.models.one_channel import check_one_channel
 from emsid.report.document import Axis, Band, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.numbers import capital, slug
 from emsid.report.views.bands import with_band
-from emsid.report.views.conventions import BAND, HALF_WIDTH
+from emsid.report.views.conventions import BAND
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 from emsid.report.document import Axis, Dash, Ink, Stroke
@@ -17,8 +16,6 @@ if TYPE_CHECKING:
 
 
 BAND = "95 % band"
-HALF_WIDTH = NormalDist().inv_cdf(0.975)
-"""Half the width of a 95 % interval, in standard errors."""
 MEASURED = Stroke(Ink.BLUE, Dash.SOLID, 1.6)
 # The looks of models, in the order in which they are given: enough for all that are tried by default. The first two are
 # the paper's: the linear model solid red, the nonlinear one dotted blue (dark, on the lighter solid blue of the

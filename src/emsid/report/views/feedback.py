@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.feedback.model import FeedbackModel
 from emsid.report.document import Axis, Band, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.views.bands import with_band
-from emsid.report.views.conventions import BAND, HALF_WIDTH
+from emsid.report.views.conventions import BAND
 from emsid.validation.feedback_curves import map_error, visited
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import listed
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, stops
 from emsid.models.plants.search.result import Status
 from emsid.record import concatenate
@@ -30,7 +31,7 @@ from emsid.report.document import (
     Table,
 )
 from emsid.report.numbers import capital, first_up, number, prefixed, sentence, share_of, slug, within
-from emsid.report.views.conventions import BAND, HALF_WIDTH, channel_axis
+from emsid.report.views.conventions import BAND, channel_axis
 from emsid.report.views.timeline import TIME, timeline, with_gaps
 from emsid.units import in_unit, readable_unit, with_unit
 from emsid.wording.plants import interval

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.identifiability import Identifiability
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.findings import Finding, plain
 from emsid.models.plants.beginning import InitialState
 from emsid.models.plants.drive import Hold
@@ -28,9 +29,6 @@ from emsid.plant import GaussianStribeck
 from emsid.record import Record
 
 Array = NDArray[np.float64]
-
-STANDARD_ERRORS = 1.96
-"""Half the width of a 95 % interval."""
 
 
 class Status(StrEnum):
@@ -103,7 +101,7 @@ class Combination:
     @property
     def interval(self) -> tuple[float, float]:
         """Its 95 % interval."""
-        half = STANDARD_ERRORS * self.standard_error
+        half = HALF_WIDTH * self.standard_error
         return float(self.quantity.value - half), float(self.quantity.value + half)
 
 
@@ -205,7 +203,7 @@ def findings_of(
         for row in rows
         if row.status in (Status.ESTIMATED, Status.CONDITIONAL)
         if row.standard_error is not None and isfinite(row.standard_error)
-        if plant.handles[row.name].lower >= 0 and abs(row.value) < STANDARD_ERRORS * row.standard_error
+        if plant.handles[row.name].lower >= 0 and abs(row.value) < HALF_WIDTH * row.standard_error
     ]
     zero = [Finding("intervals-include-zero", plant.name, {"parameters": including_zero})] if including_zero else []
     return (
@@ -312,7 +310,7 @@ def table(
             given = conditions.given(conditions.shifts[names.index(name)], error, value)
             status = Status.CONDITIONAL if given else Status.ESTIMATED
             if isfinite(error):
-                interval = value - STANDARD_ERRORS * error, value + STANDARD_ERRORS * error
+                interval = value - HALF_WIDTH * error, value + HALF_WIDTH * error
         datasheet = sheet[name].value if name in sheet else None
         described = _described(plant.handles[name].parameter)
         own = plant.own_parameter(name)

@@ -12,10 +12,11 @@ from math import inf, isfinite
 
 import numpy as np
 
+from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.plants.search.refinements.catalogue import simplified
 from emsid.models.plants.search.refinements.cogging import FIRST
 from emsid.models.plants.search.refinements.contract import Refined
-from emsid.models.plants.search.result import STANDARD_ERRORS, Estimate, GreyBoxFit, Status
+from emsid.models.plants.search.result import Estimate, GreyBoxFit, Status
 
 
 def unsupported(fit: GreyBoxFit, asked: tuple[str, ...], wanted: Collection[str]) -> list[frozenset[str]]:
@@ -66,4 +67,4 @@ def _alike(fit: GreyBoxFit, sides: list[str]) -> bool:
     estimates, covariance = fit.estimate[places], fit.covariance[np.ix_(places, places)]
     signs = np.where(estimates < 0, -1.0, 1.0) * (1.0, -1.0)
     difference, variance = float(signs @ estimates), float(signs @ covariance @ signs)
-    return abs(difference) <= STANDARD_ERRORS * float(np.sqrt(max(variance, 0.0)))
+    return abs(difference) <= HALF_WIDTH * float(np.sqrt(max(variance, 0.0)))

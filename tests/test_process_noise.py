@@ -15,7 +15,7 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import search
 from emsid.models.blocks.process_noise import ErrorPiece, ProcessNoise, dependence, error_pieces, estimated_noise
-from emsid.models.blocks.search.process_noise import Corrected, in_turn, without_process_noise
+from emsid.models.blocks.search.process_noise import Corrected, in_turn, with_spread_of_mean, without_process_noise
 from emsid.models.blocks.search.topologies import Orders
 from emsid.models.blocks.static_maps import CubicSpline, DeadZone, Polynomial, Saturation
 from emsid.models.blocks.static_maps.expected import ExpectedMap
@@ -132,6 +132,25 @@ def test_noise_that_is_taken_for_far_larger_is_estimated_again_with_the_model() 
     _, found = in_turn(TRUTH, far, pieces_of(made), made.fitted, 1.0, {"transient": 200})
     assert found.spread == pytest.approx(made.process, rel=0.2)
     assert found.output == pytest.approx(made.noise, rel=0.1)
+
+
+def test_the_gradient_of_an_expectation_contains_that_for_the_spread() -> None:
+    mean, x, step = ExpectedMap(DeadZone(-0.2, 0.3, 1.0, 2.0), 0.2), np.array([-0.5, 0.1, 0.4]), 1e-6
+    values = [replace(mean, spread=mean.spread + sign * step).value(x) for sign in (1, -1)]
+    np.testing.assert_allclose(mean.parameter_gradient(x)[-1], (values[0] - values[1]) / (2 * step), atol=1e-7)
+    assert mean.names[-1] == "spread"
+    assert mean.with_parameters(mean.parameters).spread == mean.spread
+
+
+def test_the_mean_of_a_map_shows_noise_that_the_second_filter_stops() -> None:
+    """The error alone shows 1.6 times the spread, as if the noise were white."""
+    made = circuit(6, 8192, seed=2)
+    error_shows = ProcessNoise(1.6 * made.process, (0.0, 0.0), made.noise, 0.0)
+    start = replace(TRUTH, blocks=(TRUTH.blocks[0], ExpectedMap(TRUTH.blocks[1], error_shows.spread), BEHIND))  # type: ignore[arg-type]
+    found = with_spread_of_mean(start, error_shows, made.fitted, {})
+    assert found.blocks[1].spread == pytest.approx(made.process, rel=0.15)  # type: ignore[attr-defined]
+    smooth = replace(start, blocks=(start.blocks[0], ExpectedMap(SPLINE.blocks[1], 0.1), BEHIND))  # type: ignore[arg-type]
+    assert with_spread_of_mean(smooth, error_shows, made.fitted, {}) is smooth
 
 
 def test_a_fit_with_states_from_its_transient_is_corrected_on_the_same_samples(noisy: Circuit) -> None:

@@ -53,6 +53,10 @@ STEPS, SAVING = 40, 1e-5
 """Steps of a fit that chooses orders; it ends where four together lower the cost by less than this part."""
 TURNS, CLOSE = 6, 0.02
 """The most turns of model and noise; they end where the spread of the noise changes by less than this part."""
+UNSURE = 0.3
+"""The relative standard error of the spread of the noise that the error shows, for what the second filter stops."""
+QUICK = Search(max_iterations=STEPS, least_saving=SAVING, covariances=False)
+"""The options of a fit whose estimate alone counts."""
 ORDER_SAMPLES = 12_000
 """Samples that the orders are chosen on."""
 
@@ -113,21 +117,21 @@ def without_process_noise(
     if min(len(y) for _, y in segments) < 2 * model.memory:  # too short for the start of a larger model
         orders = (0, 0)
     fit: Fit[Cascade] | None = None
+    spread = times * noise.spread
     with suppress(EmsidError):
         start, noise = in_turn(model, noise, pieces, _first_segments(records, model, how), times, how)
         larger = _grown(start, noise, records, orders, how, free_map)
-        if len(larger.parameters) > len(model.parameters):
+        if len(larger.parameters) > len(start.parameters):
             part = _first_segments(records, larger, how)
             start, noise = in_turn(larger, noise, _from_the_start(larger, part, how), part, times, how)
-        again, weighted = search(
-            start,
-            records,
-            **(how | Search(weightings=_weightings(start, _from_the_start(start, records, how), noise), restarts=True)),
-        )
+        start = with_spread_of_mean(start, noise, records, how)
+        spread = _expected(start).spread
+        weightings = _weightings(start, _from_the_start(start, records, how), noise)
+        last = Search(weightings=weightings, restarts=True, fixed=[_spread_name(start)])
+        again, weighted = search(start, records, **(how | last))
         if again.ending is Ending.CONVERGED and _describes(again, replace(weighted, weightings=()), minimum):
             fit = conclude(again, weighted)
             fit = replace(fit, model=_plain(fit.model), noise_variance=minimum.noise_variance)
-    spread = times * noise.spread
     data = {"block": at + 1, "spread": spread, "share": spread / signal, "standard_errors": score}
     found = Finding("process-noise", model.name, {**data, "corrected": fit is not None})
     return Corrected(fit, (found,))
@@ -156,15 +160,41 @@ def in_turn(
     """
     for _ in range(TURNS):
         start = _expecting(_plain(model), times * noise.spread)
-        limits = Search(max_iterations=STEPS, least_saving=SAVING, covariances=False)
-        weighted = Search(weightings=_weightings(start, pieces[: len(part)], noise))
-        minimum, problem = search(start, part, **(how | limits | weighted))
+        weightings = _weightings(start, pieces[: len(part)], noise)
+        minimum, problem = search(
+            start, part, **(how | QUICK | Search(weightings=weightings, fixed=[_spread_name(start)]))
+        )
         model, before = problem.model(minimum.estimate), noise
         pieces = error_pieces(model, problem.segments, problem.states(minimum.estimate), problem.transient)
         noise = estimated_noise(pieces, after_map(model), model.oversampling)
         if abs(noise.spread - before.spread) < CLOSE * before.spread:
             break
     return _expecting(_plain(model), times * noise.spread), noise
+
+
+def with_spread_of_mean(model: Cascade, noise: ProcessNoise, records: Sequence[Record], how: Search) -> Cascade:
+    """The model with the spread of the noise that the mean of its map shows, and the size of the error.
+
+    The error shows the noise that the second filter passes. What the filter stops counts there as if it were as strong
+    as the rest, so this spread is the largest that there may be. The mean of a map with edges shows all of the noise,
+    as it rounds them; a smooth curve explains any spread. The two are averaged with the inverse of their variances.
+
+    Args:
+        model: with the expectation of its map, at the spread that the error shows.
+        noise: that it shows.
+        records: what the model is fitted to.
+        how: of fits, as in `fit_cascade`.
+    """
+    most = _expected(model).spread
+    if _expected(model).smooth:
+        return model
+    weightings = _weightings(model, _from_the_start(model, records, how), noise)
+    minimum, problem = search(model, records, **(how | QUICK | Search(weightings=weightings)))
+    found = problem.model(minimum.estimate)
+    (which,) = np.flatnonzero(problem.freedom.free == model.names.index(_spread_name(model)))
+    trust = (UNSURE * most) ** 2 / minimum.information.solve().covariance[which, which]  # of white residuals
+    spread = float((most + trust * abs(_expected(found).spread)) / (1 + trust))
+    return _expecting(_plain(found), min(most, spread))
 
 
 def _from_the_start(model: Cascade, records: Sequence[Record], how: Search) -> list[ErrorPiece]:
@@ -183,7 +213,7 @@ def _grown(
     part = _first_segments(records, model, how)
     samples = sum(len(record) for record in part)
     weightings = _weightings(model, _from_the_start(model, part, how), noise)
-    limits = Search(max_iterations=STEPS, least_saving=SAVING, weightings=weightings)
+    limits = Search(max_iterations=STEPS, least_saving=SAVING, weightings=weightings, fixed=[_spread_name(model)])
 
     def larger(than: Cascade) -> list[Cascade]:
         return [*_one_larger(than, orders), *(_with_spline(than, part) if free_map else [])]
@@ -232,7 +262,7 @@ def _one_larger(model: Cascade, orders: Orders) -> list[Cascade]:
 
 def _with_spline(model: Cascade, part: Sequence[Record]) -> list[Cascade]:
     """The model with the expectation of a spline in the place of another kind of map; none where it has a spline."""
-    (map_,) = (block for block in model.blocks if isinstance(block, ExpectedMap))
+    map_ = _expected(model)
     if map_.smooth:
         return []
     smooth = started(_plain(model), lambda x, z: SPLINE.start(x, z, SPLINE.sizes[0]), as_arrays(part))
@@ -248,7 +278,9 @@ def _describes(again: Minimum, problem: FreeRun, before: Minimum) -> bool:
 
     The model before has the least error on these data, which is below the noise by its number of parameters.
     """
-    plain = replace(problem, cascade=_plain(problem.cascade))
+    start = problem.freedom.start.copy()
+    start[problem.cascade.names.index(_spread_name(problem.cascade))] = 0.0
+    plain = replace(problem, freedom=replace(problem.freedom, start=start))
     error, least = plain.residuals(again.estimate), before.residuals
     allowed = 1 + NEGLIGIBLE + before.rank / effective_samples(least)
     return _mean_square(error) < allowed * _mean_square(least)
@@ -258,6 +290,19 @@ def _expecting(model: Cascade, spread: float) -> Cascade:
     """The cascade with the expectation of its map."""
     blocks = (ExpectedMap(block, spread) if isinstance(block, StaticMap) else block for block in model.blocks)
     return replace(model, blocks=tuple(blocks))
+
+
+def _expected(model: Cascade) -> ExpectedMap:
+    """The one map of a cascade with the expectation of its map."""
+    (map_,) = (block for block in model.blocks if isinstance(block, ExpectedMap))
+    return map_
+
+
+def _spread_name(model: Cascade) -> str:
+    """The name of the spread of the noise among the parameters of a cascade with the expectation of its map."""
+    last = next(span.stop for block, span in zip(model.blocks, model.spans, strict=True) if block is _expected(model))
+    name: str = model.names[last - 1]
+    return name
 
 
 def _plain(model: Cascade) -> Cascade:

@@ -23,7 +23,8 @@ SMOOTH_POINTS, POINTS = 5, 15
 class ExpectedMap(StaticMap):
     """E f(x + w) for normal w of zero mean: the mean output of a map f whose input x has noise w on it.
 
-    It has the parameters of f, so that a fit of it estimates f. It exists during a fit only, and is in no file.
+    It has the parameters of f and the spread of w, so that a fit of it estimates f. It exists during a fit only, and is
+    in no file.
 
     Args:
         of: f.
@@ -41,13 +42,13 @@ class ExpectedMap(StaticMap):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Those of f."""
-        return self.of.names
+        """Those of f, and the spread."""
+        return (*self.of.names, "spread")
 
     @property
     def parameters(self) -> Array:
-        """(p,) those of f."""
-        return self.of.parameters
+        """(p + 1,) those of f, and the spread."""
+        return np.append(self.of.parameters, self.spread)
 
     @property
     def anchors(self) -> tuple[int, ...]:
@@ -61,27 +62,32 @@ class ExpectedMap(StaticMap):
 
     def with_parameters(self, theta: Array) -> ExpectedMap:
         """The expectation of f with other parameters."""
-        return ExpectedMap(self.of.with_parameters(theta), self.spread)
+        return ExpectedMap(self.of.with_parameters(theta[:-1]), float(theta[-1]))
 
     def value(self, x: Array) -> Array:
         """E f(x + w)."""
-        return self._mean(self.of.value, x)
+        return self._mean(lambda x, point: self.of.value(x), x)
 
     def slope(self, x: Array) -> Array:
         """E f′(x + w)."""
-        return self._mean(self.of.slope, x)
+        return self._mean(lambda x, point: self.of.slope(x), x)
 
     def parameter_gradient(self, x: Array) -> Array:
-        """E ∂f/∂θ (x + w)."""
-        return self._mean(self.of.parameter_gradient, x)
+        """(p + 1, N) E ∂f/∂θ (x + w), and E f′(x + w)·w/σ, for the spread σ."""
+
+        def rows(x: Array, point: float) -> Array:
+            return np.concatenate([self.of.parameter_gradient(x), point * self.of.slope(x)[None]])
+
+        return self._mean(rows, x)
 
     def scaled(self, input: float, output: float) -> ExpectedMap:
         """The expectation of the scaled map; the noise has the scale of the input."""
         return ExpectedMap(self.of.scaled(input, output), self.spread * abs(input))
 
     def roughness(self) -> Array | None:
-        """That of f."""
-        return self.of.roughness()
+        """That of f, to which the spread adds none."""
+        rows = self.of.roughness()
+        return None if rows is None else np.pad(rows, ((0, 0), (0, 1)))
 
     def check(self) -> None:
         """As f does."""
@@ -108,11 +114,12 @@ class ExpectedMap(StaticMap):
         """
         raise ModelError("the expectation of a map is in no file")
 
-    def _mean(self, function: Callable[[Array], Array], x: Array) -> Array:
+    def _mean(self, function: Callable[[Array, float], Array], x: Array) -> Array:
+        """The mean of a function of x + w, and of w over its standard deviation."""
         points, weights = _normal_rule(SMOOTH_POINTS if self.of.smooth else POINTS)
-        total = weights[0] * function(x + self.spread * points[0])
+        total = weights[0] * function(x + self.spread * points[0], points[0])
         for point, weight in zip(points[1:], weights[1:], strict=True):
-            total += weight * function(x + self.spread * point)
+            total += weight * function(x + self.spread * point, point)
         return np.asarray(total)
 
 

@@ -30,7 +30,8 @@ from emsid.models.plants.sensor import Sensor
 from emsid.plant import Motor
 from emsid.plant.motor import Parameter
 from emsid.record import Record
-from emsid.report.views.grey_box import likelihood, plant_equations, units_taken
+from emsid.report.views.grey_box import likelihood
+from emsid.report.views.physical_parameters import plant_equations, units_taken
 
 DT = 5e-3
 LEVELS = np.repeat(np.random.default_rng(0).uniform(-12, 12, 80), 20)

@@ -72,6 +72,7 @@ from emsid.report.svg import svg
 from emsid.report.views import cascade as cascade_views
 from emsid.report.views import grey_box as grey_box_views
 from emsid.report.views.conventions import MODELS
+from emsid.report.views.physical_parameters import physical_table, units_taken
 from emsid.report.views.timeline import timeline
 from emsid.validation.comparison import Row, assess, assess_model, compare
 from emsid.validation.correlation import autocorrelation, cross_correlation
@@ -350,7 +351,7 @@ def every_table():
     } | {
         f"physical, {kind}, {k}": table
         for kind, fit in PLANT_FITS.items()
-        for k, table in enumerate(grey_box_views.physical_table(fit))
+        for k, table in enumerate(physical_table(fit))
     }
 
 
@@ -1131,7 +1132,7 @@ def test_ticks_have_room_at_the_left_of_a_plot():
 
 def test_every_physical_parameter_has_its_row_and_status():
     for kind, fit in PLANT_FITS.items():
-        parameters, *rest = grey_box_views.physical_table(fit)
+        parameters, *rest = physical_table(fit)
         assert [row[0] for row in parameters.rows] == [row.name for row in fit.table]
         assert all(cells[4].startswith(row.how) for cells, row in zip(parameters.rows, fit.table, strict=True))
         assert bool(rest) == bool(fit.combinations)
@@ -1146,13 +1147,13 @@ def test_every_physical_parameter_has_its_row_and_status():
 
 def test_a_parameter_with_an_interval_that_includes_zero_is_marked():
     fit = PLANT_FITS["axis"]
-    table = grey_box_views.physical_table(fit)[0]
+    table = physical_table(fit)[0]
     for cells, row in zip(table.rows, fit.table, strict=True):
         wide = row.standard_error is not None and 1.96 * row.standard_error > abs(row.value)
         assert ("interval includes zero" in cells[4]) == (wide and row.status in (Status.ESTIMATED, Status.CONDITIONAL))
     assert any("interval includes zero" in cells[4] for cells in table.rows)
     assert "interval includes zero: the parameter may be zero" in table.note.lower()
-    assert "interval includes zero" not in grey_box_views.physical_table(PLANT_FITS["rigid motor"])[0].note
+    assert "interval includes zero" not in physical_table(PLANT_FITS["rigid motor"])[0].note
 
 
 def test_a_band_that_depends_on_kept_values_has_a_note():
@@ -1310,7 +1311,7 @@ def test_what_is_not_identifiable_stands_before_the_numbers():
 def test_missing_units_are_reported():
     fit = PLANT_FITS["no units"]
     assert any("no unit for voltage and speed" in text for text in views.model_section(fit, fit.segments[0]).paragraphs)
-    assert not grey_box_views.units_taken(PLANT_FITS["rigid motor"])
+    assert not units_taken(PLANT_FITS["rigid motor"])
 
 
 def test_sections_of_all_models_make_one_page():

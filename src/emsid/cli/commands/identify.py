@@ -317,7 +317,7 @@ def _print(result: "Identification") -> None:
     """The first screen: errors of every model, characteristics of the drive, the chosen model, and the findings."""
     from emsid.models.plants.search.result import GreyBoxFit
     from emsid.report.views.front import front_table, region_tables
-    from emsid.report.views.grey_box import own_parameters
+    from emsid.report.views.physical_parameters import own_parameters
     from emsid.wording import sentence
 
     title = f"on {result.ranked_on} ({result.unseen.name}), the smallest error first"

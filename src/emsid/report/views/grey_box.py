@@ -1,4 +1,4 @@
-"""Views of a physical model: its parameters, friction, dead zone, and the times at which the motor sticks."""
+"""Figures of a physical model: friction, dead zone, the times at which the motor sticks, likelihood profiles."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import listed
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, stops
 from emsid.models.plants.search.result import Status
 from emsid.record import concatenate
@@ -28,12 +27,12 @@ from emsid.report.document import (
     Points,
     Spans,
     Stroke,
-    Table,
 )
-from emsid.report.numbers import capital, first_up, number, prefixed, sentence, share_of, slug, within
+from emsid.report.numbers import first_up, prefixed, slug
 from emsid.report.views.conventions import BAND, channel_axis
+from emsid.report.views.physical_parameters import plain
 from emsid.report.views.timeline import TIME, timeline, with_gaps
-from emsid.units import in_unit, readable_unit, with_unit
+from emsid.units import with_unit
 from emsid.wording.plants import interval
 
 if TYPE_CHECKING:
@@ -55,87 +54,6 @@ SMALL, ENLARGED = 0.2, 3.0
 HIGHEST = 3.0
 # Standstills closer to each other than this fraction of the time axis are shaded as one.
 CLOSE = 5e-4
-
-_MEANINGS = {
-    Status.CONDITIONAL: "given …: correct only if these values are correct, because the data determine only "
-    "combinations with them; the interval does not include their uncertainty",
-    Status.KEPT: "not identifiable: the data do not determine this parameter, so it was kept at its start value",
-    Status.FIXED: "fixed: given by the user and not estimated",
-    Status.AT_BOUND: "at a bound: the search ended at a limit of the parameter; its interval, if any, is that of the "
-    "likelihood profile",
-}
-_INTERVAL_TOO_WIDE = "interval includes zero"
-_TOO_WIDE_MEANS = f"{_INTERVAL_TOO_WIDE}: the parameter may be zero"
-
-
-def physical_table(fit: GreyBoxFit) -> tuple[Table, ...]:
-    """Every physical parameter with its unit, interval and datasheet value; then the identifiable combinations.
-
-    Args:
-        fit: of a physical model.
-
-    Returns:
-        The table of parameters, one of those that differ by record and one of combinations, where there are any.
-    """
-    sheet = any(row.datasheet is not None for row in fit.table)
-    cells = [_parameter_row(row, sheet) for row in fit.shared]
-    statuses = dict.fromkeys(row.status for row in fit.table)
-    meanings = [_MEANINGS[status] for status in statuses if status in _MEANINGS]
-    meanings += [_TOO_WIDE_MEANS] * any(_INTERVAL_TOO_WIDE in row[4] for row in cells)
-    parameters = Table(
-        (
-            "Parameter",
-            "Meaning",
-            "Symbol",
-            "Unit",
-            "Status",
-            "Estimate",
-            "±\u00a0[%]",
-            *(("Datasheet",) if sheet else ()),
-        ),
-        tuple(cells),
-        f"Physical parameters of {fit.model.name} with 95 % intervals.",
-        sentence("; ".join(meanings)),
-        text_columns=5,
-    )
-    tables = (parameters, *([own_parameters(fit)] if fit.by_record else []))
-    if not fit.combinations:
-        return tables
-    combinations = Table(
-        ("Quantity", "Formula", "Unit", "Estimate", "±\u00a0[%]"),
-        tuple(
-            (
-                capital(each.quantity.name) if " " not in each.quantity.name else first_up(each.quantity.name),
-                each.quantity.formula,
-                readable_unit(each.quantity.unit),
-                *_with_interval(each.quantity.value, HALF_WIDTH * each.standard_error),
-            )
-            for each in fit.combinations
-        ),
-        f"Combinations of parameters of {fit.model.name} that the data determine without the kept values, with "
-        f"95 % intervals.",
-        text_columns=3,
-    )
-    return (*tables, combinations)
-
-
-def own_parameters(fit: GreyBoxFit) -> Table:
-    """The parameters that differ by record, a row for every record.
-
-    Args:
-        fit: of a physical model with such parameters.
-    """
-    first = next(iter(fit.by_record.values()))
-    heads = [cell for name, row in first.items() for cell in (in_unit(name, row.unit), "±\u00a0[%]", "Status")]
-    return Table(
-        ("Record", *heads),
-        tuple(
-            (record, *(cell for row in rows.values() for cell in (*_value(row), row.how)))
-            for record, rows in fit.by_record.items()
-        ),
-        f"Parameters of {fit.model.name} that differ by record, with 95 % intervals.",
-        text_columns=1,
-    )
 
 
 def friction(fit: GreyBoxFit, *, name: str = "") -> Figure | None:
@@ -294,61 +212,6 @@ def likelihood(fit: GreyBoxFit, profile: Profile, *, name: str = "") -> Figure:
     )
 
 
-def plant_equations(fit: GreyBoxFit) -> tuple[str, ...]:
-    """The equations of a plant in symbols, if it has any, and the values of all its parameters."""
-    symbols, numbers = fit.model.plant.equations(), fit.model.equation()
-    return (symbols, numbers) if symbols else (numbers,)
-
-
-def units_taken(fit: GreyBoxFit) -> str:
-    """A warning if a record has no units; empty if it has."""
-    commands = None if fit.model.plant.channels is None else 1  # codes have no unit
-    unsaid = [
-        name
-        for segment in fit.segments[:1]
-        for name, unit in zip(
-            (*segment.input_names[:commands], *segment.output_names),
-            (*segment.input_units[:commands], *segment.output_units),
-            strict=True,
-        )
-        if not unit
-    ]
-    if not unsaid:
-        return ""
-    return (
-        f"The record has no unit for {listed(unsaid)}; it is read as SI. If this is wrong, the estimates have wrong "
-        "units and scales."
-    )
-
-
-def _parameter_row(row: Estimate, sheet: bool) -> tuple[str, ...]:
-    identified = row.status in (Status.ESTIMATED, Status.CONDITIONAL) and row.standard_error is not None
-    given = "" if row.datasheet is None else _plain(row.datasheet)
-    too_wide = identified and HALF_WIDTH * (row.standard_error or 0.0) > abs(row.value)
-    status = f"{row.how}, {_INTERVAL_TOO_WIDE}" if too_wide else row.how
-    words = (row.name, first_up(row.description), row.symbol, readable_unit(row.unit), status)
-    return (*words, *_value(row), *((given,) if sheet else ()))
-
-
-def _value(row: Estimate) -> tuple[str, str]:
-    """The value of a parameter and half its interval in percent."""
-    if row.status in (Status.ESTIMATED, Status.CONDITIONAL) and row.standard_error is not None:
-        return _with_interval(row.value, HALF_WIDTH * row.standard_error)
-    if row.status is Status.AT_BOUND and row.interval is not None:
-        return f"{_plain(row.interval[0])} to {_plain(row.interval[1])}", "–"
-    return _plain(row.value), "–"
-
-
-def _with_interval(value: float, half: float) -> tuple[str, str]:
-    if not np.isfinite(half):
-        return _plain(value), "unknown"
-    return within(value, half), share_of(half, value)
-
-
-def _plain(value: float) -> str:
-    return "∞" if value == np.inf else number(value)
-
-
 def _characteristic(curve: Curve, factor: float, label: str, backdrop: str) -> list[Mark]:
     """A curve with its band and a histogram of the data; dotted where there are no data nearby."""
     near = np.convolve(curve.support > 0, np.ones(2 * NEIGHBOURS + 1), "same") > 0
@@ -436,7 +299,7 @@ def _given(fit: GreyBoxFit) -> str:
 
 
 def _values(rows: Sequence[Estimate]) -> str:
-    return listed([f"{row.name} = {with_unit(_plain(row.value), row.unit)}" for row in rows])
+    return listed([f"{row.name} = {with_unit(plain(row.value), row.unit)}" for row in rows])
 
 
 def _reaching(axis: Axis, curve: Curve) -> Axis:

@@ -53,15 +53,8 @@ def model_section(
     from emsid.models.plants.search.result import GreyBoxFit
     from emsid.report.views.cascade import block_column, cascade_equations, frequency_responses, static_maps
     from emsid.report.views.feedback import maps_in_feedback, poles_by_level
-    from emsid.report.views.grey_box import (
-        dead_zone,
-        friction,
-        likelihood,
-        physical_table,
-        plant_equations,
-        sticking,
-        units_taken,
-    )
+    from emsid.report.views.grey_box import dead_zone, friction, likelihood, sticking
+    from emsid.report.views.physical_parameters import physical_table, plant_equations, units_taken
 
     model, prefix = fit.model, slug(name or fit.model.name)
     paragraphs: tuple[str, ...] = ()

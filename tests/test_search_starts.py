@@ -16,7 +16,8 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.restarts import drawn
 from emsid.findings import Finding
 from emsid.models.plants.one_mass import Motion
-from emsid.models.plants.parameters import Signal
+from emsid.models.plants.parameters import Measure, Signal
+from emsid.models.plants.plant import Sizes
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.estimation import begun_again, beside_kinks, searched
@@ -41,6 +42,21 @@ def test_a_motor_has_a_motion_also_with_a_value_that_is_known(fixed):
     assert motor.rotor_friction.coulomb == pytest.approx((inertia * MOTION.coulomb,) * 2, rel=1e-9)
     for name in fixed:
         assert getattr(motor, name) == getattr(known.motor, name)
+
+
+def test_a_load_that_is_known_stays_where_a_motor_gets_a_motion():
+    known = RIGID.with_values({"resistance": 2.0, "rotor_inertia": 1e-4, "load_inertia": 3e-5})
+    motor = known.with_motion(MOTION, ("load_inertia",)).motor
+    inertia = motor.motor_constant / (motor.resistance * MOTION.gain)
+    assert motor.load_inertia == 3e-5
+    assert motor.rotor_inertia == pytest.approx(inertia - 3e-5, rel=1e-9)
+
+
+@pytest.mark.parametrize(("unit", "torque"), [("V", 0.5 / 4.0), ("A", 0.5), ("N*m", 1.0)])
+def test_plausible_friction_is_a_part_of_the_largest_torque(unit, torque):
+    motor = RIGID.with_values({"motor_constant": 0.5, "resistance": 4.0})
+    motor = motor.for_command(Record(np.ones(9), np.ones(9), 0.01, input_units=unit, output_units="rad/s"))
+    assert motor.plausible(Measure.FORCE, Sizes(command=6.0, output=10.0, dt=0.01)) == pytest.approx(0.1 * 6 * torque)
 
 
 def test_an_axis_of_known_mass_has_the_damping_of_a_motion():

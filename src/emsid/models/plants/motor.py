@@ -193,13 +193,17 @@ class DrivenMotor(Driven):
         """For a voltage, the scale that keeps the resistance."""
         return command**2 / output if self.feed is Feed.VOLTAGE else command
 
-    def largest_force(self, inputs: Array) -> float:
-        """The torque at rest."""
+    @property
+    def _torque_per_unit(self) -> float:
+        """The torque at rest per unit of the output of the drive."""
         motor = self.motor
-        per_unit = {
+        return {
             Feed.VOLTAGE: motor.motor_constant / motor.resistance, Feed.CURRENT: motor.motor_constant, Feed.TORQUE: 1.0
         }[self.feed]  # fmt: skip
-        return per_unit * self.drive.largest(inputs)
+
+    def largest_force(self, inputs: Array) -> float:
+        """The torque at rest."""
+        return self._torque_per_unit * self.drive.largest(inputs)
 
     def with_starts(self, asked: Sequence[str], segments: Sequence[Record], limits: Limits) -> Self:
         """See `Driven.with_starts`; a load of one mass that is estimated begins with the inertia of the rotor."""
@@ -235,8 +239,7 @@ class DrivenMotor(Driven):
 
     def plausible(self, measure: Measure, sizes: Sizes) -> float:
         """From the torque of the largest command."""
-        force = sizes.command * abs(self.drive.gain) * self.motor.motor_constant / self.motor.resistance
-        return plausible(measure, force, sizes)
+        return plausible(measure, sizes.command * abs(self.drive.gain) * self._torque_per_unit, sizes)
 
     def resolution_limits(self, asked: Sequence[str], dt: float) -> dict[str, tuple[float, float]]:
         """An inductance whose time constant is far below the sample time."""
@@ -359,6 +362,7 @@ class DrivenMotor(Driven):
 
     def with_motion(self, motion: Motion, fixed: Collection[str] = ()) -> Self:
         """The motor with this motion of one mass; resistance, viscous friction and the ratio of inertias are kept.
+        A load inertia that is fixed is kept instead, and the rotor has the rest.
 
         With R_a given, K_m follows from the damping, J from K_m and the gain, and the friction from J. Where K_m or J
         is fixed, the other one follows from the gain, and the viscous friction from the damping. For a current
@@ -368,14 +372,15 @@ class DrivenMotor(Driven):
             return self._with_motion_by_torque(motion)
         motor, zone = self.motor, motion.dead_zone * abs(self.drive.gain)
         constant, inertia, viscous = self._constants_of(motion, fixed)
-        share = motor.rotor_inertia / (motor.rotor_inertia + motor.load_inertia)
+        share = motor.load_inertia / (motor.rotor_inertia + motor.load_inertia)
+        load = motor.load_inertia if "load_inertia" in fixed else inertia * share
         factor = 1.0 if motor.is_rigid else inertia / (motor.rotor_inertia + motor.load_inertia)
         small = 0.02 * inertia * motion.damping
         found = replace(
             motor,
             motor_constant=constant,
-            rotor_inertia=inertia * share,
-            load_inertia=inertia * (1 - share),
+            rotor_inertia=motor.rotor_inertia if "rotor_inertia" in fixed else max(inertia - load, TINY),
+            load_inertia=load,
             rotor_viscous=max(viscous, min(motor.rotor_viscous, small)),
             load_viscous=min(motor.load_viscous, small),
             rotor_friction=motor.rotor_friction.sliding_at(inertia * max(motion.coulomb, 0.0)),
@@ -388,7 +393,7 @@ class DrivenMotor(Driven):
     def _with_motion_by_torque(self, motion: Motion) -> Self:
         """`with_motion` for an input of current or torque."""
         motor = self.motor
-        per_unit = (motor.motor_constant if self.feed is Feed.CURRENT else 1.0) * self.drive.gain
+        per_unit = self._torque_per_unit * self.drive.gain
         inertia = max(per_unit / motion.gain, 2 * TINY)
         return self.with_values(
             {

@@ -102,13 +102,17 @@ def improving(task: Task) -> Iterator[Choice]:
     """Successive choices, each better than the previous: filters with a map of the first family, then the map."""
     settings = task.settings
     first, *higher = oversamplings(task.shown) if settings.oversampling is None else (settings.oversampling,)
-    for best in _of_higher_orders(task, simplest(_from_starts(task, first))):
+    small = simplest(_from_starts(task, first))
+    for best in _of_higher_orders(task, small):
         yield best
     for rate in higher:
         task.control.doing(f"{rate} steps per sample")
-        found = task.refined([Plan(at_higher_rate(best.model, rate), best.family, best.size)], best)
-        if found and better(found[0].unseen, best.unseen):
-            for best in _of_higher_orders(task, found[0]):
+        # A pole that was added at one step per sample may only imitate what that step cannot show.
+        sources = [small] if best is small else [small, best]
+        plans = [Plan(at_higher_rate(each.model, rate), each.family, each.size) for each in sources]
+        found = task.refined(plans, best)
+        if found and better((choice := simplest(found)).unseen, best.unseen):
+            for best in _of_higher_orders(task, choice):
                 yield best
     best = _of_best_family(task, best)
     yield best

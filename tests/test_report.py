@@ -62,13 +62,13 @@ from emsid.report.document import (
     Spans,
     Stroke,
     Table,
-    thin,
 )
 from emsid.report.figures import draw
 from emsid.report.layout import text_width
 from emsid.report.page import page, write_report
 from emsid.report.page_plots import HEIGHT, PAGE_POINTS, WIDTH, page_figure
 from emsid.report.svg import svg
+from emsid.report.thinning import thin
 from emsid.report.views import cascade as cascade_views
 from emsid.report.views import grey_box as grey_box_views
 from emsid.report.views.conventions import MODELS

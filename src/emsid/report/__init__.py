@@ -27,9 +27,9 @@ from emsid.report.document import (
     Spans,
     Stroke,
     Table,
-    thin,
 )
 from emsid.report.page import page, write_report
+from emsid.report.thinning import thin
 from emsid.report.views import (
     Reference,
     convergence,

@@ -32,7 +32,6 @@ from emsid.report.document import (
     Spans,
     Stroke,
     Wire,
-    thin,
 )
 from emsid.report.layout import (
     LABEL,
@@ -51,6 +50,7 @@ from emsid.report.layout import (
 )
 from emsid.report.numbers import tick
 from emsid.report.svg import svg
+from emsid.report.thinning import thin
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

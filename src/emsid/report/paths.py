@@ -26,9 +26,9 @@ from emsid.report.document import (
     Points,
     Spans,
     Stroke,
-    thin,
 )
 from emsid.report.numbers import tick
+from emsid.report.thinning import thin
 
 Array = NDArray[np.float64]
 

@@ -11,13 +11,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import emsid
 from emsid.cli.commands.describe import proposals
 from emsid.errors import DataError
 from emsid.first_look import describe, describe_files
-from emsid.first_look.columns import column_of_numbers, quantisation
+from emsid.first_look.columns import Stretch, column_of_numbers, quantisation
 from emsid.first_look.names import ColumnQuantity, meaning
+from emsid.first_look.stuck_output import is_stuck
 from emsid.first_look.systems import statistic
 from emsid.report.braille import braille
 
@@ -425,6 +427,20 @@ def test_a_stuck_sensor(write: Write) -> None:
     y[400:520] = y[400]
     assert data(describe(write({"t": T, "u": U, "y": y})), "value-stuck")["row"] == 400
     assert "value-stuck" not in codes(describe(write({"t": T, "u": U, "y": Y})))
+
+
+def test_an_output_is_stuck_where_a_single_step_of_the_input_should_move_it() -> None:
+    u = np.repeat(RNG.integers(-10, 11, 40).astype(float), 60)
+    y = 0.01 * RNG.standard_normal(len(u)) + signal.lfilter([0, 0.5], [1, -0.9], u)
+    rows = Stretch(1200, 90, 0.0)
+    u[1200:1260], u[1260:1320] = 4.0, 8.0
+    held, dead = y.copy(), signal.lfilter([0, 0.5], [1, -0.9], np.sign(u) * np.maximum(np.abs(u) - 8.5, 0.0))
+    held[1200:1290] = held[1200]
+    assert is_stuck(u, held, rows)
+    assert not is_stuck(u, held, Stretch(1200, 55, 0.0))  # the input is steady
+    assert np.ptp(dead[1210:1290]) < 0.5
+    assert not is_stuck(u, dead, Stretch(1210, 80, 0.0))  # at rest in a wide dead zone
+    assert not is_stuck(np.full(len(u), np.nan), held, rows)
 
 
 def test_bad_rows_are_skipped_and_said(write: Write) -> None:

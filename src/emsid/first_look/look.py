@@ -26,6 +26,7 @@ from emsid.first_look.columns import Column, Stretch, column_of_numbers
 from emsid.first_look.dynamics import Response
 from emsid.first_look.names import ColumnQuantity, Meaning, meaning
 from emsid.first_look.roles import Roles, find_direction, find_roles, is_difference, with_responses
+from emsid.first_look.stuck_output import is_stuck
 from emsid.first_look.systems import Source, systems
 from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, as_numbers
@@ -377,7 +378,7 @@ def _about_column(column: Column, look: FirstLook, given: set[str]) -> list[Find
         findings.append(Finding("position-wraps", name, {"period": column.period}))
     if column.gaps:
         findings.append(Finding("values-missing", name, {"count": column.missing, "rows": column.rows}))
-    if column.stuck and _input_moves(look, column.stuck):
+    if column.stuck and _is_stuck(look, column, column.stuck):
         data = {"row": column.stuck.start, "length": column.stuck.length, "value": column.stuck.value}
         findings.append(Finding("value-stuck", name, data))
     if name == look.roles.output and look.reading.get("output") == f"d({name})" and "output" not in given:
@@ -388,14 +389,12 @@ def _about_column(column: Column, look: FirstLook, given: set[str]) -> list[Find
     return findings
 
 
-def _input_moves(look: FirstLook, stretch: Stretch) -> bool:
-    """Whether the input changes in these rows; else the output may have settled."""
-    u = (
-        look[look.roles.input].values[stretch.start : stretch.start + stretch.length]
-        if look.roles.input
-        else np.zeros(0)
-    )
-    return bool(np.count_nonzero(np.diff(u)) > 2)
+def _is_stuck(look: FirstLook, output: Column, stretch: Stretch) -> bool:
+    """Whether an output stays at one value although its input changes."""
+    u = next((column for column in look.columns if column.name == look.roles.input), None)
+    if u is None or len(u.values) != len(output.values):
+        return False
+    return is_stuck(u.signal, output.signal, stretch, position=output.meaning.quantity is ColumnQuantity.POSITION)
 
 
 def _about_clock(clock: Clock, look: FirstLook) -> list[Finding]:

@@ -1,0 +1,44 @@
+"""Whether an output that stays at one value is stuck, and not at rest.
+
+At a steady input an output may stay at one value, more so a quantised one, and friction or a dead zone holds it while
+the input changes a little. A linear model of the other rows answers that change by no more than it is wrong elsewhere,
+since the same friction acts there. An output is stuck where the model's answer is far larger.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.first_look.baseline import baseline
+from emsid.first_look.columns import Stretch
+from emsid.first_look.dynamics import response
+from emsid.record import Record
+
+Array = NDArray[np.float64]
+
+LARGE_ANSWER = 6.0
+"""The least expected change of an output that is stuck, in standard deviations of the model's error elsewhere."""
+
+
+def is_stuck(u: Array, y: Array, stretch: Stretch, *, position: bool = False) -> bool:
+    """Whether the output should have changed in a stretch in which it did not.
+
+    Args:
+        u: (N,) the input; NaN where it is not known.
+        y: (N,) the output; NaN where it is not known.
+        stretch: of equal values of y.
+        position: whether y is a position.
+    """
+    rows = np.arange(stretch.start, stretch.start + stretch.length)
+    known = np.isfinite(u) & np.isfinite(y)
+    inside = np.isin(np.flatnonzero(known), rows)
+    u, y = u[known], y[known]
+    if not inside.any() or not np.ptp(u[inside]):
+        return False
+    others = Record(input=u, output=y, dt=1.0).mask(inside)
+    linear = baseline(others, response(u, y, [], position).delay)
+    if linear is None:
+        return False
+    answer = linear.answer(u, [])[inside]
+    return bool(np.ptp(answer) > LARGE_ANSWER * float(np.std(linear.residual)))

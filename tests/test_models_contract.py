@@ -282,6 +282,8 @@ def test_a_steady_state_is_seen_in_as_many_samples_as_start_a_model() -> None:
     assert not begins_steady(Record(u[4:], y[4:], DT), 1), "too short to be seen"
     assert not begins_steady(Record(u, y + 1e-9 * np.arange(40), DT), 6), "it moves"
     assert not begins_steady(Record(u[:6], y[:6], DT), 7), "too short to start the model"
+    assert not begins_steady(Record(u, np.roll(y, -2), DT), 5), "the command came before the record"
+    assert not begins_steady(Record(np.ones(40), y, DT), 6), "the command came before the record and stays"
 
 
 @every_model

@@ -219,13 +219,20 @@ def begins_at_rest(segment: Record) -> bool:
 
 
 def begins_steady(segment: Record, samples: int) -> bool:
-    """Whether the first samples of a segment, this many of them and at least `RESTING`, are all exactly equal.
+    """Whether a segment begins in a steady state, for this many samples and at least `RESTING`.
 
-    The input need not be zero: some drives have another neutral command. What more of these samples would say of the
-    initial state is the same.
+    Its first inputs and outputs are exactly equal, and the input changes before the output does. The input need not be
+    zero: some drives have another neutral command. What more of these samples would say of the initial state is the
+    same.
     """
-    first = np.column_stack([segment.input, segment.output])[: max(samples, RESTING)]
-    return len(first) >= max(samples, RESTING) and bool((first == first[0]).all())
+    driven, moved = _until_change(segment.input), _until_change(segment.output)
+    return max(samples, RESTING) <= driven <= moved and driven < len(segment)
+
+
+def _until_change(values: Array) -> int:
+    """How many of the first values (N, n) are all exactly equal."""
+    changed = (values != values[:1]).any(axis=1)
+    return int(changed.argmax()) if changed.any() else len(values)
 
 
 def from_rest(segment: Record, samples: int) -> Record:

@@ -113,6 +113,7 @@ def test_parameters_that_all_differ_are_those_of_separate_fits(records):
         alone = emsid.fit(rigid_motor(), record, free=FREE, fixed=KNOWN)
         rows = one.by_record[record.name]
         assert [rows[name].value for name in FREE] == pytest.approx(list(alone.estimate), rel=2e-3)
+    assert all("[" in quantity.name for quantity in one.model.plant.quantities()), "also ratios of own parameters"
 
 
 def test_one_record_is_fitted_as_ever_and_a_finding_says_so(records):

@@ -277,11 +277,11 @@ class PlantByRecord(BasePlant):
     def quantities(self) -> tuple[Quantity, ...]:
         """Those of the plant; what depends on an own parameter is there for every record."""
         plain = self.shared.quantities()
-        moved = self.shared.with_values({name: self._beside(name) for name in self.own}).quantities()
+        moved = [self.shared.with_values({name: self._beside(name)}).quantities() for name in self.own]
         by_record = [self.of_record(k).quantities() for k in range(len(self.records))]
         found: list[Quantity] = []
-        for each, other, *some in zip(plain, moved, *by_record, strict=True):
-            differs = other.value != each.value
+        for n, (each, *some) in enumerate(zip(plain, *by_record, strict=True)):
+            differs = any(beside[n].value != each.value for beside in moved)
             found += [q._replace(name=in_record(q.name, k)) for q, k in zip(some, self.records, strict=True)] * differs
             found += some[:1] * (not differs)
         return tuple(found)

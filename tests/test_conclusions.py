@@ -57,7 +57,7 @@ def test_intervals_of_characteristics_follow_the_covariance_to_first_order():
     gain, _ = of_fit(fit, record)
     slope = np.array([-b / (1 + a) ** 2, 1 / (1 + a)])
     assert gain.value == pytest.approx(b / (1 + a))
-    assert gain.half_width == pytest.approx(1.96 * np.sqrt(slope @ covariance @ slope), rel=1e-4)
+    assert gain.half_width == pytest.approx(1.959964 * np.sqrt(slope @ covariance @ slope), rel=1e-4)
 
 
 def test_the_break_points_of_a_dead_zone_are_in_the_unit_of_the_input():
@@ -71,7 +71,7 @@ def test_the_break_points_of_a_dead_zone_are_in_the_unit_of_the_input():
     fit = Fit(model, free, estimate, np.diag([1e-4] * len(free)), 1.0, 100, 1.0, len(free))
     found = {each.name: each for each in of_fit(fit, record)}
     assert found["dead zone backward"].value == -EDGE
-    assert found["dead zone forward"].half_width == pytest.approx(0.0196)
+    assert found["dead zone forward"].half_width == pytest.approx(0.01959964)
     assert found["dead zone forward"].unit == "V"
     assert found["time constant"].value == pytest.approx(TIME_CONSTANT)
 
@@ -90,7 +90,7 @@ def test_the_break_points_of_a_dead_zone_behind_a_filter_are_levels_of_the_input
     ends = sorted((edge / gain + offset, variance) for edge, variance in ((-0.4, 1e-4), (0.8, 4e-4)))
     for name, (edge, variance) in zip(("dead zone backward", "dead zone forward"), ends, strict=True):
         assert found[name].value == pytest.approx(edge)
-        assert found[name].half_width == pytest.approx(1.96 * np.sqrt(variance / gain**2 + 9e-4), rel=1e-6)
+        assert found[name].half_width == pytest.approx(1.959964 * np.sqrt(variance / gain**2 + 9e-4), rel=1e-6)
 
 
 @pytest.mark.parametrize("before", [Rational([1.0, -1.0]), DeadZone(-1.0, 1.0, 1.0, 1.0)])

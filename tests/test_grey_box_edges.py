@@ -418,7 +418,8 @@ def test_an_interruption_on_the_way_back_to_a_start_keeps_the_better_fit(monkeyp
         return replace(ended, ending=Ending.INTERRUPTED, findings=cancelled) if len(calls) == 2 else ended
 
     monkeypatch.setattr(continuation, "_search", interrupted)
-    weak, slow = DrivenMotor(replace(ONE_MASS, motor_constant=0.045)), {"motor_constant": (0.0, 0.047)}
+    weak = DrivenMotor(replace(ONE_MASS, motor_constant=0.045, rotor_viscous=1e-4))
+    slow = {"motor_constant": (0.0, 0.047)}
     fit = simulation_error(weak, record, fixed={"resistance": 2.0}, bounds=slow)
     assert calls[2:] == [0]
     assert fit.ending is Ending.INTERRUPTED

@@ -493,6 +493,21 @@ def test_feedback_is_seen_between_the_steps_of_a_reference() -> None:
     assert "feedback-likely" not in findings(u, lfilter([0.0, 0.5], [1.0, -pole], u) + rng.permutation(noise))
 
 
+def test_feedback_is_seen_where_the_input_answers_before_the_output() -> None:
+    """A fast proportional loop: noise reaches the input in its own sample, so that the delay seems to be 0."""
+    rng = np.random.default_rng(1)
+    reference, u, y = 10 * np.repeat(rng.standard_normal(100), 40), np.zeros(4000), np.zeros(4000)
+    for k in range(1, len(u)):
+        y[k] = 0.9 * y[k - 1] + 0.5 * u[k - 1] + 0.5 * rng.standard_normal()
+        u[k] = 2 * (reference[k] - y[k])
+    assert response(u, y, []).delay == 0
+    found = findings(u, y)
+    assert "feedback-likely" in found
+    assert "nonlinear-likely" not in found
+    assert "feedback-likely" not in findings(u, lfilter([0.5, 0.2], [1.0, -0.9], u) + 0.5 * rng.standard_normal(4000))
+    assert "feedback-likely" not in findings(u, -lfilter([0.5], [1.0, -0.9], u) + 0.5 * rng.standard_normal(4000))
+
+
 def test_a_smooth_input_does_not_delay_the_response() -> None:
     rng = np.random.default_rng(1)
     lines = np.arange(1, 80, 2)

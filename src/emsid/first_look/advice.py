@@ -170,7 +170,8 @@ def answer(data: _Data) -> Iterable[Finding]:
     without_sign = list(_without_sign(data))
     yield from without_sign
     response, dt = data.response, data.record.dt
-    back = 0.0 if repeats([data.u]) or _looks_ahead(data) else feedback(data.u, data.y, 0 if response.delay else 1)
+    at_once = None if response.delay else response.sign
+    back = 0.0 if repeats([data.u]) or _looks_ahead(data) else feedback(data.u, data.y, at_once)
     if back > FEEDBACK:
         sure = round(min(0.9, 0.5 + 2 * back), 2)
         yield Finding("feedback-likely", data.input, {"output": data.output, "correlation": back, "confidence": sure})

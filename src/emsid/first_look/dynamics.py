@@ -88,14 +88,15 @@ def influence(u: Array, y: Array) -> float:
     return float(np.clip((gain - 3 * chance) / (1 - 3 * chance), 0.0, 1.0))
 
 
-def feedback(u: Array, y: Array, from_lag: int) -> float:
+def feedback(u: Array, y: Array, sign: int | None) -> float:
     """The largest correlation of the unpredictable part of an input u (N,) with earlier errors of y (N,), from 0 to 1.
 
-    Without feedback, what is new in the input has nothing to do with the disturbances of the output.
+    Without feedback, what is new in the input has nothing to do with the disturbances of the output. In the same sample
+    an output that answers at once has the sign of its response; a controller gives the input the other one.
 
     Args:
         u, y: the signals.
-        from_lag: samples from an error to the input that may answer it: 0 where the output cannot answer at once.
+        sign: of the response of an output that may answer at once, 0 where it is not known; None where it cannot.
     """
     u, y = _middle(u), _middle(y)
     rows = np.arange(LONG_PAST, len(y))
@@ -109,9 +110,12 @@ def feedback(u: Array, y: Array, from_lag: int) -> float:
         return 0.0
     if np.mean(np.diff(u) == 0) < HELD_INPUT:  # steps of a reference hide what answers the output in between
         new, error = _clipped(new), _clipped(error)
-    lags = range(from_lag, LONG_PAST // 2)
-    found = [abs(float(np.corrcoef(error[: len(error) - lag], new[lag:])[0, 1])) for lag in lags]
-    return max(found) if max(found) > CLEAR / np.sqrt(len(rows)) else 0.0
+    lags = range(LONG_PAST // 2)
+    found = [float(np.corrcoef(error[: len(error) - lag], new[lag:])[0, 1]) for lag in lags]
+    if sign is not None and found[0] * sign >= 0:
+        found[0] = 0.0
+    largest = float(np.max(np.abs(found)))
+    return largest if largest > CLEAR / np.sqrt(len(rows)) else 0.0
 
 
 def _clipped(x: Array) -> Array:

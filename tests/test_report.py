@@ -44,7 +44,7 @@ from emsid.plant import DeadZoneLaw, Friction, Motor
 from emsid.plant.motor import Parameter
 from emsid.record import Record, concatenate
 from emsid.report import document as content
-from emsid.report import tracking_page, views
+from emsid.report import figures, tracking_page, views
 from emsid.report.document import (
     Axis,
     Band,
@@ -64,7 +64,7 @@ from emsid.report.document import (
     Table,
 )
 from emsid.report.figures import draw
-from emsid.report.layout import text_width
+from emsid.report.layout import layout, text_width
 from emsid.report.page import page, write_report
 from emsid.report.page_plots import HEIGHT, PAGE_POINTS, WIDTH, page_figure
 from emsid.report.svg import svg
@@ -422,15 +422,13 @@ def test_drawing_is_whole_no_plot_is_empty_and_nothing_lies_outside(figure, monk
     """Every plot on the sheet shows a mark, has room for itself, and no two overlap, with their labels."""
     from matplotlib import rc_context
 
-    from emsid.report import figures
-
     sheets, make = [], figures._sheet
     monkeypatch.setattr(figures, "_sheet", lambda each: sheets.append(make(each)) or sheets[-1])
     check_files(draw(figure, ("svg", "pdf")))
     (sheet,) = sheets
     with rc_context(figures._SETTINGS):
         width, height = sheet.bbox.size
-        boxes = [axes.get_tightbbox() for axes in sheet.axes]
+        boxes = [*(axes.get_tightbbox() for axes in sheet.axes), *(each.get_window_extent() for each in sheet.legends)]
     for axes in sheet.axes:
         assert axes.has_data()
     for k, box in enumerate(boxes):
@@ -559,11 +557,26 @@ def test_looks_that_mean_two_things_have_a_legend_at_their_plot():
     assert not any(plot.legend for plot in together.plots)
 
 
+def test_plots_that_share_a_legend_have_it_once_in_print_over_the_whole_width():
+    x = np.arange(3.0)
+    names = [f"a model with a name, {k}" for k in range(6)]
+    lines = [Line(x, k * x, name, look) for k, (name, look) in enumerate(zip(names, MODELS, strict=False))]
+    first, second = (Plot(tuple(marks), Axis("x"), Axis("y"), "Title") for marks in (lines, lines[:1]))
+    other = replace(second, marks=(replace(lines[0], label="another"),))
+    shared, apart = (Figure("two", "Two.", (first, each), columns=2) for each in (second, other))
+    assert [svg(shared).decode().count(name) for name in names] == [1] * 6
+    assert svg(apart).decode().count("another") == 1
+    assert layout(shared).height < layout(apart).height
+    assert not any(place.legend for place in layout(shared).places)
+    assert [len(place.legend) for place in layout(apart).places] == [6, 1]
+    sheets = [figures.sheet(each) for each in (shared, apart)]
+    assert [len(sheet.legends) for sheet in sheets] == [1, 0]
+    assert [[bool(axes.get_legend()) for axes in sheet.axes] for sheet in sheets] == [[False, False], [True, True]]
+
+
 @pytest.mark.parametrize("name", ["second speed", "a <b>name</b> of a column that goes on and on and on"])
 def test_long_names_have_room_beside_a_plot(name):
     from matplotlib import rc_context
-
-    from emsid.report import figures
 
     x = np.arange(3.0)
     figure = Figure("long", "Long.", (Plot((Line(x, x),), Axis("Time", "s"), Axis(name, "rad/s"), height=0.7),) * 3)
@@ -592,14 +605,11 @@ def test_text_is_never_markup_or_mathematics():
 def test_legends_show_every_line_in_its_own_look():
     from matplotlib import rc_context
 
-    from emsid.report import figures
-
     x = np.arange(3.0)
     same = [Line(x, k * x, "same name", Stroke(ink)) for k, ink in enumerate((Ink.RED, Ink.GREEN))]
     marks = (*same, Band(x, x, x + 1, "band"), Line(x, x, "_last", Stroke(Ink.NAVY)))
     with rc_context(figures._SETTINGS):
-        (axes,) = figures._sheet(Figure("a", "A.", (Plot(marks, Axis("x", "s"), Axis("y", "V")),))).axes
-    legend = axes.get_legend()
+        (legend,) = figures._sheet(Figure("a", "A.", (Plot(marks, Axis("x", "s"), Axis("y", "V")),))).legends
     assert [text.get_text() for text in legend.get_texts()] == ["same name", "same name", "band", "_last"]
     assert [line.get_color() for line in legend.get_lines()] == [Ink.RED.value, Ink.GREEN.value, Ink.NAVY.value]
 

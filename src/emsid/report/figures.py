@@ -7,7 +7,7 @@ are not changed. The same figure gives the same bytes. Text is never read as mat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial, singledispatch
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
@@ -35,6 +35,7 @@ from emsid.report.document import (
 )
 from emsid.report.layout import (
     LABEL,
+    LEGEND,
     PRINT_POINTS,
     SIZE,
     SMALL,
@@ -42,13 +43,14 @@ from emsid.report.layout import (
     WIDTH,
     Place,
     beside,
+    layout,
     legend_columns,
     name_range,
-    places,
     sides,
     text_width,
 )
 from emsid.report.numbers import tick
+from emsid.report.paths import Entry, legend
 from emsid.report.svg import svg
 from emsid.report.thinning import thin
 
@@ -187,19 +189,22 @@ def _sheet(figure: Figure) -> Sheet:
     """
     from matplotlib.figure import Figure as Sheet
 
-    set_, height = places(figure)
+    places, height, shared, top = layout(figure)
     sheet = Sheet(figsize=(WIDTH / 72, height / 72), dpi=72)
     drawn: list[Axes] = []
-    for place in set_:
+    handles: dict[Entry, Artist | BarContainer] = {}
+    for place in places:
         bottom, share = 1 - (place.top + place.height) / height, place.height / height
         axes = sheet.add_axes((0.1, bottom, 0.8, share), sharex=drawn[0] if figure.shared_x and drawn else None)
-        handles = [_draw(mark, axes) for mark in place.plot.marks]
+        marks = [(mark, _draw(mark, axes)) for mark in place.plot.marks]
+        handles |= zip(legend(place.plot.marks), (handle for mark, handle in marks if mark.label), strict=True)
         _set_axes(axes, place)
-        _put_head(axes, place, handles)
+        _put_title(axes, place)
+        _put_legend(axes, place.legend, handles, place.room, (0, 1))
         drawn.append(axes)
-    for axes, place, (start, length, left) in zip(
-        drawn, set_, sides(figure, set_, [_tick_room(axes) for axes in drawn]), strict=True
-    ):
+    across = sides(figure, places, [_tick_room(axes) for axes in drawn])
+    _put_legend(sheet, shared, handles, LEGEND, (across[0][0] / WIDTH, 1 - top / height))
+    for axes, place, (start, length, left) in zip(drawn, places, across, strict=True):
         bottom = height - place.top - place.height
         axes.set_position((start / WIDTH, bottom / height, length / WIDTH, place.height / height))
         axes.yaxis.set_label_coords((LABEL - left - 2) / length, 0.5)
@@ -292,16 +297,26 @@ def _name_bars(axes: Axes, plot: Plot) -> None:
                     axes.annotate(text, (0, k), (x, 7), ("axes fraction", "data"), "offset points", weight=weight)
 
 
-def _put_head(axes: Axes, place: Place, handles: Sequence[Artist | BarContainer]) -> None:
-    """Draw the title, aligned with those of the row, and the legend above the plot."""
+def _put_title(axes: Axes, place: Place) -> None:
+    """Draw the title above the plot, aligned with those of the row."""
     if place.plot.title:
         offset = (0, place.head - 11.0)
         axes.annotate(place.plot.title, (0, 1), offset, "axes fraction", "offset points", weight="bold", size=8.5)
-    entries = [(handle, mark.label) for handle, mark in zip(handles, place.plot.marks, strict=True) if mark.label]
+
+
+def _put_legend(
+    above: Axes | Sheet,
+    entries: Sequence[Entry],
+    handles: Mapping[Entry, Artist | BarContainer],
+    room: float,
+    corner: tuple[float, float],
+) -> None:
+    """Draw a legend in this width; ``corner`` is its lower left one, in parts of the plot or of the sheet."""
     if entries:
-        shown, texts = zip(*entries, strict=True)
-        columns = legend_columns(texts, place.room)
-        axes.legend(shown, texts, loc="lower left", bbox_to_anchor=(0, 1), ncols=columns)
+        texts = [entry.label for entry in entries]
+        shown = [handles[entry] for entry in entries]
+        columns = legend_columns(texts, room)
+        above.legend(shown, texts, loc="lower left", bbox_to_anchor=corner, ncols=columns)  # type: ignore[call-overload]
 
 
 def _tick(side: MplAxis, value: float, _: int | None = None) -> str:

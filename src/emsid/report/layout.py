@@ -7,12 +7,15 @@ from itertools import pairwise
 from typing import NamedTuple, TypeVar
 
 from emsid.report.document import Axis, Figure, Plot
+from emsid.report.paths import Entry, legends
 
 T = TypeVar("T")
 
 # A printed figure: its width, the height of an ordinary plot, the space for labels below, left and right of it (without
 # tick labels at the left), the size of letters and of small ones.
 WIDTH, ROW, FOOT, LABEL, RIGHT, SIZE, SMALL = 520.0, 120.0, 32.0, 16.0, 12.0, 8.0, 7.5
+LEGEND = WIDTH - 60.0
+"""Largest width of a legend for all plots."""
 TICK = 4.0
 """From an axis to the labels of its ticks."""
 PRINT_POINTS = 2000
@@ -54,24 +57,41 @@ class Place(NamedTuple):
     top: float
     height: float
     head: float  # height of the titles and legends above its row
+    legend: tuple[Entry, ...]  # its own, above it
     room: float  # largest width of its legend
     labelled: bool  # whether the x axis has labels; otherwise the plot below has them
 
 
-def places(figure: Figure) -> tuple[list[Place], float]:
-    """Positions of the plots, and the height of the sheet."""
-    found, y = [], 2.0
+class Layout(NamedTuple):
+    """Positions on the sheet, from the top."""
+
+    places: list[Place]
+    height: float  # of the sheet
+    legend: tuple[Entry, ...]  # of all plots, above them
+    start: float  # where that legend ends and the plots begin
+
+
+def layout(figure: Figure) -> Layout:
+    """Positions of the legend and the plots of a figure."""
+    shared, own = legends(figure)
+    found: list[Place] = []
+    start = y = 2.0 + _legend_height(shared, LEGEND)
     for row in figure.rows:
         labelled = not figure.shared_x or figure.columns > 1 or row[-1] is figure.plots[-1]
+        entries = own[len(found) : len(found) + len(row)]
         rooms = [WIDTH * plot.span / figure.columns - 60.0 for plot in row]
-        head = max(_head_height(plot, room) for plot, room in zip(row, rooms, strict=True)) + 4.0
+        heads = (
+            12.5 * bool(plot.title) + _legend_height(each, room)
+            for plot, each, room in zip(row, entries, rooms, strict=True)
+        )
+        head = max(heads) + 4.0
         height, column = ROW * max(plot.height for plot in row), 0
         y += head
-        for plot, room in zip(row, rooms, strict=True):
-            found.append(Place(plot, column, y, height, head, room, labelled))
+        for plot, each, room in zip(row, entries, rooms, strict=True):
+            found.append(Place(plot, column, y, height, head, each, room, labelled))
             column += plot.span
         y += height + (FOOT if labelled else 6.0)
-    return found, y
+    return Layout(found, y, shared, start)
 
 
 def sides(figure: Figure, places: Sequence[Place], tick_rooms: Sequence[float]) -> list[tuple[float, float, float]]:
@@ -95,11 +115,9 @@ def sides(figure: Figure, places: Sequence[Place], tick_rooms: Sequence[float]) 
     return found
 
 
-def _head_height(plot: Plot, room: float) -> float:
-    """Height of title and legend above the plot."""
-    texts = [mark.label for mark in plot.marks if mark.label]
-    lines = -(-len(texts) // legend_columns(texts, room)) if texts else 0
-    return 12.5 * bool(plot.title) + 11.5 * lines
+def _legend_height(entries: Sequence[Entry], room: float) -> float:
+    """Height of a legend."""
+    return 11.5 * -(-len(entries) // legend_columns([entry.label for entry in entries], room))
 
 
 def legend_columns(texts: Sequence[str], room: float) -> int:

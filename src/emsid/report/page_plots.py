@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from emsid.report.document import Figure, Plot
-from emsid.report.paths import Bar, Entry, Frame, Scale, Shape, bars, legend, names_of_points, shapes, x_scale, y_scale
+from emsid.report.paths import Bar, Entry, Frame, Scale, Shape, bars, legends, names_of_points, shapes, x_scale, y_scale
 
 # Points of a line: about two in every pixel of a wide screen, the lowest and the highest value of each stretch.
 PAGE_POINTS = 1600
@@ -68,17 +68,14 @@ class PageFigure:
 
 
 def page_figure(figure: Figure) -> PageFigure:
-    """A figure as the template sets it: plots of one width and, where no two labels look alike, one legend."""
-    legends = [tuple(legend(plot.marks)) for plot in figure.plots]
-    together = tuple(dict.fromkeys(entry for each in legends for entry in each))
-    shared = len({entry.look for entry in together}) == len(together)
+    """A figure as the template sets it: plots of one width, with one legend or one each."""
+    shared, own = legends(figure)
     frames = [_frame(plot) for plot in figure.plots]
     room = max(_tick_room(frame.y) for frame in frames)
     plots = tuple(
-        _page_plot(plot, frame, room, () if shared else own)
-        for plot, frame, own in zip(figure.plots, frames, legends, strict=True)
+        _page_plot(plot, frame, room, entries) for plot, frame, entries in zip(figure.plots, frames, own, strict=True)
     )
-    return PageFigure(plots, together if shared else ())
+    return PageFigure(plots, shared)
 
 
 def _frame(plot: Plot) -> Frame:

@@ -18,6 +18,7 @@ from emsid.report.document import (
     Band,
     Bars,
     Dash,
+    Figure,
     Histogram,
     Level,
     Line,
@@ -381,3 +382,19 @@ def legend(marks: Sequence[Mark]) -> Iterable[Entry]:
             ink = mark.stroke.ink if isinstance(mark, Histogram) else mark.ink
             look = Shape("M0 0h24v10h-24z", fill=ink.value, opacity=0.75 if isinstance(mark, Bars) else 0.25)
         yield Entry(mark.label, look)
+
+
+def legends(figure: Figure) -> tuple[tuple[Entry, ...], list[tuple[Entry, ...]]]:
+    """One legend for all plots of a figure, and one for each plot: all share one where no look has two labels.
+
+    Args:
+        figure: the figure.
+
+    Returns:
+        The legend of all plots, and those of the plots, of which either has no entries.
+    """
+    own = [tuple(dict.fromkeys(legend(plot.marks))) for plot in figure.plots]
+    together = tuple(dict.fromkeys(entry for each in own for entry in each))
+    if len({entry.look for entry in together}) == len(together):
+        return together, [() for _ in own]
+    return (), own

@@ -14,6 +14,7 @@ from html import escape
 from emsid.report.document import Box, Circle, Diagram, Figure, Ink, Plot, Points, Wire
 from emsid.report.layout import (
     LABEL,
+    LEGEND,
     PRINT_POINTS,
     SIZE,
     SMALL,
@@ -22,9 +23,9 @@ from emsid.report.layout import (
     Place,
     beside,
     column_widths,
+    layout,
     legend_columns,
     name_range,
-    places,
     sides,
     split,
     text_width,
@@ -35,7 +36,6 @@ from emsid.report.paths import (
     Scale,
     Shape,
     bars,
-    legend,
     names_of_points,
     shapes,
     x_scale,
@@ -66,14 +66,15 @@ def svg(figure: Figure | Diagram) -> bytes:
 
 def _figure(figure: Figure) -> tuple[list[str], float, float]:
     """The elements, width and height of a figure."""
-    set_, height = places(figure)
-    ys = [y_scale(place.plot, max(3, int(place.height / _ROW_OF_TICK))) for place in set_]
+    places, height, shared, top = layout(figure)
+    ys = [y_scale(place.plot, max(3, int(place.height / _ROW_OF_TICK))) for place in places]
     rooms = [
         0.0 if place.plot.y.names else 6.0 + max((text_width(text) for _, text in y.ticks), default=0.0)
-        for place, y in zip(set_, ys, strict=True)
+        for place, y in zip(places, ys, strict=True)
     ]
-    drawn: list[str] = []
-    for k, (place, y, (start, width, left)) in enumerate(zip(set_, ys, sides(figure, set_, rooms), strict=True)):
+    across = sides(figure, places, rooms)
+    drawn = [f'<g transform="translate({_n(across[0][0])} {_n(top)})">', *_legend(shared, LEGEND), "</g>"]
+    for k, (place, y, (start, width, left)) in enumerate(zip(places, ys, across, strict=True)):
         shown = figure.plots if figure.shared_x else [place.plot]
         x = x_scale([place.plot, *shown], _X_TICKS, width / (0.65 * SMALL))
         frame = Frame(x, y, round(width / _UNIT), round(place.height / _UNIT), PRINT_POINTS)
@@ -110,7 +111,7 @@ def _plot(place: Place, frame: Frame, width: float, left: float, name: str) -> I
         yield _text(width / 2, height + TICK + 1.35 * SMALL + 3 + 0.8 * SIZE, plot.x.title, SIZE, "middle")
     if plot.title:
         yield _text(0, 11 - place.head, plot.title, 8.5, bold=True)
-    yield from _legend(tuple(legend(plot.marks)), place.room)
+    yield from _legend(place.legend, place.room)
 
 
 def _rows(plot: Plot, x: Scale, width: float, height: float) -> Iterator[str]:

@@ -143,6 +143,16 @@ def test_what_to_do_next_follows_from_what_was_found():
     assert "next-physical-model" in steps(drive(edge=1.0), drive(edge=1.0, seed=1, name="another"))
     noise = drive(noise=30.0, seed=3, name="noise")
     assert steps(record, noise)[0] == "next-check-data"
+    assert "next-reduce-noise" not in steps(drive(edge=1.5), drive(edge=1.5, seed=1))
+
+
+def test_noise_is_named_where_it_limits_a_fit():
+    record = drive(noise=3.0)
+    comparison = compare([least_squares(arx(1, 1), drive(noise=1e-4))], drive(noise=3.0, seed=1))
+    assert 20 < comparison.best.row.fit_percent < 40
+    found = [each.code for each in next_steps(comparison.best, verdicts(comparison.best), comparison.fits, record)]
+    assert found[0] == "next-reduce-noise"
+    assert "next-check-data" not in found
 
 
 def test_no_physical_model_is_proposed_where_one_was_tried_and_failed():

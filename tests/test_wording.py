@@ -348,6 +348,7 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("residual-depends-on-input", "arx", {"model": "arx", "output": "speed", "share": 0.42}),
     Finding("residual-not-tested", "arx", {"model": "arx", "output": "speed"}),
     Finding("next-check-data", "log.csv", {"fit_percent": 12.0}),
+    Finding("next-reduce-noise", "log.csv", {"fit_percent": 28.3}),
     Finding("next-physical-model", "arx"),
     Finding("dictionary-rank-deficient", data={"rank": 25, "terms": 35}),
     Finding("intervals-by-bootstrap", "armax", {"model": "armax", "count": 199, "pieces": 30, "samples": 1200}),

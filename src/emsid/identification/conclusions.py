@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 PREDICTABLE = 0.05
 # A fit in percent below which a model is called poor, and above which it is called good.
 POOR, GOOD = 70.0, 95.0
+# A fit in percent below which channels may not belong together, which leaves a residual independent of the input too.
+RELATED = 20.0
 
 
 def verdicts(best: Assessment) -> tuple[Finding, ...]:
@@ -116,6 +118,8 @@ def next_steps(
     physical = any(isinstance(each, GreyBoxFit) for each in fits) or not failed.isdisjoint(PLANTS)
     moves = bool(np.ptp(chosen.record.input, axis=0).any())  # else these data test the steady state only
     if moves and not fit >= POOR:
-        yield Finding("next-check-data", record.name, {"fit_percent": finite(fit)})
+        tested = not any(each.code == "residual-not-tested" for each in found)
+        noisy = fit >= RELATED and tested and not depends
+        yield Finding("next-reduce-noise" if noisy else "next-check-data", record.name, {"fit_percent": finite(fit)})
     if (depends or not fit >= GOOD) and not physical:
         yield Finding("next-physical-model", chosen.row.model)

@@ -68,6 +68,16 @@ def next_check_data(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("next-reduce-noise", Severity.WARNING)
+def next_reduce_noise(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: fit_percent."""
+    return (
+        f"Noise or a disturbance limits the fit to {f.data['fit_percent']:.0f} %, as the residual does not depend on "
+        "the input; a larger model will not help. Measure the output with less noise, use a larger input, or record "
+        "the disturbance as another input"
+    )
+
+
 @words("next-physical-model")
 def next_physical_model(f: Finding, argument: Spelling) -> str:
     """Subject: the best model."""

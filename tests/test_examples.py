@@ -12,10 +12,20 @@ import pytest
 
 import emsid
 
-EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
+EXAMPLES = {path.stem: path for path in sorted((Path(__file__).parents[1] / "examples").glob("*.py"))}
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def run(name):
+    """What an example defines."""
+    return runpy.run_path(str(EXAMPLES[name]))
+
+
+def assert_recovered(fit, truth):
+    for name, value, error in zip(fit.names, fit.estimate, fit.standard_error, strict=True):
+        assert abs(value - truth[name]) < 4 * error
+
+
+@pytest.mark.parametrize("path", EXAMPLES.values(), ids=EXAMPLES)
 def test_an_example_uses_public_names_only(path):
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module.startswith("emsid"):
@@ -28,17 +38,16 @@ def test_an_example_uses_public_names_only(path):
 
 def test_a_plant_of_your_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    example = runpy.run_path(str(next(path for path in EXAMPLES if path.stem == "own_plant")))
+    example = run("own_plant")
     fit, comparison = example["main"]()
-    for name, value, error in zip(fit.names, fit.estimate, fit.standard_error, strict=True):
-        assert abs(value - example["TRUTH"][name]) < 4 * error
+    assert_recovered(fit, example["TRUTH"])
     assert comparison.best.row.simulation_rmse == pytest.approx(5e-3, rel=0.1)  # the noise
     assert (tmp_path / "own-plant.svg").read_bytes().lstrip().startswith(b"<?xml")
 
 
 def test_a_cascade_built_block_by_block(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    example = runpy.run_path(str(next(path for path in EXAMPLES if path.stem == "cascade")))
+    example = run("cascade")
     fit, comparison = example["main"]()
     assert comparison.best.fit is fit
     assert comparison.best.row.fit_percent > 97.5  # of a record with 2 % of noise
@@ -49,10 +58,9 @@ def test_a_cascade_built_block_by_block(tmp_path, monkeypatch):
 def test_a_spring_that_hardens(tmp_path, monkeypatch):
     """Held, the correct equation misses by forty times the noise; band-limited it does not."""
     monkeypatch.chdir(tmp_path)
-    example = runpy.run_path(str(next(path for path in EXAMPLES if path.stem == "hardening_spring")))
+    example = run("hardening_spring")
     fit, comparison = example["main"]()
-    for name, value, error in zip(fit.names, fit.estimate, fit.standard_error, strict=True):
-        assert abs(value - example["TRUTH"][name]) < 4 * error
+    assert_recovered(fit, example["TRUTH"])
     assert all(row.simulation_rmse < 1.1 * example["NOISE"] for row in comparison.rows)
     assert (tmp_path / "hardening-spring.svg").exists()
     held = emsid.fit(replace(example["SPRING"], between="held"), example["experiment"](1, 0.004, 600))
@@ -70,10 +78,9 @@ def test_a_spring_that_hardens(tmp_path, monkeypatch):
 def test_two_tanks(tmp_path, monkeypatch):
     """The free run is started from as many samples as a difference of levels lasts."""
     monkeypatch.chdir(tmp_path)
-    example = runpy.run_path(str(next(path for path in EXAMPLES if path.stem == "two_tanks")))
+    example = run("two_tanks")
     fit, comparison = example["main"]()
-    for name, value, error in zip(fit.names, fit.estimate, fit.standard_error, strict=True):
-        assert abs(value - example["TRUTH"][name]) < 4 * error
+    assert_recovered(fit, example["TRUTH"])
     assert fit.model.memory > 60
     assert comparison.best.fit is fit
     assert comparison.best.row.simulation_rmse < 1.1 * example["NOISE"]
@@ -81,7 +88,7 @@ def test_two_tanks(tmp_path, monkeypatch):
 
 
 def test_how_an_input_goes_on_is_one_of_three(tmp_path):
-    example = runpy.run_path(str(next(path for path in EXAMPLES if path.stem == "two_tanks")))
+    example = run("two_tanks")
     with pytest.raises(emsid.ModelError, match="did you mean linear"):
         replace(example["TANKS"], between="linaer")
     with pytest.raises(emsid.ModelError, match="numbers in first"):

@@ -95,17 +95,15 @@ def _residual_plots(assessments: Sequence[Assessment], channel: int, most: int) 
         ]
     drawn = [(name, marks) for name, marks in zip(record.input_names, crossed, strict=True) if marks]
     for k, (name, marks) in enumerate(drawn):
-        plots.append(
-            Plot(
-                (*marks, Level(WHITE, "99 % if independent"), Level(-WHITE)),
-                Axis("Lag", "s"),
-                Axis("In standard deviations", "1"),
-                f"Cross-correlation with {name}{whose}",
-                height=0.8,
-                span=2 if k % 2 == 0 and k == len(drawn) - 1 else 1,  # the last one, alone in its row
-            )
-        )
+        title, last_alone = f"Cross-correlation with {name}{whose}", k % 2 == 0 and k == len(drawn) - 1
+        plots.append(_over_lags(marks, WHITE, "99 % if independent", title, span=2 if last_alone else 1))
     return plots
+
+
+def _over_lags(marks: Sequence[Mark], limit: float, label: str, title: str, span: int = 1) -> Plot:
+    """Correlations in standard deviations, with their limits for independent signals."""
+    shown = (*marks, Level(limit, label), Level(-limit))
+    return Plot(shown, Axis("Lag", "s"), Axis("In standard deviations", "1"), title, height=0.8, span=span)
 
 
 def nonlinear_correlations(assessments: Sequence[Assessment]) -> Figure | None:
@@ -141,16 +139,8 @@ def _nonlinear_plots(assessments: Sequence[Assessment], channel: int) -> list[Pl
             limit = max(limit, test.limit)
             lag = record.dt * np.arange(len(test.curve), dtype=np.float64)
             marks.setdefault(test.term, []).append(Line(lag, test.curve, "" if k else label, stroke))
-    return [
-        Plot(
-            (*drawn, Level(limit, "99 % if independent, all lags"), Level(-limit)),
-            Axis("Lag", "s"),
-            Axis("In standard deviations", "1"),
-            f"Residual{of_output(record, channel, ' of ')} against {term}",
-            height=0.8,
-        )
-        for term, drawn in marks.items()
-    ]
+    whose, label = of_output(record, channel, " of "), "99 % if independent, all lags"
+    return [_over_lags(drawn, limit, label, f"Residual{whose} against {term}") for term, drawn in marks.items()]
 
 
 def _histogram_edges(errors: Sequence[Array]) -> Array:

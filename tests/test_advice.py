@@ -12,10 +12,11 @@ from scipy.signal import lfilter
 
 import emsid
 from emsid.findings import Finding
-from emsid.first_look.advice import advice, questions, repeated, response_of
+from emsid.first_look.advice import advice, questions, response_of
 from emsid.first_look.baseline import baseline
 from emsid.first_look.dependence import dependence
 from emsid.first_look.dynamics import Response, influence, response
+from emsid.first_look.measurement import repeated
 from emsid.first_look.nonlinearity import LEVEL, nonlinearity
 from emsid.first_look.standstill import at_rest, breakaway, dead_zone
 from emsid.identification.delay import LONGEST_SEARCHED, with_delay

@@ -16,8 +16,8 @@ from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
 from emsid.estimation.threads import cores
 from emsid.findings import Finding
-from emsid.first_look.advice import is_position
 from emsid.first_look.baseline import ORDERS, baseline
+from emsid.first_look.examined import is_position
 from emsid.identification.linear_models import Armax, BoxJenkins, StateSpace
 from emsid.identification.options import ModelKind, Options
 from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS

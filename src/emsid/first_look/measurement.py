@@ -1,0 +1,128 @@
+"""How the channels of a record were measured: their resolution and limits, outliers, and the sample time.
+
+References:
+    Åström, K. J., and Wittenmark, B. (1997). Computer-Controlled Systems, 3rd ed., section 2.9: 4 to 10 samples in a
+    rise time for control; identification takes more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emsid.estimation.linear.filtering import spectrum
+from emsid.findings import Finding
+from emsid.first_look.columns import FEWEST_LEVELS, quantisation
+from emsid.first_look.examined import Examined, is_position, units_of
+from emsid.first_look.standstill import NEAR_ZERO
+
+Array = NDArray[np.float64]
+
+FEW_STEPS = 8
+"""A deviation of fewer quantisation steps is coarse."""
+FASTEST, SLOWEST = 1.5, 200.0
+"""Samples in a time constant below which sampling is too slow, and above which it is too fast."""
+FAST_SHARE, PROPORTIONAL = 0.05, 0.9
+"""The least share of the input's power at high frequencies, and the least correlation, to say that it is too slow."""
+SPIKE = 12.0
+"""A single sample this many standard deviations away from its neighbours is an outlier."""
+
+
+def resolution(data: Examined) -> Iterable[Finding]:
+    """Quantisation of the output, and samples at a limit of its range."""
+    units = units_of(data.record)
+    for name, x in ((data.output, data.y), (data.input, data.u)):
+        unit = units[name]
+        levels, counts = np.unique(x, return_counts=True)
+        step = quantisation(levels)
+        is_output = name == data.output
+        if is_output and step is not None and x.std() < FEW_STEPS * step:
+            yield Finding("coarse-values", name, {"step": step, "unit": unit, "levels": float(x.std() / step)})
+        if len(levels) < FEWEST_LEVELS:
+            continue
+        for side, k, near in (("lower", 0, counts[1:11]), ("upper", -1, counts[-11:-1])):
+            share = float(counts[k] / counts.sum())
+            is_zero = abs(levels[k]) <= NEAR_ZERO * np.max(np.abs(x))
+            if share < 0.01 or counts[k] < 10 * np.median(near) or is_zero:
+                continue
+            if is_output and not _moves_meanwhile(data.u, x == levels[k]):
+                continue
+            code = "values-cut-off" if is_output else "command-limited"
+            yield Finding(code, name, {"side": side, "limit": float(levels[k]), "unit": unit, "share": share})
+
+
+def _moves_meanwhile(u: Array, there: NDArray[np.bool_]) -> bool:
+    """Whether an input varies while the output stands at a limit; else the output may have settled there."""
+    inside = there[1:] & there[:-1]
+    changes = np.count_nonzero((np.diff(u) != 0) & inside)
+    return bool(changes > 0.05 * np.count_nonzero(inside) and u[there].std() > 0.02 * np.ptp(u))
+
+
+def outliers(data: Examined) -> Iterable[Finding]:
+    """Single samples far from both neighbours."""
+    y = data.y
+    middle = np.median(np.stack([y[:-2], y[1:-1], y[2:]]), axis=0)
+    away = np.abs(y[1:-1] - middle)
+    steps = np.abs(np.diff(y))
+    usual = max(float(np.percentile(steps, 95)), 1e-9 * float(np.ptp(y)))
+    spread = 1.4826 * float(np.median(np.abs(y - np.median(y))))
+    found = 1 + np.flatnonzero((away > SPIKE * usual) & (away > 3 * spread) & (middle != y[1:-1]))
+    if 0 < len(found) < 0.01 * len(y):
+        size = float(np.max(away[found - 1]))
+        yield Finding(
+            "outliers", data.output, {"count": len(found), "sample": int(found[0]), "size": size, "confidence": 0.8}
+        )
+
+
+def sampling(data: Examined) -> Iterable[Finding]:
+    """Jitter, repeated samples, aliasing, and the sample time against the time constant."""
+    axis, dt = data.record.time_axis, data.record.dt
+    if axis is not None and axis.jitter > 0.01:
+        yield Finding(
+            "clock-jitters", data.record.name, {"jitter": float(axis.jitter), "deviation": float(axis.deviation)}
+        )
+    held = repeated(data.y[~data.near_zero] if (~data.near_zero).any() else data.y)
+    if held > 1:
+        yield Finding("samples-repeated", data.output, {"factor": held, "dt": dt, "better": held * dt})
+        return
+    size = min(len(data.y), 1024)
+    frequency, power = np.fft.rfftfreq(size, dt), spectrum(data.y, data.y, size).real
+    total = 3 / 8 * size**2 * float(data.y.var())  # of the whole output through the Hann window of the spectrum
+    high = float(power[frequency > 0.35 / dt].sum() / total)
+    if high > 0.05:
+        yield Finding("aliasing-possible", data.output, {"share": high, "frequency": 0.35 / dt, "confidence": 0.5})
+    if data.linear is None or data.linear.fit < 0.7:
+        return
+    samples = data.linear.time_constant
+    numbers = {"time_constant": samples * dt, "samples": samples, "dt": dt, "confidence": round(data.linear.fit, 2)}
+    if samples > max(map(len, data.record.segments)):
+        if not is_position(data.record):
+            yield Finding("output-integrates", data.output, {"input": data.input})
+    elif samples < FASTEST and _is_proportional(data):
+        yield Finding("sampling-too-slow", data.output, numbers)
+    elif samples > SLOWEST:
+        yield Finding("sampling-too-fast", data.output, numbers | {"factor": int(samples // 50)})
+
+
+def _is_proportional(data: Examined) -> bool:
+    """Whether the output follows the delayed input without a lag to be seen, also at high frequencies of the input."""
+    size = min(len(data.u), 1024)
+    power = spectrum(data.u, data.u, size).real[1:]
+    fast = power[np.fft.rfftfreq(size)[1:] > 1 / (2 * np.pi * FASTEST)].sum() / power.sum()
+    return bool(fast > FAST_SHARE and abs(data.response.correlation) > PROPORTIONAL)
+
+
+def repeated(y: Array) -> int:
+    """How many times every value of y (N,) is repeated, as where a log is faster than its sensor; 1 where it is not."""
+    changes = np.flatnonzero(np.diff(y) != 0)
+    if len(changes) < 30:
+        return 1
+    distances, sizes = np.diff(changes), np.abs(y[changes + 1] - y[changes])
+    usual = int(np.median(distances))
+    step = quantisation(np.unique(y)) or 0.0
+    if usual < 2 or np.median(sizes) < 1.5 * step:  # slow changes of a coarse sensor repeat values as well
+        return 1
+    early, late = np.percentile(distances, (25, 75))
+    return usual if late - early <= 0.35 * usual and np.mean(distances < 0.6 * usual) < 0.2 else 1

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from emsid import ModelError, Record, arx, concatenate, identify, least_squares
 from emsid.models.model import Run
 from emsid.validation.agreement import disagreement
+from emsid.validation.lateness import lateness
 
 Array = NDArray[np.float64]
 
@@ -126,3 +127,19 @@ def test_identify_says_which_records_differ() -> None:
     found_alone = disagreement(model, [records[0], records[1]])
     assert found_alone is not None
     assert found_alone.values[1] == pytest.approx(-0.2, abs=0.02)
+
+
+@pytest.mark.parametrize("delay", [0.6 * DT, 2.5 * DT, -1.2 * DT])
+def test_a_record_that_is_late_or_early_is_named_with_its_shift(delay: float) -> None:
+    record = measured("late.csv", delay)
+    (found,) = lateness(record, Known().simulate(record))
+    assert (found.code, found.subject) == ("record-shifted", "late.csv")
+    assert found.data["delay"] == pytest.approx(delay, abs=0.05 * DT)
+    assert found.data["shifted"] < 1.3 * NOISE < found.data["rmse"]
+
+
+@pytest.mark.parametrize("difference", [{}, {"delay": 2e-4}, {"gain": 1.1}, {"level": 0.3}])
+def test_a_record_that_differs_otherwise_is_not_late(difference: dict[str, float]) -> None:
+    record = measured("other.csv", **difference)
+    assert not list(lateness(record, Known().simulate(record)))
+    assert not list(lateness(record, Known(diverges=True).simulate(measured("late.csv", DT))))

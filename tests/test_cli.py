@@ -163,6 +163,20 @@ def test_validate_says_what_makes_an_error_large(result, run, tmp_path):
     assert not codes & {each["code"] for each in found["findings"]}
 
 
+def test_validate_says_that_a_record_is_late(result, run, tmp_path):
+    header, *rows = (result.parent / "log.csv").read_text().splitlines()
+    cells, at = [row.split(",") for row in rows], header.split(",").index("y")
+    for row, before in zip(reversed(cells[1:]), reversed(cells[:-1]), strict=True):
+        row[at] = before[at]
+    late = tmp_path / "late.csv"
+    late.write_text("\n".join([header, *(",".join(row) for row in cells)]))
+    (found,) = json.loads(run("validate", result / "arx.json", late, "--json")[1])["records"]
+    (shifted,) = [each["data"] for each in found["findings"] if each["code"] == "record-shifted"]
+    assert shifted["samples"] == pytest.approx(1, abs=0.2)
+    (found,) = json.loads(run("validate", result / "arx.json", result.parent / "log.csv", "--json")[1])["records"]
+    assert "record-shifted" not in {each["code"] for each in found["findings"]}
+
+
 def test_identify_with_validation_file_and_chosen_models(run, log, tmp_path):
     other = table(tmp_path / "other.csv", seed=1)
     words = ("identify", log, *IDENTIFY, "--validate", other, "--models", "arx", "--na", "1", "--nb", "1", "--nk", "1")

@@ -347,6 +347,11 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("residual-independent-of-input", "arx", {"model": "arx", "output": "speed", "share": 0.004}),
     Finding("residual-depends-on-input", "arx", {"model": "arx", "output": "speed", "share": 0.42}),
     Finding("residual-not-tested", "arx", {"model": "arx", "output": "speed"}),
+    Finding(
+        "record-shifted",
+        "late.csv",
+        {"output": "speed", "delay": 0.0094, "samples": 0.47, "rmse": 11.7, "shifted": 4.33, "unit": "deg/s"},
+    ),
     Finding("next-check-data", "log.csv", {"fit_percent": 12.0}),
     Finding("next-reduce-noise", "log.csv", {"fit_percent": 28.3}),
     Finding("next-physical-model", "arx"),

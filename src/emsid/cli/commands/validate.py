@@ -119,12 +119,13 @@ def _findings(assessed: "Assessment", source: "Origin | None", *, fitted: bool) 
         fitted: whether the record contains data of the fit.
     """
     from emsid.findings import Finding
+    from emsid.validation.lateness import lateness
     from emsid.validation.regions import worst_region
 
     record = assessed.record
     found = [Finding("data-not-unseen", record.name)] if fitted else []
     found += [*record.findings, *([] if source is None else source.differences(record))]
-    found += [finding] if (finding := worst_region(assessed)) else []
+    found += [*([finding] if (finding := worst_region(assessed)) else []), *lateness(record, assessed.simulation)]
     return found + ([Finding("worse-than-mean", record.name)] if assessed.row.fit_percent <= 0 else [])
 
 

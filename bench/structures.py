@@ -1,4 +1,4 @@
-"""Whether the program finds the structure of motors of known structure: ``python bench/structures.py [NUMBER]``.
+"""Whether the program finds the structure of motors of known structure: ``python bench/structures.py 0-19``.
 
 For every linear motor the orders of the output-error model are compared with the true ones, and its free run with that
 of the motor on another input: it is equivalent where they differ by less than 2 % of the output. For every motor the
@@ -8,6 +8,7 @@ table says whether the data are called nonlinear. The motors come from a simulat
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from pathlib import Path
@@ -66,12 +67,12 @@ def verdict(motor: Known) -> Verdict:
     return Verdict(poles, fit, "nonlinear-likely" in said, time.process_time() - begin)
 
 
-def main(number: int) -> None:
-    """Print the table."""
+def main(seeds: range) -> None:
+    """Print the table of the motors with these seeds."""
     table = Table("motor", "poles", "found", "fit on another input %", "nonlinear", "said", "CPU s")
-    motors = [known(seed) for seed in range(number)]
+    motors = [known(seed) for seed in seeds]
     verdicts = [verdict(motor) for motor in motors]
-    for seed, (motor, found) in enumerate(zip(motors, verdicts, strict=True)):
+    for seed, motor, found in zip(seeds, motors, verdicts, strict=True):
         table.add_row(
             str(seed),
             str(motor.order or "–"),
@@ -93,4 +94,9 @@ def main(number: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 20)
+    parser = argparse.ArgumentParser(
+        description=(__doc__ or "").split("\n\n")[0], epilog="Motors with even numbers are linear."
+    )
+    parser.add_argument("seeds", nargs="?", default="0-19", help="the first and the last, such as 0-19")
+    lowest, highest = map(int, parser.parse_args().seeds.split("-"))
+    main(range(lowest, highest + 1))

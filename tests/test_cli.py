@@ -511,7 +511,7 @@ def test_what_follows_from_an_interrupt_is_one(run, log, tmp_path, monkeypatch):
     monkeypatch.setattr("emsid.identification.workflow.identify", broken)
     status, _, err = run("identify", log, "-u", "u", "-y", "y", "--dt", 0.01, "--out", tmp_path / "out")
     assert status == 130
-    assert err == "emsid: interrupted before anything was found\n"
+    assert err == "emsid: interrupted; there is no result\n"
     assert not (tmp_path / "out").exists()
 
 
@@ -603,11 +603,17 @@ def pressed_at(monkeypatch):
     return arrange
 
 
+def test_ctrl_c_in_demo_says_which_files_are_complete(run, tmp_path, pressed_at):
+    pressed_at("emsid.io.write_record")
+    status, out, err = run("demo", tmp_path / "new")
+    assert (status, out, err) == (130, "", "emsid: interrupted; only the files named above are complete\n")
+
+
 @pytest.mark.parametrize("place", ["emsid.io.read", "emsid.identification.options.least_squares"])
 def test_ctrl_c_before_anything_is_found(place, run, log, tmp_path, pressed_at):
     pressed_at(place)
     words = ("identify", log, *IDENTIFY, "--models", "arx", "--out", tmp_path / "out")
-    assert run(*words) == (130, "", "emsid: interrupted before anything was found\n")
+    assert run(*words) == (130, "", "emsid: interrupted; there is no result\n")
     assert not (tmp_path / "out").exists()
 
 
@@ -766,7 +772,7 @@ def test_ctrl_c_after_a_moment_is_another_one(monkeypatch):
 def test_ctrl_c_amid_the_first_imports_is_one_line(module, log, tmp_path):
     words = ("describe", log) if "models" not in module else ("identify", log, "--models", "arx", "--out", "out")
     status, out, err = signalled(tmp_path, module, *words, *IDENTIFY)
-    assert (status, out, err) == (130, "", "emsid: interrupted before anything was found\n")
+    assert (status, out, err) == (130, "", "emsid: interrupted; there is no result\n")
     assert not (tmp_path / "out").exists()
 
 

@@ -730,6 +730,10 @@ def test_track_a_file_writes_record_report_model_and_state(tmp_path: Path, run: 
     assert names == {"record.csv", "report.html", "track.json", "state.json", "arx.json", "figures"}
     data = json.loads((tmp_path / "out" / "track.json").read_text())
     assert (data["samples"], data["reason"], len(data["changes"])) == (4000, "ended", 1)
+    named = (tmp_path / "log.csv").read_bytes().replace(b"t[s]", b"Zeit[s]", 1)
+    (tmp_path / "named.csv").write_bytes(named)
+    assert run("track", tmp_path / "named.csv", "--time", "Zeit", "--out", tmp_path / "same")[0] == 0
+    assert json.loads((tmp_path / "same" / "track.json").read_text())["dt"] == data["dt"]
     status, out, _ = run(
         "track", tmp_path / "log.csv", "--structure", tmp_path / "out" / "arx.json", "--state",
         tmp_path / "out" / "state.json", "--rule", "frozen", "--json", "--out", tmp_path / "again",

@@ -66,6 +66,16 @@ def test_columns_are_chosen_by_name() -> None:
     assert "no column 'd'" in str(parser.problem)
 
 
+def test_the_column_of_the_time_is_chosen_by_name() -> None:
+    parser, rows = parsed(b"Zeit[ms],u,y\n20,2,3\n", time="Zeit")
+    assert rows is not None
+    assert (rows.time[0], rows.input[0, 0], rows.output[0]) == pytest.approx((0.02, 2.0, 3.0))
+    parser, rows = parsed(b"t,u,y\n0,2,3\n", time="Zeit")
+    assert rows is None
+    assert parser.problem is not None
+    assert parser.problem.arguments == ("time",)
+
+
 @pytest.mark.parametrize("text", ["t,u,u", "t,y", "t,u!,y"])
 def test_headers_that_cannot_be_used_are_refused(text: str) -> None:
     with pytest.raises(DataError, match="header"):

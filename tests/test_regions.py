@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -104,6 +106,12 @@ def test_the_table_of_regions_has_a_row_for_every_model_and_the_samples():
     (table,) = region_tables(by_region(comparison), "on unseen data")
     assert table.header == ("Model", "Standstill", "Low speed", "Reversal", "High speed")
     assert [row[0] for row in table.rows] == ["a", "b", "samples"]
+
+
+def test_the_table_of_regions_names_one_unit():
+    turning = replace(record(speed(), 0.01), output_names=("Drehzahl [U/min]",))
+    (table,) = region_tables(by_region(compare([model(1.0, "a")], turning)), "on unseen data")
+    assert "of Drehzahl [rad/s], on" in table.caption
 
 
 def test_an_identification_of_several_records_has_errors_by_region_and_record(tmp_path):

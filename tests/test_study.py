@@ -37,7 +37,7 @@ from emsid.study.models import (
     two_masses,
 )
 from emsid.study.motors import FAMILY, by_direction, compare, records, regressions
-from emsid.study.readings import FREE_RUN, ONE_STEP, READINGS, motors, ratios
+from emsid.study.readings import FREE_RUN, ONE_STEP, READINGS, largest, motors, ratios
 from emsid.study.setup import EXPERIMENT, INPUTS, SIMULATION, Settings, load_friction_difference, measure
 from emsid.study.summary import findings, study_data, summary
 from emsid.study.survey import recorded
@@ -371,6 +371,12 @@ def test_the_largest_ratio_is_found_again_at_its_motor_and_reading():
     assert finding.data["reached"] == ["nearly one sine, 10 times as high"]  # and in no other
 
 
+def test_the_largest_ratio_of_a_reading_may_be_interrupted_between_motors():
+    asked = iter([False, False, True])
+    with pytest.raises(Stopped):
+        largest(READINGS[0], 0.5, Control(cancelled=lambda: next(asked)))
+
+
 def test_the_survey_of_inputs_is_found_again_for_one_pair():
     (paper, *_) = over_inputs(Settings(duration=2.0), 1)
     assert (paper.model, paper.median) == (PAPER, paper.lowest)
@@ -400,9 +406,9 @@ def test_the_readme_leads_with_the_recorded_survey():
     for row in recorded().inputs:
         assert f"| {times(row.median)} | {times(row.lowest)} to {times(row.highest)} |" in text
     free, ahead = ([row for row in recorded().largest if row.error == error] for error in (FREE_RUN, ONE_STEP))
-    largest = times(max(row.unseen for row in free))
+    most = times(max(row.unseen for row in free))
     assert f"{times(free[0].unseen)} with inputs like the paper's ({times(ahead[0].unseen)} one step ahead)" in text
-    assert f"and {largest} with nearly one sine ten times as fast" in text
+    assert f"and {most} with nearly one sine ten times as fast" in text
 
 
 def test_a_recorded_survey_says_so_and_speaks_of_its_own_motor():

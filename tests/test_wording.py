@@ -357,7 +357,11 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("next-physical-model", "arx"),
     Finding("dictionary-rank-deficient", data={"rank": 25, "terms": 35}),
     Finding("intervals-by-bootstrap", "armax", {"model": "armax", "count": 199, "pieces": 30, "samples": 1200}),
-    Finding("no-bootstrap", "armax", {"model": "armax", "problem": "armax: 3 pieces of at least 30 samples"}),
+    Finding(
+        "no-bootstrap",
+        "armax",
+        {"model": "armax", "problem": "armax: the records make 3 pieces, but a bootstrap needs 6"},
+    ),
     Finding("few-unseen-samples", "log.csv, unseen part", {"samples": 6, "needed": 50}),
     Finding("few-unseen-samples", "log.csv, unseen part", {"samples": 1, "needed": 50}),
     Finding("delay-from-data", "speed", {"input": "u", "delay": 36, "time": 0.036}),

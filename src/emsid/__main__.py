@@ -28,7 +28,7 @@ def main() -> None:
 
 def _leave(*_: object) -> None:
     """End at once: nothing has started yet, and a half-imported library may lose an exception."""
-    os.write(2, b"emsid: interrupted before anything was found\n")
+    os.write(2, b"emsid: interrupted; there is no result\n")
     os._exit(130)
 
 

@@ -101,7 +101,7 @@ class Interruption:
         """Begin: not pressed yet, no result yet."""
         self.pressed = self._deferred = False
         self._answer, self._when = "", -inf
-        self.words = "interrupted before anything was found"
+        self.words = "interrupted; there is no result"
 
     def raise_again(self) -> None:
         """End the present work if Ctrl-C was pressed and its exception was lost."""

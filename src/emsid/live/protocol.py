@@ -106,7 +106,13 @@ class Rows:
 
 
 def read_header(
-    text: str, inputs: Sequence[str] = (), output: str = "", units: Sequence[str] = (), checked: bool = False
+    text: str,
+    inputs: Sequence[str] = (),
+    output: str = "",
+    time: str = "",
+    *,
+    units: Sequence[str] = (),
+    checked: bool = False,
 ) -> Columns:
     """The columns that a header names: ``t[ms],voltage[V],speed[rpm]``.
 
@@ -114,6 +120,7 @@ def read_header(
         text: the header.
         inputs, output: names of the columns of inputs and output; by default the first and the second of those that
             are neither time nor sequence number.
+        time: name of the column of the time, where that is not one that is recognised.
         units: of every column, where they stand in a row of their own.
         checked: whether every line has a checksum.
 
@@ -130,23 +137,24 @@ def read_header(
     if len(set(names)) < len(names):
         raise DataError(f"header {text[:80]!r} has a name twice; every column needs its own name")
     lower = [name.lower() for name in names]
-    time = next((lower.index(name) for name in _TIMES if name in lower), None)
+    clock = names.index(time) if time in names else next((lower.index(name) for name in _TIMES if name in lower), None)
     number = next((lower.index(name) for name in _NUMBERS if name in lower), None)
-    rest = [k for k in range(len(names)) if k not in (time, number)]
-    for name in (*as_names(inputs), *((output,) if output else ())):
+    rest = [k for k in range(len(names)) if k not in (clock, number)]
+    for name in (*as_names(inputs), *(each for each in (output, time) if each)):
         if name not in names:
-            raise DataError(f"the source has no column {name!r}; it has {some(names)}", arguments=("input", "output"))
+            option = ("time",) if name == time else ("input", "output")
+            raise DataError(f"the source has no column {name!r}; it has {some(names)}", arguments=option)
     wanted = tuple(names.index(name) for name in as_names(inputs)) or tuple(rest[:1])
     last = names.index(output) if output else next((k for k in rest if k not in wanted), None)
     if not wanted or last is None:
         raise DataError(f"header {text[:80]!r} has no input and output; it needs two columns besides t and n")
     gains, offsets, si = [], [], []
     for k, unit in enumerate(given):
-        gain, zero, target = conversion(unit, "s" if k == time else None) if unit and k != number else (1.0, 0.0, "")
+        gain, zero, target = conversion(unit, "s" if k == clock else None) if unit and k != number else (1.0, 0.0, "")
         gains.append(gain)
         offsets.append(zero)
         si.append(target)
-    return Columns(names, tuple(si), time, number, wanted, last, tuple(gains), tuple(offsets), checked, separator)
+    return Columns(names, tuple(si), clock, number, wanted, last, tuple(gains), tuple(offsets), checked, separator)
 
 
 class LineParser:
@@ -162,15 +170,21 @@ class LineParser:
 
     Args:
         header: the columns, for a source without a header.
-        inputs, output: as in `read_header`.
+        inputs, output, time: as in `read_header`.
         columns: what the columns are, where that is known already.
     """
 
     def __init__(
-        self, header: str = "", inputs: Sequence[str] = (), output: str = "", columns: Columns | None = None
+        self,
+        header: str = "",
+        inputs: Sequence[str] = (),
+        output: str = "",
+        time: str = "",
+        *,
+        columns: Columns | None = None,
     ) -> None:
-        self._inputs, self._output = as_names(inputs), output
-        self.columns = read_header(header, self._inputs, output) if header else columns
+        self._channels = as_names(inputs), output, time
+        self.columns = read_header(header, *self._channels) if header else columns
         self._given = self.columns is not None
         self.problem: DataError | None = None
         self.implies = True
@@ -285,7 +299,7 @@ class LineParser:
             return True
         if re.match(r"[A-Za-z]", text) and not _NOT_FINITE.match(body):
             try:
-                new = read_header(text, self._inputs, self._output, checked=checked)
+                new = read_header(text, *self._channels, checked=checked)
             except DataError as problem:
                 if re.search(r"[,;\t]", text):
                     self.problem = problem
@@ -305,7 +319,7 @@ class LineParser:
         return False
 
     def _header(self, text: str, units: Sequence[str], checked: bool, separator: bytes | None) -> Columns:
-        return replace(read_header(text, self._inputs, self._output, units, checked), separator=separator)
+        return replace(read_header(text, *self._channels, units=units, checked=checked), separator=separator)
 
     def _refuse(self, line: bytes) -> None:
         self.malformed += 1

@@ -26,6 +26,7 @@ def read_log(
     header: str = "",
     inputs: tuple[str, ...] = (),
     output: str = "",
+    time: str = "",
     dt: float | None = None,
     whole: bool = False,
     columns: Columns | None = None,
@@ -36,7 +37,7 @@ def read_log(
         path: of the log, or of any file of lines.
         begin: the byte to begin at.
         header: the columns, where the file has no header.
-        inputs, output: names of the columns.
+        inputs, output, time: names of the columns.
         dt: sample time in s; by default from the time column.
         whole: whether a last line without its line break is complete; in a log it may be cut off.
         columns: what the columns are, where that is known already.
@@ -45,7 +46,7 @@ def read_log(
         FormatError: where the file cannot be read.
         DataError: where it has no samples.
     """
-    parser, timeline = LineParser(header, inputs, output, columns), Timeline(dt)
+    parser, timeline = LineParser(header, inputs, output, time, columns=columns), Timeline(dt)
     data = read_from(path, begin)
     rows = parser.feed(data + b"\n" if whole else data[: data.rfind(b"\n") + 1])
     if parser.columns is None and parser.problem is not None:

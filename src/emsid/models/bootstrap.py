@@ -142,8 +142,8 @@ def pieces_of(fit: Fit[Any], segments: Sequence[Record], pieces: int | None) -> 
     least = max(FEWEST, len(fit.estimate) + 1)
     if len(cut) < least:
         raise ModelError(
-            f"{fit.model.name}: {len(cut)} pieces of at least {shortest} samples, and a bootstrap of "
-            f"{len(fit.estimate)} parameters needs {least}; record longer"
+            f"{fit.model.name}: the records make {len(cut)} pieces of at least {shortest} samples, but a "
+            f"bootstrap of {len(fit.estimate)} parameters needs {least}; record longer"
         )
     return cut
 

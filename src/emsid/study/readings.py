@@ -129,9 +129,12 @@ def ratios(motor: Motor, reading: Reading, duration: float = 20.0, seed: int = 1
     }
 
 
-def largest(reading: Reading, duration: float = 20.0) -> list[Largest]:
+def largest(reading: Reading, duration: float = 20.0, control: Control = FREE) -> list[Largest]:
     """The largest ratios of a reading over all motors: of the free run and one step ahead."""
-    found = [(about, ratios(motor, reading, duration)) for about, motor in motors()]
+    found = []
+    for about, motor in motors():
+        control.check()
+        found.append((about, ratios(motor, reading, duration)))
     rows = []
     for error in (FREE_RUN, ONE_STEP):
         seen, unseen = (np.array([both[error][k] for _, both in found]) for k in (0, 1))
@@ -156,5 +159,5 @@ def largest_ratios(duration: float = 20.0, control: Control = FREE) -> tuple[Lar
     rows: list[Largest] = []
     for k, reading in enumerate(READINGS):
         control.doing(f"largest ratio, {reading.name}", k, len(READINGS))
-        rows += largest(reading, duration)
+        rows += largest(reading, duration, control)
     return tuple(rows)

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from emsid.cli.app import app
+from emsid.cli.interruption import INTERRUPTION
 from emsid.cli.terminal import say
 from emsid.cli.writing import check_folder
 
@@ -62,6 +63,7 @@ def demo(
     from emsid.study.demonstration import EXAMPLES
 
     check_folder(folder, given="")
+    INTERRUPTION.words = "interrupted; only the files named above are complete"
     for example in EXAMPLES:
         record = example.record()
         write_record(record, folder / f"{example.name}.csv")

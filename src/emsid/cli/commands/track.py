@@ -57,6 +57,7 @@ StateFile = Annotated[
 Header = Annotated[str, typer.Option(metavar="NAMES", help="Columns of a source without header: t[ms],u[V],y[rpm].")]
 InputColumns = Annotated[str | None, typer.Option("--input", "-u", metavar="COL,...", help="Input columns.")]
 OutputColumn = Annotated[str, typer.Option("--output", "-y", metavar="COL", help="Output column.")]
+TimeColumn = Annotated[str, typer.Option("--time", metavar="COL", help="Time column, unless it is named t or time.")]
 Baud = Annotated[int, typer.Option(metavar="N", help="Bits per second of a serial port.", min=50)]
 Dt = Annotated[
     float | None, typer.Option(metavar="S", parser=quantity("s"), help="Sample time, without a time column.")
@@ -87,6 +88,7 @@ def track(
     header: Header = "",
     input: InputColumns = None,
     output: OutputColumn = "",
+    time: TimeColumn = "",
     baud: Baud = 115200,
     dt: Dt = None,
     every: Every = 0.2,
@@ -115,7 +117,7 @@ def track(
     adaptation = _rule(rule, forgetting, rate)
     from emsid.live.session import Settings
 
-    reading = {"header": header, "inputs": columns, "output": output}
+    reading = {"header": header, "inputs": columns, "output": output, "time": time}
     settings = Settings(every, duration, patience, dt, false_alarm)
     session = _session(source, made, adaptation, not announce_only, model)
     begun = None

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from emsid.identification.ranking import FrontRow
 from emsid.report.document import Axis, Figure, Ink, Line, Plot, Points, Stroke, Table
 from emsid.report.numbers import first_up, number
-from emsid.units import plain_unit
+from emsid.units import in_unit
 from emsid.validation.regions import REGIONS, RecordError, RegionError
 
 Array = NDArray[np.float64]
@@ -147,7 +147,6 @@ def _region_table(errors: Sequence[RegionError], where: str) -> Table:
     regions = [region for region in REGIONS if any(each.region == region for each in errors)]
     found = {(each.model, each.region): each for each in errors}
     models = list(dict.fromkeys(each.model for each in errors))
-    unit = plain_unit(errors[0].unit)
     counts = {each.region: each.samples for each in errors}
     return Table(
         ("Model", *(first_up(region) for region in regions)),
@@ -155,7 +154,7 @@ def _region_table(errors: Sequence[RegionError], where: str) -> Table:
             *((model, *(number(found[model, region].rmse) for region in regions)) for model in models),
             ("samples", *(f"{counts[region]:,}" for region in regions)),
         ),
-        f"RMSE of the free run by operating region of {errors[0].output}{unit and f' in {unit}'}, {where}.",
+        f"RMSE of the free run by operating region of {in_unit(errors[0].output, errors[0].unit)}, {where}.",
         "With v the 99 % quantile of |y|: standstill up to 5 % of v, low speed up to 30 %, high speed above. A "
         "reversal is what lies between high speed in one direction and in the other.",
     )

@@ -333,18 +333,25 @@ def test_a_nonlinearity_is_seen_in_few_levels(seed: int) -> None:
     assert found.code == "nonlinear-likely"
 
 
-def test_slow_noise_is_not_called_nonlinear() -> None:
+@pytest.mark.parametrize("breaks", [(), (400, 900)])
+@pytest.mark.parametrize(("pole", "held", "motor_pole"), [(0.98, 60, 0.97), (1.0, 10, 0.9)])
+def test_slow_noise_is_not_called_nonlinear(pole: float, held: int, motor_pole: float, breaks: tuple[int, ...]) -> None:
     """As many functions explain much of a noise that lasts long, in sample, in any record of few levels."""
-    wrong = 0
+    wrong = right = 0
     for seed in range(20):
-        u = steps(seed, 60, 3000)
-        noise = lfilter([1], [1, -0.98], np.random.default_rng(seed).standard_normal(len(u)))
-        y = motor(u, 0.97, noise=0.0)
-        y = y + 0.1 * y.std() / noise.std() * noise
-        linear = baseline(Record(u, y, 0.01), 1)
-        assert linear is not None
-        wrong += dependence(linear, u, ()).probability < LEVEL
-    assert wrong <= 2
+        rng = np.random.default_rng(seed)
+        u = steps(seed, held, 1500)
+        noise = lfilter([1], [1, -pole], rng.standard_normal(len(u)))
+        for bend in (0.0, 0.1):
+            y = motor(u, motor_pole, noise=0.0)
+            y = y + bend * (y**2 / y.std() - y.std())
+            y = y + y.std() * (0.1 / noise.std() * noise + 0.01 * rng.standard_normal(len(u)))
+            linear = baseline(Record(u, y, 0.01), 1)
+            assert linear is not None
+            found = dependence(linear, u, breaks).probability < LEVEL
+            wrong, right = wrong + (found and not bend), right + (found and bend > 0)
+    assert wrong <= 1
+    assert right >= 18
 
 
 def test_the_dead_zone_is_between_rest_and_motion() -> None:

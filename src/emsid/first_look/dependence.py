@@ -10,6 +10,10 @@ the residual. A regression on [S C] also takes slow noise out of it, and one on 
 both give an A(q), each is estimated again from what the filtered regression leaves, and the most likely is taken by the
 restricted likelihood, which allows for what the columns take out.
 
+The estimates of A(q) are stable, and near a root at one they are poor. Noise that wanders, as a random walk does, gives
+A(q) = (1 − q⁻¹)·B(q), where B(q) is estimated from differences. The constant in S is zero there. The restricted
+likelihood of the samples does not depend on the constant, so it is one of differences too, and both can be compared.
+
 References:
     Davidson, R., and MacKinnon, J. G. (2004). Econometric Theory and Methods, sections 6.7 (a test by regression of
         the residual on derivatives) and 7.4 (feasible generalised least squares).
@@ -19,7 +23,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -83,15 +87,9 @@ def dependence(linear: Baseline, u: Array, breaks: Sequence[int]) -> Dependence:
     if few == every:
         return Dependence(0.0, 1.0)
     pieces = [piece[:, [*kept, -1]] for piece in pieces]
-    plain = Regression(pieces, np.ones(1), few)
-    weighted = []
-    for known in (few, every):
-        noise = plain.left(pieces, known)
-        for _ in range(REPETITIONS):
-            weighted.append(Regression(pieces, autoregression(noise)[0], few))
-            noise = weighted[-1].left(pieces, every)
+    weighted = [*_weighted(pieces, few, every), *_weighted(_differences(pieces), few - 1, every - 1)]
     ratio, probability = min(weighted, key=lambda each: each.criterion).test
-    squares = plain.triangle[:, -1] ** 2
+    squares = Regression(pieces, np.ones(1), few).triangle[:, -1] ** 2
     explained = float(squares[few:-1].sum() / squares.sum())
     of_noise = 1 / ratio if ratio > 1 else 1.0
     return Dependence(explained * (1 - of_noise) * (1 - linear.fit) ** 2, probability)
@@ -133,6 +131,26 @@ def _independent(pieces: Sequence[Array]) -> NDArray[np.intp]:
     size = np.sqrt(np.sum(columns**2, axis=0))
     triangle = np.linalg.qr(columns / np.where(size > 0, size, 1.0), mode="r")
     return np.flatnonzero(np.abs(np.diag(triangle)) > RANK)
+
+
+def _weighted(pieces: Sequence[Array], few: int, every: int) -> Iterator[Regression]:
+    """The regressions filtered by every estimate of A(q)."""
+    plain = Regression(pieces, np.ones(1), few)
+    for known in (few, every):
+        noise = plain.left(pieces, known)
+        for _ in range(REPETITIONS):
+            weighted = Regression(pieces, autoregression(noise)[0], few)
+            yield weighted
+            noise = weighted.left(pieces, every)
+
+
+def _differences(pieces: Sequence[Array]) -> list[Array]:
+    """Tables of differences from row to row, without the constant, which is the first column.
+
+    Regressions on them have a column less than on the tables, so they get a row less, in the first table; the first row
+    of the others is zero.
+    """
+    return [np.diff(piece[:, 1:], axis=0, prepend=piece[: min(k, 1), 1:]) for k, piece in enumerate(pieces)]
 
 
 class Regression:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Control
@@ -17,7 +16,6 @@ from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.nonlinear.restarts import RESTARTS, begun_again, confirmed
 from emsid.estimation.uncertainty.coloured_residuals import FEWEST, effective_samples
-from emsid.models.blocks.search.starts import linear_candidates
 
 Array = NDArray[np.float64]
 
@@ -90,17 +88,3 @@ def test_a_stopped_search_is_not_begun_again() -> None:
     problem.searches = 0
     assert begun_again(first, problem.search, 2, Control(cancelled=lambda: True)) is first
     assert problem.searches == 0
-
-
-def test_pairs_of_zeros_are_divided_between_two_odd_orders() -> None:
-    """All zeros of a response are pairs, each order is three: no division keeps both filters proper."""
-    rng = np.random.default_rng(0)
-    u = rng.standard_normal(8000)
-    zeros = [0.8 + 0.5j, 0.8 - 0.5j, 0.1 + 0.6j, 0.1 - 0.6j, -0.5 + 0.6j, -0.5 - 0.6j]
-    poles = [0.84 + 0.3j, 0.84 - 0.3j, 0.8, 0.9 + 0.15j, 0.9 - 0.15j, 0.7]
-    y = lfilter(np.real(np.poly(zeros)), np.real(np.poly(poles)), u) + 0.01 * rng.standard_normal(8000)
-    pairs = list(linear_candidates([(u, y)], (3, 3), 6, 1))
-    assert pairs
-    assert {(len(first.denominator), len(second.denominator)) for first, second in pairs if first and second} == {
-        (3, 3)
-    }

@@ -24,11 +24,11 @@ from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.order_growth import larger_cascades
 from emsid.models.blocks.search.orders import map_sizes, oversamplings
 from emsid.models.blocks.search.refinement import Choice, Plan, evident, refined, simplest
-from emsid.models.blocks.search.sources import ordered_starts
+from emsid.models.blocks.search.sources import exchanged, ordered_starts
 from emsid.models.blocks.search.starts import at_higher_rate, grown, started
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
 from emsid.record import Record
-from emsid.selection.improvement import better
+from emsid.selection.improvement import better, matters
 
 # The number of refined starts that continue with a map of the required family; fits to a short record take little time.
 REFINED_MAPS, REFINED_MAPS_SHORT = 2, 6
@@ -102,7 +102,8 @@ def improving(task: Task) -> Iterator[Choice]:
     """Successive choices, each better than the previous: filters with a map of the first family, then the map."""
     settings = task.settings
     first, *higher = oversamplings(task.shown) if settings.oversampling is None else (settings.oversampling,)
-    small = simplest(_from_starts(task, first))
+    yield (small := simplest(_from_starts(task, first)))
+    small = _with_filters_exchanged(task, small)
     for best in _of_higher_orders(task, small):
         yield best
     for rate in higher:
@@ -139,6 +140,22 @@ def _from_starts(task: Task, rate: int) -> list[Choice]:
     ahead = ahead[: REFINED_MAPS_SHORT if task.short else REFINED_MAPS]
     plans = [task.plan(each.model, family, size) for each in ahead]
     return [*(found if direct else []), *task.refined(plans)]
+
+
+def _with_filters_exchanged(task: Task, best: Choice) -> Choice:
+    """The choice, or the same structure with poles and zeros divided otherwise between its filters, if it is better.
+
+    A frequency response shows zeros beyond the band of the input only roughly, so no division of them may be close to
+    that of the system. Those of a fitted cascade are closer, even where its search ended at another minimum.
+    """
+    task.control.doing("poles and zeros exchanged between the filters")
+    while True:
+        plans = [Plan(each, best.family, best.size) for each in exchanged(best.model, task.part)]
+        found = task.refined(plans, best)
+        ahead = [each for each in found if matters(each.known**2, best.known**2) and each.error < best.error]
+        if not ahead:
+            return best
+        best = ahead[0]
 
 
 def _of_best_family(task: Task, best: Choice) -> Choice:

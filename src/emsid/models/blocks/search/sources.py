@@ -20,6 +20,7 @@ from emsid.models.blocks.search.cross_validation import delayed
 from emsid.models.blocks.search.orders import order_shares, sign_recovery_orders, total_orders
 from emsid.models.blocks.search.starts import (
     RANDOM_DRAWS,
+    divided_anew,
     linear_candidates,
     random_candidates,
     regression_candidate,
@@ -27,6 +28,7 @@ from emsid.models.blocks.search.starts import (
 )
 from emsid.models.blocks.search.topologies import CascadeSearch, Orders, Topology
 from emsid.models.blocks.search.trials import Candidate, Filters, scanned
+from emsid.models.free_run import free_run_error
 from emsid.models.one_channel import Segments
 from emsid.record import Record
 from emsid.record.holding_back import SHORT
@@ -123,6 +125,17 @@ def refined_first(starts: Sequence[Cascade]) -> list[Cascade]:
     behind = [k for k in range(len(starts)) if k not in ahead]
     several = len(ahead) - 1 if orders and len(orders[0]) > 1 else 0
     return [starts[k] for k in (ahead + behind)[: REFINED + several]]
+
+
+def exchanged(model: Cascade, records: Sequence[Record]) -> list[Cascade]:
+    """The model with poles and zeros divided otherwise between its filters: the `REFINED` with the least error.
+
+    Args:
+        model: the model.
+        records: that the free runs are compared on.
+    """
+    others = [each for each in divided_anew(model) if not _same_filters(each, model)]
+    return refined_first(sorted(others, key=lambda each: free_run_error(each, records)))
 
 
 def _same_filters(start: Cascade, other: Cascade) -> bool:

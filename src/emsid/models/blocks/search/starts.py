@@ -7,7 +7,8 @@ candidates, each in its own function; `scanned` scores every candidate by one li
 **The best linear approximation.** Driven by a random input, filter–map–filter looks like the product of its two
 filters, up to a gain (Bussgang's theorem; Schoukens & Tiels 2017). So a rational function is fitted to the measured
 frequency response, and its poles and zeros are divided between the two filters in every way that gives the required
-orders; conjugate pairs stay together.
+orders; conjugate pairs stay together. The response shows zeros beyond the band of the input only roughly; so the
+poles and zeros of a refined cascade are divided anew.
 
 **The paper's least-squares solution.** The expanded regression (5.8) has the parameters s = d ⊗ (b₁, λ₂b₁²), a matrix
 of rank one with delays as rows and powers as columns. The leading singular vectors of its least-squares estimate are
@@ -30,7 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,16 +92,43 @@ def linear_candidates(
         poles, zeros = _groups(Rational(b, a).poles), _groups(Rational(b, a).zeros)
     if not any(True for _ in _splits(poles, first)):
         poles = _parted(poles)
-    count = 0
-    for p1, p2 in _splits(poles, first):
-        for share in product((0, 1), repeat=len(zeros)):
-            z1 = [z for group, side in zip(zeros, share, strict=True) if side == 0 for z in group]
-            z2 = [z for group, side in zip(zeros, share, strict=True) if side == 1 for z in group]
-            if len(z1) <= first and len(z2) <= second:
-                yield _from_roots(z1, p1, first), _from_roots(z2, p2, second)
-                count += 1
-                if count == MOST_SPLITS:
-                    return
+    yield from _divisions(poles, zeros, (first, second))
+
+
+def _divisions(poles: list[list[complex]], zeros: list[list[complex]], orders: tuple[int, int]) -> Iterator[Filters]:
+    """Pairs of proper filters of these orders that have these poles and zeros together, `MOST_SPLITS` at most."""
+    first, second = orders
+
+    def divided() -> Iterator[Filters]:
+        for p1, p2 in _splits(poles, first):
+            for share in product((0, 1), repeat=len(zeros)):
+                z1 = [z for group, side in zip(zeros, share, strict=True) if side == 0 for z in group]
+                z2 = [z for group, side in zip(zeros, share, strict=True) if side == 1 for z in group]
+                if len(z1) <= first and len(z2) <= second:
+                    yield _from_roots(z1, p1, first), _from_roots(z2, p2, second)
+
+    return islice(divided(), MOST_SPLITS)
+
+
+def divided_anew(cascade: Cascade) -> Iterator[Cascade]:
+    """The cascade with the poles and zeros of its two filters divided between them in every way; their gains stay.
+
+    Args:
+        cascade: the model; with fewer filters there is nothing to divide.
+    """
+    filters = [(k, block) for k, block in enumerate(cascade.blocks) if isinstance(block, Rational)]
+    if len(filters) < 2:
+        return
+    (k, first), (m, second) = filters
+    poles = _groups(np.concatenate([first.poles, second.poles]))
+    zeros = _groups(np.concatenate([first.zeros, second.zeros]))
+    blocks = list(cascade.blocks)
+    for one, other in _divisions(poles, zeros, (len(first.denominator), len(second.denominator))):
+        assert one is not None
+        assert other is not None
+        blocks[k] = of_unit_gain(one).amplified(first.gain)
+        blocks[m] = of_unit_gain(other).amplified(second.gain)
+        yield replace(cascade, blocks=tuple(blocks))
 
 
 def grown(cascade: Cascade, orders: tuple[int | None, int | None]) -> Cascade:

@@ -220,16 +220,22 @@ def test_a_dead_zone_that_differs_by_direction_is_found():
     assert found == pytest.approx([-0.5, 1.1], abs=0.05)
 
 
-@pytest.mark.parametrize("bounds", [None, {"friction.stribeck_rate": (0.0, np.inf)}], ids=["resolved", "any"])
-def test_stribeck_friction_is_idle_where_the_record_does_not_show_its_rate(bounds):
+@pytest.mark.parametrize(
+    ("rate", "interval", "idle"), [(1.0, None, True), (1.0, (0.8, 1.2), True), (0.5, (0.4, 0.6), False)]
+)
+def test_stribeck_friction_is_idle_where_the_record_does_not_show_its_rate(rate, interval, idle):
+    """Where the rate, as a part of its limit, is not estimated or is that limit."""
     asked = (*AXIS.default_free, "friction.stribeck", "friction.stribeck_rate")
     fit = simulation_error(
         AXIS.with_values({"friction.stribeck": 0.03, "friction.stribeck_rate": 1e6}), axis(), free=asked,
-        find_start=False, max_iterations=5, bounds=bounds,
+        find_start=False, max_iterations=5,
     )  # fmt: skip
-    assert ("friction.stribeck_rate" in fit.names) == (bounds is None)  # it ends at its limit
-    rows = [replace(row, interval=(0.02, 0.04)) if row.name == asked[-2] else row for row in fit.table]
-    assert unsupported(replace(fit, table=rows), asked, AXIS.default_free) == [frozenset(asked[-2:])]
+    assert "friction.stribeck_rate" not in fit.names
+    most = fit.limits[asked[-1]][1]
+    part = interval and tuple(most * end for end in interval)
+    shown = {asked[-2]: {"interval": (0.02, 0.04)}, asked[-1]: {"value": rate * most, "interval": part}}
+    rows = [replace(row, **shown.get(row.name, {})) for row in fit.table]
+    assert unsupported(replace(fit, table=rows), asked, AXIS.default_free) == [frozenset(asked[-2:])] * idle
 
 
 def test_what_has_no_effect_is_removed_though_the_last_fit_has_not_converged(monkeypatch):

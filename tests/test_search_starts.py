@@ -150,6 +150,18 @@ def test_samples_resolve_an_excess_that_lasts_longer_than_a_sample(is_position):
     assert resolved_rate([record], (Signal.CURRENT,)) == np.inf
 
 
+def test_noise_that_is_sampled_faster_does_not_lower_the_rate_that_samples_resolve():
+    """It lies above the true rate of simulated axes, 1/(15 mm/s), though the change in a sample is mostly noise."""
+    rng, found = np.random.default_rng(0), []
+    for dt in (1e-3, 2.5e-4, 1e-4):
+        t = np.arange(0, 4, dt)
+        position = 0.15 * np.sin(2.6 * t) * np.sin(8 * t) + 3e-4 * rng.standard_normal(len(t))
+        found.append(resolved_rate([Record(np.ones(len(t)), position, dt)], (Signal.POSITION,)))
+    assert found[0] > 1 / 0.015
+    assert found[1] > 0.9 * found[0]
+    assert found[2] > 0.9 * found[1]
+
+
 def test_a_search_under_drift_ends_at_the_same_cost_from_other_frictions():
     """With rates beyond what samples resolve, single reversals stick for some samples more or fewer."""
     record = replace(axis(105, drifts=True).fitted, output_units=("m",))

@@ -16,8 +16,8 @@ Array = NDArray[np.float64]
 
 GONE = 3.0
 """An excess of friction is gone where it is e⁻³, 5 % of that at rest."""
-WINDOW = 3.0
-"""Time constant in samples of the filter through which changes of speed are seen."""
+WINDOWS = tuple(2**k for k in range(9))
+"""Time constants in samples of the filters through which changes of speed are seen."""
 
 
 def motion_channel(signals: Sequence[Signal]) -> tuple[int | None, bool]:
@@ -45,15 +45,31 @@ def smoothed(values: Array, samples: float) -> Array:
 def resolved_rate(segments: Sequence[Record], signals: Sequence[Signal]) -> float:
     """The largest rate of Stribeck friction that samples resolve; infinite where no motion is seen.
 
-    With a larger rate the excess is gone within one sample of the usual acceleration. Searches that go on to larger
-    rates come to many minima, in which single reversals stick for some samples more or fewer.
+    With a larger rate the excess is gone within the smallest usual change of speed that is seen. Searches that go on to
+    larger rates come to many minima, in which single reversals stick for some samples more or fewer.
+
+    The speed is seen through a filter, and changes while one time constant of it passes. Through a short one the change
+    is mostly noise, and falls with a longer one until it is mostly motion; in exact samples it is that at once. So
+    noise that is sampled faster does not lower the rate.
     """
     channel, is_position = motion_channel(signals)
     if channel is None:
         return inf
+    change = inf
+    for window in WINDOWS:
+        seen = _usual_change(segments, channel, is_position, window)
+        if seen >= change:
+            break
+        change = seen
+    return GONE / change if 0 < change < inf else inf
+
+
+def _usual_change(segments: Sequence[Record], channel: int, is_position: bool, window: int) -> float:
+    """The median change of speed in so many samples, through a filter of that time constant; infinite in short ones."""
     changes = []
     for segment in segments:
-        shown = smoothed(segment.output[:, channel], WINDOW)
-        changes.append(np.diff(np.gradient(shown, segment.dt) if is_position and len(shown) > 1 else shown))
-    change = float(np.median(np.abs(np.concatenate(changes))))
-    return GONE / change if change > 0 else inf
+        if len(segment) > window + 1:
+            shown = smoothed(segment.output[:, channel], window)
+            speed = np.gradient(shown, segment.dt) if is_position else shown
+            changes.append(np.abs(speed[window:] - speed[:-window]))
+    return float(np.median(np.concatenate(changes))) if changes else inf

@@ -34,7 +34,7 @@ from emsid.models.plants.search.refinements.gain_by_direction import gain_and_fr
 from emsid.models.plants.search.refinements.knee import knee
 from emsid.models.plants.search.refinements.stribeck_by_direction import stribeck_by_direction
 from emsid.models.plants.search.refinements.supply_limit import supply_limit
-from emsid.models.plants.search.refinements.usual import by_direction, coasting_bridge, late_command
+from emsid.models.plants.search.refinements.usual import by_direction, coasting_bridge, late_command, slow_sensor
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.scaling import Scaling
 from emsid.models.plants.search.task import prepare
@@ -234,6 +234,20 @@ def test_a_trial_without_free_parameters_is_not_begun_again():
     trials = Trials((record,), (Signal.SPEED,), {})
     rest = Trial(RIGID, (), [RIGID.first_state((Signal.SPEED,), record)], 0.0, [record.output[:, 0]])
     assert trials.around(rest, np.random.default_rng(0), 2).ends == ()
+
+
+def test_a_lag_of_zero_does_not_stay_for_the_initial_reading_that_it_has():
+    """The record begins within the delay after a jump of the command, so the first speed is not that of the motion."""
+    truth = OneMass(gain=25.0, damping=10.0, coulomb=(20.0, 20.0), delay=6e-3, smooth=1e-2)
+    rng = np.random.default_rng(0)
+    u = 12 * levels(700, rng, 30)
+    speed = truth.run(u, 1e-2)[0][:700] + 0.05 * rng.standard_normal(700)
+    jumps = np.flatnonzero(np.abs(np.diff(u)) > 8) + 1
+    first = int(jumps[jumps > 100][0])
+    record = Record(u[first:], speed[first:], 1e-2, output_units="rad/s")
+    fit = choose(RIGID, record, refinements=(late_command, slow_sensor))
+    assert "sensor.lag" not in fit.names
+    assert fit.model.plant.value("drive.delay") == pytest.approx(6e-3, rel=0.05)
 
 
 def test_a_plant_without_a_refinement_does_not_get_it():

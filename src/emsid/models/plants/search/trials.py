@@ -8,6 +8,10 @@ Two trials are compared by Schwarz's criterion (`schwarz_gain`). Its n is not th
 independent ones in the residual of the richer trial. The residual of a poor model is a slow signal, so its samples are
 nearly the same many times over.
 
+A sensor with a lag has an initial reading of its own, which explains the first speed also where the lag is nothing: so
+would a command before the record that is not known. In a segment that begins in motion the first speed counts in no
+trial, so that a lag of zero is the limit of a small one.
+
 References:
     Jamieson, Talwalkar, *Non-stochastic best arm identification and hyperparameter optimization*, AISTATS (2016), on
     successive halving.
@@ -205,10 +209,20 @@ class Trials:
             inside = plant.with_values({name: float(np.clip(plant.value(name), *bounds[name])) for name in names})
             first, free = begun(inside, self.signals, self.seen, self.begins, states)
             return FreeRunError(
-                inside, self.signals, self.segments, names, first, free, self.weighting, 1, self.counted
+                inside, self.signals, self.segments, names, first, free, self.weighting, 1, self._counted(inside)
             )
         except EmsidError:
             return None
+
+    def _counted(self, plant: DrivenPlant) -> tuple[Array, ...] | None:
+        """(N,) of every segment, 0 for samples whose errors do not count: the first speed in motion, too."""
+        if Signal.POSITION in self.signals:
+            return self.counted
+        counted = self.counted or tuple(np.ones(len(segment)) for segment in self.segments)
+        return tuple(
+            np.where((np.arange(len(segment)) == 0) & bool(plant.free_states(self.signals, segment)), 0.0, some)
+            for segment, some in zip(self.segments, counted, strict=True)
+        )
 
     @property
     def seen(self) -> list[Record]:

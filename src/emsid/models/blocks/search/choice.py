@@ -146,8 +146,11 @@ def _with_filters_exchanged(task: Task, best: Choice) -> Choice:
     """The choice, or the same structure with poles and zeros divided otherwise between its filters, if it is better.
 
     A frequency response shows zeros beyond the band of the input only roughly, so no division of them may be close to
-    that of the system. Those of a fitted cascade are closer, even where its search ended at another minimum.
+    that of the system. Those of a fitted cascade are closer, even where its search ended at another minimum. A short
+    record is left as it is: it goes on with more starts, and little of it is unseen to decide between divisions.
     """
+    if task.short:
+        return best
     task.control.doing("poles and zeros exchanged between the filters")
     while True:
         plans = [Plan(each, best.family, best.size) for each in exchanged(best.model, task.part)]

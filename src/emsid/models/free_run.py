@@ -213,9 +213,8 @@ def begins_at_rest(segment: Record) -> bool:
 
     Its first inputs, at least `RESTING` of them, are exactly zero, and its outputs are exactly equal meanwhile.
     """
-    driven = np.flatnonzero(segment.input.any(axis=1))
-    still = segment.output[: driven[0] if len(driven) else None]
-    return len(still) >= RESTING and bool((still == still[0]).all())
+    driven, moved = _until_change(segment.input), _until_change(segment.output)
+    return RESTING <= driven <= moved and not segment.input[0].any()
 
 
 def begins_steady(segment: Record, samples: int) -> bool:

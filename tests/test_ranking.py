@@ -237,6 +237,15 @@ def test_an_implausible_model_has_to_be_better_by_more_than_noise():
         assert recommended([doubtful, other], {"doubtful"}).name == name
 
 
+def test_what_is_within_noise_of_a_plausible_model_is_not_so_of_the_best():
+    """The simpler model is certainly worse than the best, which is implausible; against the other one it may not be."""
+    doubtful = model(9, noisy(1.0, 0.1), "doubtful")
+    uneven = model(15, doubtful.errors.means * np.exp(np.resize([0.5, -0.48], 16)), "uneven")
+    simple = model(3, 1.15 * doubtful.errors.means, "simple")
+    assert not better_by_ratio(uneven.errors, than=simple.errors)
+    assert recommended([doubtful, uneven, simple], {"doubtful"}).name == "uneven"
+
+
 def misleading():
     """A record whose last part does not show the dead zone, and the models of all of it."""
     first = emsid.concatenate([drive(3, 1200, low=0.3, noise=0.05), drive(5, 300, low=-1.0, high=-0.3, noise=0.05)])

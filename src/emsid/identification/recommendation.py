@@ -61,7 +61,9 @@ def recommended(ranking: Sequence[Ranked], implausible: Collection[str], unusabl
     usable = [each for each in compared(ranking) if each.name not in unusable] or compared(ranking)
     best = min(usable, key=lambda each: each.errors.mean)
     plausible = [each for each in usable if each.name not in implausible]
-    if best.name in implausible and not any(_stands_in(each, best) for each in plausible):
+    if best.name in implausible:
+        plausible = [each for each in plausible if _stands_in(each, best)]
+    if not plausible:
         return simplest(usable, lambda each: each.size, as_good=close)
     chosen = simplest(plausible, lambda each: each.size, as_good=close)
     small = [e for e in plausible if FAR_FEWER * e.size <= chosen.size and equivalent(e.errors, best.errors)]

@@ -213,3 +213,24 @@ def test_every_row_of_a_long_table_is_read() -> None:
     columns = read_table(b"t,u\n" + b"".join(b"%d.125,-%d\n" % (k, k % 977) for k in range(rows)))
     np.testing.assert_array_equal(columns.series["t"].to_numpy(), np.arange(rows) + 0.125)
     np.testing.assert_array_equal(columns.series["u"].to_numpy(), -(np.arange(rows) % 977))
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "(1700000000.0008) can0 181#FFFF",
+        "(1700000000.0008)  vcan0  0000201#F4D40000 R",
+        "  can0  201   [4]  F4 D4 00 00",
+        " (001.25)  can0  181   [2]  41 42   'AB'",
+    ],
+)
+def test_frames_of_a_can_bus_are_named_with_what_helps(line: str) -> None:
+    with pytest.raises(FormatError, match=r"log of CAN frames.*decode it with the DBC file"):
+        columns_of(f"{line}\n" * 20)
+
+
+def test_times_of_day_with_am_and_pm() -> None:
+    columns = columns_of("Time,u\n11:59:59.500 AM,1\n12:00:00.000 PM,2\n12:00:00.500 PM,3\n")
+    assert as_numbers(columns.series["Time"]).tolist() == [0.0, 0.5, 1.0]
+    columns = columns_of("Time,u\n03/04/2026 11:59:59.5 PM,1\n03/05/2026 12:00:00 AM,2\n")
+    assert as_numbers(columns.series["Time"]).tolist() == [0.0, 0.5]

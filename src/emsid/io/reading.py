@@ -24,6 +24,7 @@ from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, nearest
 from emsid.io.derivative import check_window, derivative
 from emsid.io.files import gunzipped, read_bytes
+from emsid.io.long_form import one_column_per_signal
 from emsid.io.mat import read_mat
 from emsid.io.mdf import read_mdf
 from emsid.io.messages import with_clocks_of_messages
@@ -49,6 +50,7 @@ READERS: dict[str, Callable[[bytes], Columns]] = {
     ".dat": read_table,
     ".txt": read_table,
     ".log": read_table,
+    **dict.fromkeys((".jsonl", ".ndjson"), read_table),
     ".mat": read_mat,
     ".parquet": read_parquet,
     ".npz": read_npz,
@@ -92,7 +94,7 @@ def read_columns(path: str | os.PathLike[str]) -> Columns:
         known = ", ".join(READERS)
         raise FormatError(f"{path}: no reader for the suffix {suffix!r}; there are {known}, also packed (.csv.gz)")
     try:
-        columns = reader(gunzipped(content) if packed else content)
+        columns = one_column_per_signal(reader(gunzipped(content) if packed else content))
     except FormatError as problem:
         raise FormatError(f"{path}: {problem}") from None
     if not columns.series:
@@ -145,9 +147,9 @@ def read(
     """Read a record from a file.
 
     Args:
-        path: a table (CSV, TSV, ``.dat``, ``.txt`` or ``.log``), a MAT file (version 5 to 7.3), Parquet, Arrow, Feather
-            or NPZ, each also packed by gzip (``.csv.gz``); with an optional package a spreadsheet, TDMS, MDF, WPILOG,
-            MCAP or a bag of ROS 1 or 2 (a folder); or a file that is parsed already.
+        path: a table (CSV, TSV, ``.dat``, ``.txt``, ``.log`` or ``.jsonl``), a MAT file (version 5 to 7.3), Parquet,
+            Arrow, Feather or NPZ, each also packed by gzip (``.csv.gz``); with an optional package a spreadsheet, TDMS,
+            MDF, WPILOG, MCAP or a bag of ROS 1 or 2 (a folder); or a file that is parsed already.
         input: the column, or columns, that drive the system. ``d(name)`` is the derivative of column
             ``name``, see `emsid.io.derivative.derivative`, unless a column has that very name. ``x.csv:1`` is the first
             column of another file, and ``x.csv:name`` one by name.

@@ -36,13 +36,18 @@ _MOMENTS = [
     for between in ("T", " ")
     for zone in ("", "Z", "%z")
 ]
-_TIME_OF_DAY = "%H:%M:%S%.f"
+_MOMENTS += [f"{date} %I:%M:%S%.f %p" for date in ("%m/%d/%Y", "%d/%m/%Y", "%Y-%m-%d")]
+_TIMES_OF_DAY = ("%H:%M:%S%.f", "%I:%M:%S%.f %p")
 TIME = "time"
 """The name of the column with the times before an arrow."""
 _CELL = "\x1f"  # separates the cells of a split line; a file that contains it is refused as binary
 _BETWEEN_BLANKS = re.compile(r'"[^"]*"|[^\s"]+')
 _DIGIT = re.compile(r"\d")
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
+# (1700000000.000800) can0 181#FFFF, or can0  201   [4]  F4 D4 00 00, with or without a time in front
+_CAN_FRAME = re.compile(
+    r"\s*(\(\S+\)\s+)?\w+\s+([0-9A-F]{3,8}#\S*(\s+[RT])?|[0-9A-F]{3,8}\s+\[\d+\](\s+[0-9A-F]{2})*(\s+'.*')?)\s*"
+)
 
 
 class _Line(NamedTuple):
@@ -60,7 +65,7 @@ def read_table(content: bytes) -> Columns:
     """The columns of a text table.
 
     Raises:
-        FormatError: for binary content, no data, or lines of differing numbers of values.
+        FormatError: for binary content, frames of a CAN bus, no data, or lines of differing numbers of values.
     """
     comments: list[_Line] = []
     numbers: list[int] = []
@@ -75,6 +80,7 @@ def read_table(content: bytes) -> Columns:
     if not texts:
         raise FormatError("there is no table in this file, only comments or blank lines; check how it was exported")
 
+    _refuse_can_frames(texts[-LAST_LINES:])
     texts, times, labels, units = monitor_lines(texts)
     tail = [text for text in texts[-LAST_LINES:] if _DIGIT.search(text)]
     separator = "\t" if labels else _separator(tail[len(tail) // 2 :])
@@ -117,6 +123,15 @@ def _decode(content: bytes) -> str:
             f"this is not a text table; it looks like {what}: give the file its right suffix or repair it"
         )
     return text
+
+
+def _refuse_can_frames(texts: Sequence[str]) -> None:
+    """Refuse a log of a CAN bus, whose numbers are bytes."""
+    if 2 * sum(_CAN_FRAME.fullmatch(text) is not None for text in texts) > len(texts):
+        raise FormatError(
+            "this is a log of CAN frames, whose bytes do not say which signals they hold; decode it with the DBC file "
+            "of the bus to a table with a column for each signal, as cantools, asammdf and SavvyCAN do"
+        )
 
 
 def _with_marks(numbers: Sequence[int], texts: Sequence[str], separator: str) -> list[str]:
@@ -314,7 +329,7 @@ def _moments_or_text(column: pl.Series) -> pl.Series:
     pointed = column.str.replace(",", ".", literal=True)
     first = pointed.drop_nulls()[:1]
     kinds: list[tuple[type[pl.Datetime | pl.Time], str]] = [(pl.Datetime, form) for form in _MOMENTS]
-    for kind, form in [*kinds, (pl.Time, _TIME_OF_DAY)]:
+    for kind, form in [*kinds, *((pl.Time, form) for form in _TIMES_OF_DAY)]:
         if not first.str.strptime(kind, form, strict=False).has_nulls():
             return pointed.str.strptime(kind, form, strict=False)
     return column

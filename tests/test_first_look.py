@@ -149,10 +149,9 @@ def test_quantisation_survives_rounding_in_the_file() -> None:
 def test_a_value_that_stays_is_stuck_only_if_that_is_unusual() -> None:
     y = RNG.standard_normal(2000)
     y[700:900] = y[700]
-    stuck = column_of_numbers("y", "numbers", meaning("y"), y).stuck
-    assert stuck is not None
+    (stuck,) = column_of_numbers("y", "numbers", meaning("y"), y).stuck
     assert (stuck.start, stuck.length) == (700, 200)
-    assert column_of_numbers("y", "numbers", meaning("y"), RNG.standard_normal(2000)).stuck is None
+    assert column_of_numbers("y", "numbers", meaning("y"), RNG.standard_normal(2000)).stuck == ()
 
 
 def test_columns_of_a_file(write: Write) -> None:
@@ -429,6 +428,17 @@ def test_a_stuck_sensor(write: Write) -> None:
     assert "value-stuck" not in codes(describe(write({"t": T, "u": U, "y": Y})))
 
 
+def test_a_sensor_that_is_stuck_at_zero_and_a_drive_at_rest(write: Write) -> None:
+    rest, frozen = U.copy(), Y.copy()
+    rest[300:420] = np.repeat([0.5, -0.5, 0.4], 40)  # inside the dead zone
+    y = signal.lfilter([0, 0.5], [1, -0.9], np.where(np.abs(rest) < 0.6, 0.0, rest))
+    y[np.abs(y) < 0.05] = 0.0
+    frozen[500:620] = 0.0
+    assert data(describe(write({"t": T, "u": U, "y": frozen})), "value-stuck")["row"] == 500
+    assert np.ptp(y[380:420]) == 0
+    assert "value-stuck" not in codes(describe(write({"t": T, "u": rest, "y": y})))
+
+
 def test_an_output_is_stuck_where_a_single_step_of_the_input_should_move_it() -> None:
     u = np.repeat(RNG.integers(-10, 11, 40).astype(float), 60)
     y = 0.01 * RNG.standard_normal(len(u)) + signal.lfilter([0, 0.5], [1, -0.9], u)
@@ -441,6 +451,34 @@ def test_an_output_is_stuck_where_a_single_step_of_the_input_should_move_it() ->
     assert np.ptp(dead[1210:1290]) < 0.5
     assert not is_stuck(u, dead, Stretch(1210, 80, 0.0))  # at rest in a wide dead zone
     assert not is_stuck(np.full(len(u), np.nan), held, rows)
+
+
+def test_the_effect_of_a_code_on_a_position_is_that_on_its_speed(write: Write) -> None:
+    pwm, speed = 20 * U, np.zeros(N)
+    for k in range(60, N, 120):
+        pwm[k : k + 20] = 1000
+    for k in range(1, N):
+        speed[k] = 0.5 * speed[k - 1] if pwm[k - 1] == 1000 else 0.9 * speed[k - 1] + 0.025 * pwm[k - 1]
+    look = describe(write({"t": T, "PWM": pwm, "ticks": np.cumsum(speed)}))
+    assert [code["response"] for code in data(look, "isolated-values")["codes"]] in (["falls"], ["rests"])
+
+
+def test_of_many_columns_those_with_a_role_are_printed(run: Run, write: Write) -> None:
+    others = {f"ch{k}": RNG.standard_normal(N) for k in range(40)}
+    log = write({"t": T, "voltage": U} | others | {"speed": Y})
+    _, out, _ = run("describe", log)
+    assert "43 columns, of which 30 are shown" in out
+    assert "ch26" in out
+    assert "ch27" not in out
+    assert "speed    output" in out
+    assert len(describe(log).columns) == 43
+
+
+def test_times_that_are_not_understood_are_named(write: Write) -> None:
+    rows = "".join(f"noon plus {k},{U[k]},{Y[k]}\n" for k in range(N))
+    look = describe(write("time,voltage,speed\n" + rows))
+    assert data(look, "sample-time-unknown")["texts"] == ["time"]
+    assert data(describe(write({"voltage": U, "speed": Y})), "sample-time-unknown")["texts"] == []
 
 
 def test_bad_rows_are_skipped_and_said(write: Write) -> None:

@@ -20,6 +20,8 @@ FEWEST_LEVELS = 20
 """A column of fewer values is a command of steps, which is neither saturated nor stuck."""
 LONG_RUN = 50
 """A value must repeat this often in a row to be called stuck."""
+MOST_AT_ZERO = 5
+"""At most this many stretches at 0, the longest, may be stuck or at rest."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,8 @@ class Column:
         step: the quantisation step; None where there is none.
         codes: isolated values.
         at_low, at_high: the share of samples at a limit, where the values are cut off there; otherwise 0.
-        stuck: the longest stretch without change, if it is unusually long.
+        stuck: stretches without change in which the value may be stuck: the longest one, if it is unusually long, and
+            the longest ones at 0, where a drive rests too.
         period: after which a position starts again; None where it does not.
         values: (N,) its numbers, NaN where there is none; of a position with a period continuous.
     """
@@ -88,7 +91,7 @@ class Column:
     codes: tuple[Code, ...] = ()
     at_low: float = 0.0
     at_high: float = 0.0
-    stuck: Stretch | None = None
+    stuck: tuple[Stretch, ...] = ()
     period: float | None = None
     values: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
 
@@ -204,17 +207,16 @@ def _share_at_limit(counts: NDArray[np.intp]) -> float:
     return share if share > 0.01 and counts[0] > 10 * np.median(counts[1:11]) else 0.0
 
 
-def _stuck(values: Array, levels: Array) -> Stretch | None:
-    """The longest stretch without change, if it is at least ten times longer than nearly all others."""
+def _stuck(values: Array, levels: Array) -> tuple[Stretch, ...]:
+    """The longest stretch without change, if it is ten times longer than nearly all others, and the longest at 0."""
     if len(levels) < FEWEST_LEVELS:
-        return None
+        return ()
     starts, lengths = runs(values)
-    usual = (levels[0], levels[-1], 0.0)
-    moving = ~np.isin(values[starts], usual)
-    if not moving.any():
-        return None
-    k = int(np.flatnonzero(moving)[np.argmax(lengths[moving])])
+    at_zero = np.where(values[starts] == 0.0, lengths, 0)
+    moving = np.where(np.isin(values[starts], (levels[0], levels[-1], 0.0)), 0, lengths)
+    k = int(np.argmax(moving))
     others = np.delete(lengths, k)
-    if len(others) < 20 or lengths[k] < max(LONG_RUN, 10 * np.percentile(others, 99)):
-        return None
-    return Stretch(int(starts[k]), int(lengths[k]), float(values[starts[k]]))
+    unusual = len(others) >= 20 and moving[k] >= max(LONG_RUN, 10 * np.percentile(others, 99))
+    longest = np.argsort(-at_zero, kind="stable")[:MOST_AT_ZERO]
+    found = [*([k] if unusual else []), *(int(each) for each in longest if at_zero[each] >= LONG_RUN)]
+    return tuple(Stretch(int(starts[k]), int(lengths[k]), float(values[starts[k]])) for k in found)

@@ -48,6 +48,9 @@ MOSTLY = 0.9
 """A column of texts with at least this share of numbers is one of numbers with bad rows."""
 
 
+_TIME = ColumnQuantity.TIME
+
+
 @dataclass(frozen=True)
 class FirstLook(Presented):
     """What a file holds, and how to read it. It prints as a table.
@@ -131,7 +134,7 @@ def describe(path: str | os.PathLike[str], *, tolerance: float = TOLERANCE, **re
     noticed: list[Finding] = []
     if roles.input in found:
         column = found[roles.input]
-        y = found[roles.output].signal if roles.output in found else np.full(rows, np.nan)
+        y = _movement(found[roles.output]) if roles.output in found else np.full(rows, np.nan)
         if column.codes and len(y) == len(column.values):
             found[roles.input] = replace(column, codes=with_responses(column.codes, column.values, y))
     if raw.clocks and not of_file.clocks:
@@ -276,6 +279,11 @@ def _column(name: str, raw: Columns) -> Column:
     return column_of_numbers(name, kind, said, values)
 
 
+def _movement(output: Column) -> Array:
+    """(N,) the numbers of an output; of a position, their change, which is what rests and moves."""
+    return np.gradient(output.signal) if output.meaning.quantity is ColumnQuantity.POSITION else output.signal
+
+
 def _bare(given: Sequence[str]) -> str:
     """The column of the first channel that is given; empty where none is."""
     first = next(iter(given), "")
@@ -378,8 +386,9 @@ def _about_column(column: Column, look: FirstLook, given: set[str]) -> list[Find
         findings.append(Finding("position-wraps", name, {"period": column.period}))
     if column.gaps:
         findings.append(Finding("values-missing", name, {"count": column.missing, "rows": column.rows}))
-    if column.stuck and _is_stuck(look, column, column.stuck):
-        data = {"row": column.stuck.start, "length": column.stuck.length, "value": column.stuck.value}
+    stuck = next((each for each in column.stuck if _is_stuck(look, column, each)), None)
+    if stuck is not None:
+        data = {"row": stuck.start, "length": stuck.length, "value": stuck.value}
         findings.append(Finding("value-stuck", name, data))
     if name == look.roles.output and look.reading.get("output") == f"d({name})" and "output" not in given:
         findings.append(Finding("position-differentiated", name, {"input": ""}))
@@ -402,7 +411,8 @@ def _about_clock(clock: Clock, look: FirstLook) -> list[Finding]:
     if dt is not None and dt != clock.dt:
         return list(contradiction(look.header, look.name, dt))
     if clock.source == "nothing" and dt == clock.dt:
-        return [Finding("sample-time-unknown", look.name, {"assumed": clock.dt})]
+        texts = [each.name for each in look.columns if each.kind == "text" and each.meaning.quantity is _TIME]
+        return [Finding("sample-time-unknown", look.name, {"assumed": clock.dt, "texts": texts})]
     findings = []
     if clock.unit_confidence < 1 and clock.unit != "s" and given:
         data = {"unit": clock.unit, "dt": clock.dt, "confidence": clock.unit_confidence, "source": clock.source}

@@ -2,7 +2,9 @@
 
 At a steady input an output may stay at one value, more so a quantised one, and friction or a dead zone holds it while
 the input changes a little. A linear model of the other rows answers that change by no more than it is wrong elsewhere,
-since the same friction acts there. An output is stuck where the model's answer is far larger.
+since the same friction acts there. An output is stuck where the model's answer is far larger. At zero, where a drive
+rests, the input must also be larger most of the time than where the output rests elsewhere, and than a part of where
+it moves.
 """
 
 from __future__ import annotations
@@ -19,6 +21,8 @@ Array = NDArray[np.float64]
 
 LARGE_ANSWER = 6.0
 """The least expected change of an output that is stuck, in standard deviations of the model's error elsewhere."""
+AT_REST, IN_MOTION = 95, 25
+"""In percent of the samples at rest the input is too small to move the output; in motion after a drive it often is."""
 
 
 def is_stuck(u: Array, y: Array, stretch: Stretch, *, position: bool = False) -> bool:
@@ -34,7 +38,7 @@ def is_stuck(u: Array, y: Array, stretch: Stretch, *, position: bool = False) ->
     known = np.isfinite(u) & np.isfinite(y)
     inside = np.isin(np.flatnonzero(known), rows)
     u, y = u[known], y[known]
-    if not inside.any() or not np.ptp(u[inside]):
+    if not inside.any() or not np.ptp(u[inside]) or (stretch.value == 0 and not _is_driven(u, y, inside)):
         return False
     others = Record(input=u, output=y, dt=1.0).mask(inside)
     linear = baseline(others, response(u, y, [], position).delay)
@@ -42,3 +46,10 @@ def is_stuck(u: Array, y: Array, stretch: Stretch, *, position: bool = False) ->
         return False
     answer = linear.answer(u, [])[inside]
     return bool(np.ptp(answer) > LARGE_ANSWER * float(np.std(linear.residual)))
+
+
+def _is_driven(u: Array, y: Array, inside: NDArray[np.bool_]) -> bool:
+    """Whether an input (N,) is mostly large enough in a stretch to move the output (N,)."""
+    size, rests = np.abs(u), y == 0
+    known = ((size[~inside & rests], AT_REST), (size[~inside & ~rests], IN_MOTION))
+    return bool(all(np.median(size[inside]) >= np.percentile(x, share) for x, share in known if len(x)))

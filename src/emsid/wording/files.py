@@ -127,10 +127,12 @@ def several_experiments(f: Finding, argument: Spelling) -> str:
 
 @words("sample-time-unknown", Severity.WARNING)
 def sample_time_unknown(f: Finding, argument: Spelling) -> str:
-    """Subject: the file. Data: assumed (s)."""
+    """Subject: the file. Data: assumed (s), texts (columns of texts that are called times)."""
+    texts = f.data.get("texts", [])
+    unread = f", as the texts in {listed(texts)} are no times that are understood" if texts else ""
     return (
-        f"{f.subject}: the sample time is not given; {f.data['assumed']:g} s is assumed, so times and time constants "
-        f"count samples. Give the true one with {argument('dt')}"
+        f"{f.subject}: the sample time is not given{unread}; {f.data['assumed']:g} s is assumed, so times and time "
+        f"constants count samples. Give the true one with {argument('dt')}"
     )
 
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from emsid.findings import Finding
     from emsid.first_look import FirstLook
 
+COLUMNS = 30
+"""At most this many columns of a file are printed; the page and the JSON document have all."""
 IN_FULL = 3
 """Of more files than this, each is described in a line."""
 USELESS = {
@@ -97,7 +99,7 @@ def _print(look: "FirstLook") -> None:
     """Everything about a file."""
     from emsid.report.views.first_look import column_table, curves, lines
 
-    show(text_table(column_table(look)))
+    show(text_table(column_table(look, COLUMNS)))
     if (sys.stdout.encoding or "").lower().startswith("utf"):
         say(*curves(look, min(width_of_terminal(), 110)))
     say(*lines(look, option))

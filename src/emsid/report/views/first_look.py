@@ -27,11 +27,21 @@ DRAWN = 4_000
 """Samples in a plot of the terminal."""
 
 
-def column_table(look: FirstLook) -> Table:
-    """Every column with its range and the guesses about it."""
-    rows = tuple(_row(column, look) for column in look.columns)
-    rows += tuple((name, "", "", "", reason, "", "", "") for name, reason in look.others.items())
-    return Table(HEADER, rows, f"{look.name}: {look.rows:,} rows", text_columns=5)
+def column_table(look: FirstLook, most: int | None = None) -> Table:
+    """Every column with its range and the guesses about it.
+
+    Args:
+        look: what is shown.
+        most: of more columns than this, only as many are shown: those with a role, then the first ones.
+    """
+    rows = [_row(column, look) for column in look.columns]
+    rows += [(name, "", "", "", reason, "", "", "") for name, reason in look.others.items()]
+    caption = f"{look.name}: {look.rows:,} rows"
+    if most is not None and len(rows) > most:
+        caption += f", {len(rows):,} columns, of which {most} are shown"
+        first = sorted(range(len(rows)), key=lambda k: not rows[k][HEADER.index("Role")])[:most]
+        rows = [rows[k] for k in sorted(first)]
+    return Table(HEADER, tuple(rows), caption, text_columns=5)
 
 
 def _row(column: Column, look: FirstLook) -> tuple[str, ...]:

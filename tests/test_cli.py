@@ -19,7 +19,7 @@ import pytest
 import emsid
 from conftest import try_few_refinements
 from emsid.cli import main
-from emsid.cli.interruption import Interruption
+from emsid.cli.interruption import ERASED, Interruption, tell
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Stopped
 from emsid.identification.candidates import CANDIDATES
@@ -430,7 +430,7 @@ def test_interrupting_a_profile_keeps_the_fit(run, motor_log, tmp_path, bare, mo
     status, out, err = run(*words, "--out", tmp_path / "out")
     assert status == 130
     assert "interrupted" in err
-    assert "chosen: rigid-motor" in out
+    assert "Recommended: rigid-motor" in out
     assert json.loads((tmp_path / "out" / "result.json").read_text())["profiles"] == []
 
 
@@ -444,7 +444,7 @@ def test_interrupting_keeps_what_was_found(run, log, tmp_path, monkeypatch):
     status, out, err = run("identify", log, *IDENTIFY, "--models", "arx,friction-narx", "--out", tmp_path / "out")
     assert status == 130
     assert "interrupted" in err
-    assert "chosen: arx" in out
+    assert "Recommended: arx" in out
     rows = json.loads((tmp_path / "out" / "result.json").read_text())["rows"]
     assert {row["model"] for row in rows} == {"arx"}
     assert (tmp_path / "out" / "report.html").exists()
@@ -475,6 +475,43 @@ def test_interrupting_before_anything_is_found_writes_nothing(run, log, tmp_path
     assert not (tmp_path / "out").exists()
 
 
+def test_the_first_lines_are_the_recommendation_its_error_and_the_next_experiment(run, motor_log, tmp_path):
+    out = tmp_path / "out"
+    status, printed, _ = run("identify", motor_log, *MOTOR, "--models", "arx,polynomial-narx", "--out", out)
+    first, second, third, *rest = printed.splitlines()
+    assert status == 0
+    assert first.startswith("Recommended: ")
+    best = first.removeprefix("Recommended: ").partition(".")[0]
+    assert second.startswith(f"{best}: on unseen data, the free run has a fit of ")
+    assert third.startswith("Next experiment: ")
+    (line,) = [line for line in rest if "recommended; " in line]
+    assert line.split()[0] == best
+    (other,) = {"arx", "polynomial-narx"} - {best}
+    assert not any(line.startswith(f"- {other}: ") for line in rest)  # findings about it are in the report
+    assert other in printed
+
+
+def test_where_no_model_can_be_used_none_is_called_recommended(run, tmp_path):
+    rng = np.random.default_rng(8)
+    noise = table(tmp_path / "noise.csv", 400, u=rng.standard_normal(400), y=rng.standard_normal(400).cumsum())
+    out = tmp_path / "out"
+    status, printed, _ = run("identify", noise, *IDENTIFY, "--models", "arx", "--out", out)
+    page = (out / "report.html").read_text()
+    assert status == 0
+    assert printed.startswith("No model is recommended: ")
+    assert "recommended; " not in printed
+    assert "none is recommended" in page
+    assert "arx is recommended" not in page
+    assert not (out / "recommended.json").exists()
+    assert (out / "arx.json").exists()
+
+
+def test_an_answer_on_a_terminal_takes_the_place_of_the_progress_bar(monkeypatch, answers):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    tell("stopping")
+    assert answers == [f"{ERASED}emsid: stopping\n"]
+
+
 def test_a_candidate_that_cannot_be_fitted_is_named_and_the_others_go_on(run, tmp_path):
     two_inputs = table(tmp_path / "two.csv", v=np.random.default_rng(3).standard_normal(600))
     words = ("identify", two_inputs, *IDENTIFY, "--input", "v", "--models", "arx,friction-narx", "--rows", "0:40")
@@ -492,7 +529,7 @@ def test_interrupting_the_drawing_keeps_all_numbers(run, log, tmp_path, monkeypa
     status, printed, err = run("identify", log, "-u", "u", "-y", "y", "--dt", 0.01, "--models", "arx", "--out", out)
     assert status == 130
     assert "interrupted" in err
-    assert "chosen: arx" in printed
+    assert "Recommended: arx" in printed
     assert "report.html" not in printed
     assert sorted(path.name for path in out.iterdir()) == ["arx.json", "recommended.json", "result.json"]
 
@@ -644,7 +681,7 @@ def test_ctrl_c_keeps_the_results_so_far(place, press, drawn, run, log, tmp_path
     pressed_at(place, press=press)
     status, out, err = run("identify", log, *IDENTIFY, *REGRESSIONS, "--out", tmp_path / "out")
     assert (status, err) == (130, FOUND)
-    assert "chosen: " in out
+    assert "Recommended: " in out
     assert out.splitlines()[-1].startswith(f"written to {tmp_path / 'out'}/: ")
     assert ("report.html" in out.splitlines()[-1]) == drawn
     assert_whole(tmp_path / "out", drawn)
@@ -658,7 +695,7 @@ def test_ctrl_c_twice_within_a_moment_is_ctrl_c_once(then, run, log, tmp_path, p
     pressed_at("emsid.identification.regressions.wiener_hammerstein_regression", *then)
     status, out, err = run("identify", log, *IDENTIFY, *REGRESSIONS, "--out", tmp_path / "out")
     assert (status, err) == (130, FOUND)
-    assert "chosen: arx" in out
+    assert "Recommended: arx" in out
     assert json.loads((tmp_path / "out" / "result.json").read_text())["chosen"] == "arx"
     assert_whole(tmp_path / "out", drawn=True)
 
@@ -724,7 +761,7 @@ def test_a_second_ctrl_c_leaves_the_report_out(run, log, tmp_path, pressed_at, a
     pressed_at("emsid.identification.regressions.wiener_hammerstein_regression", "emsid.report.page.page")
     status, out, err = run("identify", log, *IDENTIFY, *REGRESSIONS, "--out", tmp_path / "out")
     assert (status, err) == (130, FOUND)
-    assert "chosen: arx" in out
+    assert "Recommended: arx" in out
     assert answers[0] == STOPPING
     assert answers[-1] == LEFT_OUT
     assert_whole(tmp_path / "out", drawn=False)
@@ -751,7 +788,7 @@ def test_ctrl_c_while_the_drawing_library_is_imported(log, tmp_path):
         tmp_path, "matplotlib.figure", "identify", log, *IDENTIFY, *REGRESSIONS, "--pdf", "--out", "out"
     )
     assert (status, err) == (130, LEFT_OUT + FOUND)
-    assert "chosen: " in out
+    assert "Recommended: " in out
     assert_whole(tmp_path / "out", drawn=False)
 
 
@@ -811,6 +848,9 @@ def test_a_study_interrupted_while_it_is_drawn_is_printed_and_written(run, tmp_p
     assert status == 130
     assert err == FOUND.replace("identification", "the study")
     assert "simulation study" in out
+    assert "more findings" in out
+    assert "study-paper-ratios" in (tmp_path / "out" / "study.json").read_text()
+    assert "The paper does not say" not in out  # that is in the report
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["study.json"]
 
 
@@ -957,7 +997,8 @@ def test_codes_for_the_bridge_are_options(run, tmp_path, bare):
     status, out, err = run(*words, "--brake", "1000", "--coast", "999", "--fix", "resistance=2")
     assert (status, err) == (0, "")
     assert "rigid-motor: u has no unit and is read as volts" in out
-    assert "arx: this model treats 1000 and 999 as ordinary commands" in out
+    found = json.loads((tmp_path / "out" / "result.json").read_text())["findings"]
+    assert [each["data"]["model"] for each in found if each["code"] == "codes-taken-as-commands"] == ["arx"]
     rows = {line.split()[0]: line.split() for line in out.splitlines() if line}
     assert (rows["resistance"][2], rows["resistance"][-1]) == ("2", "fixed")
     assert rows["rotor_inertia"][-2:] == ["given", "resistance"]

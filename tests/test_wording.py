@@ -85,7 +85,15 @@ LIMITS = [
     {"code": "error-in-one-stretch", "share": 0.7, "first": 3000, "last": 3200},
     {"code": "search-not-finished", "ending": "stalled"},
 ]
-RECOMMENDED = {"fit_percent": 97.3, "models": 9, "folds": 1, "seen": False, "verdict": "model-supported", "reasons": []}
+RECOMMENDED = {
+    "fit_percent": 97.3,
+    "models": 9,
+    "folds": 1,
+    "seen": False,
+    "verdict": "model-supported",
+    "reasons": [],
+    "tests_failed": 0,
+}
 
 LOAD = {"parameters": ["offset"], "deviation": 0.21, "mean": None, "walks": True, "unit": "N"}
 EXAMPLES: tuple[Finding, ...] = (
@@ -393,6 +401,7 @@ EXAMPLES: tuple[Finding, ...] = (
         Finding("model-recommended", "wiener", RECOMMENDED | more)
         for more in (
             {"models": 1, "seen": True, "fit_percent": None},
+            {"tests_failed": 1},
             {"verdict": "model-limited", "reasons": LIMITS[:2]},
             {"verdict": "model-limited", "reasons": LIMITS},
             {"verdict": "model-implausible", "reasons": [{"code": "map-turns-without-data", "block": 2, "at": 1.571}]},

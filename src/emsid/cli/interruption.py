@@ -20,6 +20,9 @@ INTERRUPTED, TERMINATED = 130, 128 + signal.SIGTERM
 """The exit status of a command that Ctrl-C or SIGTERM ended."""
 LEAVING = (INTERRUPTED, TERMINATED)
 
+ERASED = "\r\x1b[2K"
+"""Takes a terminal to the beginning of its line, and clears that."""
+
 CLEANING = 1.0
 """Seconds for cleaning up after SIGTERM; writing, and stopping a motor, may take longer."""
 
@@ -136,9 +139,9 @@ class Interruption:
 
 
 def tell(words: str) -> None:
-    """Print a line on standard error, below a progress bar too; safe in a handler of a signal."""
-    below = "\n" if sys.stderr.isatty() else ""
-    os.write(2, f"{below}emsid: {words}\n".encode())
+    """Print a line on standard error, in place of a progress bar, which goes on below; safe in a signal handler."""
+    in_place = ERASED if sys.stderr.isatty() else ""
+    os.write(2, f"{in_place}emsid: {words}\n".encode())
 
 
 def leave_quietly() -> None:

@@ -101,10 +101,14 @@ def plain_table(
     return table
 
 
+FREE_RUN_EXPLAINED = (
+    "free run: simulation from the input alone. fit %: 100 is exact, 0 is no better than the mean of the output."
+)
+"""The note below a table of free runs."""
 EXPLAINED = (
-    "free run: simulation from the input alone. one-step: prediction from measured outputs up to the sample before. "
-    "fit %: 100 is exact, 0 is no better than the mean of the output. method: ls least squares, rls recursive least "
-    "squares, gn Gauss–Newton search on the free run. data: used in fit, or unseen (no model was fitted to it)."
+    f"{FREE_RUN_EXPLAINED} one-step: prediction from measured outputs up to the sample before. method: ls least "
+    "squares, rls recursive least squares, gn Gauss–Newton search on the free run. data: used in fit, or unseen (no "
+    "model was fitted to it)."
 )
 """The note below a table of errors."""
 

@@ -100,6 +100,7 @@ def recommendation(
         "seen": seen,
         "verdict": verdict.code,
         "reasons": verdict.data["reasons"],
+        "tests_failed": sum(not each["passed"] for each in verdict.data["tests"]),
     }
     if verdict.code == "model-unusable":
         return Finding("no-model-recommended", row.model, data)

@@ -71,6 +71,11 @@ class Identification(Presented):
         return self.on_unseen.best.fit
 
     @property
+    def is_recommended(self) -> bool:
+        """Whether `chosen` is recommended; where no model can be used, it is only the one with the smallest error."""
+        return self.model_verdicts[0].code != "model-unusable"
+
+    @property
     def recommended(self) -> Model:
         """The model to use: `on_all_data`, or that of `chosen`, which the errors are from."""
         model: Model = self.chosen.model
@@ -104,8 +109,7 @@ class Identification(Presented):
     @cached_property
     def front(self) -> tuple[FrontRow, ...]:
         """Accuracy against number of parameters of the models that were compared, from simple to complex."""
-        usable = self.model_verdicts[0].code != "model-unusable"
-        return front_rows(self.ranking, self.chosen.model.name if usable else "")
+        return front_rows(self.ranking, self.chosen.model.name if self.is_recommended else "")
 
     @cached_property
     def by_region(self) -> tuple[RegionError, ...]:

@@ -18,6 +18,7 @@ from emsid.report.views import terms
 from emsid.report.views.front import front_figure, front_table, record_table, region_tables
 from emsid.units import plain_unit, with_unit
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
+from emsid.wording.chances import chance
 
 if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 # Responses of this many models are drawn with bands; a free run with its band, if samples times parameters are fewer.
 BANDED, MOST = 3, 1_000_000
+DRAWN, BASELINE = 3, "arx"
+"""Free runs and residuals are drawn of as many of the best models, and of the linear one."""
 # At most this many characteristics, and notices about the data and the recommended model, are on the first screen.
 CHARACTERISTICS, NOTICES = 6, 6
 
@@ -92,8 +95,9 @@ def _band(result: Identification) -> Band | None:
 def summary(result: Identification) -> str:
     """The best model, the number of models, and the amount of data."""
     row, count = result.on_unseen.best.row, len(result.fits)
+    place = "is recommended of" if result.is_recommended else "is not recommended, and no other is; it is the best of"
     which = (
-        f"{row.model} is recommended of {count} models, ranked by their free runs (simulation from the input alone) on "
+        f"{row.model} {place} {count} models, ranked by their free runs (simulation from the input alone) on "
         f"{result.ranked_on}."
         if count > 1
         else f"{row.model} is the only model that was fitted."
@@ -123,7 +127,7 @@ def facts(result: Identification) -> list[Fact]:
     )
     errors = best.row.outputs or (best.row,)
     found = [
-        Fact(best.row.model, "recommended model"),
+        Fact(best.row.model, "recommended model" if result.is_recommended else "best model; none is recommended"),
         Fact(percent(best.row.fit_percent), f"fit of its free run on {result.ranked_on}"),
     ]
     if isfinite(best.row.simulation_rmse) and len(errors) == 1:
@@ -158,7 +162,8 @@ def _fact(each: Characteristic, best: str) -> Fact:
 
 def which_model(result: Identification) -> Section:
     """All models with their errors."""
-    unit, recommended = _unit(result), result.chosen.model.name
+    unit, best = _unit(result), result.chosen.model.name
+    bold = "recommended" if result.is_recommended else "best"
     return Section(
         "Which model",
         terms=(terms.ONE_STEP, terms.MSE, terms.METHOD),
@@ -168,7 +173,7 @@ def which_model(result: Identification) -> Section:
                     on.by_error.rows,
                     unit=unit,
                     caption=f"On the unseen data that chose, {on.best.record.name}.",
-                    emphasised=recommended,
+                    emphasised=best,
                 )
                 for on in (result.on_choice,)
                 if on is not None
@@ -176,8 +181,8 @@ def which_model(result: Identification) -> Section:
             views.results_table(
                 result.rows,
                 unit=unit,
-                caption=f"On {result.ranked_on}, {result.unseen.name}; the recommended model is in bold.",
-                emphasised=recommended,
+                caption=f"On {result.ranked_on}, {result.unseen.name}; the {bold} model is in bold.",
+                emphasised=best,
             ),
             views.results_table(
                 result.on_record.rows, unit=unit, caption="On the data that the models were fitted to."
@@ -238,12 +243,14 @@ def _tested(tests: Sequence[Mapping[str, Any]], kind: str) -> tuple[str, str]:
 def _p_values(tests: Sequence[Mapping[str, Any]], kind: str) -> str:
     """The smallest chance of the tests of a kind."""
     found = [each["p_value"] for each in tests if each["test"] == kind]
-    return number(min(found)) if found else "–"
+    return chance(min(found)).removeprefix("= ") if found else "–"
 
 
 def in_detail(result: Identification) -> tuple[Section, Section]:
-    """The free runs of all models with their residuals, and the data."""
-    linear_first = sorted(result.on_unseen.assessments, key=lambda each: each.row.model != "arx")
+    """The free runs of the best models with their residuals, and the data."""
+    best = result.on_unseen.assessments[:DRAWN]
+    baseline = [each for each in result.on_unseen.assessments if each.row.model == BASELINE]
+    linear_first = [*baseline, *(each for each in best if each not in baseline)]
     intervals = views.critical_intervals(
         result.unseen, _stretch(result.unseen), result.unseen.output - linear_first[0].simulation.output
     )

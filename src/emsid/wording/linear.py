@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, words
+from emsid.wording.chances import chance
 from emsid.wording.lists import shortened
 
 
@@ -89,4 +90,4 @@ def intervals_allow_for_colour(f: Finding, argument: Spelling) -> str:
 
 
 def _correlated(f: Finding) -> str:
-    return f"{f.data['largest']:.2f} at lag {f.data['lag']}, Ljung–Box p = {f.data['p_value']:.2g}"
+    return f"{f.data['largest']:.2f} at lag {f.data['lag']}, Ljung–Box p {chance(f.data['p_value'])}"

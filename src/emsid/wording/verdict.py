@@ -77,10 +77,14 @@ def _because(f: Finding) -> str:
 @words("model-supported")
 def model_supported(f: Finding, argument: Spelling) -> str:
     """Data: reasons (none), tests."""
-    failed = [each for each in f.data["tests"] if not each["passed"]]
+    return f"supported by these data: {_supported(sum(not each['passed'] for each in f.data['tests']))}"
+
+
+def _supported(failed: int) -> str:
+    """What the residual tests of a supported model say, of which some fail in a long record."""
     if failed:
-        return "supported by these data: its residual tests fail, but the inputs predict hardly any of the residual"
-    return "supported by these data: no test contradicts it"
+        return "its residual tests fail, but the inputs predict hardly any of the residual"
+    return "no test contradicts it"
 
 
 @words("model-limited")
@@ -104,8 +108,9 @@ def model_unusable(f: Finding, argument: Spelling) -> str:
 @words("model-recommended")
 def model_recommended(f: Finding, argument: Spelling) -> str:
     """Subject: the model. Data: fit_percent, models, folds (parts of the data that were left out of a fit in turn),
-    seen, verdict, reasons; instead_of, because (None for no finding), ratio, parameters (of it and of the other) and
-    same_in (noise or practice, None where the errors differ) where another model has a smaller error."""
+    seen, verdict, reasons, tests_failed (how many); instead_of, because (None for no finding), ratio, parameters (of it
+    and of the other) and same_in (noise or practice, None where the errors differ) where another model has a smaller
+    error."""
     d = f.data
     where = "the data they were fitted to" if d["seen"] else "unseen data"
     if d["folds"] > 1:
@@ -126,12 +131,12 @@ def model_recommended(f: Finding, argument: Spelling) -> str:
         why = f"its free run on {where} has the smallest error of {among}{fit}"
     else:
         why = f"it is the only model{fit}"
-    return f"Recommended: {f.subject}. Reasons: {why}; {_LEVELS[d['verdict']]}{_first_reasons(d['reasons'])}"
+    verdict = _LEVELS[d["verdict"]] if d["verdict"] in _LEVELS else _supported(d["tests_failed"])
+    return f"Recommended: {f.subject}. Reasons: {why}; {verdict}{_first_reasons(d['reasons'])}"
 
 
 _SAME_IN = {"noise": ", which is within noise", "practice": ", which is more than noise but hardly matters", None: ""}
 _LEVELS = {
-    "model-supported": "no test contradicts it",
     "model-limited": "use it with its limits in mind: ",
     "model-implausible": "no plausible model is as good, but be careful: ",
 }

@@ -26,21 +26,10 @@ from emsid.cli.options import (
 )
 from emsid.cli.reading import reads_records
 from emsid.cli.second_process import SecondProcess, second_process
-from emsid.cli.terminal import (
-    EXPLAINED,
-    characteristics_table,
-    error_table,
-    physical_table,
-    say,
-    say_json,
-    show,
-    text_table,
-    working,
-)
+from emsid.cli.terminal import say_json, working
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
 
 if TYPE_CHECKING:
-    from emsid.findings import Finding
     from emsid.identification import Identification
     from emsid.identification.candidates import Physical
     from emsid.models.blocks.search.map_families import Family
@@ -49,10 +38,6 @@ if TYPE_CHECKING:
 
 RECOMMENDED = "recommended.json"
 """The file of the recommended model with its parameters from all data."""
-LONGEST = 400
-"""A longer line of an equation, such as one with all knots of a spline, is cut."""
-IN_FULL = 3
-"""Of more models than this, the first screen has the findings about the recommended and the physical ones."""
 
 Files = Annotated[
     list[Path],
@@ -259,6 +244,7 @@ def _run(
     second: SecondProcess | None,
 ) -> None:
     """Identify, write and print the result, draw the report."""
+    from emsid.cli.first_screen import first_screen
     from emsid.identification import candidates
     from emsid.io import save
     from emsid.report.identification_page import report
@@ -271,14 +257,15 @@ def _run(
         )
     with kept(result, "identification") as result:
         write(out, {"result.json": result.to_data()}, result.fits, result.data_of, reader.remembered)
-        save(result.recommended, out / RECOMMENDED, result.fitted_by_recommended, reader.remembered)
+        if result.is_recommended:
+            save(result.recommended, out / RECOMMENDED, result.fitted_by_recommended, reader.remembered)
         if json:
             say_json(as_json(result.to_data()))
         else:
-            _print(result)
+            first_screen(result)
     drawn = draw(out, lambda: report(result, option), pdf, interrupted=result.interrupted)
     if not json:
-        written = [*(f"{fit.model.name}.json" for fit in result.fits), RECOMMENDED]
+        written = [*(f"{fit.model.name}.json" for fit in result.fits), *([RECOMMENDED] * result.is_recommended)]
         possible = [RECOMMENDED, *(f"{name}.json" for name in candidates.CANDIDATES)]
         say_where(out, drawn, "result.json", *written, possible=possible)
     INTERRUPTION.end(result.interrupted or not drawn)
@@ -311,45 +298,3 @@ def _physical_first(asked: Sequence[str]) -> "list[Physical]":
     physical = {name: each for name, each in CANDIDATES.items() if isinstance(each, Physical)}
     order = dict.fromkeys((*(name for name in asked if name in physical), *physical))
     return [physical[name] for name in order]
-
-
-def _print(result: "Identification") -> None:
-    """The first screen: errors of every model, characteristics of the drive, the chosen model, and the findings."""
-    from emsid.models.plants.search.result import GreyBoxFit
-    from emsid.report.views.front import front_table, region_tables
-    from emsid.report.views.physical_parameters import own_parameters
-    from emsid.wording import sentence
-
-    title = f"on {result.ranked_on} ({result.unseen.name}), the smallest error first"
-    show(error_table(result.rows, title, result.unseen.output_units[0]))
-    say(EXPLAINED)
-    say(*(sentence(finding, option) for finding in result.recommendation))
-    if len(result.front) > 1:
-        show(text_table(front_table(result.front)))
-    for table in region_tables(result.by_region, f"on {result.ranked_on}"):
-        show(text_table(table))
-    if result.characteristics:
-        show(characteristics_table(result.characteristics))
-    for fit in result.fits:
-        if isinstance(fit, GreyBoxFit):
-            show(physical_table(fit))
-            if fit.by_record:
-                show(text_table(own_parameters(fit)))
-    say(f"chosen: {result.chosen.model.name}")
-    if not isinstance(result.chosen, GreyBoxFit):
-        lines = result.chosen.model.equation().splitlines()
-        say(*(x if len(x) <= LONGEST else f"{x[:LONGEST]}… (in full in the report)" for x in lines))
-    shown = _shown(result)
-    noticed = (*shown, *result.verdicts, *result.model_verdicts, *result.next_steps)
-    say(*(f"- {sentence(finding, option)}" for finding in noticed))
-    if len(shown) < len(result.findings):
-        say(f"- about models that are not recommended: {len(result.findings) - len(shown)} more in the report")
-
-
-def _shown(result: "Identification") -> "list[Finding]":
-    """The findings on the first screen; of many models, those about the recommended and the physical ones."""
-    from emsid.models.plants.search.result import GreyBoxFit
-
-    less = {fit.model.name for fit in result.fits if fit is not result.chosen and not isinstance(fit, GreyBoxFit)}
-    few = len(result.fits) <= IN_FULL
-    return [each for each in result.findings if few or each.model not in less]

@@ -1,8 +1,9 @@
 """``emsid study``."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,6 +14,12 @@ from emsid.cli.reading import reads_records
 from emsid.cli.terminal import EXPLAINED, error_table, say, say_json, show, text_table, working
 from emsid.cli.writing import as_json, check_folder, draw, kept, say_where, write
 from emsid.errors import DataError
+
+if TYPE_CHECKING:
+    from emsid.findings import Finding
+
+MAIN = ("study-many-inputs", "study-even-terms")
+"""Findings that are printed beside warnings; the report has all."""
 
 Record = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Identify from this record instead of the virtual bench.")
@@ -71,7 +78,6 @@ def study(
     from emsid.study import Settings
     from emsid.study import study as run
     from emsid.study.summary import findings, study_data
-    from emsid.wording import sentence
 
     if (record is None) != (validate is None):
         raise DataError(
@@ -94,8 +100,17 @@ def study(
             for part in result.parts:
                 show(error_table(part.rows, f"{part.name} study"))
                 show(text_table(summary_table(part, own_records=result.own_records)))
-            say(EXPLAINED, *(sentence(each, option) for each in findings(result)))
+            say(EXPLAINED, "", *_noticed(findings(result)))
     drawn = draw(out, lambda: study_report(result, option), pdf, interrupted=result.interrupted)
     if not json:
         say_where(out, drawn, "study.json")
     INTERRUPTION.end(result.interrupted or not drawn)
+
+
+def _noticed(found: "Sequence[Finding]") -> list[str]:
+    """The main findings and the warnings as lines, and how many there are besides."""
+    from emsid.wording import Severity, sentence, severity
+
+    shown = [each for each in found if each.code in MAIN or severity(each) is not Severity.INFO]
+    more = [f"- in the report: {len(found) - len(shown)} more findings"] if len(shown) < len(found) else []
+    return [*(f"- {sentence(each, option)}" for each in shown), *more]

@@ -147,9 +147,9 @@ def parameter_table(
 
 
 def regressor_column(fit: Fit[Any]) -> dict[str, tuple[str, ...]]:
-    """A column of `parameter_table`: the regressor of every parameter, for a model that has regressors."""
+    """A column of `parameter_table`: the regressor of every parameter, where it has another name."""
     structure = getattr(fit.model, "structure", None)
-    return {} if structure is None else {"Regressor": structure.labels}
+    return {} if structure is None or structure.labels == tuple(fit.names) else {"Regressor": structure.labels}
 
 
 def motor_table(motor: Motor) -> Table:

@@ -979,6 +979,7 @@ def test_parameters_are_printed_as_files_that_can_be_edited_and_read_back(run, t
     assert (status, err) == (0, "")
     path.write_text(axis.replace('# mass = "unknown"', 'mass = "2 t"'))
     assert {name: given.value for name, given in read_datasheet(path).items()} == {"mass": pytest.approx(2000.0)}
+    assert run("parameters", "rigid-motor") == run("parameters", "motor")
     status, out, err = run("parameters", "car")
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert all(name in err for name in ("car", "motor", "linear-axis"))
@@ -1193,6 +1194,21 @@ def test_a_saved_model_is_simulated_on_the_inputs_of_a_file(result, run, tmp_pat
     assert "identified at 0.01 s" in run(*words[:3], "--out", out, "--dt", "20ms")[2]
     emsid.save(emsid.load(result / "arx.json"), tmp_path / "bare.json")
     assert "does not say how its record was read" in run("simulate", tmp_path / "bare.json", inputs, "--out", out)[2]
+
+
+def test_a_saved_model_is_simulated_on_columns_of_other_names(result, run, tmp_path):
+    out, times = tmp_path / "simulated.csv", 0.01 * np.arange(600)
+    inputs = table(tmp_path / "inputs.csv", seed=3, seconds=times)
+    other = tmp_path / "other.csv"
+    other.write_text(inputs.read_text().replace("u,y,seconds", "volts,y,seconds"))
+    assert "no column 'u'" in run("simulate", result / "arx.json", other, "--out", out)[2]
+    words = ("simulate", result / "arx.json", other, "--input", "volts", "--time", "seconds", "--out", out)
+    assert run(*words)[0] == 0
+    voltage = emsid.read(inputs, input="u", output=(), dt=0.01).input
+    simulated = emsid.read(out, input="volts", output="y", time="t")
+    np.testing.assert_array_equal(simulated.output, emsid.simulate(emsid.load(result / "arx.json"), voltage).output)
+    status, _, err = run("simulate", "--time", "t", "--out", out)
+    assert (status, "--time: only for the file with the inputs" in err) == (2, True)
 
 
 def test_orders_prints_the_grid_of_the_library(run, tmp_path):

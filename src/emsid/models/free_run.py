@@ -190,7 +190,8 @@ def check_sample_time(model: Model, record: Record) -> None:
     if model.dt is not None and not np.isclose(model.dt, record.dt, rtol=SAME_DT, atol=0.0):
         raise ModelError(
             f"{model.name} was identified at {model.dt:g} s and {record.name} is sampled every {record.dt:g} s; "
-            "resample the record"
+            f"resample the record to {model.dt:g} s",
+            arguments=("resample", "dt"),
         )
 
 

@@ -11,12 +11,15 @@ from emsid.cli.terminal import say, say_json
 from emsid.cli.writing import as_json
 from emsid.errors import DataError
 
+SAME = {"rigid-motor": "motor"}
+"""Models whose datasheet is that of another one, which has all of their parameters."""
+
 
 @app.command()
 def parameters(
     plant: Annotated[
         str | None,
-        typer.Argument(metavar="[PLANT]", help="Kind of datasheet: motor (rigid-motor too) or linear-axis."),
+        typer.Argument(metavar="[PLANT]", help="Kind of datasheet: motor, rigid-motor (the same) or linear-axis."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -33,9 +36,10 @@ def parameters(
     from emsid.io import datasheet_template, motor_template
     from emsid.models.plants.registry import described
 
+    plant = SAME.get(plant or "", plant)
     if plant is not None and plant not in described():
         raise DataError(
-            f"no datasheet of {plant!r}{did_you_mean(plant, described())}; there are {', '.join(described())}"
+            f"no datasheet of {plant!r}{did_you_mean(plant, described())}; there are {', '.join((*described(), *SAME))}"
         )
     if not json:
         say(motor_template() if plant is None else datasheet_template(plant))

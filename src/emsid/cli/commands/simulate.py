@@ -8,6 +8,7 @@ import typer
 
 from emsid.cli.app import app
 from emsid.cli.options import Json, quantity
+from emsid.cli.reading import reads_records
 from emsid.cli.terminal import say, say_json
 from emsid.cli.writing import as_json
 from emsid.errors import DataError
@@ -20,7 +21,9 @@ STEP = 0.005
 
 
 @app.command()
+@reads_records()
 def simulate(
+    reader: Any,
     model: Annotated[Path | None, typer.Argument(metavar="[MODEL]", help="A model file that emsid wrote.")] = None,
     file: Annotated[
         Path | None, typer.Argument(metavar="[INPUT]", help="A file with the inputs to run the model on.")
@@ -32,15 +35,6 @@ def simulate(
         float, typer.Option(metavar="V", parser=quantity("V"), help="Largest voltage in both directions.")
     ] = 6.0,
     duration: Annotated[float, typer.Option(metavar="S", parser=quantity("s"), help="Length of the record.")] = 10.0,
-    dt: Annotated[
-        float | None,
-        typer.Option(
-            metavar="S",
-            parser=quantity("s"),
-            help="Sample time.  [default: 0.005, or of the INPUT]",
-            show_default=False,
-        ),
-    ] = None,
     motor: Annotated[Path | None, typer.Option(metavar="TOML", help="Parameters of the motor.")] = None,
     ideal: Annotated[bool, typer.Option("--ideal", help="No noise, quantisation or delay of the bench.")] = False,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of signal and noise.", min=0)] = 1,
@@ -49,13 +43,14 @@ def simulate(
     """Simulate a motor, or a saved model, and write a record.
 
     Without MODEL, the built-in motor or that of --motor answers a test signal on a virtual bench. With MODEL, the
-    model runs freely from rest on the inputs in a file, whose columns, units and sample time are those that the model
-    file remembers; outputs in that file are not used.
+    model runs freely from rest on the inputs in a file. It is read as the model file remembers, with the options for
+    columns, units and times that are given in its place; outputs in that file are not used.
 
     \b
     Examples:
       emsid simulate --out record.csv
       emsid simulate emsid-result/arx.json voltage.csv --out simulated.csv
+      emsid simulate emsid-result/arx.json other.csv --input u --time t --out simulated.csv
       emsid simulate --excitation multisine --amplitude 8 --duration 30 --motor motor.toml --out record.parquet
     """
     from emsid.excitation import crest_factor
@@ -63,11 +58,13 @@ def simulate(
     from emsid.units import with_unit
 
     if model is None:
-        record = _of_motor(excitation, amplitude, duration, STEP if dt is None else dt, motor, ideal, seed)
+        if others := [name for name in reader.typed if name != "--dt"]:
+            raise DataError(f"{', '.join(others)}: only for the file with the inputs of a model; name both, or neither")
+        record = _of_motor(excitation, amplitude, duration, reader.given.get("dt", STEP), motor, ideal, seed)
     elif file is None:
         raise DataError(f"{model}: name the file with the inputs to run the model on: simulate MODEL INPUT")
     else:
-        record = _of_model(model, file, dt)
+        record = _of_model(model, file, reader)
     time = write_record(record, out)
     crest, outputs = float(crest_factor(record)), zip(record.output_names, record.output_units, strict=True)
     largest = [(name, float(abs(record.channel(name)).max()), unit) for name, unit in outputs]
@@ -82,13 +79,13 @@ def simulate(
     say(f"written to {out}: columns {time}, {', '.join(record.input_names + record.output_names)}")
 
 
-def _of_model(path: Path, file: Path, dt: float | None) -> "Record":
-    """The free run of a saved model over the inputs in a file, read as the model file remembers."""
+def _of_model(path: Path, file: Path, reader: Any) -> "Record":
+    """The free run of a saved model over the inputs in a file, read as the model file remembers and as is given."""
     from emsid.io import load, origin, read, read_options
     from emsid.models.verbs import simulate as run
 
     model, source = load(path), origin(path)
-    reading = read_options(path)
+    reading = reader.after(read_options(path)).given
     if source is None or "input" not in reading:
         raise DataError(f"{path}: the file does not say how its record was read; identify the model again")
     columns = reading["input"]
@@ -97,9 +94,6 @@ def _of_model(path: Path, file: Path, dt: float | None) -> "Record":
         name: {column: each for column, each in value.items() if column in known} if isinstance(value, dict) else value
         for name, value in reading.items()
     }
-    if dt is not None:
-        options = {name: value for name, value in options.items() if name not in ("time", "time_unit", "resample")}
-        options["dt"] = dt
     driven = run(model, read(file, **(options | {"output": ()})))
     names, units = zip(*source.outputs, strict=True)
     return replace(driven, output_names=names, output_units=units)

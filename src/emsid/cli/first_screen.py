@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from emsid.estimation.fit import Fit
     from emsid.findings import Finding
     from emsid.identification import Identification
+    from emsid.validation.comparison import OutputErrors, Row
 
 LONGEST = 400
 """A longer line of an equation, such as one with all knots of a spline, is cut."""
@@ -35,6 +36,8 @@ IN_FULL = 3
 """Of more models than this, the screen has details of the recommended one only."""
 FIRST = "free-run-error"
 """The finding that follows the recommendation."""
+NAMED = 2
+"""The recommendation names as many reasons against a model; with more, the screen has its verdict too."""
 VERDICTS = {
     "model-supported": "supported by these data",
     "model-limited": "usable with limits",
@@ -68,7 +71,8 @@ def models_table(result: Identification) -> Table:
         preferred = result.is_recommended and row.model == result.chosen.model.name
         verdict = f"{'recommended; ' * preferred}{verdicts[row.model]}"
         names = [in_unit(each.output, each.unit) for each in row.outputs]
-        for k, errors in enumerate(row.outputs or (row,)):
+        of_outputs: Sequence[Row | OutputErrors] = row.outputs or (row,)
+        for k, errors in enumerate(of_outputs):
             fit = f"{errors.fit_percent:.2f}" if isfinite(errors.fit_percent) else "–"
             shown = f"{errors.simulation_rmse:.4g}" if isfinite(errors.simulation_rmse) else "diverges"
             lines.append((row.model, *names[k : k + 1], str(row.parameters), shown, fit, verdict))
@@ -114,7 +118,9 @@ def _shown(result: Identification) -> list[Finding]:
     """Findings about the data and the models in detail, warnings first, and what to do next."""
     less = {fit.model.name for fit in result.fits} - {fit.model.name for fit in _in_detail(result)}
     noticed = [each for each in result.findings if each.code != FIRST and each.model not in less]
-    return sorted((*noticed, *result.verdicts, *result.next_steps), key=lambda each: severity(each) is Severity.INFO)
+    verdict = [each for each in result.model_verdicts[:1] if len(each.data["reasons"]) > NAMED]
+    found = (*noticed, *verdict, *result.verdicts, *result.next_steps)
+    return sorted(found, key=lambda each: severity(each) is Severity.INFO)
 
 
 def _left_out(result: Identification, shown: Sequence[Finding]) -> str:

@@ -512,6 +512,13 @@ def test_an_answer_on_a_terminal_takes_the_place_of_the_progress_bar(monkeypatch
     assert answers == [f"{ERASED}emsid: stopping\n"]
 
 
+def test_no_command_is_cut_in_the_list_of_commands(run):
+    _, out, _ = run("--help")
+    listed = out.partition("Commands:\n")[2].partition("\n\n")[0].splitlines()
+    assert len(listed) == 11
+    assert all(line.endswith(".") and not line.endswith("...") for line in listed)
+
+
 def test_a_candidate_that_cannot_be_fitted_is_named_and_the_others_go_on(run, tmp_path):
     two_inputs = table(tmp_path / "two.csv", v=np.random.default_rng(3).standard_normal(600))
     words = ("identify", two_inputs, *IDENTIFY, "--input", "v", "--models", "arx,friction-narx", "--rows", "0:40")

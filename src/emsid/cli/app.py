@@ -19,11 +19,11 @@ app = typer.Typer(
     epilog="""
     \b
     Examples:
-      emsid demo                                                     example records to try commands on
-      emsid study                                                    a complete study; needs no data
-      emsid describe log.csv --input voltage --output speed --time t
+      emsid demo                                                      example records to try commands on
+      emsid describe log.csv                                          ends with the command for identify
       emsid identify log.csv --input voltage --output speed --dt 1ms
-      emsid validate emsid-result/friction-narx.json other.csv
+      emsid validate emsid-result/recommended.json other.csv
+      emsid study                                                     a complete study; needs no data
     """,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,

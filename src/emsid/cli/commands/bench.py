@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from emsid.record import Record
 
 bench = typer.Typer(
-    help="Serve a simulated motor, or drive a real or simulated one with a test signal.",
+    help="Serve a simulated motor, or send a test signal to a motor.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )

@@ -54,9 +54,9 @@ def describe(
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write a page with plots into this folder.")] = None,
     json: Json = False,
 ) -> None:
-    """Look at files: their columns, the likely input, output and time, and the quality of the data.
+    """Look at files: columns, input, output, time, quality.
 
-    No option is needed: what is not given is guessed. The last line is a command for `emsid identify`.
+    No option is needed: the likely input, output, time and units are found. The last line is a command for `emsid identify`.
 
     \b
     Examples:

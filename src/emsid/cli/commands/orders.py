@@ -39,9 +39,9 @@ def orders(
     ] = 0.25,
     json: Json = False,
 ) -> None:
-    """Compare all orders and delays of ARX, each with and without a constant.
+    """Compare all orders and delays of a linear model (ARX).
 
-    All structures are fitted from one triangular factor. The table has the free run on unseen data and the criteria
+    Each is fitted with and without a constant, all from one triangular factor. The table has the free run on unseen data and the criteria
     AIC, BIC and FPE, the smallest free-run error first.
 
     \b

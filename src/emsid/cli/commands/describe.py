@@ -56,7 +56,8 @@ def describe(
 ) -> None:
     """Look at files: columns, input, output, time, quality.
 
-    No option is needed: the likely input, output, time and units are found. The last line is a command for `emsid identify`.
+    No option is needed: the likely input, output, time and units are found. The last line is a command for
+    `emsid identify`.
 
     \b
     Examples:

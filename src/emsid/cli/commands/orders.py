@@ -41,8 +41,8 @@ def orders(
 ) -> None:
     """Compare all orders and delays of a linear model (ARX).
 
-    Each is fitted with and without a constant, all from one triangular factor. The table has the free run on unseen data and the criteria
-    AIC, BIC and FPE, the smallest free-run error first.
+    Each is fitted with and without a constant, all from one triangular factor. The table has the free run on unseen
+    data and the criteria AIC, BIC and FPE, the smallest free-run error first.
 
     \b
     Examples:

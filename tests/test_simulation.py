@@ -12,8 +12,8 @@ from scipy.signal import cont2discrete
 
 from emsid.errors import DataError, ModelError
 from emsid.plant import DeadZoneLaw, Friction, Motor, State, Taylor, simulate
+from emsid.plant.polynomials import first_zero
 from emsid.plant.reference import simulate_reference
-from emsid.plant.taylor import _first_zero
 from independent.two_masses import load_speed
 
 CHANNELS = tuple(field.name for field in fields(State))
@@ -248,7 +248,7 @@ def test_first_zero_of_a_polynomial(roots, end):
     inside = sorted(root for root in roots if 0 < root <= end)
     assume(np.diff(sorted([0.0, *roots, end])).min() > 1e-3)  # else rounding the coefficients moves the roots
     p = np.polynomial.polynomial.polyfromroots(roots)
-    found = _first_zero(p * np.sign(p[0]), end, np.empty(len(p)))
+    found = first_zero(p * np.sign(p[0]), end, np.empty(len(p)))
     assert found == (pytest.approx(inside[0], rel=1e-6) if inside else inf)
 
 

@@ -18,9 +18,8 @@ A step ends at the first event in it, which is the first zero of a polynomial:
 - the torque leaves its branch of the dead zone;
 - with backlash, rotor and load come into contact or part.
 
-First zeros are isolated by bounds on the remaining terms of the polynomial, so two crossings in one step are not
-missed. A torque exceeds a level only if it is larger by `_SLACK` times the acting torques; so rounding errors do not
-release a body that friction holds.
+`first_below` finds it, also where there are two crossings in one step. A torque exceeds a level only if it is larger by
+`_SLACK` times the acting torques; so rounding errors do not release a body that friction holds.
 """
 
 from __future__ import annotations
@@ -30,6 +29,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from emsid.plant.constants import Constants
+from emsid.plant.polynomials import first_below, polynomial_value, product_integral
 
 Array = NDArray[np.float64]
 Directions = NDArray[np.int64]  # (2,) by body: 1 forward, −1 backward, 0 held
@@ -77,7 +77,7 @@ def run(
     x = np.empty(5)
     for row in range(5):
         x[row] = states[0, row]
-    happened, capacity = 0, len(instant)
+    happened = 0
     latest = np.full(2, -1)
     clock = 0.0
     taken = 0.0
@@ -113,17 +113,7 @@ def run(
                 if m.rigid:
                     x[_SPEED + 1] = 0.0
                 now = clock + (holds[k] - left)
-                again = latest[body]
-                if turn != 0 and 0 <= again < capacity and instant[again] == now and events[again, 2] == 0:
-                    events[again, 2] = turn  # held for no time: a reversal
-                else:
-                    if happened < capacity:
-                        instant[happened] = now
-                        events[happened, 0] = body
-                        events[happened, 1] = motion[body]
-                        events[happened, 2] = turn
-                    latest[body] = happened
-                    happened += 1
+                happened = _note_event(now, body, motion[body], turn, latest, happened, instant, events)
                 motion[body] = turn
                 if m.rigid:
                     motion[1] = turn
@@ -138,6 +128,32 @@ def run(
             return
         clock += holds[k]
     counts[0], counts[1] = happened, len(volts)
+
+
+@_kernel
+def _note_event(
+    now: float,
+    body: int,
+    before: int,
+    after: int,
+    latest: Directions,
+    happened: int,
+    instant: Array,
+    events: NDArray[np.int64],
+) -> int:
+    """Write an event into ``instant`` and ``events`` as far as they reach; the number of events with it.
+
+    A body that was held for no time has reversed: both are one event. ``latest`` (2,) is the last event of each body.
+    """
+    again, capacity = latest[body], len(instant)
+    if after != 0 and 0 <= again < capacity and instant[again] == now and events[again, 2] == 0:
+        events[again, 2] = after
+        return happened
+    if happened < capacity:
+        instant[happened] = now
+        events[happened, 0], events[happened, 1], events[happened, 2] = body, before, after
+    latest[body] = happened
+    return happened + 1
 
 
 @_kernel
@@ -257,9 +273,9 @@ def _decay_error(m: Constants, s: Array, motion: Directions, step: float) -> flo
     for body in range(2):
         side = int(motion[body] < 0)
         if motion[body] != 0 and m.stribeck[body, side] > 0.0:
-            speed = _value(s[_SPEED + body], step)
+            speed = polynomial_value(s[_SPEED + body], step)
             exact = np.exp(-m.stribeck_rate[body, side] * motion[body] * speed)
-            missed = abs(exact - _value(s[_DECAY + body], step))
+            missed = abs(exact - polynomial_value(s[_DECAY + body], step))
             change = m.stribeck[body, side] * missed * step / m.inertia[body]
             worst = max(worst, change / (abs(s[_SPEED + body, 0]) + m.scale[_SPEED]))
     return worst
@@ -289,14 +305,14 @@ def _first_event(
         if level == 0.0:
             continue
         if motion[body] != 0:
-            at = _leaves(0.0, float(motion[body]), s[_SPEED + body], step, margin, centred)
+            at = first_below(0.0, float(motion[body]), s[_SPEED + body], step, margin, centred)
             if at <= step:
                 step, kind, which, turn = at, _MOTION, body, 0
             continue
         slack = _SLACK * (level + drive + shaft + abs(disturbance))
         for side in range(2):
             direction = 1 - 2 * side
-            at = _leaves(m.breakaway[body, side] + slack, float(-direction), s[_NET + body], step, margin, centred)
+            at = first_below(m.breakaway[body, side] + slack, float(-direction), s[_NET + body], step, margin, centred)
             if at <= step:
                 step, kind, which, turn = at, _MOTION, body, direction
     for side in range(2):
@@ -309,109 +325,18 @@ def _first_event(
             bound, change = -outward * edge, -outward
         else:
             continue
-        at = _leaves(bound, -change * m.motor_constant, s[_CURRENT], step, margin, centred)
+        at = first_below(bound, -change * m.motor_constant, s[_CURRENT], step, margin, centred)
         if at <= step:
             step, kind, turn = at, _BRANCH, change
     for outward in (-1, 1) if m.gap > 0.0 else (0, 0):
         if outward == 0 or contact == -outward:
             continue
         away = contact == outward
-        at = _leaves(-m.gap if away else m.gap, float(outward if away else -outward), s[_TWIST], step, margin, centred)
+        bound, factor = -m.gap if away else m.gap, float(outward if away else -outward)
+        at = first_below(bound, factor, s[_TWIST], step, margin, centred)
         if at <= step:
             step, kind, turn = at, _CONTACT, -outward if away else outward
     return step, kind, which, turn
-
-
-@_kernel
-def _leaves(bound: float, factor: float, series: Array, step: float, margin: Array, centred: Array) -> float:
-    """The instant at which ``bound + factor·series`` first falls below zero; infinite if not within ``step``.
-
-    If it is exactly zero at the start, the sign of its first nonzero coefficient decides.
-    """
-    first, n = 0, len(series)
-    for k in range(n):
-        margin[k] = factor * series[k]
-    margin[0] += bound
-    while first < n and margin[first] == 0.0:
-        first += 1
-    if first == n:
-        return np.inf
-    if margin[first] < 0.0:
-        return 0.0
-    return _first_zero(margin[first:], step, centred)
-
-
-@_kernel
-def _first_zero(p: Array, end: float, c: Array) -> float:
-    """The first t in (0, end] where the polynomial ``p``, positive at 0, falls to zero; infinite if there is
-    none.
-
-    Bounds around the middle of an interval, with coefficients ``c``, decide about it: it has no zero if the other terms
-    are smaller than the constant, and at most one if they are smaller than the slope. Otherwise it is halved.
-    """
-    n = len(p)
-    rest = 0.0
-    for k in range(n - 1, 0, -1):
-        rest = (rest + abs(p[k])) * end
-    if p[0] > rest:
-        return np.inf
-    a, width = 0.0, end
-    while a < end:
-        r = 0.5 * width
-        for k in range(n):
-            c[k] = p[k]
-        for i in range(n - 1):
-            for j in range(n - 2, i - 1, -1):
-                c[j] += (a + r) * c[j + 1]
-        rest, bend, power = 0.0, 0.0, r
-        for k in range(1, n):
-            rest += abs(c[k]) * power
-            if k > 1:
-                bend += k * abs(c[k]) * power / r
-            power *= r
-        if c[0] <= rest:
-            if n > 1 and abs(c[1]) > bend:
-                if _value(c[:n], r) <= 0.0:
-                    return min(a + r + _zero_within(c[:n], r), end)
-            elif width > 1e-13 * end:
-                width = r
-                continue
-            elif c[0] <= 0.0:
-                return a + r
-        a += width
-        width = min(2.0 * width, end - a)
-    return np.inf
-
-
-@_kernel
-def _zero_within(c: Array, r: float) -> float:
-    """The zero in [−r, r] of a polynomial that decreases there: Newton's method inside a bracket."""
-    low, high, t = -r, r, 0.0
-    for _ in range(100):
-        value, slope = 0.0, 0.0
-        for k in range(len(c) - 1, -1, -1):
-            slope = slope * t + value
-            value = value * t + c[k]
-        if value > 0.0:
-            low = t
-        else:
-            high = t
-        guess = t - value / slope if slope != 0.0 else low
-        if not low < guess < high:
-            guess = 0.5 * (low + high)
-        if abs(guess - t) <= 1e-16 * r:
-            return guess
-        t = guess
-    return t
-
-
-@_kernel
-def _value(c: Array, t: float) -> float:
-    """Σ c_k·t^k."""
-    value = 0.0
-    for k in range(len(c) - 1, -1, -1):
-        value = value * t + c[k]
-    return value
 
 
 @_kernel
@@ -444,34 +369,21 @@ def _spend(
     """Add the energies of one step to ``spent``, in the order of `Energy`: integrals of products of two series."""
     current, rotor, load = s[_CURRENT], s[_SPEED], s[_SPEED + 1]
     unit = np.ones(1)
-    charge = _integral(unit, current, step)
+    charge = product_integral(unit, current, step)
     spent[0] += volt * charge
-    spent[2] += m.resistance * _integral(current, current, step)
+    spent[2] += m.resistance * product_integral(current, current, step)
     for body in range(2):
         speed = s[_SPEED + body]
-        spent[3 + body] += m.viscous[body] * _integral(speed, speed, step)
+        spent[3 + body] += m.viscous[body] * product_integral(speed, speed, step)
         for k in range(len(work)):
             work[k] = _friction_term(m, s, motion, body, k)
-        spent[5 + body] += _integral(work, speed, step)
+        spent[5 + body] += product_integral(work, speed, step)
     for k in range(len(work)):
         work[k] = rotor[k] - load[k]
     if contact != 0:
-        spent[7] += m.damping * _integral(work, work, step)
+        spent[7] += m.damping * product_integral(work, work, step)
     for k in range(len(work)):
         work[k] = (1.0 - m.slope[branch]) * m.motor_constant * current[k]
     work[0] += m.slope[branch] * m.corner[branch]
-    spent[8] += (volt - armature) * charge + _integral(work, rotor, step)
-    spent[9] += disturbance * _integral(unit, load, step)
-
-
-@_kernel
-def _integral(a: Array, b: Array, step: float) -> float:
-    """∫ a·b over the step, of two series."""
-    total, power = 0.0, step
-    for j in range(len(a)):
-        inner = 0.0
-        for k in range(len(b) - 1, -1, -1):
-            inner = inner * step + b[k] / (j + k + 1)
-        total += a[j] * inner * power
-        power *= step
-    return total
+    spent[8] += (volt - armature) * charge + product_integral(work, rotor, step)
+    spent[9] += disturbance * product_integral(unit, load, step)

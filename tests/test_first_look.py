@@ -474,6 +474,14 @@ def test_of_many_columns_those_with_a_role_are_printed(run: Run, write: Write) -
     assert len(describe(log).columns) == 43
 
 
+def test_a_direction_in_words_is_found(write: Write) -> None:
+    words = np.where(U > 0, "CW", "CCW")
+    log = write("t,dir,duty,speed\n" + "".join(f"{T[k]:.2f},{words[k]},{abs(U[k])},{Y[k]}\n" for k in range(N)))
+    assert describe(log).reading["direction"] == {"duty": "dir"}
+    record = emsid.read(log, input="duty", output="speed", time="t", direction={"duty": "dir"})
+    np.testing.assert_array_equal(record.input[:, 0], U)
+
+
 def test_times_that_are_not_understood_are_named(write: Write) -> None:
     rows = "".join(f"noon plus {k},{U[k]},{Y[k]}\n" for k in range(N))
     look = describe(write("time,voltage,speed\n" + rows))

@@ -53,6 +53,8 @@ DIALECTS = {
     "labels, blanks": "t=0 u=1.5 y=-2.25\nt=.5 u=0 y=1e-3\nt=1. u=-7 y=+3.125 \n",
     "labels, tab": "t: 0\tu: 1.5\ty: -2.25\nt: 0.5\tu: 0\ty: 1e-3\nt: 1\tu: -7\ty: 3.125\n",
     "labels and units": "t: 0 s, u: 1.5 V, y: -2.25\nt: 0.5 s, u: 0V, y: 1e-3\nt: 1 s, u: -7 V, y: 3.125\n",
+    "preamble as wide as the table": "Model,MSO24\nInterval,1.5e-2,s\nLength,20,points\nt,u,y\n"
+    "0,1.5,-2.25\n0.5,0,1e-3\n1,-7,3.125\n",
     "JSON lines": '{"t": 0, "u": 1.5, "y": -2.25}\n{"t":0.5,"u":0,"y":1e-3}\n{"t": 1, "u": -7, "y": 3.125}\n',
 }
 
@@ -125,7 +127,7 @@ def test_a_column_with_text_or_gaps_does_not_disturb_the_others() -> None:
 
 def test_text_in_a_column_of_decimal_commas_stays_and_the_numbers_are_read() -> None:
     assert columns_of("t;u\n0;0,5\n1;ERR\n2;1,5\n").series["u"].to_list() == ["0.5", "ERR", "1.5"]
-    assert columns_of("t;u\n0;1,234.5\n1;2.5\n").series["u"].to_list() == ["1,234.5", "2.5"]  # thousands: not guessed
+    assert columns_of("t;u\n0;1,234\n1;2,5\n").series["u"].to_list() == [1.234, 2.5]  # thousands are not guessed
 
 
 @pytest.mark.parametrize(
@@ -234,3 +236,42 @@ def test_times_of_day_with_am_and_pm() -> None:
     assert as_numbers(columns.series["Time"]).tolist() == [0.0, 0.5, 1.0]
     columns = columns_of("Time,u\n03/04/2026 11:59:59.5 PM,1\n03/05/2026 12:00:00 AM,2\n")
     assert as_numbers(columns.series["Time"]).tolist() == [0.0, 0.5]
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        ("-1.4", "1,234.5", "12,345"),
+        ("-1,4", "1.234,5", "12.345"),
+        ("-1.4", "1,234.5", ""),
+        ("1,234,567", "2", "3"),
+    ],
+)
+def test_separators_of_thousands(cells: tuple[str, ...]) -> None:
+    columns = columns_of("t;y\n" + "".join(f"{k};{cell}\n" for k, cell in enumerate(cells)))
+    group = "." if "-1,4" in cells else ","
+    expected = [float(cell.replace(group, "").replace(",", ".")) if cell else None for cell in cells]
+    assert columns.series["y"].to_list() == expected
+
+
+def test_texts_that_only_resemble_grouped_numbers_stay_texts() -> None:
+    assert columns_of("t;y\n0;1,23,4\n1;2.5\n").series["y"].dtype == pl.String
+    assert columns_of("t;y\n0;1.2.3\n1;2\n").series["y"].dtype == pl.String
+
+
+def test_minutes_and_seconds_are_times() -> None:
+    columns = columns_of("elapsed,u\n00:59.500,1\n01:00.000,2\n01:00.250,3\n")
+    assert as_numbers(columns.series["elapsed"]).tolist() == [0.0, 0.5, 0.75]
+
+
+def test_a_pair_of_words_is_one_and_zero_and_stays_text_for_masks() -> None:
+    columns = columns_of("t,dir,state\n0,CW,RUN\n1,ccw,STOP\n2,CW,ON\n")
+    assert columns.series["dir"].dtype == pl.String
+    assert as_numbers(columns.series["dir"]).tolist() == [1.0, 0.0, 1.0]
+    assert np.isnan(as_numbers(columns.series["state"])).all()
+
+
+def test_a_first_row_with_a_damaged_value_is_no_preamble() -> None:
+    columns = columns_of("t,u,y\n0,ERR,-2.25\n0.5,0,1e-3\n1,-7,3.125\n")
+    assert list(columns.series) == ["t", "u", "y"]
+    assert len(columns.series["t"]) == 3

@@ -115,13 +115,26 @@ class Columns:
         return self.placed.format(self.number(row))
 
 
+WORDS = (
+    *(("true", "false"), ("on", "off"), ("yes", "no"), ("cw", "ccw"), ("fwd", "rev"), ("forward", "reverse")),
+    *(("forward", "backward"), ("forwards", "backwards"), ("right", "left"), ("up", "down"), ("high", "low")),
+)
+"""Pairs of words for 1 and 0, as of a direction."""
+
+
 def as_numbers(series: pl.Series) -> NDArray[np.float64]:
     """(N,) the values as real numbers, NaN where there is none; dates and durations become seconds.
 
-    Times of day that fall by more than half a day have passed midnight.
+    Times of day that fall by more than half a day have passed midnight. A pair of words, such as ``CW`` and ``CCW``, is
+    1 and 0.
     """
     import polars as pl
 
+    if series.dtype == pl.String:
+        words = series.str.to_lowercase()
+        found = words.drop_nulls().unique().to_list()
+        pair = next((pair for pair in WORDS if found and set(found) <= set(pair)), None)
+        series = series if pair is None else words.replace(dict(zip(pair, ("1", "0"), strict=True)))
     if series.dtype == pl.Date:
         series = series.cast(pl.Datetime("ms"))
     if series.dtype.is_temporal():

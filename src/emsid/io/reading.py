@@ -50,7 +50,7 @@ READERS: dict[str, Callable[[bytes], Columns]] = {
     ".dat": read_table,
     ".txt": read_table,
     ".log": read_table,
-    **dict.fromkeys((".jsonl", ".ndjson"), read_table),
+    **dict.fromkeys((".jsonl", ".ndjson", ".lvm"), read_table),
     ".mat": read_mat,
     ".parquet": read_parquet,
     ".npz": read_npz,

@@ -234,8 +234,28 @@ def _first_data_line(texts: Sequence[str], width: int) -> int:
     start = next(filter(begins, range(len(texts))), None)
     if start is None:
         raise FormatError("there are no numbers in this file; check how it was exported")
+    start = _after_preamble(texts, start, width)
     while start and is_missing(start - 1):
         start -= 1
+    return start
+
+
+def _after_preamble(texts: Sequence[str], start: int, width: int) -> int:
+    """The first data line, where from ``start`` on each line has more texts than any after a line of names.
+
+    An oscilloscope writes such lines above its table: ``Sample Interval,1e-3,s``.
+    """
+
+    def words(text: str) -> int:
+        return sum(not (_is_number(cell) or _is_missing(cell)) for cell in _cells(text))
+
+    for k in range(start, min(start + LAST_LINES, len(texts) - 1)):
+        above = _cells(texts[k])
+        if all(above) and _are_names(above, width):
+            usual = max(map(words, texts[k + 1 : k + 1 + LAST_LINES]))
+            return k + 1 if min(map(words, texts[start:k])) > usual else start
+        if not words(texts[k]):
+            return start
     return start
 
 
@@ -319,7 +339,20 @@ def _numbers_or_text(column: pl.Series) -> pl.Series:
     if numbers.null_count() > column.null_count() and not column.str.contains(r"^[+-]?\d*\.\d").any():
         column = column.str.replace(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$", "${1}.${2}")
         numbers = column.cast(pl.Float64, strict=False)
+    if numbers.null_count() > column.null_count():
+        column = _without_groups(column)
+        numbers = column.cast(pl.Float64, strict=False)
     return numbers if numbers.null_count() == column.null_count() else _moments_or_text(column)
+
+
+def _without_groups(column: pl.Series) -> pl.Series:
+    """The column without separators of thousands, ``1,234.5`` or ``1.234,5``, if all its cells are such numbers."""
+    for group, point in ((",", "."), (".", ",")):
+        g, p = re.escape(group), re.escape(point)
+        grouped = column.str.contains(rf"^[+-]?\d{{1,3}}({g}\d{{3}})+({p}\d*)?$")
+        if grouped.any() and (grouped | column.str.contains(rf"^[+-]?\d*({p}\d*)?$")).all():
+            return column.str.replace_all(group, "", literal=True).str.replace(point, ".", literal=True)
+    return column
 
 
 def _moments_or_text(column: pl.Series) -> pl.Series:
@@ -327,6 +360,7 @@ def _moments_or_text(column: pl.Series) -> pl.Series:
     import polars as pl
 
     pointed = column.str.replace(",", ".", literal=True)
+    pointed = pointed.str.replace(r"^(\d{1,2}:\d{2}\.\d+)$", "00:${1}")  # minutes and seconds
     first = pointed.drop_nulls()[:1]
     kinds: list[tuple[type[pl.Datetime | pl.Time], str]] = [(pl.Datetime, form) for form in _MOMENTS]
     for kind, form in [*kinds, *((pl.Time, form) for form in _TIMES_OF_DAY)]:

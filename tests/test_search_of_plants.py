@@ -20,6 +20,7 @@ from emsid.estimation.fit import Ending
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
 from emsid.models.plants.beginning import InitialState, agree, beginning
+from emsid.models.plants.drifting_load import PIECES, DriftingLoad, LoadDrift
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.free_run_error import Recent, all_alike
 from emsid.models.plants.motor import DrivenMotor
@@ -204,6 +205,18 @@ def test_a_fit_under_a_drift_has_smaller_errors_which_its_intervals_include():
     before, after, deviations = np.sqrt(np.mean(np.square(errors), axis=0))
     assert (after < 0.5 * before).all()
     assert (after < 2 * deviations).all()
+
+
+def test_a_free_run_is_trusted_until_a_drift_moves_it_by_more_than_the_noise():
+    """Without friction the variance of the position under a walk of the force is q·t⁵/20 for a mass of 1 kg."""
+    plant = AXIS.with_values({"mass": 1.0, "viscous_friction": 0.0, "friction.coulomb": 0.0})
+    u = np.sin(np.arange(2000) / 50)[:, None]
+    run = plant.simulate(u, 2e-3, np.zeros(3), (Signal.POSITION,))
+    segment, force, drift = Record(u, run, 2e-3), plant.largest_force(u), LoadDrift(0.05, np.inf, 1e-3)
+    around = DriftingLoad.around(plant, segment, np.zeros(3), (Signal.POSITION,), drift, np.zeros(PIECES))
+    assert around.trusted(4.0) == pytest.approx((20 * (1e-3 / (0.05 * force)) ** 2) ** 0.2, rel=0.05)
+    still = replace(around, drift=drift._replace(rate=0.0))
+    assert still.trusted(4.0) == 4.0
 
 
 @pytest.mark.parametrize("returns", [False, True])

@@ -95,7 +95,7 @@ RECOMMENDED = {
     "tests_failed": 0,
 }
 
-LOAD = {"parameters": ["offset"], "deviation": 0.21, "mean": None, "walks": True, "unit": "N"}
+LOAD = {"parameters": ["offset"], "deviation": 0.21, "mean": None, "walks": True, "unit": "N", "trusted": 1.2}
 EXAMPLES: tuple[Finding, ...] = (
     # linear estimation
     Finding("rank-deficient", data={"rank": 2, "parameters": 3, "zero": ["max(u(t-1)-5, 0)"], "alike": []}),

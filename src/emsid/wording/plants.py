@@ -212,12 +212,15 @@ def load_drifts(f: Finding, argument: Spelling) -> str:
     names, mean, unit = f.data["parameters"], f.data["mean"], f.data["unit"]
     deviation = with_unit(f"{f.data['deviation']:.3g}", unit)
     drifts = f"the load of the {f.subject} drifts during the record, with a standard deviation of {deviation}"
-    if not names:
-        return f"{drifts}; the fit takes that into account"
     one, several = "s" * (len(names) == 1), "s" * (len(names) > 1)
     if mean is None:
+        after = with_unit(f"{f.data['trusted']:.3g}", "s")
         part = "the load at its start" if f.data["walks"] else "the load without this drift"
-        return f"{drifts}; {listed(names)} contain{one} {part}"
+        contained = f", and {listed(names)} contain{one} {part}" if names else ""
+        return (
+            f"{drifts}, and moves the free run by more than the noise after {after}; the fit takes that into "
+            f"account{contained}"
+        )
     return (
         f"{drifts}; its mean is part of {listed(names)} and has a standard deviation of "
         f"{with_unit(f'{mean:.3g}', unit)} from record to record, which the interval{several} include{one}"

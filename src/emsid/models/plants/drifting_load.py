@@ -124,6 +124,16 @@ class DriftingLoad:
         """(N,) the error of the segment times the inverse root of its covariance, in its unit."""
         return np.asarray(error - self.basis @ (self.shares * (self.basis.T @ error)))
 
+    def trusted(self, seconds: float) -> float:
+        """The time from the start of a segment of this length until the drift moves the free run by more than noise.
+
+        Over this length the free run is trusted as it is; later errors count only as far as the drift does not explain
+        them. Both times are in s.
+        """
+        variances = np.sum((self.effects @ self.drift.prior(seconds)) * self.effects, axis=1)
+        seen = np.append(variances > self.drift.noise**2, True)
+        return seconds * int(np.argmax(seen)) / len(self.effects)
+
     def run(self, plant: Plant, segment: Record, state: Array, signals: Sequence[Signal]) -> Array:
         """(N, ny) the free run that is to be compared with the output, ŷ(θ, d₀) − M·d₀."""
         driven = plant.driven

@@ -194,7 +194,11 @@ def load_drift(task: Task, problem: FreeRunError, names: Sequence[str], minimum:
     if isinstance(task.weighting, tuple):
         drift = task.weighting[0].drift
         prior, walks = force**2 * drift.prior(longest), not isfinite(drift.time)
-        return Addition(none.covariance, (_finding(plant, names, load, prior, mean=None, walks=walks),))
+        trusted = min(
+            each.trusted(len(segment) * segment.dt) for each, segment in zip(task.weighting, task.segments, strict=True)
+        )
+        finding = _finding(plant, names, load, prior, mean=None, walks=walks, trusted=trusted)
+        return Addition(none.covariance, (finding,))
     if len(task.segments) != 1 or not starts_from_samples(plant, task.signals):
         return none
     if not isinstance(task.weighting, Recent) or not load.any():

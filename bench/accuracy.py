@@ -5,6 +5,7 @@ from the folder that the environment variable EMSID_RECORDINGS names, as in the 
 out. ``python bench/accuracy.py "simulated=axis with drift 100-109"`` takes plants of other seeds. The part
 ``regressions`` is that of ``bench/regressions.py``. The parts ``pairs`` and ``cascades`` take several CPU minutes,
 ``steps`` eight, ``rules`` ten, ``starts`` twelve; name parts to print only these: ``python bench/accuracy.py emps``.
+The last table has the targets of all parts that were run.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ import cascades  # noqa: E402
 import rules  # noqa: E402  (after the path of the tests)
 import starts  # noqa: E402
 from independent.cases import Case, named  # noqa: E402
+from targets import Target, show  # noqa: E402
 
 RECORDINGS = Path(os.environ.get("EMSID_RECORDINGS", HOME.parent / "shared" / "data"))
 console = Console(width=150)
@@ -55,7 +57,7 @@ def fit_percent(model: emsid.Model, record: emsid.Record) -> float:
     return 100 * (1 - run_error(model, record) / float(np.std(y)))
 
 
-def simulated(cases: Mapping[str, Callable[[], Case]]) -> None:
+def simulated(cases: Mapping[str, Callable[[], Case]]) -> list[Target]:
     """RMSE on an unseen record over that of the true parameters."""
     board = table(
         "Simulated plants: RMSE of the free run over that of the truth", "", "fitted", "unseen", "s", "refinements"
@@ -80,9 +82,14 @@ def simulated(cases: Mapping[str, Callable[[], Case]]) -> None:
         f"geometric mean {np.exp(np.mean(np.log(found))):.3f}; at most 1.3 in {np.sum(found <= 1.3)} of {len(found)}, "
         f"at most 2 in {np.sum(found <= 2)}; worst {found.max():.2f}\n"
     )
+    return [
+        Target(f"simulated plants, {len(found)}: % with an unseen RMSE of at most {most} times that of the truth",
+               100 * float(np.mean(found <= most)), share, least=True)
+        for most, share in ((1.3, 80), (2, 95))
+    ]  # fmt: skip
 
 
-def positioning_axis() -> None:
+def positioning_axis() -> list[Target]:
     """EMPS, the whole record fitted."""
     record = emsid.read(
         RECORDINGS / "emps" / "DATA_EMPS.mat", input="vir", output="qm", time="t", scale={"vir": 35.15065}
@@ -95,16 +102,28 @@ def positioning_axis() -> None:
         "chosen": lambda: choose(linear_axis(), record),
     }
     board = table("EMPS, fitted to the whole record", "", "RMSE, mm", "s", "estimates ± half a 95 % interval")
+    targets = []
     for name, way in ways.items():
         start = time.perf_counter()
         fit = way()
         seconds = time.perf_counter() - start
         values = zip(fit.names, fit.estimate, fit.standard_error, strict=True)
         shown = ", ".join(f"{each} {value:.4g} ± {1.96 * error:.2g}" for each, value, error in values)
-        board.add_row(name, f"{1e3 * run_error(fit.model, record):.2f}", f"{seconds:.1f}", shown)
+        error = 1e3 * run_error(fit.model, record)
+        board.add_row(name, f"{error:.2f}", f"{seconds:.1f}", shown)
+        targets += [Target(f"EMPS, {name}: RMSE, mm", error, MOST[name]), Target(f"EMPS, {name}: s", seconds, 10)]
+        if tuple(fit.names) == four:
+            inside = sum(low <= value <= high for value, (low, high) in zip(PUBLISHED, fit.interval(), strict=True))
+            targets.append(Target(f"EMPS, {name}: 95 % intervals with the published value", inside, 4, least=True))
     console.print(board)
+    return targets
 
 
+MOST = {"four parameters": 3.0, "by direction": 2.1, "chosen": 2.1}
+"""RMSE of EMPS in mm."""
+PUBLISHED = (95.1089, 203.5034, 20.3935, -3.1648)
+"""Mass, viscous and Coulomb friction and offset of EMPS, in SI units: Janot, Gautier, Brunot, *Data set and reference
+models of EMPS*, Workshop on Nonlinear System Identification Benchmarks (2019)."""
 SIDES = ("forward", "backward")
 BRIDGE = {
     "testAll": ("testBench_testAll_10ms", 0.010048),
@@ -123,8 +142,9 @@ TOLD = {
 """What the authors say of the records on an H-bridge; without it the two records of the old motor have two units."""
 
 
-def pairs(which: Iterable[str] = BRIDGE) -> None:
+def pairs(which: Iterable[str] = BRIDGE) -> list[Target]:
     """Every record of the motors on an H-bridge fitted, and run on every other one, told nothing and told all."""
+    targets = []
     for told, options in (("told nothing", {}), ("told pwm, 12 V, 621 counts per revolution", TOLD)):
         records = {
             name: emsid.read(
@@ -142,16 +162,19 @@ def pairs(which: Iterable[str] = BRIDGE) -> None:
             start = time.process_time()
             fit = choose(rigid_motor(), records[name])
             seconds = time.process_time() - start
-            board.add_row(
-                name, *(f"{fit_percent(fit.model, other):.1f}" for other in records.values()), f"{seconds:.1f}"
-            )
+            fits = {other: fit_percent(fit.model, record) for other, record in records.items()}
+            board.add_row(name, *(f"{each:.1f}" for each in fits.values()), f"{seconds:.1f}")
+            if name == "testAll":
+                what = f"bidirectional motor, {told}: testAll fitted, 8 bolts, fit in %"
+                targets.append(Target(what, fits["8 bolts"], 95, least=True))
         console.print(board)
+    return targets
 
 
 FOLDS = 6
 
 
-def steps(folds: int = FOLDS) -> None:
+def steps(folds: int = FOLDS) -> list[Target]:
     """JGA25: each step record left out in turn.
 
     The structure is chosen ``FOLDS`` times, without the record and some others. The parameters are fitted without the
@@ -184,9 +207,22 @@ def steps(folds: int = FOLDS) -> None:
         f"{len(fits)} of {len(records)} moved: median fit {np.median(fits):.1f} %, worst {min(fits):.1f} %; "
         f"the others were at rest: largest error {max(errors):.1f} rad/s\n"
     )
+    median, worst = float(np.median(fits)), min(fits)
+    return [Target("JGA25: median fit in %", median, 94, True), Target("JGA25: worst fit in %", worst, 80, True)]
 
 
-PARTS: dict[str, Callable[[str], None]] = {
+def searches(begins: str) -> list[Target]:
+    """Searches from twenty starts; see `starts`."""
+    same, short, total = starts.main(RECORDINGS, begins, console)
+    if not total:
+        return []
+    return [
+        Target("starts: % of searches within 1 % of the lowest cost", 100 * same / total, 95, least=True),
+        Target("starts: searches more than 1 % above the cost at the truth", short, 0),
+    ]
+
+
+PARTS: dict[str, Callable[[str], list[Target] | None]] = {
     "simulated": lambda which: simulated(named(which)),
     "emps": lambda _: positioning_axis(),
     "pairs": lambda begins: pairs([name for name in BRIDGE if name.startswith(begins)]),
@@ -194,18 +230,20 @@ PARTS: dict[str, Callable[[str], None]] = {
     "regressions": lambda _: regressions.main([]),
     "cascades": lambda seeds: cascades.main(seeds, console),
     "rules": lambda begins: rules.main(begins, console),
-    "starts": lambda begins: starts.main(RECORDINGS, begins, console),
+    "starts": searches,
 }
 
 
 def main(arguments: Sequence[str]) -> None:
     """Print the parts that are asked for, by default all; ``part=name`` asks for some cases of one."""
+    targets: list[Target] = []
     for name in arguments or PARTS:
         part, _, begins = name.partition("=")
         try:
-            PARTS[part](begins)
+            targets += PARTS[part](begins) or []
         except emsid.FormatError as problem:  # a recording that is not there
             console.print(f"{name}: {problem}")
+    show(targets, console)
 
 
 if __name__ == "__main__":

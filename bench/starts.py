@@ -183,8 +183,11 @@ def costs(problem: Problem, starts: int = STARTS) -> Iterator[float]:
             yield inf
 
 
-def main(folder: Path, begins: str, console: Console) -> None:
-    """Print a row for every plant whose name begins like this: how many of its searches end at the same cost."""
+def main(folder: Path, begins: str, console: Console) -> tuple[int, int, int]:
+    """Print a row for every plant whose name begins like this: how many of its searches end at the same cost.
+
+    Returns how many do in all, how many end above the cost at the truth, and how many there were.
+    """
     problems: dict[str, Callable[[], Problem]] = {
         name: partial(_simulated, make, "drift" in name) for name, make in named(begins).items()
     }
@@ -209,3 +212,4 @@ def main(folder: Path, begins: str, console: Console) -> None:
         same, total = same + alike, total + len(found)
         short += 0 if truth is None else int(np.sum(found > (1 + ALIKE) * truth))
     console.print(f"{same} of {total} searches end at the same cost; {short} end above the cost at the truth\n")
+    return same, short, total

@@ -1,4 +1,4 @@
-"""Check a built site: links within it, alternative text of figures, and that nothing comes from a network.
+"""Check a built site: links within it, alternative text of figures, names of options, nothing from a network.
 
 python docs/check_site.py build/docs/html
 """
@@ -55,6 +55,8 @@ def complaints(site: Path) -> list[str]:
     found = []
     for path, page in pages.items():
         where = path.relative_to(site)
+        dashes = re.findall(r"\(–[a-z][\w-]*", path.read_text("utf-8"))
+        found += [f"{where}: an option has become a dash: {each})" for each in dashes]
         found += [f"{where}: figure without alternative text of three words: {each}" for each in page.without_text]
         for link in [*page.links, *page.loaded]:
             parts = urlsplit(link)

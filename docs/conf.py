@@ -38,6 +38,8 @@ napoleon_use_rtype = False
 napoleon_use_ivar = True  # attributes as a list, not each as an object
 add_module_names = False
 
+smartquotes = False  # "--fix" in a sentence is an option, not a dash
+
 html_theme = "pydata_sphinx_theme"
 html_title = f"emsid {version}"
 html_static_path = ["_static"]
@@ -47,6 +49,8 @@ html_show_sourcelink = False
 html_copy_source = False
 html_show_sphinx = False
 html_permalinks_icon = "#"
+# Pages without a section have no list of its pages.
+html_sidebars = {page: [] for page in ("start", "accuracy", "coming-from", "glossary", "cite")}
 html_theme_options = {
     "logo": {"text": "emsid"},
     "navbar_end": ["theme-switcher"],

@@ -3,6 +3,7 @@
 import importlib
 import io
 import json
+import math
 import os
 import signal
 import subprocess
@@ -20,6 +21,7 @@ import emsid
 from conftest import try_few_refinements
 from emsid.cli import main
 from emsid.cli.interruption import ERASED, Interruption, tell
+from emsid.cli.live_view import Screen
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Stopped
 from emsid.identification.candidates import CANDIDATES
@@ -510,6 +512,19 @@ def test_an_answer_on_a_terminal_takes_the_place_of_the_progress_bar(monkeypatch
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     tell("stopping")
     assert answers == [f"{ERASED}emsid: stopping\n"]
+
+
+def test_a_live_view_shows_the_answer_to_ctrl_c_itself(capsys, answers):
+    pressed = Interruption()
+    with Screen(str) as view, pressed.asked("ending; writing record and report", view.told):
+        pressed()
+    assert "ending; writing record and report" in capsys.readouterr().out
+    assert answers == []
+    with pressed.asked("stopping"):
+        pressed.pressed = False
+        pressed._when = -math.inf
+        pressed()
+    assert len(answers) == 1
 
 
 def test_no_command_is_cut_in_the_list_of_commands(run):

@@ -10,7 +10,7 @@ may be replaced by another one or lost in a callback, so the flag is kept.
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import inf
 from threading import Thread
@@ -42,6 +42,7 @@ class Interruption:
     def __init__(self) -> None:
         self.own_process = False
         self.pressed = self._deferred = False
+        self._told: Callable[[str], None] = tell
         self._answer, self._when = "", -inf
         self.begin()
 
@@ -53,7 +54,7 @@ class Interruption:
             return
         first, self.pressed = not self.pressed, True
         if self._answer and first:
-            tell(self._answer)
+            self._told(self._answer)
             return
         if not self._deferred:
             raise KeyboardInterrupt
@@ -103,7 +104,7 @@ class Interruption:
     def begin(self) -> None:
         """Begin: not pressed yet, no result yet."""
         self.pressed = self._deferred = False
-        self._answer, self._when = "", -inf
+        self._answer, self._told, self._when = "", tell, -inf
         self.words = "interrupted; there is no result"
 
     def raise_again(self) -> None:
@@ -116,13 +117,14 @@ class Interruption:
         self.pressed = self.pressed or interrupted
 
     @contextmanager
-    def asked(self, answer: str) -> Iterator[None]:
+    def asked(self, answer: str, told: Callable[[str], None] | None = None) -> Iterator[None]:
         """The present work reads `pressed` and ends by itself; a second Ctrl-C ends it at once.
 
         Args:
             answer: what the first Ctrl-C is answered at once.
+            told: shows the answer, by default `tell`; called by a handler of a signal.
         """
-        self._answer = answer
+        self._answer, self._told = answer, told or tell
         try:
             yield
         finally:

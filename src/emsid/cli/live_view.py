@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol
 
+from emsid.cli.interruption import tell
 from emsid.cli.terminal import plain_table, say, say_json
 from emsid.units import plain_unit, with_unit
 
@@ -29,6 +30,10 @@ class View(Protocol):
         """Show one."""
         ...
 
+    def told(self, answer: str) -> None:
+        """Show the answer to Ctrl-C; safe in a handler of a signal."""
+        ...
+
     def __enter__(self) -> "View": ...
     def __exit__(self, *problem: object) -> None: ...
 
@@ -48,6 +53,10 @@ class JsonLines:
         import msgspec
 
         say_json(msgspec.json.encode(message) + b"\n")
+
+    def told(self, answer: str) -> None:
+        """See `View.told`."""
+        tell(answer)
 
     def __enter__(self) -> "JsonLines":
         return self
@@ -80,6 +89,10 @@ class Lines:
             for table in tables(self._last, self._start):
                 show(table)
 
+    def told(self, answer: str) -> None:
+        """See `View.told`."""
+        tell(answer)
+
     def __enter__(self) -> "Lines":
         return self
 
@@ -108,6 +121,10 @@ class Screen(Lines):
         if self._live is not None and message["kind"] != "end":
             self._live.update(self._content(), refresh=message["kind"] != "finding")
 
+    def told(self, answer: str) -> None:
+        """Keep the answer for the last content: what is written between would be drawn over."""
+        self._found.append(answer)
+
     def _content(self) -> "RenderableType":
         from rich.console import Group
         from rich.text import Text
@@ -133,6 +150,7 @@ class Screen(Lines):
 
     def __exit__(self, *problem: object) -> None:
         if self._live is not None:
+            self._live.update(self._content())
             self._live.stop()
 
 

@@ -48,9 +48,9 @@ VERDICTS = {
 
 
 def first_screen(result: Identification) -> None:
-    """Print the recommendation, the models, what is known about the drive, and the findings."""
+    """Print the recommendation and what to do next, the models, what is known about the drive, and the findings."""
     why, *then = result.recommendation
-    say(*(sentence(each, option) for each in (why, *_first(result), *then)), "")
+    say(*(sentence(each, option) for each in (why, *_first(result), *then, *result.next_steps)), "")
     show(text_table(models_table(result)))
     say(FREE_RUN_EXPLAINED, "")
     if result.characteristics:
@@ -115,11 +115,11 @@ def _first(result: Identification) -> list[Finding]:
 
 
 def _shown(result: Identification) -> list[Finding]:
-    """Findings about the data and the models in detail, warnings first, and what to do next."""
+    """Findings about the data and the models in detail, warnings first."""
     less = {fit.model.name for fit in result.fits} - {fit.model.name for fit in _in_detail(result)}
     noticed = [each for each in result.findings if each.code != FIRST and each.model not in less]
     verdict = [each for each in result.model_verdicts[:1] if len(each.data["reasons"]) > NAMED]
-    found = (*noticed, *verdict, *result.verdicts, *result.next_steps)
+    found = (*noticed, *verdict, *result.verdicts)
     return sorted(found, key=lambda each: severity(each) is Severity.INFO)
 
 

@@ -1,5 +1,7 @@
 """Gain, time constant and friction of a regression: right within their intervals, on data whose answer is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -52,3 +54,13 @@ def test_friction_of_a_regression_is_in_units_of_the_input():
     assert friction.unit == "V"
     assert friction.value == pytest.approx(0.4, abs=4 * friction.standard_error)
     assert friction.standard_error < 0.02
+    reversed_leads = replace(record, input=-record.input)
+    same = by_name(of_regression(emsid.least_squares(structure, reversed_leads), reversed_leads))
+    assert same["Coulomb friction in units of the input"].value == pytest.approx(friction.value)
+
+
+def test_a_sign_that_pushes_along_is_no_friction_of_a_regression():
+    record = first_order(4000, 1, noise=0.01, friction=-0.4)
+    structure = emsid.Structure.parse("y(t-1)", "u(t-1)", "sign(y(t-1))")
+    found = by_name(of_regression(emsid.least_squares(structure, record), record))
+    assert set(found) == {"static gain over the range of the input", "time constant"}

@@ -83,8 +83,8 @@ def _of_a_regression(model: Narx, record: Record) -> list[Figure]:
         for lag, value in a.items():
             denominator[lag] = -value
         figures += _time_constants(np.roots(denominator), record.dt, "")
-    if coulomb and slope:
-        figures.append(Figure("Coulomb friction in units of the input", -coulomb / slope, record.input_units[0]))
+    if coulomb < 0 and slope:  # a sign that pushes along is no friction
+        figures.append(Figure("Coulomb friction in units of the input", -coulomb / abs(slope), record.input_units[0]))
     return figures
 
 

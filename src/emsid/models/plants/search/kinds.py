@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.models.plants.parameters import Signal
+from emsid.models.plants.search.speeds import speed_of
 from emsid.models.plants.search.trials import Trial, Trials
 from emsid.record import Record
 from emsid.selection.improvement import StretchErrors, better, matters
@@ -48,7 +49,7 @@ def kinds(segments: Sequence[Record], signals: Sequence[Signal]) -> Iterator[tup
         signals: what their outputs are; the first is looked at.
     """
     commands = [np.abs(segment.input[:, 0]) for segment in segments]
-    speeds = [_speed(segment, signals[0]) for segment in segments]
+    speeds = [speed_of(each.output[:, 0], each.dt, signals[0] is Signal.POSITION) for each in segments]
     for values in (commands, [np.abs(speed) for speed in speeds]):
         for low, high in _ranges(np.concatenate(values)):
             yield from _enough([(each > low) & (each <= high) for each in values])
@@ -71,7 +72,8 @@ def better_on_kinds(trials: Trials, rich: Trial, simple: Trial) -> bool:
 
 def both_directions_seen(trials: Trials) -> bool:
     """Whether the records show both directions of the motion."""
-    speed = np.concatenate([_speed(segment, trials.signals[0]) for segment in trials.segments])
+    is_position = trials.signals[0] is Signal.POSITION
+    speed = np.concatenate([speed_of(each.output[:, 0], each.dt, is_position) for each in trials.segments])
     moving = MOVING * float(np.max(np.abs(speed)))
     return min(float(np.mean(speed > moving)), float(np.mean(speed < -moving))) >= SEEN
 
@@ -123,9 +125,3 @@ def _enough(masks: list[Mask]) -> Iterator[tuple[Mask, ...]]:
     share = float(np.mean(np.concatenate(masks)))
     if SHARE <= share <= 1 - SHARE:
         yield tuple(masks)
-
-
-def _speed(segment: Record, signal: Signal) -> Array:
-    """(N,) a speed, or the slope of a position."""
-    y = segment.output[:, 0]
-    return np.gradient(y, segment.dt) if signal is Signal.POSITION and len(y) > 1 else y

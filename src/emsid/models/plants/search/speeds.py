@@ -28,10 +28,15 @@ def motion_channel(signals: Sequence[Signal]) -> tuple[int | None, bool]:
     return None, False
 
 
+def speed_of(shown: Array, dt: float, is_position: bool) -> Array:
+    """(N,) a speed, or the slope of a position, of which a single sample shows none."""
+    return np.gradient(shown, dt) if is_position and len(shown) > 1 else shown
+
+
 def top_speed(segments: Sequence[Record], channel: int, is_position: bool) -> float:
     """How fast an output moves at most, but for a few samples."""
-    shown = [(segment.output[:, channel], segment.dt) for segment in segments if len(segment) > 1 or not is_position]
-    speeds = [np.gradient(y, dt) if is_position else y for y, dt in shown]
+    several = [segment for segment in segments if len(segment) > 1 or not is_position]
+    speeds = [speed_of(segment.output[:, channel], segment.dt, is_position) for segment in several]
     return float(np.percentile(np.abs(np.concatenate(speeds)), 99)) or 1.0
 
 
@@ -69,7 +74,6 @@ def _usual_change(segments: Sequence[Record], channel: int, is_position: bool, w
     changes = []
     for segment in segments:
         if len(segment) > window + 1:
-            shown = smoothed(segment.output[:, channel], window)
-            speed = np.gradient(shown, segment.dt) if is_position else shown
+            speed = speed_of(smoothed(segment.output[:, channel], window), segment.dt, is_position)
             changes.append(np.abs(speed[window:] - speed[:-window]))
     return float(np.median(np.concatenate(changes))) if changes else inf

@@ -33,7 +33,7 @@ from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import DrivenPlant, Plant
-from emsid.models.plants.search.speeds import motion_channel, smoothed, top_speed
+from emsid.models.plants.search.speeds import motion_channel, smoothed, speed_of, top_speed
 from emsid.models.plants.search.task import Task, cost_of
 from emsid.record import Record
 
@@ -250,7 +250,7 @@ def motion_rows(
     u = segment.input[:, 0] + offset
     drive = np.maximum(u - width, 0.0) + np.minimum(u + width, 0.0)
     y = segment.output[:, channel]
-    speed = np.gradient(smoothed(y, samples), dt) if is_position else smoothed(y, samples)
+    speed = speed_of(smoothed(y, samples), dt, is_position)
     moving = np.abs(speed) > 0.03 * np.max(np.abs(speed))
     sliding = np.where(moving, np.sign(speed), 0.0)
     held = np.concatenate([drive[:1], drive[:-1]])  # what acted over the sample before

@@ -379,8 +379,8 @@ def test_a_motor_that_lowers_a_load_gives_power_back_and_is_no_wrong_sign():
 
 def test_a_finding_names_inseparable_parameters_and_the_missing_current():
     free = ("resistance", "rotor_viscous", *FREE)
-    (finding,) = simulation_error(MOTOR, simulated_record(np.random.default_rng(0)), free=free).findings
-    assert finding.code == "not-identifiable"
+    finding, searches = simulation_error(MOTOR, simulated_record(np.random.default_rng(0)), free=free).findings
+    assert (finding.code, searches.code) == ("not-identifiable", "searches-agreeing")
     data = finding.data
     assert data["channels"] == ["voltage", "speed"]
     assert data["parameters"][:4] == ["resistance", "rotor_viscous", "motor_constant", "rotor_inertia"]
@@ -431,8 +431,8 @@ def test_a_measured_current_is_not_reported_missing():
     record = driven(noise=0.01, signals=(Signal.SPEED, Signal.CURRENT))
     fit = simulation_error(DrivenMotor(ONE_MASS), record, free=("load_inertia", "resistance", *USUAL))
     assert {"load_inertia", "rotor_inertia"} - set(fit.names)
-    (finding,) = fit.findings
-    assert finding.code == "not-identifiable"
+    finding, searches = fit.findings
+    assert (finding.code, searches.code) == ("not-identifiable", "searches-agreeing")
     assert finding.data["parameters"] == ["load_inertia", "rotor_inertia"]
     assert finding.data["channels"] == ["voltage", "speed", "current"]
     assert not finding.data["current_missing"]

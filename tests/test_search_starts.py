@@ -20,7 +20,8 @@ from emsid.models.plants.parameters import Measure, Signal
 from emsid.models.plants.plant import Sizes
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search import continuation
-from emsid.models.plants.search.estimation import begun_again, beside_kinks, searched
+from emsid.models.plants.search.conclusion import searches_agreeing
+from emsid.models.plants.search.estimation import begun_again, beside_kinks, searched, simulation_error
 from emsid.models.plants.search.speeds import resolved_rate
 from emsid.models.plants.search.starts import motions
 from emsid.models.plants.search.task import prepare
@@ -181,6 +182,41 @@ def stuck_at(values, fixed, free, stopped, record):
     stuck = continuation.search(prepare(start, record, free=left, fixed=fixed, from_datasheet=False), start, 60)
     task = prepare(start, record, free=free, fixed=fixed, from_datasheet=False)
     return stuck, beside_kinks(task, stuck, 60)
+
+
+@pytest.mark.parametrize(("lower", "cost", "ends"), [(True, 1.0, (5.0, 4.0, 2.0)), (False, 2.0, (5.0, 4.0, 3.0))])
+def test_the_better_of_two_searches_knows_where_the_other_ended(lower, cost, ends):
+    record = Record(np.tile([1.0, -1.0], 20).repeat(5), np.zeros(200), 0.01, output_units="m/s")
+    record = replace(record, output=np.cumsum(record.input, axis=0))
+    found = continuation.search(prepare(AXIS, record, free=("mass",)), AXIS, 0)
+
+    def ended(cost, *ends):
+        return found._replace(minimum=replace(found.minimum, cost=cost), ends=ends, compared=7)
+
+    better = ended(2.0, 5.0).or_better(ended(1.0 if lower else 3.0, 4.0)._replace(compared=1))
+    assert (better.cost, better.ends, better.compared) == (cost, ends, 7)
+
+
+def test_searches_agree_that_end_within_one_per_cent_of_a_minimum():
+    said = searches_agreeing("linear-axis", 1.0, [0.999, 1.009, 1.02, 3.0])
+    assert said.data == {"searches": 5, "agreeing": 3, "compared": 1}
+
+
+def test_a_fit_says_how_many_searches_ended_at_its_minimum():
+    """With an estimated delay a search begins again beside it; without, only the best start is searched to its end."""
+    u = 12 * levels(300, np.random.default_rng(0), 15)
+    truth = RIGID.with_values({"drive.delay": 0.013})
+    speed = truth.simulate(u[:, None], 1e-2, np.zeros(3), (Signal.SPEED,))[:, 0]
+    record = Record(u, speed + 0.05 * np.random.default_rng(1).standard_normal(300), 1e-2, output_units="rad/s")
+
+    def said(*free):
+        fit = simulation_error(RIGID, record, free=("motor_constant", *free), hold="zero")
+        return next(finding.data for finding in fit.findings if finding.code == "searches-agreeing")
+
+    assert said("rotor_inertia")["searches"] == 1
+    assert said("rotor_inertia")["compared"] > 10
+    beside = said("rotor_inertia", "drive.delay")
+    assert beside["searches"] == beside["agreeing"] == 2
 
 
 @pytest.mark.parametrize(

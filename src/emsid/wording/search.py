@@ -21,6 +21,15 @@ def minimum_not_smooth(f: Finding, argument: Spelling) -> str:
     )
 
 
+@words("searches-agreeing")
+def searches_agreeing(f: Finding, argument: Spelling) -> str:
+    searches, compared = f.data["searches"], f.data["compared"]
+    if searches > 1:
+        return f"{f.data['agreeing']} of {searches} searches from different starts end at this minimum"
+    best = f" from the best of {compared} starts" if compared > 1 else ""
+    return f"one search ran to its end{best}; no other start was searched to its end"
+
+
 @words("steps-used-up", Severity.WARNING)
 def steps_used_up(f: Finding, argument: Spelling) -> str:
     return f"the search ended at its limit of steps, before a minimum ({_so_far(f)}); the estimates may still change"

@@ -44,6 +44,7 @@ from emsid.models.plants.parameters import Signal, bounds_of_parts, parts, witho
 from emsid.models.plants.plant import DrivenPlant, Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.between_samples import as_hold, holds_in, is_open
+from emsid.models.plants.search.conclusion import SEARCHES, searches_agreeing
 from emsid.models.plants.search.estimation import searched, simulation_error
 from emsid.models.plants.search.kinds import better_on_both_sides, better_on_kinds, both_directions_seen
 from emsid.models.plants.search.load_drift import WHITE, alike, chosen
@@ -162,6 +163,9 @@ def choose(
         not stopped and fit.ending is not Ending.INTERRUPTED and search.take_out(unsupported(fit, search.asked, free))
     ):
         fit = concluded()
+    if search.trial.ends:
+        said = searches_agreeing(plant.name, search.trial.cost, [cost for cost, _ in search.trial.ends])
+        fit = replace(fit, findings=tuple(said if each.code == SEARCHES else each for each in fit.findings))
     findings = [Finding("choice-interrupted", plant.name)] if stopped else []
     if search.hopeless:
         findings.append(Finding("probably-another-system", plant.name, {"left": search.left, "linear": linear}))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import Control, Stopped
+from emsid.estimation.nonlinear.restarts import SAME
 from emsid.findings import Finding
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.plant import Plant
@@ -21,6 +23,9 @@ from emsid.models.plants.search.load_drift import load_drift
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
 from emsid.models.plants.search.slow_drift import slow_drift
 from emsid.models.plants.search.task import Task
+
+SEARCHES = "searches-agreeing"
+"""The code of the finding that says how many searches ended at a minimum."""
 
 
 def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
@@ -42,6 +47,8 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     findings = findings_of(task, found, names, minimum, identifiability, rows, together)
     constant = taken_as_constant(task, problem, minimum) if reached.unended else []
     findings = (*(finding for each in others for finding in each.findings), *constant, *findings)
+    if minimum.ending is Ending.CONVERGED and names and "minimum-not-smooth" not in {each.code for each in findings}:
+        findings = (*findings, searches_agreeing(found.name, reached.cost, reached.ends, reached.compared))
     if reached.unended and _shaft_unseen(task, reached):
         findings = (Finding("no-shaft-seen", found.name, {"simpler": "rigid-motor"}), *findings)
     fit = minimum.fit(GreyBox(found, task.signals), tuple(names), "gn")
@@ -63,6 +70,19 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
         ),
         task.control,
     )
+
+
+def searches_agreeing(model: str, cost: float, ends: Sequence[float], compared: int = 1) -> Finding:
+    """How many searches ended at a minimum.
+
+    Args:
+        model: its name.
+        cost: of the minimum.
+        ends: costs at which other searches ended.
+        compared: of how many starts the best was searched from.
+    """
+    agreeing = 1 + sum(end <= (1 + SAME) * cost for end in ends)
+    return Finding(SEARCHES, model, {"searches": 1 + len(ends), "agreeing": agreeing, "compared": compared})
 
 
 def _with_bounds_profiled(fit: GreyBoxFit, control: Control) -> GreyBoxFit:
@@ -92,7 +112,7 @@ def _shaft_unseen(task: Task, reached: Reached) -> bool:
     """Whether a simpler plant is as good: what the others gain is what noise gives them (χ², at 95 %)."""
     from scipy.special import chdtri
 
-    problem, names, minimum, _ = reached
+    problem, names, minimum = reached.problem, reached.names, reached.minimum
     simpler = problem.plant.simpler(names)
     if simpler is None:
         return False

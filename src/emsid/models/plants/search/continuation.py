@@ -44,12 +44,16 @@ class Reached(NamedTuple):
         names: the parameters that were estimated.
         minimum: there.
         steps: of the last stage, all its rounds together.
+        ends: costs at which other searches of the same problem ended.
+        compared: of how many starts the best was searched from.
     """
 
     problem: FreeRunError
     names: list[str]
     minimum: Minimum
     steps: int
+    ends: tuple[float, ...] = ()
+    compared: int = 1
 
     @property
     def cost(self) -> float:
@@ -70,6 +74,11 @@ class Reached(NamedTuple):
     def unended(self) -> bool:
         """Whether it ran without being ended early."""
         return self.minimum.ending is not Ending.INTERRUPTED
+
+    def or_better(self, other: Reached) -> Reached:
+        """The one of two searches of the same problem with the lower cost, with where the other ended."""
+        best, rest = (other, self) if other.cost < self.cost else (self, other)
+        return best._replace(ends=(*self.ends, *other.ends, rest.cost), compared=self.compared)
 
     def ended_by(self, ending: Ending) -> Reached:
         """The same, of a search that was stopped before its end."""

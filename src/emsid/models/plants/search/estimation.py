@@ -135,8 +135,9 @@ def searched(
         plant if hold is None else plant.with_hold(as_hold(hold)), records, from_datasheet=find_start, **asked
     )
     task = replace(task, hold_given=hold is not None, begins=InitialState.SAMPLES)
-    start = _promising(task, starts_of(task)) if find_start else task.plant
-    reached = continuation.search(task, start, max_iterations)
+    starts = starts_of(task) if find_start else [task.plant]
+    start = _promising(task, starts)
+    reached = continuation.search(task, start, max_iterations)._replace(compared=len(starts))
     if find_start and reached.unended and 2 * len(reached.names) < len(task.asked):
         reached = from_rest(task, reached, max_iterations)
     if find_start and reached.unended:
@@ -215,7 +216,7 @@ def from_rest(task: Task, reached: Reached, max_iterations: int) -> Reached:
         forgetting = replace(task, weighting=Recent(SHORT * longest))
         there = continuation.search(forgetting, _promising(forgetting, starts_of(forgetting)), LOOK)
         again = continuation.search(task, there.problem.plant, max_iterations)
-        return again if again.cost < reached.cost else reached
+        return reached.or_better(again)
     return reached
 
 
@@ -237,8 +238,9 @@ def beside_kinks(task: Task, reached: Reached, max_iterations: int) -> Reached:
             free = [name for name in task.asked if name in names or any(name in each for each in values)]
             trial = _trials(task).fitted([driven.with_values(each) for each in values], free) if values else None
             if trial is not None and trial.cost < (1 - SLOW) * reached.cost:
-                again = continuation.search(task, trial.plant, max_iterations)
-                reached = again if again.cost < reached.cost else reached
+                reached = reached.or_better(continuation.search(task, trial.plant, max_iterations))
+            elif trial is not None:
+                reached = reached._replace(ends=(*reached.ends, trial.cost))
     return reached
 
 
@@ -263,8 +265,7 @@ def begun_again(task: Task, reached: Reached, max_iterations: int) -> Reached:
             others = [_usual(task, here)] if used_up else []
             best = min([there, *(each for each in others if each is not None)], key=lambda each: each.cost)
             if best.cost < here.cost or used_up:
-                again = continuation.search(task, best.plant, max_iterations)
-                reached = again if again.cost < reached.cost else reached
+                reached = reached.or_better(continuation.search(task, best.plant, max_iterations))
             if reached.minimum.ending is Ending.STALLED and tuple(reached.names) == there.names:
                 reached = reached._replace(minimum=confirmed(reached.minimum, there.ends))
             if reached.cost > (1 - SLOW) * here.cost:

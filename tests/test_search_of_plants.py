@@ -17,12 +17,13 @@ from scipy.signal import lfilter
 from emsid import Record
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
+from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
 from emsid.models.plants.beginning import InitialState, agree, beginning
 from emsid.models.plants.drifting_load import PIECES, DriftingLoad, LoadDrift
 from emsid.models.plants.drive import Hold
-from emsid.models.plants.free_run_error import Recent, all_alike
+from emsid.models.plants.free_run_error import FreeRunError, Recent, all_alike
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.registry import PLANTS
@@ -384,6 +385,31 @@ def test_a_motor_that_is_as_it_is_modelled_has_no_alternatives():
     assert "alternatives-fit-as-well" not in [finding.code for finding in fit.findings]
 
 
+def test_a_trial_begins_no_free_run_after_the_search_was_ended():
+    """Those of a plant with a stiff shaft take seconds, and a round has dozens of starts."""
+    record = Record(np.ones(100), np.arange(100.0), 0.01, output_units="rad/s")
+    trials = Trials((record,), (Signal.SPEED,), {}, control=Control(cancelled=lambda: True))
+    for ranked in (trials.by_cost, trials.fitted, trials.promising):
+        with pytest.raises(Stopped):
+            ranked([RIGID, RIGID], ("motor_constant",))
+
+
+def test_a_fit_that_is_interrupted_before_its_first_step_takes_few_free_runs(monkeypatch):
+    """It has no stages, needs no exact derivatives, and says which values it has."""
+    runs, simulated = [], FreeRunError._simulated
+    monkeypatch.setattr(FreeRunError, "_simulated", lambda *args: runs.append(args[1]) or simulated(*args))
+    u = 8 * levels(150, np.random.default_rng(3), 15)
+    record = Record(u, simulate(Motor(), u, 2e-3).load_speed, 2e-3, output_units="rad/s")
+    free = ("motor_constant", "load_inertia", "shaft_stiffness", "rotor_friction.coulomb")
+    options = {"find_start": False, "max_iterations": 0, "control": Control(cancelled=lambda: True)}
+    fit = simulation_error(DrivenMotor(Motor()), record, free=free, **options)
+    assert fit.ending is Ending.INTERRUPTED
+    assert fit.names == free
+    assert fit.estimate == pytest.approx([DrivenMotor(Motor()).value(name) for name in free])
+    assert np.isfinite(fit.standard_error).all()
+    assert len(runs) <= 2 + len(free)  # at the start, and each parameter and an initial state moved
+
+
 def test_a_search_that_has_taken_friction_to_zero_begins_again_inside():
     truth = OneMass(
         gain=25.0, damping=10.0, coulomb=(20.0, 20.0), stribeck=(15.0, 15.0), stribeck_speed=2.0, smooth=1e-2
@@ -398,6 +424,7 @@ def test_a_search_that_has_taken_friction_to_zero_begins_again_inside():
     reached = beside_kinks(prepare(start, record, free=free, fixed=fixed), stuck, 60)
     assert stuck.minimum.cost > 1.3 * reached.minimum.cost
     assert reached.minimum.cost == pytest.approx(0.5 * 600 * 0.2**2, rel=0.1)
+    assert reached.ends[0] == stuck.minimum.cost
 
 
 @pytest.mark.parametrize("lag", [0.5, 2.0])

@@ -93,14 +93,17 @@ def search(task: Task, start: Plant, max_iterations: int) -> Reached:
     Args:
         task: what is asked.
         start: the plant to begin with.
-        max_iterations: of all rounds together; a parameter that is kept only in the end adds a few.
+        max_iterations: of all rounds together; a parameter that is kept only in the end adds a few. Zero only evaluates
+            the start.
     """
+    if not max_iterations and task.control.ending is Ending.INTERRUPTED:
+        return _interrupted_at(task, start)
     problem = task.problem(start, task.asked)
     names = keep_identifiable(identified_by(problem, task.asked, None), task.asked, task.preference)
     if len(names) < len(task.asked):
         problem = task.problem(_put_back(start, task.asked, names, task.known), names)
     so_far: Reached | None = None
-    coarse = [name for name in names if name not in start.secondary]
+    coarse = [name for name in names if name not in start.secondary] if max_iterations else []
     if 0 < len(coarse) < len(names):
         rough = task.problem(problem.plant, coarse)
         minimum = _search(rough, task.limits, max_iterations, task.control)
@@ -118,6 +121,17 @@ def search(task: Task, start: Plant, max_iterations: int) -> Reached:
             raise
         return rounds.so_far.ended_by(stopped.ending)
     return Reached(rounds.problem, rounds.names, found, rounds.steps)
+
+
+def _interrupted_at(task: Task, start: Plant) -> Reached:
+    """The end of a search that is interrupted before its first step, with derivatives that take little time."""
+    whole = task.problem(start, task.asked)
+    here = replace(_search(whole, task.limits, 0, FREE), ending=Ending.INTERRUPTED, findings=())
+    names = keep_identifiable(identified_by(whole, task.asked, here), task.asked, task.preference)
+    if len(names) == len(task.asked):
+        return Reached(whole, names, here, 0)
+    problem = task.problem(start, names, whole.states(whole.start))
+    return Reached(problem, names, replace(_search(problem, task.limits, 0, FREE), ending=here.ending, findings=()), 0)
 
 
 class _Rounds:
@@ -180,7 +194,8 @@ class _Rounds:
             self._keep(self.names, [], ended)
             return None
         if len(kept) == len(inside) and not under_way:
-            if len(self.names) < len(self.task.asked) and self._release(inside, ended):
+            may_free = self.max_iterations > 0 and len(self.names) < len(self.task.asked)
+            if may_free and self._release(inside, ended):
                 return None
             return replace(ended, findings=tuple(_after(self.steps, finding) for finding in ended.findings))
         if len(kept) < len(inside):

@@ -168,6 +168,8 @@ def _suggested(plant: Plant, task: Task) -> list[tuple[float, Plant]]:
     commanded = after_drive(drive, first.segments)
 
     def tried(motion: Motion, plant: DrivenPlant) -> tuple[float, float, Plant]:
+        if task.control.ending is not None:  # the best so far is searched from, and that search ends at once
+            return inf, inf, plant
         try:
             suggested = plant.with_motion(motion, kept)
             moved = task.problem(

@@ -132,20 +132,33 @@ class Trials:
 
     def by_cost(self, starts: Sequence[DrivenPlant], names: Sequence[str]) -> list[DrivenPlant]:
         """The starts that can be simulated, those with the smallest error first."""
-        problems = [(k, problem) for k, start in enumerate(starts) if (problem := self._problem(start, names, None))]
-        return [starts[k] for cost, k in sorted((cost_of(problem), k) for k, problem in problems) if isfinite(cost)]
+        return [starts[k] for _, k, _ in self._ranked(starts, names, None)]
 
     def _under_way(
         self, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None
     ) -> list[tuple[float, int, FreeRunError]]:
         """The best starts after a few steps, as (cost, which start, where it got to)."""
-        problems = [(k, problem) for k, start in enumerate(starts) if (problem := self._problem(start, names, states))]
-        ranked = sorted((cost, k, problem) for k, problem in problems if isfinite(cost := cost_of(problem)))[:KEPT]
+        ranked = self._ranked(starts, names, states)[:KEPT]
         ranked = [each for each in ranked if each[0] <= HOPELESS * ranked[0][0]]
         if len(ranked) == 1:
             return ranked
         moved = ((k, self._searched(problem, FIRST_STEPS)) for _, k, problem in ranked)
         return [(cost_of(problem), k, problem) for k, problem in moved if problem is not None]
+
+    def _ranked(
+        self, starts: Sequence[DrivenPlant], names: Sequence[str], states: Sequence[Array] | None
+    ) -> list[tuple[float, int, FreeRunError]]:
+        """The starts that can be simulated, as (cost, which start, its problem), those with the smallest error first.
+
+        No free run begins once the control has ended: those of a plant with a stiff shaft take seconds.
+        """
+        found = []
+        for k, start in enumerate(starts):
+            problem = self._problem(start, names, states)
+            if problem is not None:
+                with problem.under(self.control):
+                    found.append((cost_of(problem), k, problem))
+        return sorted(each for each in found if isfinite(each[0]))
 
     def around(self, trial: Trial, rng: np.random.Generator, tries: int, stalled: bool = False) -> Trial:
         """The best of a trial and of some more that begin around it, with where these ended.
